@@ -1,0 +1,54 @@
+# Two commands do all their set-up on a machine with python3 >= 3.11 (venv, pip), make and git:
+#   make demo    CAD to report, into twin-out/
+#   make test    the default test suite
+
+PYTHON ?= python3
+UV := $(shell command -v uv 2>/dev/null || echo .venv-uv/bin/uv)
+RUN := $(UV) run --frozen --no-sync
+export UV_PYTHON_DOWNLOADS ?= never
+
+.PHONY: demo test check cad-check usd-check wheel-check bench lock clean
+
+demo: .venv/.synced
+	$(UV) run --frozen --no-sync twin run sils
+
+test: .venv/.synced-dev
+	$(RUN) pytest -n auto
+
+check: .venv/.synced-dev  ## lint, format, types, import contracts
+	$(RUN) ruff check
+	$(RUN) ruff format --check
+	$(RUN) pyright
+	$(RUN) lint-imports
+
+cad-check: .venv/.synced-dev  ## redraw the STEP files and compare
+	$(RUN) python tests/redraw.py
+
+usd-check: .venv/.synced-dev  ## are the committed stages current?
+	$(RUN) twin build sils --check
+
+wheel-check: .venv/.synced-dev  ## the built wheel in a clean environment
+	$(RUN) pytest -m wheel
+
+bench: .venv/.synced-dev
+	$(RUN) python tests/benchmarks/run.py
+
+lock:
+	$(UV) lock
+
+.venv-uv/bin/uv:
+	$(PYTHON) -m venv .venv-uv
+	.venv-uv/bin/pip install --quiet uv
+
+# Runtime packages only; once the development packages are there, they serve as well.
+.venv/.synced: pyproject.toml uv.lock | $(UV)
+	@if [ -f .venv/.synced-dev ]; then $(UV) sync --frozen --quiet; touch .venv/.synced-dev; \
+	else $(UV) sync --frozen --quiet --no-dev; fi
+	@touch .venv/.synced
+
+.venv/.synced-dev: pyproject.toml uv.lock | $(UV)
+	$(UV) sync --frozen --quiet
+	@touch .venv/.synced .venv/.synced-dev
+
+clean:
+	rm -rf .venv .venv-uv twin-out dist

@@ -1,0 +1,79 @@
+"""Every exception that twin raises on purpose.
+
+One base class, so that a caller who wraps twin needs to know one name. The command line turns a
+`TwinError` into one line and exit code 2 ("could not check").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import Any
+
+
+class TwinError(Exception):
+    """Base of all errors that twin raises on purpose; the message names the thing and the way out."""
+
+
+class DescriptionError(TwinError):
+    """A TOML file (robot, dimensions, protocol) is malformed; the message gives file, line, key and value."""
+
+
+class CadError(TwinError):
+    """A CAD file is missing, unreadable, without unit, not watertight, or lacks a feature that is named."""
+
+
+class MechanismError(TwinError):
+    """Bodies, joints and loops do not form a mechanism (unknown body, second root, swapped limits, ...)."""
+
+
+class StageError(TwinError):
+    """A USD stage cannot be read or written as a mechanism."""
+
+
+class KinematicsError(TwinError):
+    """The equations cannot answer: out of reach, on a singularity, or the solver did not converge.
+
+    Attributes:
+        best: the best iterate, in the form of the answer that was asked for (or None if there is none).
+        residual: its residual, dimensionless unless the message says otherwise.
+    """
+
+    def __init__(self, message: str, best: Any = None, residual: float = float("nan")) -> None:
+        super().__init__(message)
+        self.best = best
+        self.residual = residual
+
+
+class AssemblyError(TwinError):
+    """The independent model cannot close its loops.
+
+    Attributes:
+        best: the best assembly found.
+        gap: its largest loop gap in metres.
+    """
+
+    def __init__(self, message: str, best: Any = None, gap: float = float("nan")) -> None:
+        super().__init__(message)
+        self.best = best
+        self.gap = gap
+
+
+class ProtocolError(TwinError):
+    """A protocol cannot be carried out; the message says in which phase, where on it, by how much."""
+
+
+class TimingError(TwinError):
+    """TOPP-RA found no timing, or its result broke a limit between grid points."""
+
+
+class OutputError(TwinError):
+    """A result cannot be written; nothing half-written is left behind."""
+
+
+def unknown(kind: str, name: str, known: Iterable[str]) -> str:
+    """Return a message for a name that does not exist: the nearest known name, then all of them."""
+    names = sorted(known)
+    close = get_close_matches(name, names, n=1)
+    hint = f" Did you mean '{close[0]}'?" if close else ""
+    return f"there is no {kind} '{name}'.{hint} Known: {', '.join(names) or 'none'}."

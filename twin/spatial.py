@@ -1,0 +1,163 @@
+"""SE(3) and SO(3) in numpy, and the distance from a point to a line.
+
+Poses are float64 (..., 4, 4); `T_a_b` is the pose of b in a. Rotation vectors are axis times angle
+in rad. Twists are linear rows first. All functions take leading batch axes unless they say otherwise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+_SMALL = 1e-8
+"""Angle in rad below which series replace quotients; their next term is below double precision."""
+
+
+def hat(w: ArrayLike) -> Array:
+    """Return the cross product matrix (..., 3, 3) of w (..., 3)."""
+    w = np.asarray(w, float)
+    out = np.zeros((*w.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -w[..., 2], w[..., 1], -w[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = w[..., 2], -w[..., 1], w[..., 0]
+    return out
+
+
+def exp_so3(w: ArrayLike) -> Array:
+    """Return the rotation matrix (..., 3, 3) of the rotation vector w (..., 3) in rad (Rodrigues)."""
+    w = np.asarray(w, float)
+    angle = np.linalg.norm(w, axis=-1)[..., None, None]
+    safe = np.where(angle < _SMALL, 1.0, angle)
+    a = np.where(angle < _SMALL, 1.0, np.sin(safe) / safe)
+    b = np.where(angle < _SMALL, 0.5, (1 - np.cos(safe)) / safe**2)
+    K = hat(w)
+    return np.eye(3) + a * K + b * K @ K
+
+
+def log_so3(R: ArrayLike) -> Array:
+    """Return the rotation vector (..., 3) in rad of R (..., 3, 3); accurate near 0 and near pi."""
+    q = quat_from_matrix_wxyz(R)
+    v, w = q[..., 1:], q[..., 0]
+    n = np.linalg.norm(v, axis=-1)
+    angle = 2 * np.arctan2(n, w)
+    scale = np.where(n < _SMALL, 2.0, angle / np.where(n < _SMALL, 1.0, n))
+    return v * scale[..., None]
+
+
+def rotation_angle(R: ArrayLike) -> Array:
+    """Return the angle (...) in rad of R (..., 3, 3), accurate for small angles."""
+    return np.linalg.norm(log_so3(R), axis=-1)
+
+
+def quat_from_matrix_wxyz(R: ArrayLike) -> Array:
+    """Return unit quaternions (..., 4), w first and w >= 0, of rotation matrices (..., 3, 3).
+
+    Shepperd's method: the largest of four candidates is divided by, so no case is ill conditioned.
+    """
+    R = np.asarray(R, float)
+    m = R.reshape(-1, 3, 3)
+    t = np.trace(m, axis1=1, axis2=2)
+    k = np.argmax(np.column_stack([t, m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]]), axis=1)
+    q = np.zeros((len(m), 4))
+    rows = k == 0
+    q[rows] = np.column_stack(
+        [
+            1 + t[rows],
+            m[rows, 2, 1] - m[rows, 1, 2],
+            m[rows, 0, 2] - m[rows, 2, 0],
+            m[rows, 1, 0] - m[rows, 0, 1],
+        ]
+    )
+    for i in range(3):
+        rows = k == i + 1
+        j, l = (i + 1) % 3, (i + 2) % 3  # noqa: E741
+        q[rows, 0] = m[rows, l, j] - m[rows, j, l]
+        q[rows, 1 + i] = 1 + m[rows, i, i] - m[rows, j, j] - m[rows, l, l]
+        q[rows, 1 + j] = m[rows, j, i] + m[rows, i, j]
+        q[rows, 1 + l] = m[rows, l, i] + m[rows, i, l]
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    q[q[:, 0] < 0] *= -1
+    return q.reshape(*R.shape[:-2], 4)
+
+
+def matrix_from_quat_wxyz(q: ArrayLike) -> Array:
+    """Return rotation matrices (..., 3, 3) of quaternions (..., 4), w first; they are normalised."""
+    q = np.asarray(q, float)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    w, v = q[..., :1, None], q[..., 1:]
+    return (
+        (w**2 - np.sum(v**2, axis=-1)[..., None, None]) * np.eye(3)
+        + 2 * v[..., :, None] * v[..., None, :]
+        + 2 * w * hat(v)
+    )
+
+
+def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
+    """Return poses (..., 4, 4) from rotations (..., 3, 3) and positions (..., 3) in metres."""
+    R = np.eye(3) if R is None else np.asarray(R, float)
+    p = np.zeros(3) if p is None else np.asarray(p, float)
+    shape = np.broadcast_shapes(R.shape[:-2], p.shape[:-1])
+    T = np.zeros((*shape, 4, 4))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, p, 1.0
+    return T
+
+
+def inverse(T: ArrayLike) -> Array:
+    """Return the inverses of poses (..., 4, 4)."""
+    T = np.asarray(T, float)
+    Rt = np.swapaxes(T[..., :3, :3], -1, -2)
+    return pose(Rt, -(Rt @ T[..., :3, 3:])[..., 0])
+
+
+def is_pose(T: ArrayLike, tolerance: float = 1e-9) -> bool:
+    """Return whether T (..., 4, 4) is finite, orthonormal, right-handed and has the last row (0, 0, 0, 1)."""
+    T = np.asarray(T, float)
+    if T.shape[-2:] != (4, 4) or not np.all(np.isfinite(T)):
+        return False
+    R = T[..., :3, :3]
+    return bool(
+        np.all(np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)) < tolerance)
+        and np.all(np.linalg.det(R) > 0)
+        and np.all(T[..., 3, :] == [0, 0, 0, 1])
+    )
+
+
+def rotation_z(angle: ArrayLike) -> Array:
+    """Return rotations (..., 3, 3) about z by angle (...) in rad."""
+    a = np.asarray(angle, float)
+    return exp_so3(a[..., None] * np.array([0.0, 0.0, 1.0]))
+
+
+def frame_from_axes(z: ArrayLike, x: ArrayLike) -> Array:
+    """Return the rotation (3, 3) whose z column is along z and whose x column is x made orthogonal to it.
+
+    Raises:
+        ValueError: if z vanishes or x is parallel to it.
+    """
+    z, x = np.asarray(z, float), np.asarray(x, float)
+    z = z / np.linalg.norm(z)
+    x = x - z * (z @ x)
+    n = np.linalg.norm(x)
+    if not n > 1e-9:
+        raise ValueError("x is parallel to z")
+    x = x / n
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def point_to_line(point: ArrayLike, origin: ArrayLike, direction: ArrayLike) -> Array:
+    """Return the distance (...) in metres from point (..., 3) to the line origin + s direction (..., 3)."""
+    d = np.asarray(direction, float)
+    d = d / np.linalg.norm(d, axis=-1, keepdims=True)
+    w = np.asarray(point, float) - np.asarray(origin, float)
+    return np.linalg.norm(w - np.sum(w * d, axis=-1, keepdims=True) * d, axis=-1)
+
+
+def adjoint(T: ArrayLike) -> Array:
+    """Return the (..., 6, 6) matrix that carries a twist (linear first) from frame b to a, T = T_a_b."""
+    T = np.asarray(T, float)
+    R, p = T[..., :3, :3], T[..., :3, 3]
+    out = np.zeros((*T.shape[:-2], 6, 6))
+    out[..., :3, :3] = out[..., 3:, 3:] = R
+    out[..., :3, 3:] = hat(p) @ R
+    return out
