@@ -1,0 +1,421 @@
+"""From a description and its CAD to a `Mechanism`: measure every joint frame on the faces of its own body."""
+
+from __future__ import annotations
+
+import fnmatch
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from twin import spatial
+from twin.cad import features, mesh
+from twin.cad.description import BodySpec, Description, DriveSpec, FrameSpec, JointSpec, LimitSpec, load
+from twin.cad.features import Measured
+from twin.cad.step import MASS_TOLERANCE, Part, StepModel, read_step
+from twin.errors import CadError, DescriptionError, unknown
+from twin.findings import Finding
+from twin.mechanism import Body, Drive, Frame, Inertia, Joint, Mechanism, Mesh, Point
+from twin.provenance import Parameter
+from twin.spatial import Array
+from twin.units import DEG, MM, UM
+
+_SCALES = {"mm": MM, "deg": DEG, "mm/s": MM, "deg/s": DEG, "mm/s2": MM, "deg/s2": DEG, "kg/m3": 1.0}
+
+
+@dataclass(frozen=True)
+class CadModel:
+    """What the CAD and its description say.
+
+    Attributes:
+        mechanism: bodies, joints and loops, rest poses as drawn.
+        findings: parts that do not meet, open meshes, lost precision.
+        description: the TOML file as read.
+        measured: every feature by body and name, in drawn coordinates.
+        gaps: pairs of joints on one rail and the least distance between them in m.
+    """
+
+    mechanism: Mechanism
+    findings: tuple[Finding, ...]
+    description: Description
+    measured: dict[str, dict[str, Measured]]
+    gaps: tuple[tuple[str, str, float], ...]
+
+
+def fingerprint(description_path: Path) -> str:
+    """Return the hash of everything that the mechanism is made from: the TOML file and the CAD it names."""
+    description = load(description_path)
+    files = [description_path]
+    files += [description_path.parent / description.step] if description.step else []
+    files += [description_path.parent / m.file for b in description.body.values() for m in b.meshes]
+    digest = hashlib.sha256()
+    for file in files:
+        try:
+            digest.update(file.read_bytes())
+        except OSError as error:
+            raise CadError(f"{file}: cannot be read ({error.strerror or error})") from error
+    return f"sha256:{digest.hexdigest()}"
+
+
+def read_mechanism(description_path: Path, *, with_mass: bool = True) -> CadModel:
+    """Build the mechanism of a robot from its description and CAD.
+
+    Args:
+        description_path: cad/<robot>/<robot>.toml.
+        with_mass: also weigh the bodies, on a finer mesh; about a second more.
+
+    Raises:
+        DescriptionError: the TOML file is wrong.
+        CadError: a file or a named feature is missing, or grossly off.
+        MechanismError: the bodies and joints form no mechanism.
+    """
+    d = load(description_path)
+    folder = description_path.parent
+    found: list[Finding] = []
+    step = read_step(folder / d.step) if d.step else None
+    parts = _parts_by_body(d, step)
+    measured = {
+        body: {
+            name: features.find(body, name, spec, parts[_known_body(d, body, "feature")], d.tolerance)
+            for name, spec in specs.items()
+        }
+        for body, specs in d.feature.items()
+    }
+
+    drawn = {name: np.eye(4) for name in d.body}  # of each body frame, in drawn coordinates
+    on = {
+        j.name: (_frame(d, measured, j.parent, j.on_parent, j), _frame(d, measured, j.child, j.on_child, j))
+        for j in d.joint
+    }
+    named = {n: _frame(d, measured, f.body, f.at, None, n) for n, f in d.frame.items()}
+    for body, spec in d.body.items():
+        drawn[body] = _body_frame(d, body, spec, on, named)
+
+    meshes, inertias = _shapes(d, folder, step, parts, drawn, with_mass, found)
+    joints = [_joint(d, j, on[j.name], drawn, measured) for j in d.joint]
+    found += _meetings(d, on)
+    if step is not None and step.placement_error > 0:
+        found.append(_placement_finding(step))
+
+    T_base_drawn = spatial.inverse(drawn[d.base])
+    mechanism = Mechanism(
+        name=d.name,
+        base=d.base,
+        bodies=tuple(Body(n, tuple(meshes[n]), inertias.get(n)) for n in d.body),
+        joints=tuple(joints),
+        frames=tuple(Frame(n, f.body, spatial.inverse(drawn[f.body]) @ named[n]) for n, f in d.frame.items()),
+        points=tuple(
+            Point(n, s.body, _into(drawn[s.body], features.point(s, measured.get(s.body, {}))))
+            for n, s in d.point.items()
+        ),
+        rest={n: T_base_drawn @ T for n, T in drawn.items()},
+        postures={n: _posture(d, n, values) for n, values in d.posture.items()},
+        tool=d.tool,
+        parameters=tuple(_parameters(d)),
+        source=f"{description_path.name} {fingerprint(description_path)}",
+    )
+    gaps = tuple((g.lower, g.upper, g.min_gap_mm * MM) for g in d.gap)
+    return CadModel(mechanism, tuple(found), d, measured, gaps)
+
+
+def _known_body(d: Description, body: str, where: str) -> str:
+    if body not in d.body:
+        raise DescriptionError(f"{d.name}.toml, {where}: {unknown('body', body, d.body)}")
+    return body
+
+
+def _parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Part]]:
+    """Return the STEP's parts below the node of each body."""
+    parts: dict[str, list[Part]] = {name: [] for name in d.body}
+    if step is None:
+        return parts
+    nodes = {node for p in step.parts for node in (*p.path, p.name)}
+    for name, spec in d.body.items():
+        if spec.meshes:
+            continue
+        node = spec.node or name
+        parts[name] = [p for p in step.parts if node == p.name or node in p.path]
+        if not parts[name]:
+            raise CadError(f"{step.path}: body '{name}': {unknown('node', node, nodes)}")
+    return parts
+
+
+def _frame(
+    d: Description,
+    measured: dict[str, dict[str, Measured]],
+    body: str,
+    spec: FrameSpec,
+    joint: JointSpec | None,
+    name: str = "",
+) -> Array:
+    where = f"joint '{joint.name}' on body '{body}'" if joint else f"frame '{name}' on body '{body}'"
+    _known_body(d, body, where)
+    try:
+        return features.frame(spec, measured.get(body, {}))
+    except CadError as error:
+        raise CadError(f"{d.name}: {where}: {error}") from error
+
+
+def _body_frame(
+    d: Description,
+    body: str,
+    spec: BodySpec,
+    on: dict[str, tuple[Array, Array]],
+    named: dict[str, Array],
+) -> Array:
+    """Return the body frame: the named frame that the file asks for, else the first joint whose child it is."""
+    if spec.frame is not None:
+        if spec.frame not in named or d.frame[spec.frame].body != body:
+            own = [n for n, f in d.frame.items() if f.body == body]
+            raise DescriptionError(f"{d.name}.toml, body '{body}': {unknown('frame on it', spec.frame, own)}")
+        return named[spec.frame]
+    for joint in d.joint:
+        if joint.child == body:
+            return on[joint.name][1]
+    return np.eye(4)
+
+
+def _shapes(
+    d: Description,
+    folder: Path,
+    step: StepModel | None,
+    parts: dict[str, list[Part]],
+    drawn: dict[str, Array],
+    with_mass: bool,
+    found: list[Finding],
+) -> tuple[dict[str, list[Mesh]], dict[str, Inertia]]:
+    """Return the meshes of each body and, if asked for, its inertia, both in the body frame."""
+    meshes: dict[str, list[Mesh]] = {name: [] for name in d.body}
+    masses: dict[str, list[Inertia]] = {name: [] for name in d.body}
+    fine: dict[tuple[str, ...], Part] = {}
+    if step is not None and with_mass:
+        # Names need not be unique in a foreign file, but paths with names nearly are; the order is the same.
+        fine = {(*p.path, p.name): p for p in read_step(step.path, MASS_TOLERANCE, 0.15).parts}
+    for body in d.body:
+        for part in parts[body]:
+            vertices = _into(drawn[body], part.vertices)
+            meshes[body].append(Mesh(_identifier(part.name), vertices, part.triangles, part.color_rgba))
+            if with_mass:
+                exact = fine[(*part.path, part.name)]
+                _weigh(d, part.name, _into(drawn[body], exact.vertices), exact.triangles, masses[body], found)
+        for spec in d.body[body].meshes:
+            loaded, notes = mesh.load_mesh(folder / spec.file, spec.unit, spec.up, spec.color)
+            found += [n for n in notes if n.code != "cad.open_mesh"]
+            vertices = _into(drawn[body], loaded.vertices)
+            meshes[body].append(Mesh(_identifier(loaded.name), vertices, loaded.triangles, loaded.color_rgba))
+            if with_mass:
+                _weigh(d, loaded.name, vertices, loaded.triangles, masses[body], found)
+    return meshes, {name: mesh.combine(list_) for name, list_ in masses.items() if list_}
+
+
+def _weigh(
+    d: Description,
+    part: str,
+    vertices: Array,
+    triangles: np.ndarray,
+    out: list[Inertia],
+    found: list[Finding],
+) -> None:
+    density = None
+    for material in d.material.values():
+        if any(fnmatch.fnmatch(part, pattern) for pattern in material.parts):
+            density = material.density_kg_m3
+    if density is None:
+        if d.material:
+            found.append(
+                Finding(
+                    "cad.no_material",
+                    "warning",
+                    f"part '{part}' matches no material: it has no mass",
+                    where=part,
+                    suggestion="add it to a [material.*] in the description",
+                )
+            )
+        return
+    weight = mesh.inertia(vertices, triangles, density)
+    if weight is None:
+        found.append(mesh.open_mesh(part))
+    else:
+        out.append(weight)
+
+
+def _identifier(name: str) -> str:
+    clean = "".join(c if c.isascii() and c.isalnum() else "_" for c in name.lower()).strip("_")
+    return clean if clean[:1].isalpha() else f"part_{clean}"
+
+
+def _into(T_drawn_body: Array, points: Array) -> Array:
+    """Return drawn points (..., 3) in the body frame."""
+    return (points - T_drawn_body[:3, 3]) @ T_drawn_body[:3, :3]
+
+
+def _joint(
+    d: Description,
+    spec: JointSpec,
+    on: tuple[Array, Array],
+    drawn: dict[str, Array],
+    measured: dict[str, dict[str, Measured]],
+) -> Joint:
+    limit = _only(d, spec.name, d.limit, "limit")
+    drive = _only(d, spec.name, d.drive, "drive")
+    unit = "deg" if spec.type == "revolute" else "mm"
+    values: dict = {}
+    if isinstance(limit, LimitSpec):
+        for key in ("limits", "soft_limits", "max_speed", "max_acceleration"):
+            rate = {"max_speed": "_s", "max_acceleration": "_s2"}.get(key, "")
+            right = getattr(limit, f"{key}_{unit}{rate}")
+            wrong = f"{key}_{'mm' if unit == 'deg' else 'deg'}{rate}"
+            if getattr(limit, wrong) is not None:
+                raise DescriptionError(
+                    f"{d.name}.toml, limit of joint '{spec.name}': `{wrong}` on a {spec.type} joint; "
+                    f"use `{key}_{unit}{rate}`"
+                )
+            if right is not None:
+                scale = DEG if unit == "deg" else MM
+                values[key] = tuple(v * scale for v in right) if isinstance(right, tuple) else right * scale
+        if limit.cone_deg is not None:
+            values["cone"] = limit.cone_deg * DEG
+    if isinstance(drive, DriveSpec):
+        values["drive"] = Drive(drive.stiffness, drive.damping, drive.max_effort)
+    mating = {
+        measured[body][name].part
+        for body, side in ((spec.parent, spec.on_parent), (spec.child, spec.on_child))
+        for name in _names(side)
+        if name in measured.get(body, {})
+    }
+    return Joint(
+        spec.name,
+        spec.type,
+        spec.parent,
+        spec.child,
+        spatial.inverse(drawn[spec.parent]) @ on[0],
+        spatial.inverse(drawn[spec.child]) @ on[1],
+        active=spec.active,
+        mating=tuple(sorted(_identifier(m) for m in mating)),
+        **values,
+    )
+
+
+def _names(spec: FrameSpec) -> list[str]:
+    """Return the features that touch in the joint: its axis or centre, and what locates it along the axis."""
+    out: list[str] = []
+    for value in (spec.origin, spec.at, spec.z):
+        out += value if isinstance(value, list) else [value] if value else []
+    return out
+
+
+def _only(
+    d: Description, joint: str, specs: Sequence[LimitSpec | DriveSpec], kind: str
+) -> LimitSpec | DriveSpec | None:
+    names = {j.name for j in d.joint}
+    for spec in specs:
+        for name in spec.joints:
+            if name not in names:
+                raise DescriptionError(f"{d.name}.toml, {kind}: {unknown('joint', name, names)}")
+    mine = [s for s in specs if joint in s.joints]
+    if len(mine) > 1:
+        raise DescriptionError(f"{d.name}.toml: joint '{joint}' stands in {len(mine)} [[{kind}]] entries; keep one")
+    return mine[0] if mine else None
+
+
+def _posture(d: Description, name: str, values: dict[str, float]) -> dict[str, float]:
+    out = {}
+    for key, value in values.items():
+        joint, _, unit = key.rpartition("_")
+        if unit not in ("mm", "deg"):
+            raise DescriptionError(
+                f"{d.name}.toml, posture '{name}': key '{key}' has no unit; write {key}_mm or {key}_deg"
+            )
+        out[joint] = value * _SCALES[unit]
+    return out
+
+
+def _meetings(d: Description, on: dict[str, tuple[Array, Array]]) -> list[Finding]:
+    """Return where the two sides of a joint do not meet in the drawing, with the size in the locked directions."""
+    found = []
+    for joint in d.joint:
+        T = spatial.inverse(on[joint.name][0]) @ on[joint.name][1]
+        offset, tilt = locked_error(T, joint.type)
+        for size, limit, unit, code in (
+            (offset / MM, d.tolerance.meeting_um * UM / MM, "mm", "cad.meeting"),
+            (tilt / DEG, d.tolerance.meeting_deg, "deg", "cad.tilt"),
+        ):
+            if size > limit:
+                what = "apart" if unit == "mm" else "out of line"
+                found.append(
+                    Finding(
+                        code,
+                        "disagreement",
+                        f"joint '{joint.name}': the faces on '{joint.parent}' and '{joint.child}' are "
+                        f"{size:.4g} {'mm' if unit == 'mm' else '°'} {what} as drawn",
+                        where=joint.name,
+                        when="as drawn",
+                        size=size,
+                        unit=unit,
+                        limit=limit,
+                        suggestion=f"compare the bores of '{joint.parent}' and '{joint.child}' in the CAD",
+                    )
+                )
+    return found
+
+
+def locked_error(T: Array, joint_type: str) -> tuple[float, float]:
+    """Return the offset in m and the tilt in rad of a joint's two frames in the directions it locks."""
+    p, R = T[:3, 3], T[:3, :3]
+    tilt_of_axis = float(np.arctan2(np.hypot(R[0, 2], R[1, 2]), R[2, 2]))
+    if joint_type == "free":
+        return 0.0, 0.0
+    slides = joint_type in ("prismatic", "cylindrical")
+    offset = float(np.linalg.norm(p[:2] if slides else p))
+    if joint_type == "spherical":
+        return offset, 0.0
+    if joint_type in ("revolute", "cylindrical"):
+        return offset, tilt_of_axis
+    return offset, float(spatial.rotation_angle(R))
+
+
+def _placement_finding(step: StepModel) -> Finding:
+    return Finding(
+        "cad.placement_precision",
+        "info",
+        f"{step.path.name} places instances by matrices, which are read in single precision: joint frames "
+        f"are measured to ±{step.placement_error / UM:.2g} µm",
+        where=step.path.name,
+        size=step.placement_error / UM,
+        unit="um",
+        suggestion="bake placements into the shapes to measure exactly",
+    )
+
+
+def _parameters(d: Description) -> list[Parameter]:
+    out = []
+
+    def add(name: str, unit: str, shown: float, spec: LimitSpec | DriveSpec) -> None:
+        out.append(Parameter(name, shown * _SCALES.get(unit, 1.0), unit, shown, spec.provenance, spec.note))
+
+    for limit in d.limit:
+        label = limit.joints[0] if len(limit.joints) == 1 else f"{limit.joints[0]}..{limit.joints[-1]}"
+        for key in type(limit).model_fields:
+            value = getattr(limit, key)
+            if key in ("joints", "provenance", "note") or value is None:
+                continue
+            name, _, unit = key.partition("_mm") if "_mm" in key else key.partition("_deg")
+            unit = ("mm" if "_mm" in key else "deg") + unit.replace("_s2", "/s2").replace("_s", "/s")
+            if isinstance(value, tuple):
+                add(f"{label} {name} from", unit, value[0], limit)
+                add(f"{label} {name} to", unit, value[1], limit)
+            else:
+                add(f"{label} {name}", unit, value, limit)
+    for drive in d.drive:
+        label = drive.joints[0] if len(drive.joints) == 1 else f"{drive.joints[0]}..{drive.joints[-1]}"
+        add(f"{label} drive stiffness", "N/m", drive.stiffness, drive)
+        add(f"{label} drive damping", "N s/m", drive.damping, drive)
+    for name, material in d.material.items():
+        density = material.density_kg_m3
+        out.append(Parameter(f"density {name}", density, "kg/m3", density, material.provenance, material.note))
+    for gap in d.gap:
+        label = f"gap {gap.lower}-{gap.upper}"
+        out.append(Parameter(label, gap.min_gap_mm * MM, "mm", gap.min_gap_mm, gap.provenance, gap.note))
+    return out

@@ -1,0 +1,209 @@
+"""The robot's TOML file, `cad/<robot>/<robot>.toml`: what a person says about the CAD.
+
+It names the faces to measure, the joints between bodies, limits, drives, materials and postures. Lengths
+and placements belong to the STEP, not to this file: `near_mm` and `direction` only say which face is
+meant. Every number that is nobody's measurement carries provenance and a reason.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from twin.errors import DescriptionError
+from twin.mechanism import JointType
+from twin.provenance import Provenance
+from twin.schema import Identifier, Range, Table, Vector, at, load_toml
+
+
+class Feature(Table):
+    """A face of the STEP: its kind, roughly where it is, and which of its two directions is meant.
+
+    `near_mm` is a point near the face (for a cylinder: near its axis) in drawn coordinates; a face further
+    away than `tolerance.gross_mm`, or tilted more than `tolerance.gross_deg`, is not the one that is named.
+    """
+
+    kind: Literal["cylinder", "plane", "sphere"]
+    near_mm: Vector
+    direction: Vector | None = None
+    radius_mm: float | None = Field(default=None, gt=0)
+    part: str | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> Feature:
+        if self.kind == "plane" and self.direction is None:
+            raise at("kind", "a plane needs `direction`, its normal: a STEP plane has no outside")
+        if self.kind == "cylinder" and self.direction is None:
+            raise at("kind", "a cylinder needs `direction`: its axis has two")
+        if self.kind != "plane" and self.radius_mm is None:
+            raise at("kind", f"a {self.kind} needs `radius_mm`")
+        return self
+
+
+class FrameSpec(Table):
+    """A frame on one body, measured from its features or, where there is no exact geometry, given.
+
+    Measured: `origin` is a sphere centre, the centroid of several, or a point on a cylinder axis: where it
+    meets the plane, or comes nearest to the axis or centre, of feature `at`. z is along `z` (a feature's
+    direction, or the normal of three sphere centres taken counter-clockwise). x or y is turned towards a
+    feature's point (`x_towards`, `y_towards`; a list means its centroid) or along a direction (`x_along`).
+    Given: `position_mm` and `angles_deg` (z, y, x angles: R = Rz Ry Rx) in drawn coordinates.
+    """
+
+    origin: str | list[str] | None = None
+    at: str | None = None
+    z: str | list[str] | None = None
+    x_towards: str | list[str] | None = None
+    y_towards: str | list[str] | None = None
+    x_along: str | None = None
+    position_mm: Vector | None = None
+    angles_deg: Vector | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> FrameSpec:
+        turned = [self.x_towards, self.y_towards, self.x_along]
+        if self.position_mm is not None:
+            if self.origin or self.at or self.z or any(turned):
+                raise at("position_mm", "a frame is either measured (`origin`, `z`, ...) or given, not both")
+        elif self.origin is None or self.z is None:
+            raise at((), "a measured frame needs `origin` and `z`; a given one needs `position_mm`")
+        elif sum(t is not None for t in turned) != 1:
+            raise at((), "a measured frame needs exactly one of `x_towards`, `y_towards`, `x_along`")
+        return self
+
+
+class BodySpec(Table):
+    """A rigid body: the STEP node of the same name (or `node`), or mesh files with a declared unit."""
+
+    node: str | None = None
+    frame: str | None = None
+    meshes: list[MeshSpec] = Field(default_factory=list)
+
+
+class MeshSpec(Table):
+    """A mesh file. It has no unit of its own: say it. `up` is the axis that points up in the file."""
+
+    file: str
+    unit: Literal["m", "cm", "mm", "um", "in"]
+    up: Literal["z", "y"] = "z"
+    color: tuple[float, float, float] = (0.6, 0.6, 0.6)
+
+
+class Material(Table):
+    """A density and the parts that have it, as shell patterns; the last match wins."""
+
+    density_kg_m3: float = Field(gt=0)
+    parts: list[str]
+    provenance: Provenance
+    note: str = Field(min_length=1)
+
+
+class LimitSpec(Table):
+    """Limits shared by the joints that are named; mm and mm/s for prismatic, deg and deg/s for revolute."""
+
+    joints: list[Identifier]
+    limits_mm: Range | None = None
+    limits_deg: Range | None = None
+    soft_limits_mm: Range | None = None
+    soft_limits_deg: Range | None = None
+    cone_deg: float | None = Field(default=None, gt=0, le=180)
+    max_speed_mm_s: float | None = Field(default=None, gt=0)
+    max_speed_deg_s: float | None = Field(default=None, gt=0)
+    max_acceleration_mm_s2: float | None = Field(default=None, gt=0)
+    max_acceleration_deg_s2: float | None = Field(default=None, gt=0)
+    provenance: Provenance
+    note: str = Field(min_length=1)
+
+
+class DriveSpec(Table):
+    """A position drive shared by the joints that are named, in SI (N/m or N m/rad)."""
+
+    joints: list[Identifier]
+    stiffness: float = Field(gt=0)
+    damping: float = Field(ge=0)
+    max_effort: float | None = Field(default=None, gt=0)
+    provenance: Provenance
+    note: str = Field(min_length=1)
+
+
+class JointSpec(Table):
+    """A joint and its frame on both bodies; motion is along or about z."""
+
+    name: Identifier
+    type: JointType
+    parent: Identifier
+    child: Identifier
+    active: bool = False
+    on_parent: FrameSpec
+    on_child: FrameSpec
+
+
+class NamedFrame(Table):
+    """A named frame on a body."""
+
+    body: Identifier
+    at: FrameSpec
+
+
+class NamedPoint(Table):
+    """A named point: a sphere centre, or a point on a cylinder axis (see `FrameSpec`)."""
+
+    body: Identifier
+    origin: str
+    at: str | None = None
+
+
+class PairGap(Table):
+    """Least distance along a common rail between two prismatic joints, `upper` minus `lower`."""
+
+    lower: Identifier
+    upper: Identifier
+    min_gap_mm: float = Field(gt=0)
+    provenance: Provenance
+    note: str = Field(min_length=1)
+
+
+class Tolerance(Table):
+    """How far a face may be from where the file expects it, and how well parts must meet."""
+
+    gross_mm: float = Field(gt=0)
+    gross_deg: float = Field(gt=0)
+    meeting_um: float = Field(gt=0)
+    meeting_deg: float = Field(gt=0)
+
+
+class Description(Table):
+    """One robot."""
+
+    name: Identifier
+    title: str
+    source: str
+    default_protocol: Identifier
+    base: Identifier
+    tool: Identifier = "tool"
+    step: str | None = None
+    tolerance: Tolerance
+    material: dict[Identifier, Material] = Field(default_factory=dict)
+    body: dict[Identifier, BodySpec]
+    feature: dict[Identifier, dict[Identifier, Feature]] = Field(default_factory=dict)
+    joint: list[JointSpec]
+    limit: list[LimitSpec] = Field(default_factory=list)
+    drive: list[DriveSpec] = Field(default_factory=list)
+    gap: list[PairGap] = Field(default_factory=list)
+    frame: dict[Identifier, NamedFrame]
+    point: dict[Identifier, NamedPoint] = Field(default_factory=dict)
+    posture: dict[Identifier, dict[str, float]] = Field(default_factory=dict)
+
+
+def load(path: Path) -> Description:
+    """Read a robot description.
+
+    Raises:
+        DescriptionError: file, line, key, value and what would be right.
+    """
+    description = load_toml(path, Description)
+    if description.name != path.stem:
+        raise DescriptionError(f"{path}: name = '{description.name}' must be the file's name, '{path.stem}'")
+    return description

@@ -1,0 +1,177 @@
+"""Measuring: which face a name means, and the frames that faces define.
+
+All results are in drawn coordinates (the STEP's own), metres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin import spatial
+from twin.cad.description import Feature, FrameSpec, NamedPoint, Tolerance
+from twin.cad.step import Face, Part
+from twin.errors import CadError, unknown
+from twin.spatial import Array
+from twin.units import DEG, MM
+
+_RADIUS_TOLERANCE = 0.005 * MM
+"""Two faces whose radii differ by more are different features."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A feature as measured: the face, its direction with the meant sign, and the part it is on."""
+
+    name: str
+    face: Face
+    direction: Array
+    part: str
+
+
+def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: Tolerance) -> Measured:
+    """Return the face that `spec` names on a body.
+
+    Of the faces of that kind and radius, the nearest to `near_mm` is taken.
+
+    Raises:
+        CadError: no such face, or none within the gross tolerance; the message gives the nearest one and
+            how far it is off.
+    """
+    label = f"feature '{name}' of body '{body}'"
+    if spec.part is not None:
+        if spec.part not in {p.name for p in parts}:
+            raise CadError(f"{label}: {unknown('part', spec.part, (p.name for p in parts))}")
+        parts = [p for p in parts if p.name == spec.part]
+    near = np.array(spec.near_mm) * MM
+    found: list[tuple[float, float, Face, str]] = []
+    wrong_radius: list[float] = []
+    for part in parts:
+        for face in part.faces:
+            if face.kind != spec.kind:
+                continue
+            if spec.radius_mm is not None and abs(face.radius - spec.radius_mm * MM) > _RADIUS_TOLERANCE:
+                wrong_radius.append(face.radius / MM)
+                continue
+            tilt = 0.0
+            if spec.direction is not None:
+                hint = np.array(spec.direction) / np.linalg.norm(spec.direction)
+                tilt = float(np.arctan2(np.linalg.norm(np.cross(hint, face.direction)), abs(hint @ face.direction)))
+            found.append((_distance(face, near), tilt, face, part.name))
+    if not found:
+        radii = ", ".join(f"{r:g}" for r in sorted(set(np.round(wrong_radius, 4)))[:12])
+        raise CadError(
+            f"{label}: the STEP has no {spec.kind}"
+            + (f" of radius {spec.radius_mm:g} mm there" if spec.radius_mm else " there")
+            + (f"; radii found: {radii} mm" if radii else "")
+        )
+    good = [f for f in found if f[0] <= tolerance.gross_mm * MM and f[1] <= tolerance.gross_deg * DEG]
+    if not good:
+        distance, tilt, face, part_name = min(found, key=lambda f: f[0] + f[1] * 10 * MM)
+        raise CadError(
+            f"{label}: the nearest {spec.kind} (on '{part_name}', at {_mm(face.point)} mm) is "
+            f"{distance / MM:.3f} mm and {tilt / DEG:.2f}° off; gross tolerance {tolerance.gross_mm:g} mm, "
+            f"{tolerance.gross_deg:g}°. Correct near_mm or the drawing."
+        )
+    _, _, face, part_name = min(good, key=lambda f: f[0])
+    direction = face.direction
+    if spec.direction is not None and direction @ np.array(spec.direction) < 0:
+        direction = -direction
+    return Measured(name, face, direction, part_name)
+
+
+def _distance(face: Face, near: Array) -> float:
+    """Distance from `near` to a sphere's centre, a cylinder's axis, or a plane and its middle.
+
+    A face of finite size is meant, so along a plane or an axis the distance to its middle counts too, if
+    only a little: of two bores on one axis, the nearer is taken.
+    """
+    offset = near - face.point
+    if face.kind == "sphere":
+        return float(np.linalg.norm(offset))
+    along = float(offset @ face.direction)
+    across = float(np.linalg.norm(offset - along * face.direction))
+    if face.kind == "plane":
+        return abs(along) + 1e-3 * across
+    return across + 1e-3 * abs(along)
+
+
+def centre(names: str | list[str], features: Mapping[str, Measured], at: str | None = None) -> Array:
+    """Return the point (3,) that a feature, or the centroid of several, stands for.
+
+    A cylinder stands for the point of its axis where it meets, or comes nearest to, feature `at`.
+    """
+    if isinstance(names, list):
+        return np.mean([centre(n, features) for n in names], axis=0)
+    feature = _get(names, features)
+    face = feature.face
+    if at is None or face.kind != "cylinder":
+        return face.point
+    other = _get(at, features).face
+    d = face.direction
+    if other.kind == "plane":
+        slope = d @ other.direction
+        if abs(slope) < 0.1:
+            raise CadError(f"the axis of '{names}' does not meet the plane '{at}': they are parallel")
+        return face.point + d * ((other.point - face.point) @ other.direction) / slope
+    if other.kind == "sphere":
+        return face.point + d * (d @ (other.point - face.point))
+    e = other.direction
+    across = e - d * (d @ e)
+    if np.linalg.norm(across) < 0.1:
+        raise CadError(f"the axes of '{names}' and '{at}' are parallel: no point of the first is nearest")
+    # Nearest point to a second line: move along d until the rest is perpendicular to both.
+    w = other.point - face.point
+    return face.point + d * ((w @ d) - (w @ e) * (d @ e)) / (1 - (d @ e) ** 2)
+
+
+def point(spec: NamedPoint, features: Mapping[str, Measured]) -> Array:
+    """Return a named point (3,)."""
+    return centre(spec.origin, features, spec.at)
+
+
+def frame(spec: FrameSpec, features: Mapping[str, Measured]) -> Array:
+    """Return the frame (4, 4) that a spec describes.
+
+    Raises:
+        CadError: an unknown feature, or directions that do not span a frame.
+    """
+    if spec.position_mm is not None:
+        psi, theta, phi = np.array(spec.angles_deg or (0.0, 0.0, 0.0)) * DEG
+        ez, ey, ex = np.eye(3)[[2, 1, 0]]
+        R = spatial.exp_so3(psi * ez) @ spatial.exp_so3(theta * ey) @ spatial.exp_so3(phi * ex)
+        return spatial.pose(R, np.array(spec.position_mm) * MM)
+    assert spec.origin is not None and spec.z is not None  # noqa: PT018 - the spec checked itself
+    p = centre(spec.origin, features, spec.at)
+    if isinstance(spec.z, list):
+        a, b, c = (centre(n, features) for n in spec.z)
+        z = np.cross(b - a, c - a)
+    else:
+        z = _get(spec.z, features).direction
+    if np.linalg.norm(z) < 1e-12:
+        raise CadError(f"z = {spec.z!r} gives no direction: a sphere has none, and three points must span a plane")
+    z = z / np.linalg.norm(z)
+    try:
+        if spec.y_towards is not None:
+            y = centre(spec.y_towards, features) - p
+            return spatial.pose(spatial.frame_from_axes(z, np.cross(y, z)), p)
+        if spec.x_towards is not None:
+            x = centre(spec.x_towards, features) - p
+        else:
+            assert spec.x_along is not None
+            x = _get(spec.x_along, features).direction
+        return spatial.pose(spatial.frame_from_axes(z, x), p)
+    except ValueError:
+        raise CadError(f"the frame at {spec.origin!r}: its x or y direction is parallel to z") from None
+
+
+def _get(name: str, features: Mapping[str, Measured]) -> Measured:
+    if name not in features:
+        raise CadError(unknown("feature", name, features))
+    return features[name]
+
+
+def _mm(p: Array) -> str:
+    return "(" + ", ".join(f"{v / MM:.2f}" for v in p) + ")"

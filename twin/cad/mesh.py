@@ -1,0 +1,122 @@
+"""Triangle meshes: files with a declared unit, watertightness, and mass properties from density.
+
+Mesh files carry no unit, so one is required, never guessed; a size that is implausible for it is said.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from twin.errors import CadError
+from twin.findings import Finding
+from twin.mechanism import Inertia, Mesh
+from twin.spatial import Array
+from twin.units import LENGTH, MM
+
+SUFFIXES = (".stl", ".obj", ".glb", ".gltf", ".3mf", ".ply")
+
+_PLAUSIBLE = (0.5 * MM, 20.0)
+"""Extents of a robot part in metres outside of which the declared unit is probably wrong."""
+
+_UP = {"z": np.eye(3), "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
+
+
+def load_mesh(
+    path: Path,
+    unit: str | None,
+    up: Literal["z", "y"] = "z",
+    color: tuple[float, float, float] = (0.6, 0.6, 0.6),
+) -> tuple[Mesh, list[Finding]]:
+    """Read an STL, OBJ, GLB, 3MF or PLY file into metres, Z up.
+
+    Args:
+        path: the file.
+        unit: "m", "cm", "mm", "um" or "in"; required.
+        up: the axis that points up in the file.
+        color: linear RGB.
+
+    Raises:
+        CadError: no unit, missing or unreadable file, nothing in it.
+    """
+    import trimesh
+
+    if unit is None:
+        raise CadError(f"{path}: a mesh file has no unit of its own; say unit = 'mm' (or {', '.join(LENGTH)})")
+    if unit not in LENGTH:
+        raise CadError(f"{path}: unit '{unit}' is not known; use one of {', '.join(LENGTH)}")
+    if path.suffix.lower() not in SUFFIXES:
+        raise CadError(f"{path}: '{path.suffix}' is not read; use STEP or one of {', '.join(SUFFIXES)}")
+    if not path.is_file():
+        raise CadError(f"{path}: there is no such mesh file")
+    try:
+        loaded = trimesh.load_scene(path).to_mesh()
+    except Exception as error:  # foreign readers raise anything on damaged input
+        raise CadError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({error})") from error
+    if len(loaded.faces) == 0:
+        raise CadError(f"{path}: there are no triangles in it")
+    vertices = np.asarray(loaded.vertices, float) * LENGTH[unit] @ _UP[up].T
+    vertices, triangles = weld(vertices, np.asarray(loaded.faces))
+    findings = []
+    extent = float(np.ptp(vertices, axis=0).max())
+    if not _PLAUSIBLE[0] <= extent <= _PLAUSIBLE[1]:
+        findings.append(
+            Finding(
+                "cad.implausible_size",
+                "warning",
+                f"{path.name} is {extent:.3g} m across when read in {unit}",
+                where=str(path),
+                size=extent,
+                unit="m",
+                suggestion="check the declared unit",
+            )
+        )
+    if inertia(vertices, triangles, 1.0) is None:
+        findings.append(open_mesh(path.stem))
+    return Mesh(path.stem, vertices, triangles, (*color, 1.0)), findings
+
+
+def open_mesh(name: str) -> Finding:
+    """Return the warning for a mesh that is not closed and therefore has no mass."""
+    return Finding(
+        "cad.open_mesh",
+        "warning",
+        f"'{name}' is not watertight: its volume is not defined and it is left out of the mass",
+        where=name,
+        suggestion="close the surface in the CAD, or export a solid",
+    )
+
+
+def weld(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
+    """Join vertices that coincide and drop triangles without area, so that closed solids become closed meshes."""
+    import trimesh
+
+    mesh = trimesh.Trimesh(vertices, triangles, process=False)
+    mesh.merge_vertices(merge_norm=True, merge_tex=True)
+    mesh.update_faces(mesh.nondegenerate_faces())
+    mesh.remove_unreferenced_vertices()
+    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32)
+
+
+def inertia(vertices: Array, triangles: np.ndarray, density: float) -> Inertia | None:
+    """Return mass, centre and inertia of a closed, welded mesh of uniform density in kg/m3; None if it is open."""
+    import trimesh
+
+    mesh = trimesh.Trimesh(vertices, triangles, process=False)
+    if not mesh.is_watertight or not mesh.is_winding_consistent:
+        return None
+    mesh.density = density
+    return Inertia(float(mesh.mass), np.asarray(mesh.center_mass), np.asarray(mesh.moment_inertia))
+
+
+def combine(parts: list[Inertia]) -> Inertia:
+    """Return the inertia of several bodies moving as one (parallel axes)."""
+    mass = sum(p.mass for p in parts)
+    com = sum((p.mass * p.p_body_com for p in parts), np.zeros(3)) / mass
+    total = np.zeros((3, 3))
+    for part in parts:
+        r = part.p_body_com - com
+        total += part.I_com + part.mass * ((r @ r) * np.eye(3) - np.outer(r, r))
+    return Inertia(mass, com, total)

@@ -1,0 +1,246 @@
+"""STEP in, by way of OpenCASCADE (cascadio): parts with triangles, linear colours and exact faces.
+
+The reader writes a GLB whose JSON carries the tree, the names and, per part, the analytic faces in double
+precision. Vertices and instance placements in it are float32: a STEP whose shapes carry their placement
+(ours do) keeps exact faces exact; any other gets the lost precision stated (`StepModel.placement_error`).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from twin.errors import CadError
+from twin.spatial import Array
+from twin.units import MM
+
+VISUAL_TOLERANCE = 0.1 * MM
+"""Chord tolerance of the meshes that are shown, with 0.5 rad between normals."""
+
+MASS_TOLERANCE = 0.01 * MM
+"""Chord tolerance of the meshes that are weighed; a convex part's triangles always weigh a little less."""
+
+_SI_PREFIX = {"": 1.0, "MILLI": 1e-3, "CENTI": 1e-2, "DECI": 0.1, "MICRO": 1e-6, "KILO": 1e3}
+_NAMED_UNIT = {"INCH": 0.0254, "FOOT": 0.3048, "MILLIMETRE": 1e-3, "CENTIMETRE": 1e-2, "METRE": 1.0}
+
+
+@dataclass(frozen=True)
+class Face:
+    """An analytic face in drawn coordinates, metres.
+
+    Attributes:
+        kind: "plane", "cylinder" or "sphere".
+        point: (3,) a point of the plane, a point on the axis amid the face, or the centre.
+        direction: (3,) unit normal or axis, sign arbitrary; zeros for a sphere.
+        radius: of cylinder or sphere, else 0.
+    """
+
+    kind: str
+    point: Array
+    direction: Array
+    radius: float
+
+
+@dataclass(frozen=True)
+class Part:
+    """One solid of the STEP.
+
+    Attributes:
+        name: its node name, repaired.
+        path: names of the assembly nodes above it, outermost first.
+        vertices, triangles: (n, 3) metres in drawn coordinates, (m, 3).
+        color_rgba: linear.
+        faces: analytic faces.
+    """
+
+    name: str
+    path: tuple[str, ...]
+    vertices: Array
+    triangles: np.ndarray
+    color_rgba: tuple[float, float, float, float]
+    faces: tuple[Face, ...]
+
+
+@dataclass(frozen=True)
+class StepModel:
+    """The parts of a STEP file, its unit in metres, and what instance placements lost, in metres."""
+
+    path: Path
+    unit: float
+    parts: tuple[Part, ...]
+    placement_error: float
+
+
+def length_unit(path: Path) -> float:
+    """Return the length unit of a STEP file in metres.
+
+    Raises:
+        CadError: if the file is missing, no STEP file, cut off, or states no length unit.
+    """
+    try:
+        text = path.read_text(encoding="latin-1")
+    except OSError as error:
+        raise CadError(f"{path}: cannot read the STEP file ({error.strerror or error})") from error
+    if not text.lstrip().startswith("ISO-10303-21"):
+        raise CadError(f"{path} is not a STEP file: it does not begin with ISO-10303-21")
+    if "END-ISO-10303-21" not in text[-4096:]:
+        raise CadError(f"{path} is cut off: END-ISO-10303-21 is missing. Export or copy it again.")
+    compact = re.sub(r"\s+", "", text)
+    found: set[float] = set()
+    for entity in re.findall(r"=\(([^;]*LENGTH_UNIT\(\)[^;]*)\);", compact):
+        named = re.search(r"CONVERSION_BASED_UNIT\('([^']*)'", entity)
+        si = re.search(r"SI_UNIT\((?:\.(\w+)\.|\$),\.METRE\.\)", entity)
+        if named:
+            unit = _NAMED_UNIT.get(named.group(1).upper())
+            if unit is None:
+                raise CadError(f"{path}: the length unit '{named.group(1)}' is not known; export in mm")
+            found.add(unit)
+        elif si and (si.group(1) or "") in _SI_PREFIX:
+            found.add(_SI_PREFIX[si.group(1) or ""])
+    # A conversion based unit is defined through an SI unit, which then stands in the file as well.
+    named_units = found & {0.0254, 0.3048}
+    found = named_units or found
+    if not found:
+        raise CadError(f"{path} states no length unit; a STEP without one cannot be scaled. Export it again in mm.")
+    if len(found) > 1:
+        raise CadError(f"{path} mixes length units ({', '.join(f'{u:g} m' for u in sorted(found))}); use one.")
+    return found.pop()
+
+
+def read_step(path: Path, tolerance: float = VISUAL_TOLERANCE, angle: float = 0.5) -> StepModel:
+    """Read a STEP file.
+
+    Args:
+        path: the file.
+        tolerance: chord tolerance of the triangles in metres.
+        angle: largest angle between neighbouring normals in rad.
+
+    Raises:
+        CadError: missing, not a STEP file, cut off, without unit, or without solids.
+    """
+    import cascadio
+
+    unit = length_unit(path)
+    with tempfile.TemporaryDirectory(prefix="twin-step-") as folder:
+        glb = Path(folder) / "step.glb"
+        code = cascadio.step_to_glb(str(path), str(glb), tolerance / unit, angle, include_brep=True)
+        if code != 0 or not glb.is_file():
+            raise CadError(f"{path}: OpenCASCADE could not read it (code {code}); the file is damaged")
+        header, binary = _split_glb(glb.read_bytes())
+    parts, error = _parts(header, binary)
+    if not parts:
+        raise CadError(f"{path} holds no solids")
+    return StepModel(path, unit, tuple(parts), error)
+
+
+def _split_glb(data: bytes) -> tuple[dict, bytes]:
+    size = struct.unpack_from("<I", data, 12)[0]
+    binary_at = 20 + size
+    binary = data[binary_at + 8 :] if len(data) > binary_at else b""
+    return json.loads(data[20 : 20 + size]), binary
+
+
+def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
+    parts: list[Part] = []
+    error = 0.0
+
+    def walk(index: int, T: Array, path: tuple[str, ...]) -> None:
+        nonlocal error
+        node = gltf["nodes"][index]
+        if "matrix" in node:
+            T_step = np.array(node["matrix"], float).reshape(4, 4).T
+            T = T @ T_step
+            if not np.array_equal(T_step, np.eye(4)):
+                error = max(error, float(np.abs(T[:3]).max()) * 2.0**-23)
+        name = _repair(node.get("name", f"part{index}"))
+        if "mesh" in node:
+            parts.append(_part(gltf, binary, gltf["meshes"][node["mesh"]], name, path, T))
+        for child in node.get("children", ()):
+            walk(child, T, (*path, name))
+
+    for root in gltf["scenes"][gltf.get("scene", 0)]["nodes"]:
+        walk(root, np.eye(4), ())
+    return parts, error
+
+
+def _part(gltf: dict, binary: bytes, mesh: dict, name: str, path: tuple[str, ...], T: Array) -> Part:
+    points: list[np.ndarray] = []
+    corners: list[np.ndarray] = []
+    faces: list[Face] = []
+    color = (0.6, 0.6, 0.6, 1.0)
+    count = 0
+    for primitive in mesh["primitives"]:
+        points.append(_accessor(gltf, binary, primitive["attributes"]["POSITION"]))
+        corners.append(_accessor(gltf, binary, primitive["indices"]).astype(np.int32).reshape(-1, 3) + count)
+        count += len(points[-1])
+        if "material" in primitive:
+            pbr = gltf["materials"][primitive["material"]].get("pbrMetallicRoughness", {})
+            color = tuple(float(c) for c in pbr.get("baseColorFactor", color))
+        faces += _faces(primitive.get("extensions", {}).get("TM_brep_faces", {}).get("faces", ()), T)
+    vertices, triangles = _welded(np.concatenate(points), np.concatenate(corners))
+    if np.linalg.det(T[:3, :3]) < 0:
+        triangles = triangles[:, ::-1]
+    return Part(name, path, vertices @ T[:3, :3].T + T[:3, 3], triangles, color, tuple(faces))
+
+
+def _welded(points: np.ndarray, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
+    """Join the vertices that faces share and drop triangles without area: a closed solid becomes a closed mesh.
+
+    The mesher gives both faces of an edge the same points, to the bit.
+    """
+    unique, index = np.unique(points, axis=0, return_inverse=True)
+    triangles = index.reshape(-1)[triangles].astype(np.int32)
+    a, b, c = triangles.T
+    return unique.astype(float), triangles[(a != b) & (b != c) & (c != a)]
+
+
+def _faces(records: Sequence[dict], T: Array) -> list[Face]:
+    R, p = T[:3, :3], T[:3, 3]
+    faces = []
+    for record in records:
+        if record["type"] == "plane":
+            point, direction = np.array(record["origin"]), np.array(record["normal"])
+            # The origin is a corner of the face's parameter range; its middle says where the face is.
+            x = np.array(record["x_dir"])
+            y = np.cross(direction, x)
+            point = point + x * np.mean(record["extent_x"]) + y * np.mean(record["extent_y"])
+            radius = 0.0
+        elif record["type"] == "cylinder":
+            direction = np.array(record["axis"])
+            point = np.array(record["origin"]) + direction * np.mean(record["extent_height"])
+            radius = record["radius"]
+        elif record["type"] == "sphere":
+            point, direction, radius = np.array(record["center"]), np.zeros(3), record["radius"]
+        else:
+            continue
+        faces.append(Face(record["type"], R @ point + p, R @ direction, float(radius)))
+    return faces
+
+
+_COMPONENTS = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+
+
+def _accessor(gltf: dict, binary: bytes, index: int) -> np.ndarray:
+    accessor = gltf["accessors"][index]
+    view = gltf["bufferViews"][accessor["bufferView"]]
+    width, dtype = _WIDTHS[accessor["type"]], np.dtype(_COMPONENTS[accessor["componentType"]])
+    start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+    stride = view.get("byteStride", width * dtype.itemsize)
+    out = np.ndarray((accessor["count"], width), dtype, binary, start, (stride, dtype.itemsize))
+    return out.copy() if width > 1 else out[:, 0].copy()
+
+
+def _repair(name: str) -> str:
+    """Undo the reader's double encoding of UTF-8 names; leave others alone."""
+    try:
+        return name.encode("latin-1").decode("utf-8")
+    except (UnicodeEncodeError, UnicodeDecodeError):
+        return name

@@ -1,0 +1,14 @@
+"""Shared machinery for TOML that people write: strict pydantic tables and errors that show the way out."""
+
+from twin.schema.lines import Key as Key
+from twin.schema.lines import Keys as Keys
+from twin.schema.lines import key_lines as key_lines
+from twin.schema.tables import Identifier as Identifier
+from twin.schema.tables import Range as Range
+from twin.schema.tables import Table as Table
+from twin.schema.tables import Vector as Vector
+from twin.schema.tables import at as at
+from twin.schema.tables import error_at as error_at
+from twin.schema.tables import json_schema as json_schema
+from twin.schema.tables import load_toml as load_toml
+from twin.schema.tables import parse_toml as parse_toml

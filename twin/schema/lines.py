@@ -1,0 +1,125 @@
+"""Where things stand in TOML text: the line of each table, key and list element.
+
+tomllib tells no positions. The scanner follows the grammar only as far as positions need it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import tomllib
+
+Key = str | int
+Keys = tuple[Key, ...]
+"""The way to a value: table keys and list indices."""
+
+
+def spell(keys: Keys) -> str:
+    """Return keys as people write them: phases[2].depth_mm."""
+    text = ""
+    for key in keys:
+        text += f"[{key}]" if isinstance(key, int) else "." * bool(text) + key
+    return text or "the file"
+
+
+def nearest_line(lines: dict[Keys, int], keys: Keys) -> int:
+    """Return the line of `keys`, or of the nearest table or list around it."""
+    while keys and keys not in lines:
+        keys = keys[:-1]
+    return lines.get(keys, 1)
+
+
+def key_lines(text: str) -> dict[Keys, int]:
+    """Return the line, from 1, on which each table, key and list element of valid TOML text begins."""
+    return _Scanner(text).lines
+
+
+class _Lost(Exception):  # noqa: N818 - never leaves this file
+    pass
+
+
+class _Scanner:
+    _SPACE = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
+    _NAME = re.compile(r"""\s*("(?:\\.|[^"\\])*"|'[^']*'|[A-Za-z0-9_-]+)\s*""")
+    _TEXT = re.compile(r'''"""(?:\\.|[^\\])*?"{3,5}|\'{3}.*?\'{3,5}|"(?:\\.|[^"\\])*"|'[^']*\'''', re.DOTALL)
+    _BARE = re.compile(r"[^,\]}#\n]*")
+
+    def __init__(self, text: str) -> None:
+        self.text, self.i, self.lines = text, 0, dict[Keys, int]()
+        self.sizes: dict[Keys, int] = {}  # elements seen of each [[list of tables]]
+        table: Keys = ()
+        with contextlib.suppress(_Lost):
+            while self.skip() < len(text):
+                if text[self.i] == "[":
+                    table = self.header()
+                else:
+                    self.pair(table)
+
+    def skip(self) -> int:
+        self.i = self.match(self._SPACE).end()
+        return self.i
+
+    def match(self, pattern: re.Pattern[str]) -> re.Match[str]:
+        found = pattern.match(self.text, self.i)
+        if found is None:  # text that tomllib accepts does not lead here; the caller keeps what is known
+            raise _Lost
+        return found
+
+    def note(self, keys: Keys) -> None:
+        self.lines.setdefault(keys, self.text.count("\n", 0, self.i) + 1)
+
+    def name(self) -> Keys:
+        names: list[Key] = []
+        while True:
+            found = self.match(self._NAME)
+            self.i = found.end()
+            raw = found[1]
+            names.append(next(iter(tomllib.loads(f"{raw}=0"))) if raw[0] == '"' else raw.strip("'"))
+            if self.text[self.i : self.i + 1] != ".":
+                return tuple(names)
+            self.i += 1
+
+    def header(self) -> Keys:
+        start, many = self.i, self.text.startswith("[[", self.i)
+        self.i += 2 if many else 1
+        table: Keys = ()
+        names = self.name()
+        for depth, key in enumerate(names):
+            table = (*table, key)
+            if many and depth == len(names) - 1:
+                self.sizes[table] = self.sizes.get(table, 0) + 1
+            if table in self.sizes:
+                table = (*table, self.sizes[table] - 1)
+        end, self.i = self.i, start
+        for depth in range(len(table)):
+            self.note(table[: depth + 1])
+        self.i = end + (2 if many else 1)
+        return table
+
+    def pair(self, table: Keys) -> None:
+        start = self.i
+        names = self.name()
+        end, self.i = self.i, start
+        for depth in range(len(names)):
+            self.note((*table, *names[: depth + 1]))
+        self.i = end + 1  # past the equals sign
+        self.value((*table, *names))
+
+    def value(self, keys: Keys) -> None:
+        self.skip()
+        opening = self.text[self.i : self.i + 1]
+        if opening in ("[", "{"):
+            self.i += 1
+            count = 0
+            while self.skip() < len(self.text) and self.text[self.i] not in "]}":
+                if opening == "[":
+                    self.note((*keys, count))
+                    self.value((*keys, count))
+                else:
+                    self.pair(keys)
+                count += 1
+                if self.text[self.skip() : self.i + 1] == ",":
+                    self.i += 1
+            self.i += 1
+        else:
+            self.i = self.match(self._TEXT if opening in ("'", '"') and opening else self._BARE).end()

@@ -1,0 +1,142 @@
+"""Reads TOML that people write into pydantic models, and says exactly what is wrong with it.
+
+Every mistake becomes one line: file, line, key, value, what is allowed, and a suggestion. Models
+derive from `Table`: unknown keys are refused, a string is never a number, NaN and infinity are refused.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    StringConstraints,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
+
+from twin.errors import DescriptionError
+from twin.schema.explain import explain, explain_syntax
+from twin.schema.lines import Key, Keys, key_lines, nearest_line, spell
+
+M = TypeVar("M", bound=BaseModel)
+
+
+class Table(BaseModel):
+    """Base of every table: strict, frozen, closed; `lower_x` above `upper_x` (min above max) is refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+    @model_validator(mode="after")
+    def _limits_in_order(self) -> Table:
+        for name in type(self).model_fields:
+            for low, high in (("lower", "upper"), ("min", "max")):
+                if name != low and not name.startswith(low + "_"):
+                    continue
+                other = high + name[len(low) :]
+                a, b = getattr(self, name), getattr(self, other, None)
+                if isinstance(a, int | float) and isinstance(b, int | float) and a > b:
+                    raise at(name, f"limits are swapped: {name} {a:g} is above {other} {b:g}")
+        return self
+
+
+def _in_order(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[0] > limits[1]:
+        raise PydanticCustomError(
+            "swapped", "{text}", {"text": f"limits are swapped: write [{limits[1]:g}, {limits[0]:g}]"}
+        )
+    return limits
+
+
+Identifier = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$")]
+"""A name that is legal in Python, USD, glTF and Unity alike."""
+
+Vector = tuple[float, float, float]
+"""Three numbers."""
+
+Range = Annotated[tuple[float, float], AfterValidator(_in_order)]
+"""Two numbers, the lower first."""
+
+
+def at(key: Key | Keys, message: str) -> PydanticCustomError:
+    """Return an error for a model validator to raise that points at `key` below the table it checks."""
+    keys = key if isinstance(key, tuple) else (key,)
+    return PydanticCustomError("at_key", "{text}", {"text": message, "keys": keys})
+
+
+def load_toml(path: str | Path, model: type[M]) -> M:
+    """Return the file as a checked model.
+
+    Raises:
+        DescriptionError: the file is missing, not TOML, or does not fit the model; one line per mistake.
+    """
+    return parse_toml(_read(Path(path)), model, str(path))
+
+
+def parse_toml(text: str, model: type[M], name: str = "<text>") -> M:
+    """Return TOML text as a checked model; `name` stands for the file in messages.
+
+    Raises:
+        DescriptionError: as `load_toml`.
+    """
+    try:
+        data = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise DescriptionError(explain_syntax(text, name, error)) from error
+    lines = key_lines(text)
+    for keys in _dates(data):
+        raise DescriptionError(
+            f"{name}:{nearest_line(lines, keys)}: {spell(keys)}: a date is not used here; put text in quotes"
+        )
+    try:
+        # JSON mode: arrays become tuples, while numbers, text and booleans stay what they are
+        return model.model_validate_json(json.dumps(data))
+    except ValidationError as error:
+        raise DescriptionError(explain(error, data, lines, model, name)) from error
+
+
+def error_at(path: str | Path, keys: Keys, message: str) -> DescriptionError:
+    """Return an error that points at one key of a file, for checks that a model cannot make by itself."""
+    try:
+        line = nearest_line(key_lines(Path(path).read_text(encoding="utf-8")), keys)
+    except (OSError, UnicodeDecodeError):
+        line = 1
+    return DescriptionError(f"{path}:{line}: {spell(keys)}: {message}")
+
+
+def json_schema(model: type[BaseModel]) -> dict[str, Any]:
+    """Return the model as JSON Schema (2020-12), so that editors complete and check the file."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema()}
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        parent = path.parent
+        there = sorted(p.name for p in parent.glob("*.toml")) if parent.is_dir() else []
+        hint = f" In {parent}: {', '.join(there)}." if there else ""
+        raise DescriptionError(f"{path}: there is no such file.{hint}") from None
+    except UnicodeDecodeError as error:
+        raise DescriptionError(
+            f"{path}: not UTF-8 text at byte {error.start}; save the file as UTF-8"
+        ) from None
+    except OSError as error:
+        raise DescriptionError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _dates(value: Any, keys: Keys = ()) -> Iterator[Keys]:
+    """Yield where TOML dates stand: JSON has none, and they would pass as text."""
+    if isinstance(value, datetime.date | datetime.time):
+        yield keys
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, child in items:
+        yield from _dates(child, (*keys, key))
