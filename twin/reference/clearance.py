@@ -1,0 +1,170 @@
+"""Do parts run through each other? Least distances between the CAD's own meshes along a motion (coal)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import coal
+import numpy as np
+
+from twin import spatial
+from twin.mechanism import Mechanism, Mesh
+from twin.spatial import Array
+from twin.units import MM
+
+TOUCHING = 0.05 * MM
+"""Parts of two jointed bodies that are nearer than this as drawn are mating (pin and bore, washer and eye)."""
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """Least distances along samples.
+
+    Attributes:
+        distance: (k,) m, between bodies that no joint connects; 0 where parts run through each other.
+        pair: (k,) the two bodies that are nearest.
+        contacts: samples and parts of jointed bodies that run through each other though they do not mate.
+    """
+
+    distance: Array
+    pair: tuple[tuple[str, str], ...]
+    contacts: tuple[tuple[int, str, str], ...]
+
+
+class _Shape:
+    """A triangle mesh for coal, with the corners of its box to bound how far it moves."""
+
+    def __init__(self, name: str, body: str, meshes: Sequence[Mesh]) -> None:
+        self.name, self.body = name, body
+        vertices = np.concatenate([m.vertices for m in meshes])
+        offsets = np.cumsum([0, *(len(m.vertices) for m in meshes)])
+        triangles = np.concatenate([m.triangles + o for m, o in zip(meshes, offsets, strict=False)])
+        self.model = coal.BVHModelOBBRSS()
+        self.model.beginModel(len(triangles), len(vertices))
+        self.model.addVertices(vertices)
+        self.model.addTriangles(triangles.astype(np.int64))
+        self.model.endModel()
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        self.corners = np.array(list(product(*zip(low, high, strict=True))))
+
+    def corners_in(self, Ts_base_body: Array) -> Array:
+        """Return the box corners (k, 8, 3) in base along poses (k, 4, 4)."""
+        return np.einsum("kij,nj->kni", Ts_base_body[:, :3, :3], self.corners) + Ts_base_body[:, None, :3, 3]
+
+
+def clearance(
+    mechanism: Mechanism, link_poses: Mapping[str, Array], progress: Callable[[float], None] | None = None
+) -> Clearance:
+    """Return least distances between the meshes of a mechanism.
+
+    A distance found once bounds later ones from below by how far the two have moved since, so a pair is
+    measured again only when it may have become the nearest.
+
+    Args:
+        mechanism: its bodies' meshes and joints.
+        link_poses: T_base_body (k, 4, 4) by body.
+        progress: called with the fraction done.
+    """
+    bodies = [b for b in mechanism.bodies if b.meshes]
+    whole = [_Shape(b.name, b.name, b.meshes) for b in bodies]
+    jointed = {frozenset((j.parent, j.child)) for j in mechanism.joints}
+    free = [(a, b) for a, b in combinations(whole, 2) if frozenset((a.body, b.body)) not in jointed]
+    distance, pair = _track(free, link_poses, progress)
+    return Clearance(distance, pair, _contacts(_parts_of_jointed(mechanism, jointed, link_poses), link_poses))
+
+
+def _parts_of_jointed(
+    mechanism: Mechanism, jointed: set[frozenset[str]], link_poses: Mapping[str, Array]
+) -> list[tuple[_Shape, _Shape, float]]:
+    """Return pairs of parts of jointed bodies that do not mate as drawn, with their distance at the first sample."""
+    names = {n for pair in jointed for n in pair}
+    parts = {b.name: [_Shape(m.name, b.name, [m]) for m in b.meshes] for b in mechanism.bodies if b.name in names}
+    mating = {frozenset(p) for j in mechanism.joints for p in combinations(j.mating, 2)}
+    poses = {n: (mechanism.rest[n] if n in mechanism.rest else link_poses[n][0]) for n in names}
+    out = []
+    for a, b in (tuple(sorted(p)) for p in sorted(jointed, key=sorted)):
+        for p, q in product(parts[a], parts[b]):
+            if frozenset((p.name, q.name)) in mating or _far(p, q, poses[a], poses[b]):
+                continue
+            if _distance(p, q, poses[a], poses[b]) > TOUCHING:
+                out.append((p, q, _distance(p, q, link_poses[a][0], link_poses[b][0])))
+    return out
+
+
+def _contacts(
+    pairs: list[tuple[_Shape, _Shape, float]], link_poses: Mapping[str, Array]
+) -> tuple[tuple[int, str, str], ...]:
+    """Return where parts of jointed bodies touch; a pair is measured when it may have come that near."""
+    found = []
+    for a, b, bound in pairs:
+        T_a_b = spatial.inverse(link_poses[a.body]) @ link_poses[b.body]
+        moved = np.linalg.norm(np.diff(b.corners_in(T_a_b), axis=0), axis=-1).max(axis=-1)
+        for k, step in enumerate(moved, start=1):
+            bound -= step
+            if bound <= 0:
+                bound = _distance(a, b, link_poses[a.body][k], link_poses[b.body][k])
+                if bound <= 0:
+                    found.append((k, a.name, b.name))
+                    break
+    return tuple(found)
+
+
+_FAR = 40 * MM
+"""Parts of jointed bodies that are further apart than this as drawn are left to the eye: they keep their
+distance as long as the joint moves little, and body pairs cover the rest."""
+
+
+def _far(a: _Shape, b: _Shape, Ta: Array, Tb: Array) -> bool:
+    ca, cb = a.corners_in(Ta[None])[0], b.corners_in(Tb[None])[0]
+    return bool(_box_gap(ca.min(axis=0), ca.max(axis=0), cb.min(axis=0), cb.max(axis=0)) > _FAR)
+
+
+def _box_gap(low_a: Array, high_a: Array, low_b: Array, high_b: Array) -> Array:
+    """Return the distance (...) between boxes with corners (..., 3): a lower bound for what is inside."""
+    return np.linalg.norm(np.maximum(np.maximum(low_a - high_b, low_b - high_a), 0), axis=-1)
+
+
+def _track(
+    pairs: list[tuple[_Shape, _Shape]],
+    link_poses: Mapping[str, Array],
+    progress: Callable[[float], None] | None,
+) -> tuple[Array, tuple[tuple[str, str], ...]]:
+    count = len(next(iter(link_poses.values())))
+    if not pairs:
+        return np.full(count, np.inf), (("", ""),) * count
+    shapes = list(dict.fromkeys(s for pair in pairs for s in pair))
+    index = {s: i for i, s in enumerate(shapes)}
+    ends = np.array([[index[a], index[b]] for a, b in pairs])
+    corners = np.array([s.corners_in(link_poses[s.body]) for s in shapes])  # (shapes, k, 8, 3)
+    low, high = corners[:, 0].min(axis=1), corners[:, 0].max(axis=1)
+    bound = _box_gap(low[ends[:, 0]], high[ends[:, 0]], low[ends[:, 1]], high[ends[:, 1]])
+    distance, nearest = np.zeros(count), []
+    for k in range(count):
+        if k:
+            # All points of a rigid body move at most as far as the corner of its box that moves furthest.
+            moved = np.linalg.norm(corners[:, k] - corners[:, k - 1], axis=-1).max(axis=-1)
+            bound = bound - moved[ends].sum(axis=1)
+        best, best_pair = np.inf, pairs[0]
+        for i in np.argsort(bound):
+            if bound[i] >= best:
+                break
+            a, b = pairs[i]
+            bound[i] = _distance(a, b, link_poses[a.body][k], link_poses[b.body][k])
+            if bound[i] < best:
+                best, best_pair = bound[i], (a, b)
+        distance[k] = best
+        nearest.append((best_pair[0].name, best_pair[1].name))
+        if progress is not None:
+            progress((k + 1) / count)
+    return distance, tuple(nearest)
+
+
+def _distance(a: _Shape, b: _Shape, Ta: Array, Tb: Array) -> float:
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    return max(0.0, float(coal.distance(a.model, _placed(Ta), b.model, _placed(Tb), request, result)))
+
+
+def _placed(T: Array) -> coal.Transform3s:
+    return coal.Transform3s(np.ascontiguousarray(T[:3, :3]), T[:3, 3])

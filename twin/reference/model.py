@@ -1,0 +1,406 @@
+"""Solving the mechanism: from joint values to poses, and from a tool pose to joint values.
+
+Gauss-Newton on the loop closures, in the least-squares sense: redundant rows are harmless, inconsistent
+ones leave a gap that is reported joint by joint. Far targets are reached by continuation in small steps,
+so that the assembly stays on the branch it was drawn on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from twin import spatial
+from twin.errors import AssemblyError, MechanismError
+from twin.mechanism import Mechanism
+from twin.reference.loops import LENGTH_SCALE, sine_of_rotation
+from twin.reference.newton import minimise
+from twin.reference.tree import Tree
+from twin.spatial import Array
+
+_STRIDE = 0.02
+"""Largest change (m, rad) of a target in one step of continuation."""
+
+_JUMP = 0.5
+"""Largest change (m, rad) of any coordinate in one step; more is another branch."""
+
+_EVERY = 16
+"""Of a dense motion, each such sample is solved from the one before."""
+
+_FLAT = 1e-9
+"""Relative size of singular values that count as zero."""
+
+GAP_TOLERANCE = 1e-3
+"""Loop gap in metres above which an assembly is not closed at all, but out of reach."""
+
+
+Progress = Callable[[float], None]
+"""Called with the fraction done."""
+
+Move = Callable[[Array, Array], tuple[Array, Array]]
+"""(start (k, nq), targets (k, ...)) -> states (k, nq), which converged (k,)."""
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A solved state of the mechanism.
+
+    Attributes:
+        T_base_tool: (4, 4).
+        q: (n,) active joints.
+        q_full: coordinate in m or rad of each joint that has a single one, tree and loop alike.
+        link_poses: T_base_body (4, 4) by body.
+        points: named points in base (3,).
+        gap: by loop, offset in m and misalignment in rad in the directions the joint locks.
+        x: the configuration in Pinocchio's coordinates, to start the next solution from.
+    """
+
+    T_base_tool: Array
+    q: Array
+    q_full: dict[str, float]
+    link_poses: dict[str, Array]
+    points: dict[str, Array]
+    gap: dict[str, tuple[float, float]]
+    x: Array
+
+    @property
+    def worst_gap(self) -> float:
+        """Largest loop offset in metres (0 without loops)."""
+        return max((g[0] for g in self.gap.values()), default=0.0)
+
+
+@dataclass(frozen=True)
+class Run:
+    """Solved states along samples, arrays time first.
+
+    Attributes:
+        x: (k, nq) configurations.
+        q: (k, n) active joints.
+        Ts_base_tool: (k, 4, 4).
+        q_passive: (k,) by passive joint with one coordinate.
+        points: (k, 3) by named point, in base.
+        gaps: (k, loops, 2) offset in m, misalignment in rad.
+        loop_names: names for the second axis of `gaps`.
+    """
+
+    x: Array
+    q: Array
+    Ts_base_tool: Array
+    q_passive: dict[str, Array]
+    points: dict[str, Array]
+    gaps: Array
+    loop_names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Mobility:
+    """Degrees of freedom and redundancy at one state, by the rank of the constraint Jacobian.
+
+    Attributes:
+        freedom: degrees of freedom of the whole mechanism.
+        redundancy: constraint rows that add nothing.
+        redundant: rows that add nothing, by loop, counted in file order.
+        internal: freedoms that remain when all active joints are held (a rod that spins between two balls).
+    """
+
+    freedom: int
+    redundancy: int
+    redundant: dict[str, int]
+    internal: int
+
+
+class ReferenceModel:
+    """A mechanism solved by Pinocchio and loop closures; see `solve`, `solve_pose`, `run` and `run_poses`."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism = mechanism
+        self.tree = Tree(mechanism)
+        self._active_q = np.array([self.tree.configuration[j.name] for j in mechanism.active], int)
+        self._home: Array | None = None
+
+    # -- one state ------------------------------------------------------------------------------------
+
+    def solve(self, q: Array, seed: Assembly | None = None) -> Assembly:
+        """Return the assembly with active joints q (n,) in m or rad.
+
+        Args:
+            q: in the order of `mechanism.active`.
+            seed: an assembly to continue from; without it, the state as drawn.
+
+        Raises:
+            AssemblyError: the loops cannot be closed there; the best assembly is attached.
+            MechanismError: q has the wrong length or is not finite.
+        """
+        q = self._checked(q)
+        return self.state(self._reach(self._start(seed), q, self._move_driven))
+
+    def solve_pose(self, T_base_tool: Array, seed: Assembly | None = None) -> Assembly:
+        """Return the assembly whose tool is at a pose (4, 4); the active joints follow.
+
+        Raises:
+            AssemblyError: no assembly has its tool there; the best one is attached.
+            MechanismError: the pose is not rigid.
+        """
+        if not spatial.is_pose(T_base_tool, 1e-6):
+            raise MechanismError("the tool pose is not a rigid (4, 4) pose")
+        return self.state(self._reach(self._start(seed), np.asarray(T_base_tool, float), self._move_posed))
+
+    def home(self) -> Assembly:
+        """Return the assembly as drawn, its loops closed."""
+        return self.state(self._start(None))
+
+    def state(self, x: Array) -> Assembly:
+        """Return the assembly at configuration x (nq,), whether or not its loops close."""
+        run = self.collect(x[None])
+        poses, _ = self.tree.update(x[None])
+        q_full = {n: float(x[i]) for n, i in self.tree.configuration.items()}
+        q_full |= {n: float(v[0]) for n, v in self.tree.loops.coordinates(poses).items()}
+        return Assembly(
+            run.Ts_base_tool[0],
+            run.q[0],
+            {j.name: q_full[j.name] for j in self.mechanism.joints if j.name in q_full},
+            {b.name: self._link(poses, b.name)[0] for b in self.mechanism.bodies},
+            {n: p[0] for n, p in run.points.items()},
+            {n: (float(g[0]), float(g[1])) for n, g in zip(run.loop_names, run.gaps[0], strict=True)},
+            x,
+        )
+
+    # -- along samples --------------------------------------------------------------------------------
+
+    def run(self, q: Array, seed: Assembly | None = None, progress: Progress | None = None) -> Run:
+        """Solve for active joints q (k, n) along a motion.
+
+        Raises:
+            AssemblyError: as `solve`; the message gives the sample.
+        """
+        q = np.asarray(q, float)
+        self._checked(q[0])
+        return self.collect(self._along(q, self._move_driven, seed, progress))
+
+    def run_poses(self, Ts_base_tool: Array, seed: Assembly | None = None, progress: Progress | None = None) -> Run:
+        """Solve for tool poses (k, 4, 4) along a motion; see `run`."""
+        return self.collect(self._along(np.asarray(Ts_base_tool, float), self._move_posed, seed, progress))
+
+    def collect(self, states: Array) -> Run:
+        """Return what the configurations (k, nq) mean."""
+        poses, _ = self.tree.update(states)
+        passive = {}
+        loop_values = self.tree.loops.coordinates(poses)
+        for joint in self.mechanism.passive:
+            i = self.tree.configuration.get(joint.name)
+            passive[joint.name] = states[:, i] if i is not None else loop_values[joint.name]
+        points = {p.name: (self._link(poses, p.body) @ np.append(p.p_body, 1.0))[:, :3] for p in self.mechanism.points}
+        names = tuple(j.name for j in self.tree.loops.joints)
+        gaps = self.tree.loops.gaps(poses)
+        return Run(states, states[:, self._active_q], self.tree.tool(poses), passive, points, gaps, names)
+
+    def link_poses(self, states: Array) -> dict[str, Array]:
+        """Return T_base_body (k, 4, 4) of every body for configurations (k, nq)."""
+        poses, _ = self.tree.update(states)
+        return {b.name: self._link(poses, b.name) for b in self.mechanism.bodies}
+
+    def rates(self, states: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
+        """Return the tool's twists and accelerations in base at its origin, each (k, 6), linear first.
+
+        From the constraint Jacobian: passive rates by least squares, and the velocity product by a central
+        difference of the Jacobians along the motion.
+
+        Args:
+            states: configurations (k, nq).
+            qd: rates (k, n) of the active joints.
+            qdd: their rates.
+        """
+        tree = self.tree
+        A, J = self._jacobians(states)
+        V = self._full_rates(A, qd)
+        h = 1e-4 / np.maximum(1.0, np.abs(V).max(axis=1, keepdims=True))
+        A1, J1 = self._jacobians(tree.integrate(states, h * V))
+        A0, J0 = self._jacobians(tree.integrate(states, -h * V))
+        v, step = V[..., None], h[..., None]
+        bias = ((A1 - A0) @ v / (2 * step))[..., 0]
+        acceleration = self._full_rates(A, qdd, bias)
+        twist = (J @ v)[..., 0]
+        return twist, (J @ acceleration[..., None] + (J1 - J0) @ v / (2 * step))[..., 0]
+
+    def mobility(self, x: Array) -> Mobility:
+        """Return degrees of freedom and redundant constraints at configuration x (nq,), by rank."""
+        A = self._jacobians(x[None])[0][0]
+        redundant: dict[str, int] = {}
+        rank = 0
+        rows = self.tree.loops.row_loop
+        for i, joint in enumerate(self.tree.loops.joints):
+            new = _rank(A[rows <= i])
+            redundant[joint.name] = int(np.sum(rows == i)) - (new - rank)
+            rank = new
+        internal = len(self.tree.passive) - _rank(A[:, self.tree.passive])
+        return Mobility(self.tree.model.nv - rank, len(A) - rank, redundant, internal)
+
+    # -- inside ---------------------------------------------------------------------------------------
+
+    def _checked(self, q: Array) -> Array:
+        q = np.asarray(q, float)
+        names = [j.name for j in self.mechanism.active]
+        if q.shape != (len(names),):
+            raise MechanismError(f"q has shape {q.shape}; expected ({len(names)},) for {', '.join(names)}")
+        if not np.all(np.isfinite(q)):
+            raise MechanismError(f"q is not finite: {dict(zip(names, q.tolist(), strict=True))}")
+        return q
+
+    def _start(self, seed: Assembly | None) -> Array:
+        """Return the configuration of the seed, or the drawn one with its loops closed."""
+        if seed is not None:
+            return seed.x
+        if self._home is None:
+            X = self.tree.start(self.mechanism.rest)[None]
+            self._home = minimise(self.tree, X, self._loops_only, self.tree.passive)[0][0]
+        return self._home
+
+    def _loops_only(self, X: Array, _: Array) -> tuple[Array, Array]:
+        return self.tree.loops.evaluate(*self.tree.update(X, closing_only=True))
+
+    def _move_driven(self, X: Array, q: Array) -> tuple[Array, Array]:
+        """Return states near X (k, nq) whose active joints have values q (k, n), and which converged."""
+        X = X.copy()
+        X[:, self._active_q] = q
+        return minimise(self.tree, X, self._loops_only, self.tree.passive)
+
+    def _move_posed(self, X: Array, Ts: Array) -> tuple[Array, Array]:
+        """Return states near X (k, nq) whose tool is at poses Ts (k, 4, 4), and which converged."""
+        tree = self.tree
+        Rt = np.swapaxes(Ts[:, :3, :3], 1, 2)
+
+        def residual(X: Array, rows: Array) -> tuple[Array, Array]:
+            poses, J = tree.update(X, closing_only=True)
+            r, A = tree.loops.evaluate(poses, J)
+            T, J_tool = tree.tool(poses), tree.tool_jacobian(poses, J)
+            sine, turn = sine_of_rotation(T[:, :3, :3] @ Rt[rows])
+            r = np.concatenate([r, T[:, :3, 3] - Ts[rows, :3, 3], LENGTH_SCALE * sine], axis=1)
+            A = np.concatenate([A, J_tool[:, :3], LENGTH_SCALE * turn @ J_tool[:, 3:]], axis=1)
+            return r, A
+
+        return minimise(tree, X, residual, np.arange(tree.model.nv))
+
+    def _reach(self, x: Array, target: Array, move: Move) -> Array:
+        """Walk from configuration x to the target in steps small enough that no coordinate jumps."""
+        start = x[self._active_q] if target.ndim == 1 else self.tree.tool(self.tree.update(x[None])[0])[0]
+        s, step = 0.0, 1.0 / max(1, int(np.ceil(_distance(start, target) / _STRIDE)))
+        smallest = step / 256
+        while s < 1:
+            ahead = 1.0 if s + step > 1 - 1e-9 else s + step
+            X, converged = move(x[None], _between(start, target, ahead)[None])
+            closed = converged[0] and self._misfit(X[0], _between(start, target, ahead)) < GAP_TOLERANCE
+            if closed and self._jump(x, X[0]) < _JUMP:
+                x, s, step = X[0], ahead, 2 * step
+                continue
+            step /= 2
+            if step < smallest:
+                best = self.state(X[0] if converged[0] else x)
+                raise AssemblyError(
+                    f"{self.mechanism.name}: the mechanism cannot be assembled there: from the start it follows "
+                    f"for {100 * s:.0f} % of the way, then its loops open or another branch begins",
+                    best,
+                    best.worst_gap,
+                )
+        return x
+
+    def _misfit(self, x: Array, target: Array) -> float:
+        """Return the largest loop gap in m or, for a tool pose, also how far the tool is from it."""
+        poses, _ = self.tree.update(x[None], closing_only=True)
+        gap = float(self.tree.loops.gaps(poses)[..., 0].max(initial=0.0))
+        if target.ndim == 2:
+            gap = max(gap, _distance(self.tree.tool(poses)[0], target))
+        return gap
+
+    def _jump(self, x0: Array, x1: Array) -> float:
+        return float(np.abs(pin.difference(self.tree.model, x0, x1)).max(initial=0.0))
+
+    def _along(self, targets: Array, move: Move, seed: Assembly | None, progress: Progress | None) -> Array:
+        """Solve every sample: each `_EVERY`th from the one before, those between from their interpolation.
+
+        The coarse walk keeps the branch; the rest start so near that one or two iterations finish them, and
+        all of them are solved together.
+        """
+        coarse = np.unique(np.append(np.arange(0, len(targets), _EVERY), len(targets) - 1))
+        knots = np.zeros((len(coarse), self.tree.model.nq))
+        x = self._start(seed)
+        for i, k in enumerate(coarse):
+            X, converged = move(x[None], targets[k][None])
+            if not converged[0] or self._jump(x, X[0]) > _JUMP or self._misfit(X[0], targets[k]) > GAP_TOLERANCE:
+                try:
+                    X = self._reach(x, targets[k], move)[None]
+                except AssemblyError as error:
+                    raise AssemblyError(f"at sample {k}: {error}", error.best, error.gap) from error
+            x = knots[i] = X[0]
+            if progress is not None:
+                progress((i + 1) / len(coarse) / 2)
+        states = _interpolate(coarse, knots, len(targets))
+        for block in np.array_split(np.arange(len(targets)), max(1, len(targets) // 1000)):
+            solved, converged = move(states[block], targets[block])
+            if not converged.all():
+                k = int(block[np.argmin(converged)])
+                raise AssemblyError(f"at sample {k}: no convergence", self.state(solved[np.argmin(converged)]))
+            states[block] = solved
+            if progress is not None:
+                progress(0.5 + (block[-1] + 1) / len(targets) / 2)
+        return states
+
+    def _link(self, poses: Array, body: str) -> Array:
+        number, T_joint_body = self.tree.body(body)
+        return poses[:, number] @ T_joint_body
+
+    def _jacobians(self, X: Array) -> tuple[Array, Array]:
+        """Return loop Jacobians (k, m, nv) and tool Jacobians (k, 6, nv)."""
+        poses, J = self.tree.update(X, closing_only=True)
+        return self.tree.loops.evaluate(poses, J)[1], self.tree.tool_jacobian(poses, J)
+
+    def _full_rates(self, A: Array, driven: Array, bias: Array | float = 0.0) -> Array:
+        """Return tree rates (k, nv) from rates (k, n) of the active joints, in the least-squares sense."""
+        tree = self.tree
+        V = np.zeros((len(A), tree.model.nv))
+        V[:, tree.active] = driven
+        if A.shape[1] and len(tree.passive):
+            known = bias + (A[:, :, tree.active] @ driven[..., None])[..., 0]
+            pseudo = np.linalg.pinv(A[:, :, tree.passive], rcond=_FLAT)
+            V[:, tree.passive] = -(pseudo @ known[..., None])[..., 0]
+        return V
+
+
+def _distance(a: Array, b: Array) -> float:
+    """Return how far two targets are apart: joint values, or poses (the larger of metres and radians)."""
+    if a.ndim == 1:
+        return float(np.abs(a - b).max(initial=0.0))
+    turn = float(spatial.rotation_angle(a[:3, :3].T @ b[:3, :3]))
+    return max(float(np.linalg.norm(a[:3, 3] - b[:3, 3])), turn)
+
+
+def _between(a: Array, b: Array, s: float) -> Array:
+    """Return the target a fraction s of the way from a to b: joint values, or poses along the screw-free line."""
+    if s == 1:
+        return b
+    if a.ndim == 1:
+        return a + s * (b - a)
+    turn = spatial.log_so3(b[:3, :3] @ a[:3, :3].T)
+    return spatial.pose(spatial.exp_so3(s * turn) @ a[:3, :3], a[:3, 3] + s * (b[:3, 3] - a[:3, 3]))
+
+
+def _interpolate(at: Array, knots: Array, count: int) -> Array:
+    """Return rows for 0..count-1 through knots at integer places: cubic Hermite with central slopes."""
+    if len(at) < 3:
+        return np.column_stack([np.interp(np.arange(count), at, column) for column in knots.T])
+    slopes = np.gradient(knots, at.astype(float), axis=0, edge_order=1)
+    where = np.arange(count)
+    i = np.clip(np.searchsorted(at, where, side="right") - 1, 0, len(at) - 2)
+    width = (at[i + 1] - at[i])[:, None].astype(float)
+    s = (where - at[i])[:, None] / width
+    a, b, m, n = knots[i], knots[i + 1], slopes[i] * width, slopes[i + 1] * width
+    return a + s * (m + s * (3 * (b - a) - 2 * m - n + s * (2 * (a - b) + m + n)))
+
+
+def _rank(A: Array) -> int:
+    if not A.size:
+        return 0
+    s = np.linalg.svd(A, compute_uv=False)
+    return int(np.sum(s > s[0] * _FLAT))

@@ -1,0 +1,73 @@
+"""Damped Gauss-Newton for many samples at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from twin.reference.tree import Tree
+from twin.spatial import Array
+
+_STEP_DONE = 1e-13
+"""A step (m, rad) below this is rounding: the residual is at its least-squares minimum."""
+
+_COST_DONE = 1e-29
+"""A sum of squares below this is rounding."""
+
+_MAX_ITERATIONS = 40
+
+_FLOOR = 1e-13
+"""Damping relative to the mean diagonal that is always there: it picks the short step where a freedom is
+internal (a rod that spins between two balls), and costs nothing elsewhere."""
+
+Residual = Callable[[Array, Array], tuple[Array, Array]]
+"""(X (k, nq), sample numbers (k,)) -> residuals (k, m), Jacobians (k, m, nv)."""
+
+
+def minimise(tree: Tree, X: Array, residual: Residual, columns: Array) -> tuple[Array, Array]:
+    """Return configurations near X (k, nq) that minimise the residual, and which of them converged (k,).
+
+    Args:
+        tree: the tree, for its integration rule.
+        X: start, one row a sample.
+        residual: see `Residual`.
+        columns: the velocities that may move.
+    """
+    X = X.copy()
+    todo = np.arange(len(X))
+    done = np.zeros(len(X), bool)
+    r, A = residual(X, todo)
+    if not len(columns) or not r.shape[1]:
+        return X, ~done
+    cost = np.sum(r**2, axis=1)
+    damping = np.zeros(len(X))
+    eye = np.eye(len(columns))
+    for _ in range(_MAX_ITERATIONS):
+        A = A[:, :, columns]
+        At = np.swapaxes(A, 1, 2)
+        normal = At @ A
+        size = np.trace(normal, axis1=1, axis2=2) / len(columns)
+        steps = np.zeros((len(todo), tree.model.nv))
+        weight = (damping[todo] + _FLOOR * size)[:, None, None]
+        steps[:, columns] = -np.linalg.solve(normal + weight * eye, At @ r[..., None])[..., 0]
+        new = tree.integrate(X[todo], steps)
+        new_r, new_A = residual(new, todo)
+        new_cost = np.sum(new_r**2, axis=1)
+        worse = (new_cost > cost[todo] * (1 + 1e-9)) & (new_cost > _COST_DONE)
+        worse &= np.abs(steps).max(axis=1) >= _STEP_DONE
+        better = ~worse
+        damping[todo[worse]] = np.maximum(10 * damping[todo[worse]], 1e-6 * size[worse])
+        damping[todo[better]] /= 10
+        X[todo[better]], cost[todo[better]] = new[better], new_cost[better]
+        finished = better & ((np.abs(steps).max(axis=1) < _STEP_DONE) | (new_cost < _COST_DONE))
+        done[todo[finished]] = True
+        keep = ~finished
+        todo = todo[keep]
+        if not len(todo):
+            break
+        if worse.any():  # back where they were: their residual must be evaluated again
+            r, A = residual(X[todo], todo)
+        else:
+            r, A = new_r[keep], new_A[keep]
+    return X, done

@@ -1,0 +1,102 @@
+"""What rounding of joint frames costs at the tool: UsdPhysics stores them in single precision."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.mechanism import Joint
+from twin.reference.loops import LENGTH_SCALE
+from twin.reference.model import ReferenceModel
+from twin.spatial import Array
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Tool error in m and rad to expect when each joint frame is rounded.
+
+    Attributes:
+        expected: (2,) root of the sum of squares over all roundings.
+        bound: (2,) sum of all roundings, each at its worst.
+        worst_joint: the joint whose rounding matters most.
+    """
+
+    expected: tuple[float, float]
+    bound: tuple[float, float]
+    worst_joint: str
+
+
+def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> Sensitivity:
+    """Return the tool error at configuration x (nq,) when joint frames are stored to relative precision epsilon.
+
+    Each frame's position errs by up to half a unit in the last place of its largest coordinate, its rotation
+    by that of a unit quaternion; both propagate to first order through the loop closures.
+    """
+    tree = model.tree
+    poses, J = tree.update(x[None])
+    A = tree.loops.evaluate(poses, J)[1][0]
+    J_tool = tree.tool_jacobian(poses, J)[0]
+    T_tool = tree.tool(poses)[0]
+    links = {b.name: poses[0, i] @ T for b in model.mechanism.bodies for i, T in [tree.body(b.name)]}
+    # Passive joints give way: d(passive) = -pinv(A_passive) d(residual).
+    give = J_tool[:, tree.passive] @ np.linalg.pinv(A[:, tree.passive], rcond=1e-9)
+
+    effects: dict[str, list[Array]] = {}
+    for joint in model.mechanism.joints:
+        for body, T_body_joint in ((joint.parent, joint.T_parent_joint), (joint.child, joint.T_child_joint)):
+            frame = links[body] @ T_body_joint
+            half_ulp = epsilon * float(2.0 ** np.ceil(np.log2(max(np.abs(T_body_joint[:3, 3]).max(), 1e-9))))
+            for axis in range(6):
+                twist = np.zeros(6)
+                twist[axis] = half_ulp if axis < 3 else 2 * epsilon
+                effects.setdefault(joint.name, []).append(_effect(model, joint, frame, twist, links, T_tool, give))
+    by_joint = {n: np.array(e) for n, e in effects.items()}
+    everything = np.concatenate(list(by_joint.values()))
+    size = np.stack([np.linalg.norm(everything[:, :3], axis=1), np.linalg.norm(everything[:, 3:], axis=1)], axis=1)
+    worst = max(by_joint, key=lambda n: float(np.linalg.norm(by_joint[n][:, :3], axis=1).sum()))
+    expected, bound = np.sqrt((size**2).sum(axis=0)), size.sum(axis=0)
+    return Sensitivity((float(expected[0]), float(expected[1])), (float(bound[0]), float(bound[1])), worst)
+
+
+def _effect(
+    model: ReferenceModel,
+    joint: Joint,
+    frame: Array,
+    twist: Array,
+    links: dict[str, Array],
+    T_tool: Array,
+    give: Array,
+) -> Array:
+    """Return the tool's small motion (6,) in base when a joint's child side moves by a twist in its frame."""
+    loops = model.tree.loops
+    R = frame[:3, :3]
+    v, w = R @ twist[:3], R @ twist[3:]  # of the point frame[:3, 3]
+    outboard = _outboard(model, joint)
+    moved = model.mechanism.frame(model.mechanism.tool).body in outboard
+    direct = np.concatenate([v + np.cross(w, T_tool[:3, 3] - frame[:3, 3]), w]) if moved else np.zeros(6)
+    if not loops.joints:
+        return direct
+    rows = []
+    for loop in loops.joints:
+        sign = (loop.child in outboard) - (loop.parent in outboard) if loop is not joint else 1
+        T0 = links[loop.parent] @ loop.T_parent_joint
+        p1 = (links[loop.child] @ loop.T_child_joint)[:3, 3]
+        R0t = T0[:3, :3].T
+        offset, turn = R0t @ (v + np.cross(w, p1 - frame[:3, 3])), R0t @ w
+        row = sign * np.concatenate([offset, LENGTH_SCALE * turn])
+        rows.append(row[[axis for axis in range(6) if axis not in loop.free_axes]])
+    return direct - give @ np.concatenate(rows)
+
+
+def _outboard(model: ReferenceModel, joint: Joint) -> set[str]:
+    """Return the bodies that a tree joint carries; none for a loop joint."""
+    tree = model.mechanism.tree
+    children = {j.name: j.child for j in tree}
+    if joint.name not in children:
+        return set()
+    out = {children[joint.name]}
+    for j in tree:  # parents come first
+        if j.parent in out:
+            out.add(j.child)
+    return out

@@ -1,0 +1,147 @@
+"""The spanning tree of a mechanism in Pinocchio."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pinocchio as pin
+
+from twin import spatial
+from twin.errors import MechanismError
+from twin.mechanism import Joint, Mechanism
+from twin.reference.loops import Loops, about_z
+from twin.spatial import Array
+
+_JOINT_MODELS = {
+    "revolute": pin.JointModelRZ,
+    "prismatic": pin.JointModelPZ,
+    "spherical": pin.JointModelSpherical,
+    "free": pin.JointModelFreeFlyer,
+}
+
+
+class Tree:
+    """The spanning tree of a mechanism.
+
+    Attributes:
+        mechanism: what it was built from.
+        model, data: Pinocchio's.
+        joint_id: Pinocchio's joint number by joint name (fixed joints have none).
+        coordinate: index in the velocity vector of each joint with one coordinate, by name.
+        active, passive: velocity indices of the active joints (order of q) and of all others.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism = mechanism
+        self.model = pin.Model()
+        self.joint_id: dict[str, int] = {}
+        self._body: dict[str, tuple[int, Array]] = {mechanism.base: (0, np.eye(4))}
+        for joint in mechanism.tree:
+            self._add(joint)
+        self.data = self.model.createData()
+        self.coordinate = {
+            j.name: self.model.joints[self.joint_id[j.name]].idx_v for j in mechanism.tree if len(j.free_axes) == 1
+        }
+        # Configuration and velocity indices differ once a spherical joint (4 numbers, 3 rates) came before.
+        self.configuration = {n: self.model.joints[self.joint_id[n]].idx_q for n in self.coordinate}
+        self.active = np.array([self.coordinate[j.name] for j in mechanism.active], int)
+        self.passive = np.setdiff1d(np.arange(self.model.nv), self.active)
+        self._mask = self._support_masks()
+        tool = mechanism.frame(mechanism.tool)
+        self.tool_joint, T_joint_body = self._body[tool.body]
+        self.T_joint_tool = T_joint_body @ tool.T_body_frame
+        self.loops = Loops(mechanism.loops, self._body, self._mask)
+        self._all = sorted({number for number, _ in self._body.values()} - {0})
+        self._closing = sorted({*self.loops.joint_numbers, self.tool_joint} - {0})
+
+    def _add(self, joint: Joint) -> None:
+        parent_id, T_id_parent = self._body[joint.parent]
+        placement = T_id_parent @ joint.T_parent_joint
+        T_joint_child = spatial.inverse(joint.T_child_joint)
+        if joint.type == "fixed":
+            self._body[joint.child] = (parent_id, placement @ T_joint_child)
+            return
+        if joint.type == "cylindrical":  # slide, then turn: the two commute
+            parent_id = self.model.addJoint(parent_id, pin.JointModelPZ(), pin.SE3(placement), f"{joint.name}_slide")
+            placement = np.eye(4)
+            kind = pin.JointModelRZ
+        elif joint.type in _JOINT_MODELS:
+            kind = _JOINT_MODELS[joint.type]
+        else:
+            raise MechanismError(f"joint '{joint.name}': the reference model has no {joint.type} joint")
+        number = self.model.addJoint(parent_id, kind(), pin.SE3(placement), joint.name)
+        self.joint_id[joint.name] = number
+        self._body[joint.child] = (number, T_joint_child)
+
+    def _support_masks(self) -> Array:
+        """Return (joints, nv): 1 where a velocity moves a Pinocchio joint."""
+        mask = np.zeros((self.model.njoints, self.model.nv))
+        for number in range(1, self.model.njoints):
+            joint = self.model.joints[number]
+            mask[number] = mask[self.model.parents[number]]
+            mask[number, joint.idx_v : joint.idx_v + joint.nv] = 1
+        return mask
+
+    def body(self, name: str) -> tuple[int, Array]:
+        """Return the Pinocchio joint that carries a body, and the body's pose in that joint's frame."""
+        return self._body[name]
+
+    def update(self, X: Array, *, closing_only: bool = False) -> tuple[Array, Array]:
+        """Move the tree to configurations X (k, nq).
+
+        Args:
+            X: configurations.
+            closing_only: fill in the poses that loops and tool need only; half the time.
+
+        Returns:
+            poses (k, joints, 4, 4) of the moving joint frames in base, and Jacobians (k, 6, nv) whose columns
+            are each velocity's twist in base at the base origin, linear first.
+        """
+        poses = np.tile(np.eye(4), (len(X), self.model.njoints, 1, 1))
+        J = np.zeros((len(X), 6, self.model.nv))
+        model, data = self.model, self.data
+        moved = self._closing if closing_only else self._all
+        for k, x in enumerate(X):
+            J[k] = pin.computeJointJacobians(model, data, x)
+            placements = data.oMi
+            for i in moved:
+                poses[k, i] = placements[i].homogeneous
+        return poses, J
+
+    def integrate(self, X: Array, steps: Array) -> Array:
+        """Return configurations (k, nq) after tangent steps (k, nv)."""
+        return np.array([pin.integrate(self.model, x, v) for x, v in zip(X, steps, strict=True)])
+
+    def tool(self, poses: Array) -> Array:
+        """Return T_base_tool (k, 4, 4) for the joint poses of `update`."""
+        return poses[:, self.tool_joint] @ self.T_joint_tool
+
+    def tool_jacobian(self, poses: Array, J: Array) -> Array:
+        """Return (k, 6, nv): the tool's twist in base at its origin, linear first, per tree velocity."""
+        own = J * self._mask[self.tool_joint]
+        p = self.tool(poses)[:, :3, 3]
+        return np.concatenate([own[:, :3] - spatial.hat(p) @ own[:, 3:], own[:, 3:]], axis=1)
+
+    def start(self, rest: Mapping[str, Array]) -> Array:
+        """Return the configuration (nq,) that comes nearest to the rest poses T_base_body."""
+        x = pin.neutral(self.model)
+        for joint in self.mechanism.tree:
+            if joint.type == "fixed" or joint.parent not in rest or joint.child not in rest:
+                continue
+            T = joint.relative(rest[joint.parent], rest[joint.child])
+            i = self.model.joints[self.joint_id[joint.name]].idx_q
+            angle = float(about_z(T))
+            if joint.type == "revolute":
+                x[i] = angle
+            elif joint.type == "prismatic":
+                x[i] = T[2, 3]
+            elif joint.type == "cylindrical":
+                x[i - 1], x[i] = T[2, 3], angle
+            else:
+                q_wxyz = spatial.quat_from_matrix_wxyz(T[:3, :3])
+                q_xyzw = np.roll(q_wxyz, -1)  # Pinocchio stores the scalar last
+                x[i : i + 4 + 3 * (joint.type == "free")] = (
+                    q_xyzw if joint.type == "spherical" else np.concatenate([T[:3, 3], q_xyzw])
+                )
+        return x
