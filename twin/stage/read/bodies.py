@@ -1,0 +1,187 @@
+"""Meshes, colours, masses, named frames and points of one rigid body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
+
+from twin.errors import StageError
+from twin.findings import Finding
+from twin.mechanism import Inertia, Mesh
+from twin.spatial import Array
+from twin.stage import gf
+from twin.stage.scan import Scene, rigid
+
+SCALE_TOL = 1e-5
+"""Largest relative deviation from unit scale that may still be rounding of a single precision transform."""
+
+
+def refuse_scale(scene: Scene, body: Usd.Prim) -> None:
+    """Raise `StageError` if a body is scaled or mirrored: its frames and masses would mean nothing clear."""
+    axes = scene.raw_transform(body)[:3, :3]
+    size = np.linalg.norm(axes, axis=0)
+    if np.any(np.abs(size - 1) > SCALE_TOL) or np.linalg.det(axes) < 0:
+        shown = ", ".join(f"{s:.6g}" for s in size)
+        mirrored = ", mirrored" if np.linalg.det(axes) < 0 else ""
+        raise StageError(
+            f"{scene.path}: rigid body {body.GetPath()} is scaled by ({shown}){mirrored}. Scale the meshes "
+            "below it instead, or write the stage in its final unit."
+        )
+
+
+def below(scene: Scene, body: Usd.Prim) -> Iterator[Usd.Prim]:
+    """Yield the prims that move with a body, without those of bodies nested in it."""
+    prims = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
+    for prim in prims:
+        if prim != body and str(prim.GetPath()) in scene.bodies:
+            prims.PruneChildren()
+        else:
+            yield prim
+
+
+def original_name(prim: Usd.Prim) -> str:
+    """Return the name that a prim had in the mechanism it was written from: its leaf unless it says so."""
+    attribute = prim.GetAttribute("twin:name")
+    return str(attribute.Get()) if attribute and attribute.Get() else prim.GetName()
+
+
+def read_meshes(
+    scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list[Finding]
+) -> tuple[Mesh, ...]:
+    """Return the shown meshes of a body, triangulated, in metres in its frame.
+
+    Args:
+        scene: the opened stage.
+        body: the rigid body.
+        names: identifiers by prim path.
+        notes: gets what could not be taken over.
+
+    Raises:
+        StageError: if a mesh points to vertices that do not exist.
+
+    """
+    out = []
+    for prim in below(scene, body):
+        if not prim.IsA(UsdGeom.Gprim):
+            continue
+        if UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.guide:
+            continue  # collision helpers of other tools
+        if not prim.IsA(UsdGeom.Mesh):
+            notes.append(
+                Finding(
+                    "stage.read.shape",
+                    "info",
+                    f"{prim.GetTypeName()} {prim.GetPath()} is not shown: only meshes are read.",
+                    where=str(prim.GetPath()),
+                )
+            )
+            continue
+        mesh = _mesh(scene, body, UsdGeom.Mesh(prim), names[str(prim.GetPath())])
+        if mesh is not None:
+            out.append(mesh)
+    return tuple(out)
+
+
+def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
+    """Return triangles (m, 3) of a mesh: polygons become fans, left-handed faces are turned round.
+
+    Raises:
+        StageError: if the counts do not fit, or an index points to no vertex.
+
+    """
+    counts = gf.array(mesh.GetFaceVertexCountsAttr().Get() or []).astype(int).ravel()
+    indices = gf.array(mesh.GetFaceVertexIndicesAttr().Get() or []).astype(int).ravel()
+    n = len(mesh.GetPointsAttr().Get() or [])
+    where = mesh.GetPath()
+    if counts.sum() != len(indices):
+        raise StageError(f"mesh {where}: its faces need {counts.sum()} indices, it has {len(indices)}")
+    if len(indices) and not (indices.min() >= 0 and indices.max() < n):
+        raise StageError(f"mesh {where}: an index points to vertex {indices.max()}, it has {n}")
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]]) if len(counts) else np.zeros(0, int)
+    fans = np.maximum(counts - 2, 0)
+    first = np.repeat(starts, fans)
+    step = np.arange(fans.sum()) - np.repeat(np.cumsum(fans) - fans, fans)
+    corners = np.column_stack([first, first + step + 1, first + step + 2])
+    triangles = indices[corners] if len(corners) else np.zeros((0, 3), int)
+    if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
+        triangles = triangles[:, ::-1]
+    return np.ascontiguousarray(triangles, dtype=np.int32)
+
+
+def _mesh(scene: Scene, body: Usd.Prim, mesh: UsdGeom.Mesh, name: str) -> Mesh | None:
+    triangles = mesh_triangles(mesh)
+    points = gf.array(mesh.GetPointsAttr().Get() or []).reshape(-1, 3).astype(float)
+    if not len(triangles):
+        return None
+    M = scene.relative(mesh.GetPrim(), body)
+    if np.linalg.det(M[:3, :3]) < 0:
+        triangles = triangles[:, ::-1].copy()
+    if not np.array_equal(M, np.eye(4)):
+        points = points @ M[:3, :3].T + M[:3, 3]
+    return Mesh(name, points * scene.meters, triangles, _color(mesh))
+
+
+def _color(mesh: UsdGeom.Mesh) -> tuple[float, float, float, float]:
+    """Return the linear colour of the bound preview surface, else the display colour, else grey."""
+    material, _ = UsdShade.MaterialBindingAPI(mesh.GetPrim()).ComputeBoundMaterial()
+    if material:
+        shader, *_ = material.ComputeSurfaceSource()
+        if shader and shader.GetIdAttr().Get() == "UsdPreviewSurface":
+            color = shader.GetInput("diffuseColor")
+            value = color.Get() if color else None
+            opacity = shader.GetInput("opacity")
+            alpha = opacity.Get() if opacity else None
+            if value is not None:
+                r, g, b = map(float, value)
+                return (r, g, b, 1.0 if alpha is None else float(alpha))
+    shown = mesh.GetDisplayColorAttr().Get()
+    if shown:
+        r, g, b = map(float, shown[0])
+        return (r, g, b, 1.0)
+    return (0.6, 0.6, 0.6, 1.0)
+
+
+def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia | None:
+    """Return mass, centre of mass and inertia of a body in SI units, or None if the stage leaves them open.
+
+    Raises:
+        StageError: if the principal axes are no rotation.
+
+    """
+    mass = UsdPhysics.MassAPI(body)
+    kilograms = mass.GetMassAttr().Get() if body.HasAPI(UsdPhysics.MassAPI) else 0.0
+    diagonal = gf.vector(mass.GetDiagonalInertiaAttr().Get() or (0, 0, 0)) if kilograms else np.zeros(3)
+    if not kilograms or not np.any(diagonal):
+        notes.append(
+            Finding(
+                "stage.read.inertia",
+                "info",
+                f"{body.GetPath()} has no mass with inertia; simulators make one up from its colliders.",
+                where=str(body.GetPath()),
+            )
+        )
+        return None
+    center = gf.vector(mass.GetCenterOfMassAttr().Get())
+    if not np.all(np.isfinite(center)):  # -inf is the schema's word for "not given"
+        center = np.zeros(3)
+    axes = mass.GetPrincipalAxesAttr().Get()
+    try:
+        R = np.eye(3) if not np.any(gf.quat_wxyz(axes)) else gf.rotation(axes)  # zero: "not given"
+    except ValueError as error:
+        raise StageError(f"{scene.path}: {body.GetPath()}, principal axes: {error}") from error
+    unit = scene.kilograms * scene.meters**2
+    return Inertia(
+        float(kilograms) * scene.kilograms, center * scene.meters, R @ np.diag(diagonal) @ R.T * unit
+    )
+
+
+def read_marks(scene: Scene, body: Usd.Prim) -> Iterator[tuple[str, str, Array]]:
+    """Yield (kind, name, T_body_mark) of the named frames and points of a body, in metres."""
+    for prim in below(scene, body):
+        kind = prim.GetAttribute("twin:kind")
+        if kind and kind.Get() in ("frame", "point"):
+            T = rigid(scene.relative(prim, body))
+            T[:3, 3] *= scene.meters
+            yield str(kind.Get()), original_name(prim), T

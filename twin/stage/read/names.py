@@ -1,0 +1,37 @@
+"""Names of a foreign stage made identifiers [a-z][a-z0-9_]*."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+
+def identifier(name: str) -> str:
+    """Return `name` in lower case with everything else than letters, digits and _ replaced.
+
+    CamelCase is parted by underscores, so that FrontLeftLeg and frontleftleg stay apart; a name that does not
+    begin with a letter gets one.
+    """
+    name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
+    name = re.sub(r"[^a-z0-9_]+", "_", name.lower()).strip("_")
+    return name if name[:1].isalpha() else f"n{'_' if name else ''}{name}"
+
+
+def unique(wanted: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Return an identifier for each key; equal ones are numbered in order (arm, arm_2, ...).
+
+    Args:
+        wanted: (key, name) pairs; keys are unique, a prim path for instance.
+
+    """
+    out: dict[str, str] = {}
+    taken: set[str] = set()
+    for key, name in wanted:
+        base = free = identifier(name)
+        i = 1
+        while free in taken:
+            i += 1
+            free = f"{base}_{i}"
+        taken.add(free)
+        out[key] = free
+    return out
