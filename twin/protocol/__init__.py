@@ -1,0 +1,31 @@
+"""A medical protocol: waypoints, and the phases that lead through them, read from TOML.
+
+A protocol names the frame that it moves (`tool`, `endoscope_tip`, ...). Positions are those of the
+origin of this frame in base; angles are always those of the `tool` frame, R_base_tool = Rz(psi)
+Ry(theta) Rx(phi), so that a table of poses from a paper can be copied whichever point it speaks of.
+The shaft runs through the origin of the moved frame along `shaft_axis`, which is given in that frame
+and points from the platform to the tip. Depth is counted along the shaft from the RCM to that origin.
+
+Phases:
+    positioning   straight to a waypoint, position and angles linear in s; outside the patient
+    insertion     straight along the shaft by a depth; registers the RCM where it starts
+    pivot         about the RCM: "enforced" goes to angles and a depth, the tip follows from them;
+                  "monitored" goes to a waypoint as it stands, and the missed RCM is reported
+    retraction    straight back along the shaft to a depth; at 0 the RCM is given up
+    home          positioning to the home waypoint
+"""
+
+from twin.protocol.load import load_protocol as load_protocol
+from twin.protocol.model import Home as Home
+from twin.protocol.model import Insertion as Insertion
+from twin.protocol.model import Limits as Limits
+from twin.protocol.model import Phase as Phase
+from twin.protocol.model import PhaseType as PhaseType
+from twin.protocol.model import Pivot as Pivot
+from twin.protocol.model import Positioning as Positioning
+from twin.protocol.model import Protocol as Protocol
+from twin.protocol.model import RcmMode as RcmMode
+from twin.protocol.model import Retraction as Retraction
+from twin.protocol.model import Tolerances as Tolerances
+from twin.protocol.model import Waypoint as Waypoint
+from twin.protocol.tables import ProtocolTable as ProtocolTable

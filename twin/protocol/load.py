@@ -1,0 +1,211 @@
+"""Reads a protocol file and checks that its phases follow from each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from twin.errors import DescriptionError, unknown
+from twin.findings import Finding
+from twin.protocol.model import (
+    Home,
+    Insertion,
+    Limits,
+    Phase,
+    Pivot,
+    Positioning,
+    Protocol,
+    Retraction,
+    Tolerances,
+    Waypoint,
+)
+from twin.protocol.tables import (
+    HomeTable,
+    InsertionTable,
+    LimitsTable,
+    PhaseTable,
+    PivotTable,
+    PositioningTable,
+    ProtocolTable,
+    RetractionTable,
+    TolerancesTable,
+    WaypointTable,
+)
+from twin.schema import Keys, error_at, load_toml
+from twin.units import DEG, MM
+
+
+def load_protocol(path: str | Path) -> Protocol:
+    """Return the protocol in a TOML file.
+
+    Raises:
+        DescriptionError: the file is malformed, or its phases do not follow from each other; the message
+            gives file, line, key and the way out.
+    """
+    table = load_toml(path, ProtocolTable)
+    axis = np.array(table.shaft_axis)
+    if abs(np.linalg.norm(axis) - 1) > 1e-6:
+        n = np.linalg.norm(axis)
+        hint = f"write {[round(float(x), 9) for x in axis / n]}" if n > 0 else "it is zero"
+        raise error_at(path, ("shaft_axis",), f"is not a unit vector: {hint}")
+    used = _check_phases(table, path)
+    protocol = Protocol(
+        name=table.name,
+        title=table.title,
+        source=table.source,
+        robot=table.robot,
+        frame=table.frame,
+        shaft_axis=axis / np.linalg.norm(axis),
+        start=table.start,
+        waypoints={name: _waypoint(name, w) for name, w in table.waypoints.items()},
+        phases=tuple(_phase(p, table) for p in table.phases),
+        limits={kind: _limits(limits) for kind, limits in table.limits.items()},
+        tolerances=_tolerances(table.tolerances),
+        findings=tuple(_warnings(table, used, str(path))),
+    )
+    return protocol
+
+
+def _waypoint(name: str, w: WaypointTable) -> Waypoint:
+    position = None if w.position_mm is None else np.array(w.position_mm) * MM
+    depth = None if w.depth_mm is None else w.depth_mm * MM
+    return Waypoint(
+        name, np.array(w.angles_deg) * DEG, position, depth, w.label or name, w.provenance, w.note
+    )
+
+
+def _limits(l: LimitsTable) -> Limits:  # noqa: E741
+    return Limits(
+        l.tip_speed_mm_s * MM,
+        l.tip_acceleration_mm_s2 * MM,
+        l.rotation_speed_deg_s * DEG,
+        l.rotation_acceleration_deg_s2 * DEG,
+        l.provenance,
+        l.note,
+    )
+
+
+def _tolerances(t: TolerancesTable) -> Tolerances:
+    lengths = (t.rcm_mm * MM, t.rcm_alarm_mm * MM, t.straightness_mm * MM, t.waypoint_mm * MM)
+    return Tolerances(*lengths, t.waypoint_deg * DEG, t.provenance, t.note)
+
+
+def _phase(p: PhaseTable, table: ProtocolTable) -> Phase:
+    match p:
+        case PositioningTable():
+            return Positioning(p.name, p.to)
+        case InsertionTable():
+            return Insertion(p.name, p.depth_mm * MM, p.to)
+        case PivotTable():
+            return Pivot(p.name, p.to, p.rcm)
+        case RetractionTable():
+            return Retraction(p.name, p.depth_mm * MM)
+        case HomeTable():
+            return Home(p.name, table.home or table.start)
+
+
+def _check_phases(table: ProtocolTable, path: str | Path) -> set[str]:
+    """Walk the phases as the robot would, and return the waypoints that they use."""
+
+    def wrong(keys: Keys, message: str) -> DescriptionError:
+        return error_at(path, keys, message)
+
+    def target(name: str, keys: Keys, needs: Literal["position_mm", "depth_mm"], why: str) -> None:
+        if name not in table.waypoints:
+            raise wrong(keys, unknown("waypoint", name, table.waypoints))
+        if getattr(table.waypoints[name], needs) is None:
+            raise wrong(keys, f"waypoint '{name}' has no {needs}, which {why} needs")
+
+    for name, w in table.waypoints.items():
+        if (w.position_mm is None) == (w.depth_mm is None):
+            raise wrong(
+                ("waypoints", name),
+                "give either position_mm (a pose of the moved frame) or depth_mm (an attitude about the RCM)",
+            )
+    target(table.start, ("start",), "position_mm", "the start")
+    if table.home is not None:
+        target(table.home, ("home",), "position_mm", "home")
+
+    here: str | None = table.start
+    used, names, inside = {table.start, table.home or table.start}, set[str](), False
+    for k, p in enumerate(table.phases):
+        keys = ("phases", k)
+        if p.name in names:
+            raise wrong((*keys, "name"), f"two phases are called '{p.name}'")
+        names.add(p.name)
+        if p.type not in table.limits:
+            raise wrong((*keys, "type"), f"there are no limits for it: add [limits.{p.type}]")
+        if inside and p.type in ("positioning", "insertion", "home"):
+            raise wrong(
+                (*keys, "type"),
+                f"the instrument is still in the patient: put a retraction to depth 0 before this {p.type}",
+            )
+        if not inside and p.type in ("pivot", "retraction"):
+            raise wrong((*keys, "type"), f"no RCM is registered yet: put an insertion before this {p.type}")
+        goal: str | None = None
+        match p:
+            case PositioningTable():
+                goal = p.to
+                target(goal, (*keys, "to"), "position_mm", "a positioning")
+            case HomeTable():
+                goal = table.home or table.start
+            case PivotTable(rcm="enforced"):
+                goal = p.to
+                target(goal, (*keys, "to"), "depth_mm", "a pivot with an enforced RCM")
+            case PivotTable():
+                goal = p.to
+                target(goal, (*keys, "to"), "position_mm", "a pivot with a monitored RCM")
+            case InsertionTable():
+                inside, goal = True, p.to
+                if goal is not None:
+                    target(goal, (*keys, "to"), "position_mm", "an insertion")
+            case RetractionTable():
+                inside = p.depth_mm > 0
+        if goal is not None:
+            used.add(goal)
+            if goal == here:
+                raise wrong(
+                    (*keys, "to" if p.type != "home" else "type"),
+                    f"the phase has no length: it begins at '{goal}' already; remove it",
+                )
+        here = goal
+    return used
+
+
+def _warnings(table: ProtocolTable, used: set[str], path: str) -> list[Finding]:
+    out = [
+        Finding(
+            "protocol.unused_waypoint",
+            "warning",
+            f"waypoint '{name}' is not used by any phase",
+            where=path,
+            suggestion="remove it, or add a phase that goes there",
+        )
+        for name in table.waypoints
+        if name not in used
+    ]
+    last = [p for p in table.phases if p.type in ("insertion", "pivot", "retraction")]
+    if last and not (last[-1].type == "retraction" and last[-1].depth_mm == 0):
+        out.append(
+            Finding(
+                "protocol.ends_inside",
+                "warning",
+                f"the instrument is still in the patient after the last phase, '{table.phases[-1].name}'",
+                where=path,
+                suggestion="add a retraction",
+            )
+        )
+    types = {p.type for p in table.phases}
+    out += [
+        Finding(
+            "protocol.unused_limits",
+            "warning",
+            f"no phase is of type {kind}, for which limits are given",
+            where=path,
+        )
+        for kind in table.limits
+        if kind not in types
+    ]
+    return out

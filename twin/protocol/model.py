@@ -1,0 +1,159 @@
+"""A checked protocol: frozen, SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
+
+from twin.findings import Finding
+from twin.provenance import Parameter, Provenance
+from twin.spatial import Array
+from twin.units import DEG, MM
+
+PhaseType = Literal["positioning", "insertion", "pivot", "retraction", "home"]
+RcmMode = Literal["enforced", "monitored"]
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """A pose or an attitude: `angles` (3,) psi, theta, phi in rad, and `position` (3,) or `depth` in m."""
+
+    name: str
+    angles: Array
+    position: Array | None
+    depth: float | None
+    label: str
+    provenance: Provenance
+    note: str
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of the moved frame in SI: m/s, m/s2, rad/s, rad/s2."""
+
+    tip_speed: float
+    tip_acceleration: float
+    rotation_speed: float
+    rotation_acceleration: float
+    provenance: Provenance
+    note: str
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Tolerances in SI: m, `waypoint_angle` in rad."""
+
+    rcm: float
+    rcm_alarm: float
+    straightness: float
+    waypoint: float
+    waypoint_angle: float
+    provenance: Provenance
+    note: str
+
+
+@dataclass(frozen=True)
+class Positioning:
+    """Straight to the waypoint `to`."""
+
+    name: str
+    to: str
+    type: ClassVar[PhaseType] = "positioning"
+
+
+@dataclass(frozen=True)
+class Insertion:
+    """Along the shaft by `depth` in m; registers the RCM at its start."""
+
+    name: str
+    depth: float
+    to: str | None = None
+    type: ClassVar[PhaseType] = "insertion"
+
+
+@dataclass(frozen=True)
+class Pivot:
+    """About the RCM to the waypoint `to`."""
+
+    name: str
+    to: str
+    rcm: RcmMode
+    type: ClassVar[PhaseType] = "pivot"
+
+
+@dataclass(frozen=True)
+class Retraction:
+    """Back along the shaft until `depth` in m is left."""
+
+    name: str
+    depth: float = 0.0
+    type: ClassVar[PhaseType] = "retraction"
+
+
+@dataclass(frozen=True)
+class Home:
+    """Straight to the home waypoint `to`."""
+
+    name: str
+    to: str
+    type: ClassVar[PhaseType] = "home"
+
+
+Phase = Positioning | Insertion | Pivot | Retraction | Home
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """A checked protocol, in SI.
+
+    Attributes:
+        name, title, source: what it is and where its numbers come from.
+        robot: name of the robot it is written for.
+        frame: name of the frame that it moves.
+        shaft_axis: (3,) unit vector in that frame, from the platform to the tip.
+        start: waypoint it begins at.
+        waypoints: by name.
+        phases: in order.
+        limits: by phase type; every type that is used is there.
+        tolerances: what the trajectory is judged with.
+        findings: what reading it had to say (warnings only).
+    """
+
+    name: str
+    title: str
+    source: str
+    robot: str
+    frame: str
+    shaft_axis: Array
+    start: str
+    waypoints: Mapping[str, Waypoint]
+    phases: tuple[Phase, ...]
+    limits: Mapping[PhaseType, Limits]
+    tolerances: Tolerances
+    findings: tuple[Finding, ...] = field(default=())
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return every number that decides the motion, with its provenance."""
+        out: list[Parameter] = []
+
+        def add(name: str, value: float, unit: str, factor: float, provenance: Provenance, note: str) -> None:
+            out.append(Parameter(name, value, unit, value / factor, provenance, note))
+
+        for w in self.waypoints.values():
+            for label, angle in zip(("psi", "theta", "phi"), w.angles, strict=True):
+                add(f"{w.name}_{label}", float(angle), "deg", DEG, w.provenance, w.note)
+            for label, p in zip("xyz", w.position if w.position is not None else (), strict=False):
+                add(f"{w.name}_{label}", float(p), "mm", MM, w.provenance, w.note)
+            if w.depth is not None:
+                add(f"{w.name}_depth", w.depth, "mm", MM, w.provenance, w.note)
+        for kind, l in self.limits.items():  # noqa: E741
+            add(f"{kind}_tip_speed", l.tip_speed, "mm/s", MM, l.provenance, l.note)
+            add(f"{kind}_tip_acceleration", l.tip_acceleration, "mm/s2", MM, l.provenance, l.note)
+            add(f"{kind}_rotation_speed", l.rotation_speed, "deg/s", DEG, l.provenance, l.note)
+            add(f"{kind}_rotation_acceleration", l.rotation_acceleration, "deg/s2", DEG, l.provenance, l.note)
+        t = self.tolerances
+        for name in ("rcm", "rcm_alarm", "straightness", "waypoint"):
+            add(f"tolerance_{name}", getattr(t, name), "mm", MM, t.provenance, t.note)
+        add("tolerance_waypoint_angle", t.waypoint_angle, "deg", DEG, t.provenance, t.note)
+        return tuple(out)

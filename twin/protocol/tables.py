@@ -1,0 +1,119 @@
+"""The protocol file as pydantic tables: which keys there are, their units and their kinds."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from twin.protocol.model import PhaseType, RcmMode
+from twin.provenance import Provenance
+from twin.schema import Identifier, Table, Vector, at
+
+_Positive = Annotated[float, Field(gt=0)]
+_Depth = Annotated[float, Field(ge=0)]
+_Text = Annotated[str, Field(min_length=1)]
+
+
+class WaypointTable(Table):
+    """A pose of the moved frame (`position_mm`) or an attitude about the RCM (`depth_mm`)."""
+
+    angles_deg: Vector
+    position_mm: Vector | None = None
+    depth_mm: _Depth | None = None
+    label: str = ""
+    provenance: Provenance
+    note: _Text
+
+
+class LimitsTable(Table):
+    """Limits of one phase type: speed and acceleration of the moved frame's origin and of its rotation."""
+
+    tip_speed_mm_s: _Positive
+    tip_acceleration_mm_s2: _Positive
+    rotation_speed_deg_s: _Positive
+    rotation_acceleration_deg_s2: _Positive
+    provenance: Provenance
+    note: _Text
+
+
+class TolerancesTable(Table):
+    """What the finished trajectory is judged with."""
+
+    rcm_mm: _Positive
+    rcm_alarm_mm: _Positive
+    straightness_mm: _Positive
+    waypoint_mm: _Positive
+    waypoint_deg: _Positive
+    provenance: Provenance
+    note: _Text
+
+    @model_validator(mode="after")
+    def _alarm_above_tolerance(self) -> TolerancesTable:
+        if self.rcm_alarm_mm < self.rcm_mm:
+            raise at("rcm_alarm_mm", f"limits are swapped: the alarm is below rcm_mm {self.rcm_mm:g}")
+        return self
+
+
+class _PhaseTable(Table):
+    name: Identifier
+
+
+class PositioningTable(_PhaseTable):
+    """Straight to a waypoint, outside the patient."""
+
+    type: Literal["positioning"]
+    to: Identifier
+
+
+class InsertionTable(_PhaseTable):
+    """Straight along the shaft; `to` names the waypoint that should be met at its end."""
+
+    type: Literal["insertion"]
+    depth_mm: _Positive
+    to: Identifier | None = None
+
+
+class PivotTable(_PhaseTable):
+    """About the RCM."""
+
+    type: Literal["pivot"]
+    to: Identifier
+    rcm: RcmMode
+
+
+class RetractionTable(_PhaseTable):
+    """Straight back along the shaft until `depth_mm` is left inside."""
+
+    type: Literal["retraction"]
+    depth_mm: _Depth = 0.0
+
+
+class HomeTable(_PhaseTable):
+    """Back to the home waypoint."""
+
+    type: Literal["home"]
+
+
+PhaseTable = Annotated[
+    PositioningTable | InsertionTable | PivotTable | RetractionTable | HomeTable,
+    Field(discriminator="type"),
+]
+
+
+class ProtocolTable(Table):
+    """The whole file."""
+
+    name: Identifier
+    title: _Text
+    source: _Text
+    robot: Identifier
+    frame: Identifier
+    shaft_axis: Vector
+    rotation: Literal["zyx"]
+    start: Identifier
+    home: Identifier | None = None
+    tolerances: TolerancesTable
+    limits: dict[PhaseType, LimitsTable]
+    waypoints: Annotated[dict[Identifier, WaypointTable], Field(min_length=1)]
+    phases: Annotated[list[PhaseTable], Field(min_length=1)]

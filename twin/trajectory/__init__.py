@@ -1,0 +1,1 @@
+"""Timed motion of a protocol: exact task-space paths, TOPP-RA timing, and a check of every sample."""

@@ -1,0 +1,218 @@
+"""Task-space paths of the phases: exact poses and exact derivatives in the path parameter s in [0, 1].
+
+Two shapes are enough. A line: position and angles linear in s. About the RCM P: angles and depth l
+linear in s, and the tip derived from them, tip(s) = P + l(s) R(s) n with the shaft n fixed in the
+tool, so that the shaft passes through P at every s by construction, not by correction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import assert_never
+
+import numpy as np
+
+from twin import spatial
+from twin.errors import ProtocolError
+from twin.protocol import Home, Insertion, Phase, Pivot, Positioning, Protocol, RcmMode, Retraction
+from twin.spatial import Array
+from twin.units import DEG, MM
+
+_NO_LENGTH = 1e-9
+"""Metres and rad below which a phase has no length."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A phase at k values of s; all in base, derivatives with respect to s.
+
+    Attributes:
+        Ts_base_tool: (k, 4, 4).
+        p: (k, 3) origin of the moved frame ("tip") in m; `p1`, `p2` its derivatives.
+        w1: (k, 3) rotation rate in rad per unit of s; `w2` its derivative.
+        twists: (k, 6) rate of the tool frame, linear rows first.
+    """
+
+    Ts_base_tool: Array
+    p: Array
+    p1: Array
+    p2: Array
+    w1: Array
+    w2: Array
+    twists: Array
+
+
+@dataclass(frozen=True)
+class PhasePath:
+    """One phase as a path.
+
+    Attributes:
+        phase: what it was built from.
+        T_tool_frame: (4, 4) pose of the moved frame in the tool.
+        n_tool_shaft: (3,) unit vector along the shaft towards the tip, in the tool.
+        angles0, angles1: (3,) psi, theta, phi in rad at both ends.
+        tip0, tip1: (3,) origin of the moved frame at both ends, in base.
+        waypoint: name of the waypoint it should end at, if any.
+        rcm: (3,) RCM in base while it is registered, else None.
+        rcm_mode: "enforced" or "monitored" while it is registered, else None.
+        depth0, depth1: depth at both ends in m (NaN without RCM).
+    """
+
+    phase: Phase
+    T_tool_frame: Array
+    n_tool_shaft: Array
+    angles0: Array
+    angles1: Array
+    tip0: Array
+    tip1: Array
+    waypoint: str | None
+    rcm: Array | None
+    rcm_mode: RcmMode | None
+    depth0: float
+    depth1: float
+
+    @property
+    def about_rcm(self) -> bool:
+        """Whether the tip is derived from the RCM."""
+        return isinstance(self.phase, Pivot) and self.rcm_mode == "enforced"
+
+    def motion(self, s: Array) -> Motion:
+        """Return the motion at s (k,)."""
+        s = np.asarray(s, float)
+        R, w1, w2 = _rotation(self.angles0, self.angles1 - self.angles0, s)
+        if self.about_rcm and self.rcm is not None:
+            n = R @ self.n_tool_shaft
+            n1 = np.cross(w1, n)
+            n2 = np.cross(w2, n) + np.cross(w1, n1)
+            rate = self.depth1 - self.depth0
+            depth = (self.depth0 + rate * s)[:, None]
+            p, p1, p2 = self.rcm + depth * n, rate * n + depth * n1, 2 * rate * n1 + depth * n2
+        else:
+            step = self.tip1 - self.tip0
+            p, p1 = self.tip0 + s[:, None] * step, np.broadcast_to(step, (len(s), 3))
+            p2 = np.zeros((len(s), 3))
+        arm = R @ self.T_tool_frame[:3, 3]  # from the tool to the moved frame
+        twists = np.concatenate([p1 - np.cross(w1, arm), w1], axis=1)
+        return Motion(spatial.pose(R, p - arm), p, p1, p2, w1, w2, twists)
+
+    def angles(self, s: float) -> Array:
+        """Return psi, theta, phi (3,) in rad at s."""
+        return self.angles0 + s * (self.angles1 - self.angles0)
+
+    def depth(self, s: float) -> float:
+        """Return the depth in m at s (NaN without RCM)."""
+        return self.depth0 + s * (self.depth1 - self.depth0)
+
+
+def rotation_zyx(angles: Array) -> Array:
+    """Return Rz(psi) Ry(theta) Rx(phi) (..., 3, 3) for angles (..., 3) in rad."""
+    z, y, x = (np.asarray(angles)[..., i, None] * np.eye(3)[2 - i] for i in range(3))
+    return spatial.exp_so3(z) @ spatial.exp_so3(y) @ spatial.exp_so3(x)
+
+
+def _rotation(start: Array, rate: Array, s: Array) -> tuple[Array, Array, Array]:
+    """Return R (k, 3, 3), its rate (k, 3) and the derivative of the rate, all in base, angles linear in s."""
+    angles = start + s[:, None] * rate
+    Rz = spatial.exp_so3(angles[:, :1] * [0.0, 0.0, 1.0])
+    y = Rz[:, :, 1]
+    Rzy = Rz @ spatial.exp_so3(angles[:, 1:2] * [0.0, 1.0, 0.0])
+    x = Rzy[:, :, 0]
+    R = Rzy @ spatial.exp_so3(angles[:, 2:] * [1.0, 0.0, 0.0])
+    turn_z = np.broadcast_to([0.0, 0.0, rate[0]], y.shape)
+    turn_zy = turn_z + rate[1] * y
+    w2 = rate[1] * np.cross(turn_z, y) + rate[2] * np.cross(turn_zy, x)
+    return R, turn_zy + rate[2] * x, w2
+
+
+def build(protocol: Protocol, T_tool_frame: Array) -> tuple[PhasePath, ...]:
+    """Return the phases of a protocol as paths, each beginning where the last one ended.
+
+    Args:
+        protocol: what to do.
+        T_tool_frame: (4, 4) pose of `protocol.frame` in the tool.
+
+    Raises:
+        ProtocolError: a phase has no length, or retracts to more than its depth.
+    """
+    first = protocol.waypoints[protocol.start]
+    if first.position is None:
+        raise ProtocolError(f"{protocol.name}: the start '{first.name}' has no position")
+    n_tool = T_tool_frame[:3, :3] @ protocol.shaft_axis
+    angles, tip = first.angles, first.position
+    rcm: Array | None = None
+    paths: list[PhasePath] = []
+    for phase in protocol.phases:
+        shaft = rotation_zyx(angles) @ n_tool
+        depth0 = float((tip - rcm) @ shaft) if rcm is not None else np.nan
+        goal, waypoint, mode, depth1 = angles, None, None, np.nan
+        match phase:
+            case Positioning() | Home():
+                waypoint = phase.to
+                goal, end = _pose(protocol, waypoint)
+            case Insertion():
+                waypoint, mode, rcm = phase.to, "enforced", tip
+                depth0, depth1 = 0.0, phase.depth
+                end = tip + phase.depth * shaft
+            case Pivot():
+                waypoint, mode = phase.to, phase.rcm
+                if rcm is None:
+                    raise _refuse(protocol, phase, "no RCM is registered yet")
+                if mode == "enforced":
+                    goal, depth1 = protocol.waypoints[waypoint].angles, protocol.waypoints[waypoint].depth
+                    if depth1 is None:
+                        raise _refuse(protocol, phase, f"waypoint '{waypoint}' has no depth")
+                    end = rcm + depth1 * (rotation_zyx(goal) @ n_tool)
+                else:
+                    goal, end = _pose(protocol, waypoint)
+                    depth1 = float((end - rcm) @ rotation_zyx(goal) @ n_tool)
+            case Retraction():
+                mode, depth1 = "enforced", phase.depth
+                if rcm is None:
+                    raise _refuse(protocol, phase, "no RCM is registered yet")
+                if depth1 > depth0 + _NO_LENGTH:
+                    text = f"it should end at depth {depth1 / MM:.3f} mm, but begins at {depth0 / MM:.3f} mm"
+                    raise _refuse(protocol, phase, f"{text}: that is an insertion")
+                end = tip + (depth1 - depth0) * shaft
+            case _:
+                assert_never(phase)
+        if np.linalg.norm(end - tip) < _NO_LENGTH and np.linalg.norm(goal - angles) < _NO_LENGTH:
+            at = ", ".join(f"{x / MM:.3f}" for x in tip)
+            turn = ", ".join(f"{x / DEG:.3f}" for x in angles)
+            raise _refuse(
+                protocol, phase, f"it has no length: it begins and ends at ({at}) mm, ({turn}) deg; remove it"
+            )
+        if mode == "enforced" and paths and paths[-1].rcm_mode == "monitored" and isinstance(phase, Pivot):
+            text = "it keeps the RCM, but begins where a monitored pivot has missed it"
+            if rcm is not None and spatial.point_to_line(rcm, tip, shaft) > protocol.tolerances.rcm:
+                raise _refuse(protocol, phase, text)
+        paths.append(
+            PhasePath(
+                phase,
+                np.asarray(T_tool_frame, float),
+                n_tool,
+                angles,
+                goal,
+                tip,
+                end,
+                waypoint,
+                rcm,
+                mode,
+                depth0,
+                depth1,
+            )
+        )
+        angles, tip = goal, end
+        if isinstance(phase, Retraction) and phase.depth == 0:
+            rcm = None
+    return tuple(paths)
+
+
+def _pose(protocol: Protocol, name: str) -> tuple[Array, Array]:
+    waypoint = protocol.waypoints[name]
+    if waypoint.position is None:
+        raise ProtocolError(f"{protocol.name}: waypoint '{name}' has no position")
+    return waypoint.angles, waypoint.position
+
+
+def _refuse(protocol: Protocol, phase: Phase, text: str) -> ProtocolError:
+    return ProtocolError(f"{protocol.name}: phase '{phase.name}' ({phase.type}): {text}")

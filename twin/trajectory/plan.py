@@ -1,0 +1,248 @@
+"""Plans a protocol: paths, feasibility, timing, samples, and a check of every sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin import spatial
+from twin.errors import ProtocolError, TimingError
+from twin.findings import Finding
+from twin.protocol import Limits, Protocol
+from twin.spatial import Array
+from twin.trajectory.check import check, rcm_error
+from twin.trajectory.feasible import pose_margins, require_feasible
+from twin.trajectory.model import PathKinematics, PhaseSpan, Trajectory
+from twin.trajectory.path import Motion, PhasePath, build
+from twin.trajectory.smooth import Smooth, fit
+from twin.trajectory.timing import Timing, time_path
+
+_ROUGH = 1e-6
+"""Metres or rad that a joint's series may leave out before the path counts as not smooth."""
+
+_JACOBIAN_TOLERANCE = 1e-5
+"""Relative disagreement of `velocity` with the derivative of `inverse` that is reported."""
+
+
+@dataclass(frozen=True)
+class _Leg:
+    """A planned phase: samples at every dt, both ends included."""
+
+    path: PhasePath
+    timing: Timing
+    motion: Motion
+    q: Array
+    qd: Array
+    qdd: Array
+
+
+def plan(
+    protocol: Protocol,
+    kinematics: PathKinematics,
+    *,
+    T_tool_frame: Array,
+    dt: float = 1e-3,
+    progress: Callable[[str], None] | None = None,
+) -> Trajectory:
+    """Return the timed trajectory of a protocol, from rest to rest in every phase.
+
+    Args:
+        protocol: what to do.
+        kinematics: the robot.
+        T_tool_frame: (4, 4) pose of `protocol.frame` in the tool.
+        dt: sampling time in s; every phase takes a whole number of it.
+        progress: called with the name of each phase before it is planned.
+
+    Raises:
+        ProtocolError: a phase cannot be carried out; the message says where on it, by how much, and what
+            would be reachable.
+        TimingError: TOPP-RA found no timing within the limits.
+    """
+    T_tool_frame = np.asarray(T_tool_frame, float)
+    if T_tool_frame.shape != (4, 4) or not spatial.is_pose(T_tool_frame):
+        raise ProtocolError(f"{protocol.name}: T_tool_frame of '{protocol.frame}' is not a pose")
+    legs: list[_Leg] = []
+    findings = list(protocol.findings)
+    for path in build(protocol, T_tool_frame):
+        if progress:
+            progress(path.phase.name)
+        leg, found = _leg(path, protocol, kinematics, dt)
+        legs.append(leg)
+        findings += found
+    trajectory = _assemble(protocol, kinematics, T_tool_frame, legs, dt)
+    findings += check(trajectory, protocol, kinematics)
+    return replace(trajectory, findings=tuple(findings))
+
+
+def _leg(
+    path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float
+) -> tuple[_Leg, list[Finding]]:
+    where = f"{protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
+    require_feasible(path, kinematics, protocol.frame, protocol.name)
+    rate, found = _rates(path, kinematics, where)
+    bend = rate.derivative()
+    limits = protocol.limits[path.phase.type]
+
+    def derivatives(s: Array) -> tuple[Array, Array]:
+        m = path.motion(s)
+        length, length1 = _norm_rate(m.p1, m.p2)
+        turn, turn1 = _norm_rate(m.w1, m.w2)
+        first = np.column_stack([rate(s), length, turn])
+        return first, np.column_stack([bend(s), length1, turn1])
+
+    def load(s: Array, sd: Array, sdd: Array) -> tuple[Array, Array]:
+        m = path.motion(s)
+        sd, sdd = sd[:, None], sdd[:, None]
+        v = np.max(np.abs(rate(s) * sd) / kinematics.max_speed, axis=1)
+        a = np.max(np.abs(rate(s) * sdd + bend(s) * sd**2) / kinematics.max_acceleration, axis=1)
+        for d1, d2, speed, acceleration in _vectors(m, limits):
+            v = np.maximum(v, np.linalg.norm(d1 * sd, axis=1) / speed)
+            a = np.maximum(a, np.linalg.norm(d1 * sdd + d2 * sd**2, axis=1) / acceleration)
+        return v, a
+
+    try:
+        timing = time_path(
+            derivatives,
+            np.concatenate([kinematics.max_speed, [limits.tip_speed, limits.rotation_speed]]),
+            np.concatenate(
+                [kinematics.max_acceleration, [limits.tip_acceleration, limits.rotation_acceleration]]
+            ),
+            dt=dt,
+            load=load,
+        )
+    except TimingError as error:
+        raise TimingError(f"{where}: {error}") from error
+    motion = path.motion(timing.s)
+    q = kinematics.inverse(motion.Ts_base_tool)
+    sd, sdd = timing.sd[:, None], timing.sdd[:, None]
+    first = rate(timing.s)
+    return _Leg(path, timing, motion, q, first * sd, first * sdd + bend(timing.s) * sd**2), found
+
+
+def _rates(path: PhasePath, kinematics: PathKinematics, where: str) -> tuple[Smooth, list[Finding]]:
+    """Return dq/ds along the phase, from `velocity` if there is one, compared with the inverse."""
+    joints = fit(lambda s: kinematics.inverse(path.motion(s).Ts_base_tool))
+    if np.max(joints.tail) > _ROUGH:
+        j = int(np.argmax(joints.tail))
+        raise ProtocolError(
+            f"{where}: joint {kinematics.joint_names[j]} is not a smooth function of the path (a kink or "
+            f"jump of about {joints.tail[j]:.2g} m or rad): it passes close to a singularity, or the inverse "
+            "changes its branch"
+        )
+    slope = joints.derivative()
+    velocity = kinematics.velocity
+    if velocity is None:
+        return slope, []
+
+    def rate(s: Array) -> Array:
+        m = path.motion(s)
+        return velocity(m.Ts_base_tool, kinematics.inverse(m.Ts_base_tool), m.twists)
+
+    rates = fit(rate)
+    s = np.linspace(0, 1, 101)
+    scale = float(np.max(np.abs(slope(s))))
+    error = float(np.max(np.abs(rates(s) - slope(s)))) / scale
+    if error <= _JACOBIAN_TOLERANCE:
+        return rates, []
+    finding = Finding(
+        "trajectory.velocity",
+        "disagreement",
+        f"joint speeds from the Jacobian differ from the derivative of the inverse by {100 * error:.2g} % "
+        "of the largest; the derivative of the inverse is used",
+        when=f"phase '{path.phase.name}'",
+        size=100 * error,
+        unit="%",
+        limit=100 * _JACOBIAN_TOLERANCE,
+        suggestion="check the Jacobian against finite differences",
+    )
+    return slope, [finding]
+
+
+def _vectors(m: Motion, limits: Limits) -> tuple[tuple[Array, Array, float, float], ...]:
+    return (
+        (m.p1, m.p2, limits.tip_speed, limits.tip_acceleration),
+        (m.w1, m.w2, limits.rotation_speed, limits.rotation_acceleration),
+    )
+
+
+def _norm_rate(d1: Array, d2: Array) -> tuple[Array, Array]:
+    """Return the first and second derivative of arc length from those of the curve."""
+    n = np.linalg.norm(d1, axis=1)
+    return n, np.einsum("ij,ij->i", d1, d2) / np.where(n > 0, n, 1.0)
+
+
+def _assemble(
+    protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, legs: list[_Leg], dt: float
+) -> Trajectory:
+    """Join the phases; where two meet, the sample of the earlier one is kept."""
+    spans: list[PhaseSpan] = []
+    waypoints: dict[str, list[int]] = {protocol.start: [0]}
+    start = 0
+    for leg in legs:
+        stop = start + len(leg.timing.t) - 1
+        p = leg.path
+        spans.append(
+            PhaseSpan(
+                name=p.phase.name,
+                type=p.phase.type,
+                start=start,
+                stop=stop,
+                t0=start * dt,
+                t1=stop * dt,
+                waypoint=p.waypoint,
+                rcm=p.rcm,
+                rcm_mode=p.rcm_mode,
+                depth0=p.depth0,
+                depth1=p.depth1,
+                optimal=leg.timing.optimal,
+                overshoot=leg.timing.overshoot,
+            )
+        )
+        if p.waypoint is not None:
+            waypoints.setdefault(p.waypoint, []).append(stop)
+        start = stop
+
+    def joined(of: Callable[[_Leg], Array]) -> Array:
+        return np.concatenate([of(leg)[min(i, 1) :] for i, leg in enumerate(legs)])
+
+    Ts = joined(lambda leg: leg.motion.Ts_base_tool)
+    Ts_frame = Ts @ T_tool_frame
+    q = joined(lambda leg: leg.q)
+    rcm, depth = np.full(len(q), np.nan), np.full(len(q), np.nan)
+    for span in spans:
+        if span.rcm is not None:
+            rows = slice(span.start, span.stop + 1)
+            rcm[rows] = rcm_error(Ts_frame[rows], protocol.shaft_axis, span.rcm)
+            shaft = Ts_frame[rows, :3, :3] @ protocol.shaft_axis
+            depth[rows] = np.einsum("ij,ij->i", Ts_frame[rows, :3, 3] - span.rcm, shaft)
+    margins = pose_margins(kinematics, Ts, q)
+    return Trajectory(
+        protocol=protocol.name,
+        robot=protocol.robot,
+        joint_names=kinematics.joint_names,
+        t=np.arange(len(q), dtype=np.float64) * dt,
+        q=q,
+        qd=joined(lambda leg: leg.qd),
+        qdd=joined(lambda leg: leg.qdd),
+        Ts_base_tool=Ts,
+        frame=protocol.frame,
+        Ts_base_frame=Ts_frame,
+        shaft_axis=protocol.shaft_axis,
+        tip_velocity=joined(lambda leg: leg.motion.p1 * leg.timing.sd[:, None]),
+        tip_acceleration=joined(lambda leg: _second(leg, leg.motion.p1, leg.motion.p2)),
+        angular_velocity=joined(lambda leg: leg.motion.w1 * leg.timing.sd[:, None]),
+        angular_acceleration=joined(lambda leg: _second(leg, leg.motion.w1, leg.motion.w2)),
+        phases=tuple(spans),
+        waypoints={name: tuple(rows) for name, rows in waypoints.items()},
+        rcm_error=rcm,
+        depth=depth,
+        limit_margin=np.minimum(q - kinematics.lower, kinematics.upper - q),
+        reach={name: m for (cause, name), m in margins.items() if cause == "reach"},
+        singularity=dict(kinematics.singularity(Ts, q)),
+    )
+
+
+def _second(leg: _Leg, first: Array, second: Array) -> Array:
+    return first * leg.timing.sdd[:, None] + second * leg.timing.sd[:, None] ** 2

@@ -1,0 +1,206 @@
+"""The one place that calls TOPP-RA: when to be where on a path, as fast as the limits allow.
+
+TOPP-RA keeps absolute tolerances, so that moves of micrometres fail or lose accuracy. Here every
+problem is made dimensionless first (time in units of the shortest conceivable duration, coordinates in
+units of their acceleration limit): a move of 1 um is the same problem to it as one of 1 m. Between grid
+points it may still overshoot a little; each result is therefore checked inside every grid interval,
+the grid is refined, and the rest is taken out by slowing the whole motion down by that little.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.errors import TimingError
+from twin.spatial import Array
+
+Derivatives = Callable[[Array], tuple[Array, Array]]
+"""s (k,) -> first and second derivatives (k, m) of the limited coordinates with respect to s."""
+
+Load = Callable[[Array, Array, Array], tuple[Array, Array]]
+"""s, ds/dt, d2s/dt2, each (k,) -> largest speed and acceleration (k,), each relative to its limit."""
+
+OVER = 1e-3
+"""Fraction by which a sample may exceed a limit; more is an error."""
+
+_REFINE = 1.01
+"""Acceleration relative to its limit, above which a finer grid is tried before slowing down."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Where on the path at which time.
+
+    Attributes:
+        t: (k,) multiples of dt in s, from 0; s, sd, sdd: (k,) path parameter and its time derivatives.
+        duration: s, a whole number of dt.
+        optimal: duration that TOPP-RA found, before slowing down and rounding up.
+        overshoot: largest speed or acceleration of TOPP-RA's result relative to its limit, minus 1.
+        knots: grid points used.
+    """
+
+    t: Array
+    s: Array
+    sd: Array
+    sdd: Array
+    duration: float
+    optimal: float
+    overshoot: float
+    knots: int
+
+
+def time_path(
+    derivatives: Derivatives,
+    max_speed: Array,
+    max_acceleration: Array,
+    *,
+    dt: float = 1e-3,
+    load: Load | None = None,
+    knots: int = 241,
+    finest: int = 961,
+) -> Timing:
+    """Return the fastest timing of a path, s from 0 to 1, from rest to rest.
+
+    Args:
+        derivatives: of the m limited coordinates, exact at any s.
+        max_speed: (m,) limits, in the units of the coordinates per second.
+        max_acceleration: (m,) likewise, per second squared.
+        dt: sampling time in s; the duration is rounded up to a multiple of it.
+        load: a stricter judge than the m coordinates, if there is one (norms of vectors).
+        knots: grid points to begin with.
+        finest: grid points at which refining ends.
+
+    Raises:
+        TimingError: TOPP-RA found no timing, or its result cannot be brought within the limits.
+    """
+    if not (np.all(np.asarray(max_speed) > 0) and np.all(np.asarray(max_acceleration) > 0)):
+        raise TimingError("every speed and acceleration limit must be positive")
+    judge = load or _plain_load(derivatives, max_speed, max_acceleration)
+    while True:
+        grid = np.linspace(0.0, 1.0, knots)
+        first, second = derivatives(grid)
+        rates = _topp(grid, first, second, max_speed, max_acceleration)
+        speed, acceleration = _peaks(grid, rates, judge)
+        if acceleration <= _REFINE or 2 * knots - 1 > finest:
+            break
+        knots = 2 * knots - 1
+    optimal = float(np.sum(2 * np.diff(grid) / (rates[1:] + rates[:-1])))
+    slower = max(1.0, speed, np.sqrt(acceleration))
+    steps = max(2, int(np.ceil(optimal * slower / dt - 1e-9)))
+    rates = rates * (optimal / (steps * dt))
+    t, s, sd, sdd = _sample(grid, rates, steps, dt)
+    worst = float(np.max(judge(s, sd, sdd)))
+    if not worst <= 1.0 + OVER:  # not reached in practice: 2e-6 is the most that was seen
+        raise TimingError(f"a sample exceeds its limit by {100 * (worst - 1):.2g} % even after slowing down")
+    return Timing(t, s, sd, sdd, steps * dt, optimal, max(speed, acceleration) - 1, knots)
+
+
+def _plain_load(derivatives: Derivatives, max_speed: Array, max_acceleration: Array) -> Load:
+    def load(s: Array, sd: Array, sdd: Array) -> tuple[Array, Array]:
+        first, second = derivatives(s)
+        v = np.abs(first * sd[:, None]) / max_speed
+        a = np.abs(first * sdd[:, None] + second * sd[:, None] ** 2) / max_acceleration
+        return np.max(v, axis=1), np.max(a, axis=1)
+
+    return load
+
+
+def _peaks(grid: Array, rates: Array, load: Load, inside: int = 5) -> tuple[float, float]:
+    """Return the largest relative speed and acceleration, looking into every grid interval."""
+    f = np.linspace(0.0, 1.0, inside)  # both ends: the path acceleration jumps at grid points
+    s = (grid[:-1, None] + np.diff(grid)[:, None] * f).ravel()
+    squares = rates**2
+    sd = np.sqrt(squares[:-1, None] * (1 - f) + squares[1:, None] * f).ravel()
+    sdd = np.repeat(np.diff(squares) / (2 * np.diff(grid)), inside)
+    speed, acceleration = load(s, sd, sdd)
+    return float(np.max(speed)), float(np.max(acceleration))
+
+
+def _sample(grid: Array, rates: Array, steps: int, dt: float) -> tuple[Array, Array, Array, Array]:
+    """Return t, s, ds/dt, d2s/dt2 at every dt: constant acceleration of s inside a grid interval."""
+    sdd_of = np.diff(rates**2) / (2 * np.diff(grid))
+    ends = np.concatenate([[0.0], np.cumsum(2 * np.diff(grid) / (rates[1:] + rates[:-1]))])
+    t = np.arange(steps + 1, dtype=np.float64) * dt
+    i = np.clip(np.searchsorted(ends, t, side="right") - 1, 0, len(sdd_of) - 1)
+    x = t - ends[i]
+    sdd = sdd_of[i]
+    sd = np.maximum(rates[i] + sdd * x, 0.0)
+    s = np.clip(grid[i] + rates[i] * x + 0.5 * sdd * x**2, 0.0, 1.0)
+    s[-1], sd[-1] = 1.0, 0.0
+    return t, s, sd, sdd
+
+
+class _Path:
+    """What TOPP-RA asks of a path; it only ever looks at the grid points."""
+
+    def __init__(self, grid: Array, first: Array, second: Array) -> None:
+        self.path_interval = np.array([grid[0], grid[-1]])
+        self.dof = first.shape[1]
+        self._tables = (np.zeros_like(first), first, second)
+
+    def __call__(self, s: Array, order: int = 0) -> Array:
+        if len(s) != len(self._tables[order]):
+            raise TimingError("TOPP-RA asked for the path away from its grid points")
+        return self._tables[order]
+
+
+def _topp(grid: Array, first: Array, second: Array, speed: Array, acceleration: Array) -> Array:
+    """Return ds/dt (k,) at the grid points.
+
+    Raises:
+        TimingError: there is none.
+    """
+    if not (np.all(np.isfinite(first)) and np.all(np.isfinite(second))):
+        raise TimingError("the path has no finite derivatives")
+    length = np.mean(np.abs(first), axis=0)
+    top = np.minimum(speed, np.sqrt(length * acceleration))
+    moves = length > 0
+    unit = float(np.max(length[moves] / top[moves], initial=0.0))  # s; the shortest conceivable duration
+    if not unit > 0:
+        raise TimingError("the path has no length")
+    size = acceleration * unit**2
+    with _quiet():
+        # toppra costs seconds to import (it loads scipy and pyplot): only when something is to be timed
+        from toppra import algorithm, constraint
+
+        limits = [
+            constraint.JointVelocityConstraint(np.array([-1.0, 1.0]) * (speed * unit / size)[:, None]),
+            constraint.JointAccelerationConstraint(
+                np.tile([-1.0, 1.0], (len(size), 1)),
+                discretization_scheme=constraint.DiscretizationType.Interpolation,
+            ),
+        ]
+        instance = algorithm.TOPPRA(
+            limits,
+            _Path(grid, first / size, second / size),
+            gridpoints=grid,
+            solver_wrapper="seidel",
+            parametrizer="ParametrizeConstAccel",
+        )
+        rates = instance.compute_parameterization(0.0, 0.0)[1]
+    if rates is None or not np.all(np.isfinite(rates)):
+        code = instance.problem_data.return_code
+        raise TimingError(f"TOPP-RA found no timing: {getattr(code, 'value', code)}")
+    if np.any(rates[1:] + rates[:-1] <= 0):
+        raise TimingError("TOPP-RA's timing stands still on the way")
+    return np.asarray(rates) / unit
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep TOPP-RA's warnings to itself: what it cannot do is raised as an error, the rest is re-checked."""
+    logger = logging.getLogger("toppra")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.setLevel(level)
