@@ -1,0 +1,405 @@
+"""The public facade: load a robot, plan a protocol, validate, build its USD stage."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from twin import assets, spatial
+from twin.errors import KinematicsError, TwinError
+from twin.spatial import Array
+
+if TYPE_CHECKING:
+    from twin.cad.build import CadModel
+    from twin.kinematics import Kinematics, Solution, Task
+    from twin.mechanism import Mechanism
+    from twin.protocol import Protocol
+    from twin.reference import ReferenceModel
+    from twin.trajectory.model import PathKinematics, Trajectory
+    from twin.validation.result import Report
+    from twin.validation.rows import Tolerances
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the fraction done of it."""
+
+STAGE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+
+
+def _silent(label: str, fraction: float) -> None:
+    """Report to nobody."""
+
+
+def names() -> list[str]:
+    """Return the names of the built-in robots."""
+    return assets.names()
+
+
+class Robot:
+    """A robot: its mechanism from the CAD (or a USD stage) and its equations.
+
+    Made by `load`. Arrays are SI; poses are T_base_tool (4, 4); q holds the active joints in the order of
+    `joints`. Heavy parts are loaded when first used.
+    """
+
+    def __init__(
+        self,
+        files: assets.RobotFiles | None,
+        stage: Path | None = None,
+        variants: Mapping[str, str] | str | None = None,
+        parameters: Mapping[str, float] | None = None,
+    ) -> None:
+        self.files = files
+        self._stage = stage
+        self._variants, self._parameters = variants, parameters
+        self.name = files.name if files is not None else stage.stem if stage is not None else ""
+
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r})"
+
+    @cached_property
+    def cad(self) -> CadModel:
+        """The mechanism as measured from the CAD, with what was found on the way; masses are not weighed.
+
+        Raises:
+            TwinError: the robot was loaded from a stage, or its description or CAD is wrong.
+        """
+        if self.files is None:
+            raise TwinError(f"{self.name} was loaded from a USD stage: it has no CAD")
+        from twin.cad.build import read_mechanism
+
+        return read_mechanism(self.files.description, with_mass=False)
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """Bodies, joints and loops, from the CAD or from the stage."""
+        if self._stage is not None:
+            from twin.stage.read import read_stage
+
+            return read_stage(self._stage)
+        return self.cad.mechanism
+
+    def kinematics(self, variants: Mapping[str, str] | str | None = None) -> Kinematics:
+        """Return the compiled equations, in the robot's variants unless others are asked for.
+
+        Raises:
+            KinematicsError: the robot has no equations, or no such variant.
+        """
+        if variants is None:
+            return self._kinematics
+        from twin.kinematics import compile_formula
+
+        return compile_formula(self._formula, variants, self._parameters)
+
+    @cached_property
+    def _kinematics(self) -> Kinematics:
+        from twin.kinematics import compile_formula
+
+        return compile_formula(self._formula, self._variants, self._parameters)
+
+    @cached_property
+    def _formula(self) -> Any:
+        from twin.robots import load_formula
+
+        if self.files is None or not self.files.formula.is_file():
+            raise KinematicsError(f"robot '{self.name}' has no equations: formula.py is missing")
+        return load_formula(self.files.formula)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Active joints, in the order of q."""
+        return tuple(j.name for j in self.mechanism.active)
+
+    @property
+    def variants(self) -> dict[str, tuple[str, ...]]:
+        """The variants of each equation that exist."""
+        return dict(self._kinematics.choices)
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """The named frames."""
+        return tuple(f.name for f in self.mechanism.frames)
+
+    def inverse(
+        self, T_base_tool: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None
+    ) -> Array:
+        """Return q (n,) for a pose (4, 4), or (k, n) for poses (k, 4, 4).
+
+        Raises:
+            KinematicsError: a pose is out of reach.
+        """
+        kin = self.kinematics(variant)
+        T = np.asarray(T_base_tool, float)
+        return kin.inverse(T, seed) if T.ndim == 2 else np.array([kin.inverse(t) for t in T])
+
+    def forward(self, q: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None) -> Array:
+        """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for (k, n), on the assembly branch of the seed pose.
+
+        Raises:
+            KinematicsError: no assembly, or not on that branch.
+        """
+        kin = self.kinematics(variant)
+        q = np.asarray(q, float)
+        return kin.forward(q, seed) if q.ndim == 1 else kin.forward_many(q, seed)
+
+    def jacobian(self, q: Array, seed: Array | None = None) -> Array:
+        """Return (6, n): the tool's twist in base, linear rows first, per rate of the active joints."""
+        kin = self._kinematics
+        return kin.jacobian(kin.forward(np.asarray(q, float), seed), q)
+
+    def solve(self, task: Task, seed: Array | None = None) -> Solution:
+        """Solve a task (a pose, a masked pose, tip and trocar, ...) by Levenberg-Marquardt within the joint limits.
+
+        Raises:
+            KinematicsError: no solution; the best iterate is attached.
+        """
+        from twin.kinematics import solve
+
+        limits = [j.limits or (-np.inf, np.inf) for j in self.mechanism.active]
+        return solve(self._kinematics, task, seed, limits)
+
+    def reference(self) -> ReferenceModel:
+        """Return the independent model: Pinocchio and loop closures, built from the mechanism alone."""
+        from twin.reference import ReferenceModel
+
+        return ReferenceModel(self.mechanism)
+
+    def protocol(self, name: str | Path | None = None) -> Protocol:
+        """Return a protocol by name or by path; without one, the robot's default.
+
+        Raises:
+            TwinError: no such protocol, or the file is wrong.
+        """
+        from twin.protocol import load_protocol
+
+        if name is not None and Path(name).suffix == ".toml":
+            return load_protocol(Path(name))
+        if self.files is None:
+            raise TwinError(f"{self.name} was loaded from a USD stage: give the path of a protocol file")
+        return load_protocol(self.files.protocol(str(name or self.cad.description.default_protocol)))
+
+    def path_kinematics(self) -> PathKinematics:
+        """Return what planning needs: the equations, with the limits that the description owns."""
+        from twin.trajectory.model import Gap, PathKinematics
+
+        kin, active = self._kinematics, self.mechanism.active
+        hard = np.array([j.limits or (-np.inf, np.inf) for j in active])
+        soft = np.array([j.soft_limits or j.limits or (-np.inf, np.inf) for j in active])
+        order = [j.name for j in active]
+        if order != list(kin.joints):
+            raise TwinError(
+                f"{self.name}: the description drives {', '.join(order)}, the equations {', '.join(kin.joints)}; "
+                "make the names and their order equal"
+            )
+        return PathKinematics(
+            joint_names=kin.joints,
+            inverse=kin.inverse_many,
+            reach=lambda Ts: kin.reach(Ts=Ts),
+            singularity=lambda Ts, q: kin.singularity(Ts=Ts, qs=q),
+            singularity_alarm={m.name: m.alarm for m in kin.formula.measures},
+            lower=hard[:, 0],
+            upper=hard[:, 1],
+            soft_lower=soft[:, 0],
+            soft_upper=soft[:, 1],
+            max_speed=np.array([j.max_speed or np.inf for j in active]),
+            max_acceleration=np.array([j.max_acceleration or np.inf for j in active]),
+            branch=lambda Ts, q: kin.branch(Ts=Ts, qs=q),
+            gaps=tuple(
+                Gap(order.index(a), order.index(b), g, f"{a}-{b}") for a, b, g in (self.cad.gaps if self.files else ())
+            ),
+            revolute=tuple(bool(r) for r in kin.revolute),
+        )
+
+
+def load(
+    robot: str | Path,
+    *,
+    variants: Mapping[str, str] | str | None = None,
+    parameters: Mapping[str, float] | None = None,
+) -> Robot:
+    """Return a robot.
+
+    Args:
+        robot: the name of a built-in robot, the path of a robot folder, or of a USD stage (mechanism only).
+        variants: variant by equation, or one name for all; default: each equation's own.
+        parameters: values in SI that replace published ones in the equations.
+
+    Raises:
+        TwinError: there is no such robot.
+    """
+    path = Path(robot)
+    if path.suffix in STAGE_SUFFIXES:
+        if not path.is_file():
+            raise TwinError(f"{path}: there is no such stage")
+        return Robot(None, path, variants, parameters)
+    return Robot(assets.files(robot), None, variants, parameters)
+
+
+def plan(robot: Robot, protocol: str | Path | Protocol | None = None, progress: Progress = _silent) -> Trajectory:
+    """Return the timed trajectory of a protocol, checked at 1 kHz.
+
+    Raises:
+        ProtocolError: it cannot be carried out; phase, place and size are named.
+        TimingError: no timing within the limits.
+    """
+    from twin.trajectory.plan import plan as plan_
+
+    chosen = protocol if _is_protocol(protocol) else robot.protocol(protocol)  # type: ignore[arg-type]
+    return plan_(
+        chosen,  # type: ignore[arg-type]
+        robot.path_kinematics(),
+        T_tool_frame=tool_frame(robot.mechanism, chosen.frame),  # type: ignore[union-attr]
+        progress=lambda phase: progress(f"plan {phase}", 0.0),
+    )
+
+
+def _is_protocol(value: object) -> bool:
+    from twin.protocol import Protocol
+
+    return isinstance(value, Protocol)
+
+
+def tool_frame(mechanism: Mechanism, frame: str) -> Array:
+    """Return T_tool_frame (4, 4) of a named frame that moves with the tool.
+
+    Raises:
+        TwinError: the frame is on another body.
+    """
+    tool, other = mechanism.frame(mechanism.tool), mechanism.frame(frame)
+    if tool.body != other.body:
+        raise TwinError(f"frame '{frame}' is on body '{other.body}', the tool on '{tool.body}': they move apart")
+    return spatial.inverse(tool.T_body_frame) @ other.T_body_frame
+
+
+def validate(
+    robot: Robot,
+    trajectory: Trajectory | None = None,
+    *,
+    protocol: str | Path | None = None,
+    variants: Mapping[str, str] | str | None = None,
+    tolerances: Tolerances | None = None,
+    stage: Path | None = None,
+    progress: Progress = _silent,
+) -> Report:
+    """Judge the equations against the mechanism along a protocol, and the mechanism against its USD stage.
+
+    Args:
+        robot: with CAD and equations.
+        trajectory: as planned, or None to plan now.
+        protocol: its protocol; default the robot's default protocol.
+        variants: the variants to judge; the motion is always planned with the robot's own.
+        tolerances: what counts as agreement; default: that of exact geometry, widened by what the CAD's
+            placements lost.
+        stage: root layer to judge; default the robot's own, or a fresh one if that is missing or stale.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: something is missing or wrong, so that nothing could be judged.
+    """
+    from twin.units import UM
+    from twin.validation.judge import Case, judge
+    from twin.validation.rows import Tolerances
+
+    progress("read CAD", 0.0)
+    cad = robot.cad
+    if tolerances is None:
+        lost = max((f.size or 0.0 for f in cad.findings if f.code == "cad.placement_precision"), default=0.0)
+        tolerances = Tolerances().widened(10 * lost * UM) if lost else Tolerances()
+    name = protocol or (trajectory.protocol if trajectory is not None else None)
+    chosen = robot.protocol(name)
+    if trajectory is None:
+        trajectory = plan(robot, chosen, progress)
+    with contextlib.nullcontext(stage) if stage is not None else fresh_stage(robot) as root:
+        case = Case(robot.kinematics(variants), cad, chosen, trajectory, root, tolerances)
+        return judge(case, progress)
+
+
+@contextlib.contextmanager
+def fresh_stage(robot: Robot) -> Iterator[Path]:
+    """Yield the robot's USD stage if it was made from the present CAD, else one rebuilt in a temporary folder."""
+    from twin.cad.build import fingerprint, read_mechanism
+    from twin.errors import StageError
+    from twin.stage.read import read_stage
+
+    assert robot.files is not None
+    if robot.files.stage.is_file():
+        with contextlib.suppress(StageError):
+            if fingerprint(robot.files.description) in read_stage(robot.files.stage).source:
+                yield robot.files.stage
+                return
+    with tempfile.TemporaryDirectory(prefix="twin-usd-") as folder:
+        yield _write(read_mechanism(robot.files.description), Path(folder))
+
+
+def build(
+    robot: Robot,
+    folder: Path | None = None,
+    *,
+    protocols: tuple[str, ...] | None = None,
+    progress: Progress = _silent,
+) -> list[Path]:
+    """Write the robot's USD stage: meshes, masses, joints, and one baked motion for each protocol.
+
+    Args:
+        robot: with CAD; equations are needed for motions.
+        folder: where to; default: usd/<robot>/ in a checkout, the folder's usd/ for a robot of one's own.
+        protocols: which to bake; default all.
+        progress: see `Progress`.
+
+    Returns:
+        The files written, root layer first.
+
+    Raises:
+        OutputError: the folder cannot be written; nothing half-written is left.
+    """
+    from twin.cad.build import read_mechanism
+
+    if robot.files is None:
+        raise TwinError(f"{robot.name} is a stage already")
+    if folder is None:
+        if not assets.is_checkout() and robot.name in names():
+            raise TwinError("the installed data is read-only: say where to write with --out")
+        folder = robot.files.usd
+    progress("read CAD, weigh parts", 0.0)
+    cad = robot.cad = read_mechanism(robot.files.description, with_mass=True)
+    chosen = tuple(robot.files.protocols()) if protocols is None else protocols
+    with assets.atomic_folder(folder) as work:
+        root = _write(cad, work)
+        for i, name in enumerate(chosen):
+            progress(f"bake {name}", i / len(chosen))
+            _bake(robot, cad.mechanism, name, work)
+        written = sorted(p.relative_to(work) for p in work.rglob("*") if p.is_file())
+        first = root.relative_to(work)
+    return [folder / first, *(folder / p for p in written if p != first)]
+
+
+def _write(cad: CadModel, folder: Path) -> Path:
+    """Write the stage with its loops closed as drawn."""
+    from twin.reference import ReferenceModel
+    from twin.stage.write import write_stage
+
+    home = ReferenceModel(cad.mechanism).home()
+    return write_stage(cad.mechanism, folder, _rounded(home.link_poses), home.q_full).root
+
+
+def _bake(robot: Robot, mechanism: Mechanism, protocol: str, folder: Path) -> None:
+    from twin.reference import ReferenceModel
+    from twin.stage.write import Motion, write_motion
+    from twin.validation.judge import joint_values, key_times
+
+    trajectory = plan(robot, protocol)
+    times = key_times(trajectory)
+    model = ReferenceModel(mechanism)
+    run = model.run(joint_values(robot.kinematics(), trajectory, times))
+    values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
+    write_motion(mechanism, folder, Motion(protocol, times, _rounded(model.link_poses(run.x)), values))
+
+
+def _rounded(poses: Mapping[str, Array]) -> dict[str, Array]:
+    """Return poses rounded to 1e-13, so that the last bits of a processor do not reach the file."""
+    return {name: np.round(T, 13) + 0.0 for name, T in poses.items()}

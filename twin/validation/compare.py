@@ -1,0 +1,367 @@
+"""A against B: the published equations against the independent model, cause separated from consequence.
+
+The protocol gives tool poses. The mechanism is solved twice: for the poses (which joint values would take the
+tool there?) and for the equations' joint values (where would they take it?). Each printed equation is judged
+on its own input: the points that an equation places against the CAD's points at the same pose, and the joint
+values that an equation makes of the CAD's points against the mechanism's. What follows from an error that is
+already located is reported as its consequence, not as another error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+
+from twin.errors import AssemblyError
+from twin.findings import Finding
+from twin.kinematics import Kinematics
+from twin.reference import ReferenceModel, Run
+from twin.spatial import Array
+from twin.trajectory.model import Trajectory
+from twin.units import DEG, MM
+from twin.validation.result import Quantity, Residual
+from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
+
+COARSE = 10
+"""Joints, points, speeds and the stage are compared at every tenth sample, tool and loops at every one."""
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass
+class Comparison:
+    """Rows, findings and curves of one comparison, being collected."""
+
+    residuals: list[Residual] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+    series: dict[str, Array] = field(default_factory=dict)
+    facts: dict[str, dict[str, str]] = field(default_factory=dict)
+    driven: Run | None = None
+    """The mechanism driven by the equations' joint values, at every sample; None if it cannot be assembled."""
+
+    coarse: Array = field(default_factory=lambda: np.zeros(0, int))
+    """The samples that are compared coarsely."""
+
+
+def compare(
+    kin: Kinematics,
+    model: ReferenceModel,
+    trajectory: Trajectory,
+    clock: Clock,
+    tolerances: Tolerances,
+    progress: Progress,
+) -> Comparison:
+    """Return rows and findings of the equations `kin` against the independent model along a trajectory."""
+    out = Comparison()
+    rows = _coarse_rows(trajectory)
+    out.coarse = rows
+    coarse = clock.at(rows)
+    Ts = trajectory.Ts_base_tool
+    q = kin.inverse_many(Ts)
+    out.series |= {"q": q, "t_coarse": coarse.t}
+    if not np.isfinite(q).all():
+        k = int(np.argmin(np.isfinite(q).all(axis=1)))
+        out.findings.append(
+            Finding(
+                "driven.no_answer",
+                "disagreement",
+                f"the equations give no joint values for {np.sum(~np.isfinite(q).all(axis=1))} of {len(q)} tool "
+                f"poses that the mechanism can take ({', '.join(f'{n} {v}' for n, v in kin.variants.items())})",
+                where=", ".join(j for j, bad in zip(kin.joints, ~np.isfinite(q[k]), strict=True) if bad),
+                when=f"{clock.phase(float(clock.t[k]))}, t = {clock.t[k]:.2f} s",
+            )
+        )
+
+    posed = model.run_poses(Ts[rows], progress=lambda f: progress("mechanism at the tool poses", f))
+    blamed = _points(kin, model, posed, Ts[rows], out, coarse, tolerances)
+    blamed_joints = _driven(kin, posed, q[rows], blamed, out, coarse, tolerances)
+    _passive(kin, posed, Ts[rows], blamed, out, coarse, tolerances)
+    _tool(kin, model, trajectory, q, blamed or blamed_joints, out, clock, tolerances, progress)
+    if out.driven is not None and not blamed_joints:
+        _rates(model, trajectory, out, rows, coarse, tolerances)
+    return out
+
+
+def _coarse_rows(trajectory: Trajectory) -> Array:
+    ends = [p.stop for p in trajectory.phases]
+    return np.unique(np.concatenate([np.arange(0, len(trajectory.t), COARSE), ends, [len(trajectory.t) - 1]]))
+
+
+def _equation_of(kin: Kinematics, symbols: tuple[str, ...]) -> str:
+    """Return the equation that yields a symbol, with the variant in use, for messages."""
+    for equation in kin.formula.equations:
+        if equation.stage != "helper" and set(symbols) & set(equation.outputs):
+            variant = kin.variants.get(equation.name, equation.default)
+            return f"{equation.name} ({variant})"
+    return ""
+
+
+def _points(
+    kin: Kinematics,
+    model: ReferenceModel,
+    posed: Run,
+    Ts: Array,
+    out: Comparison,
+    clock: Clock,
+    tolerances: Tolerances,
+) -> str:
+    """Judge where the equations place the named points when the tool is where it should be.
+
+    Returns the first row that disagrees, or "".
+    """
+    points = {n: p for n, p in kin.points_many(Ts=Ts, qs=posed.q).items() if n in posed.points}
+    blamed = ""
+    for name, value in points.items():
+        symbols = kin.formula.points[name]
+        equation = _equation_of(kin, (symbols,) if isinstance(symbols, str) else symbols)
+        difference = value - posed.points[name]
+        out.series[f"residual_point.{name}"] = np.linalg.norm(difference, axis=1)
+        # A point that no printed equation yields (an apex) follows from those that one does.
+        cause = blamed if not equation else ""
+        r = row(
+            "A-B",
+            "point",
+            name,
+            "m",
+            difference,
+            tolerances.position,
+            clock,
+            consequence_of=cause,
+            note=equation,
+        )
+        out.residuals.append(r)
+        if not r.agrees:
+            by = f" by {equation}" if equation else ""
+            _add(out, r, f"point {name}{by} is {text(r.worst, 'm')} off where the CAD has it, in {r.component}")
+            blamed = blamed or name
+    _distances(model, points, posed, out, clock, tolerances, blamed)
+    return blamed
+
+
+def _distances(
+    model: ReferenceModel,
+    points: Mapping[str, Array],
+    posed: Run,
+    out: Comparison,
+    clock: Clock,
+    tolerances: Tolerances,
+    blamed: str,
+) -> None:
+    """Judge whether points of one body keep their distances: equations that break them describe no rigid body."""
+    on: dict[str, list[str]] = {}
+    for point in model.mechanism.points:
+        if point.name in points:
+            on.setdefault(point.body, []).append(point.name)
+    ends = [int(np.argmin(np.abs(clock.t - t))) for t in (clock.phases[0].t0, *(p.t1 for p in clock.phases))]
+    for body, names in on.items():
+        for a, b in combinations(names, 2):
+            length = np.linalg.norm(points[a] - points[b], axis=1)
+            true = np.linalg.norm(posed.points[a] - posed.points[b], axis=1)
+            at = {"start": 0} | {p.name: i for p, i in zip(clock.phases, ends[1:], strict=True)}
+            out.facts.setdefault("distances by the equations, mm (start, end of each phase)", {})[
+                f"{a}-{b} (CAD {true[0] / MM:.3f})"
+            ] = ", ".join(f"{n} {length[i] / MM:.3f}" for n, i in at.items())
+            r = row(
+                "A-B",
+                "point",
+                f"{a}-{b}",
+                "m",
+                length - true,
+                tolerances.position,
+                clock,
+                consequence_of=blamed,
+                note=f"distance on '{body}'",
+            )
+            out.residuals.append(r)
+            if not r.agrees:
+                i = int(np.argmax(np.abs(length - true)))
+                out.findings.append(
+                    Finding(
+                        "points.not_rigid",
+                        "disagreement",
+                        f"the equations make {a}-{b} {length[0] / MM:.3f} mm at the start and "
+                        f"{length[i] / MM:.3f} mm at worst; on '{body}' in the CAD it is {true[0] / MM:.3f} mm: "
+                        "they describe no rigid body",
+                        where=f"{a}, {b}",
+                        when=f"{r.phase}, t = {r.t:.2f} s",
+                        size=r.worst / MM,
+                        unit="mm",
+                        limit=tolerances.position / MM,
+                    )
+                )
+
+
+def _driven(
+    kin: Kinematics,
+    posed: Run,
+    q: Array,
+    blamed: str,
+    out: Comparison,
+    clock: Clock,
+    tolerances: Tolerances,
+) -> str:
+    """Judge the joint values: those of the whole chain, and those made of the CAD's own points."""
+    alone = None
+    if kin.closed_inverse and kin.formula.points:
+        names = [n for n, s in kin.formula.points.items() if _equation_of(kin, (s,) if isinstance(s, str) else s)]
+        if names and all(n in posed.points for n in names):
+            alone = kin.joints_from_points({n: posed.points[n] for n in names})
+    first = ""
+    equation = _equation_of(kin, kin.joints)
+    for i, joint in enumerate(kin.joints):
+        if not np.isfinite(q[:, i]).any():
+            continue
+        unit = "rad" if kin.revolute[i] else "m"
+        tolerance = tolerances.rotation if kin.revolute[i] else tolerances.position
+        out.series[f"residual_driven.{joint}"] = np.abs(q[:, i] - posed.q[:, i])
+        innocent = alone is not None and float(np.abs(alone[:, i] - posed.q[:, i]).max()) <= tolerance
+        cause = blamed if blamed and innocent else ""
+        r = row(
+            "A-B", "driven", joint, unit, q[:, i] - posed.q[:, i], tolerance, clock, consequence_of=cause, note=equation
+        )
+        out.residuals.append(r)
+        if not r.agrees:
+            first = first or joint
+            because = f", because {blamed} is off" if cause else f" by {equation}"
+            _add(
+                out,
+                r,
+                f"carriage {joint}{because} is {text(r.worst, unit)} from where the mechanism has it"
+                if unit == "m"
+                else f"joint {joint}{because} is {text(r.worst, unit)} off",
+            )
+    if alone is not None and blamed:
+        out.facts.setdefault("equations by themselves", {})[equation] = (
+            f"given the CAD's own points it yields the joints to {text(float(np.abs(alone - posed.q).max()), 'm')}"
+        )
+    return first
+
+
+def _passive(
+    kin: Kinematics, posed: Run, Ts: Array, blamed: str, out: Comparison, clock: Clock, tolerances: Tolerances
+) -> None:
+    for name, value in kin.passive_many(Ts=Ts, qs=posed.q).items():
+        if name not in posed.q_passive:
+            continue
+        difference = np.angle(np.exp(1j * (value - posed.q_passive[name])))  # to within a turn
+        r = row("A-B", "passive", name, "rad", difference, tolerances.rotation, clock, consequence_of=blamed)
+        out.residuals.append(r)
+        if not r.agrees:
+            _add(out, r, f"passive joint {name} is {text(r.worst, 'rad')} from the mechanism's")
+
+
+def _tool(
+    kin: Kinematics,
+    model: ReferenceModel,
+    trajectory: Trajectory,
+    q: Array,
+    blamed: str,
+    out: Comparison,
+    clock: Clock,
+    tolerances: Tolerances,
+    progress: Progress,
+) -> None:
+    """Drive the mechanism with the equations' joint values and judge where the tool goes."""
+    Ts = trajectory.Ts_base_tool
+    if not np.isfinite(q).all():
+        return
+    try:
+        run = model.run(q, progress=lambda f: progress("mechanism driven by the equations", f))
+    except AssemblyError as error:
+        out.findings.append(
+            Finding(
+                "tool.no_assembly",
+                "disagreement",
+                f"driven to the joint values of the equations the mechanism cannot be assembled ({error})",
+                where=", ".join(kin.joints) if blamed else "mechanism",
+                when=f"{clock.phase(0.0)}, from the start",
+                suggestion=f"a consequence of {blamed}: mend that first" if blamed else "",
+            )
+        )
+        return
+    out.driven = run
+    cause = blamed
+    offset, turn = run.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3], rotation_vectors(Ts, run.Ts_base_tool)
+    out.series |= {
+        "residual_tool": np.linalg.norm(offset, axis=1),
+        "residual_rotation": np.linalg.norm(turn, axis=1),
+        "p_tool_B": run.Ts_base_tool[out.coarse, :3, 3],
+    }
+    for name, unit, values, tolerance in (
+        ("tool", "m", offset, tolerances.position),
+        ("tool", "rad", turn, tolerances.rotation),
+    ):
+        r = row("A-B", "tool", name, unit, values, tolerance, clock, consequence_of=cause)
+        out.residuals.append(r)
+        if not r.agrees:
+            _add(out, r, f"driven by the equations the tool is {text(r.worst, unit)} from where they say")
+    for i, loop in enumerate(run.loop_names):
+        r = row("B", "loop", loop, "m", run.gaps[:, i, 0], tolerances.loop, clock)
+        turned = row("B", "loop", loop, "rad", run.gaps[:, i, 1], tolerances.rotation, clock)
+        for gap in (r, turned) if model.mechanism.joint(loop).type != "spherical" else (r,):
+            out.residuals.append(gap)
+            if not gap.agrees:
+                _add(
+                    out,
+                    gap,
+                    f"loop {loop} does not close: {text(gap.worst, gap.unit)} remain in the "
+                    "least-squares sense; the parts of this limb do not fit",
+                )
+
+
+def _rates(
+    model: ReferenceModel,
+    trajectory: Trajectory,
+    out: Comparison,
+    rows: Array,
+    clock: Clock,
+    tolerances: Tolerances,
+) -> None:
+    """Judge speed and acceleration of the tool: the protocol's against the mechanism's constraint Jacobian."""
+    run = out.driven
+    assert run is not None
+    twist, acceleration = model.rates(run.x[rows], trajectory.qd[rows], trajectory.qdd[rows])
+    lever = trajectory.Ts_base_tool[rows, :3, 3] - trajectory.Ts_base_frame[rows, :3, 3]
+    w, dw = trajectory.angular_velocity[rows], trajectory.angular_acceleration[rows]
+    v = trajectory.tip_velocity[rows] + np.cross(w, lever)
+    a = trajectory.tip_acceleration[rows] + np.cross(dw, lever) + np.cross(w, np.cross(w, lever))
+    out.series |= {"v_tool_B": twist[:, :3], "a_tool_B": acceleration[:, :3]}
+    for quantity, unit, difference, tolerance in (
+        ("speed", "m/s", twist[:, :3] - v, tolerances.speed),
+        ("speed", "rad/s", twist[:, 3:] - w, 10 * tolerances.speed),
+        ("acceleration", "m/s2", acceleration[:, :3] - a, tolerances.acceleration),
+        ("acceleration", "rad/s2", acceleration[:, 3:] - dw, 10 * tolerances.acceleration),
+    ):
+        kind: Quantity = "speed" if quantity == "speed" else "acceleration"
+        r = row("A-B", kind, "tool", unit, difference, tolerance, clock)
+        out.residuals.append(r)
+        if not r.agrees:
+            _add(out, r, f"the tool's {quantity} differs by {text(r.worst, unit)}")
+
+
+def _add(out: Comparison, r: Residual, message: str) -> None:
+    """Add a disagreement for a row, or a note if the row is a consequence of another."""
+    scale, unit = (MM, "mm" + r.unit[1:]) if r.unit.startswith("m") else (DEG, "deg" + r.unit[3:])
+    out.findings.append(
+        Finding(
+            f"{r.quantity}.differs",
+            "info" if r.consequence_of else "disagreement",
+            message,
+            where=r.name + (f" ({r.component})" if r.component else ""),
+            when=f"{r.phase}, t = {r.t:.2f} s",
+            size=r.worst / scale,
+            unit=unit,
+            limit=None if r.tolerance is None else r.tolerance / scale,
+            suggestion=f"a consequence of {r.consequence_of}" if r.consequence_of else "",
+        )
+    )
+
+
+def angles_zyx(Ts: Array) -> Array:
+    """Return psi, theta, phi (k, 3) in rad of poses (k, 4, 4), R = Rz Ry Rx."""
+    R = Ts[:, :3, :3]
+    theta = np.arctan2(-R[:, 2, 0], np.hypot(R[:, 0, 0], R[:, 1, 0]))
+    return np.stack([np.arctan2(R[:, 1, 0], R[:, 0, 0]), theta, np.arctan2(R[:, 2, 1], R[:, 2, 2])], axis=1)

@@ -1,0 +1,139 @@
+"""What `validate` returns: plain data, ready for JSON, HTML and plots."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+from twin.findings import EXIT_CODES, Finding, Verdict, by_severity, verdict
+from twin.provenance import Parameter
+from twin.spatial import Array
+
+Quantity = Literal["tool", "point", "driven", "passive", "loop", "speed", "acceleration", "baked", "rcm"]
+
+
+@dataclass(frozen=True)
+class Residual:
+    """One row of the residual matrix.
+
+    Attributes:
+        pair: which sides are compared: "A-B" formula and mechanism, "B-C" mechanism and stage read back,
+            "B-D" mechanism and baked motion, "B" the mechanism by itself (loop gaps, RCM).
+        quantity: what is compared.
+        name: named point, joint, loop, or "tool".
+        unit: "m", "rad", "m/s", "rad/s", "m/s2" or "rad/s2".
+        worst, rms: over all samples, in `unit`.
+        tolerance: largest value that counts as agreement, or None if the row is for information.
+        t, phase: when the worst value occurs.
+        component: direction in which it is largest ("x", "y", "z") or "".
+        samples: how many samples were compared.
+        consequence_of: the row that explains this one, or "".
+        note: what a reader should know about this row, or "".
+    """
+
+    pair: str
+    quantity: Quantity
+    name: str
+    unit: str
+    worst: float
+    rms: float
+    tolerance: float | None
+    t: float
+    phase: str
+    component: str = ""
+    samples: int = 0
+    consequence_of: str = ""
+    note: str = ""
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the row is within its tolerance (rows for information always are)."""
+        return self.tolerance is None or self.worst <= self.tolerance
+
+
+@dataclass(frozen=True)
+class PhaseSummary:
+    """One phase of the protocol: name, type, start and end in s, registered RCM (3,) in m, if any."""
+
+    name: str
+    type: str
+    t0: float
+    t1: float
+    rcm: tuple[float, float, float] | None = None
+    rcm_mode: str = ""
+
+
+@dataclass(frozen=True)
+class Report:
+    """The judgement of one robot on one protocol.
+
+    Attributes:
+        robot, title, source: what was judged.
+        protocol, protocol_title: along what.
+        variants: chosen variant by equation, and `reasons` why the default differs from the printed one.
+        residuals: the residual matrix.
+        findings: from CAD, protocol, comparison, stage and clearance; they decide the verdict.
+        phases: of the protocol, in order.
+        parameters: of the formula and of the description, with provenance.
+        facts: short statements with figures (mobility, mass, sample rates, sensitivity, ...), by heading.
+        environment: versions and machine.
+        series: curves for plots, time first. Keys: "t", "q", "qd", "qdd" (k, n); "p_tool", "v_tool", "a_tool"
+            (k, 3); "angles" (k, 3) rad; "residual_tool" (k,) m, "residual_rotation" (k,) rad;
+            "rcm_error" (k,) m (NaN where none is registered); "limit_margin" (k,) m;
+            "singularity.<name>" (k,); "reach.<name>" (k,) m; "clearance_t" (j,), "clearance" (j,) m;
+            "residual_driven.<joint>" and "residual_point.<name>" on "t_coarse" (c,).
+        joint_names: for the second axis of q.
+    """
+
+    robot: str
+    title: str
+    source: str
+    protocol: str
+    protocol_title: str
+    variants: Mapping[str, str]
+    reasons: Mapping[str, str]
+    residuals: tuple[Residual, ...]
+    findings: tuple[Finding, ...]
+    phases: tuple[PhaseSummary, ...]
+    parameters: tuple[Parameter, ...]
+    facts: Mapping[str, Mapping[str, str]]
+    environment: Mapping[str, str]
+    joint_names: tuple[str, ...]
+    series: Mapping[str, Array] = field(default_factory=dict, repr=False)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return "agree", "disagree" or "unchecked"."""
+        return verdict(self.findings)
+
+    @property
+    def exit_code(self) -> int:
+        """Return 0 agree, 1 disagree, 2 could not check."""
+        return EXIT_CODES[self.verdict]
+
+    @property
+    def assumed(self) -> tuple[Parameter, ...]:
+        """Return the parameters that nobody has published."""
+        return tuple(p for p in self.parameters if p.provenance == "ASSUMED")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data; the curves are left out."""
+        return {
+            "schema": "twin.report/1",
+            "robot": self.robot,
+            "protocol": self.protocol,
+            "verdict": self.verdict,
+            "variants": dict(self.variants),
+            "residuals": [asdict(r) | {"agrees": r.agrees} for r in self.residuals],
+            "findings": [f.as_dict() for f in by_severity(self.findings)],
+            "phases": [asdict(p) for p in self.phases],
+            "parameters": [asdict(p) for p in self.parameters],
+            "facts": {k: dict(v) for k, v in self.facts.items()},
+            "environment": dict(self.environment),
+        }
+
+    def to_json(self) -> str:
+        """Return the report as JSON text."""
+        return json.dumps(self.as_dict(), indent=2, allow_nan=True)

@@ -1,0 +1,126 @@
+"""From arrays of differences to rows of the residual matrix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin import spatial
+from twin.spatial import Array
+from twin.units import DEG, MM, UM
+from twin.validation.result import PhaseSummary, Quantity, Residual
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """What counts as agreement, SI.
+
+    The defaults are for geometry read in double precision: far below any drawing error, far above rounding.
+
+    Attributes:
+        position, rotation: between formula and mechanism (m, rad); prismatic joints use the first.
+        loop: gap of a closed loop in m.
+        stage_position, stage_rotation: between mechanism and stage read back (UsdPhysics frames are float32).
+        baked_position, baked_rotation: of baked link poses at their time codes.
+        speed, acceleration: of the tool, m/s and rad/s, m/s2 and rad/s2.
+        rcm: in m, for the mechanism's own motion about an enforced RCM.
+    """
+
+    position: float = 1e-9
+    rotation: float = 1e-8
+    loop: float = 1e-11
+    stage_position: float = 5e-7
+    stage_rotation: float = 5e-6
+    baked_position: float = 1e-9
+    baked_rotation: float = 2e-7
+    speed: float = 1e-6
+    acceleration: float = 1e-4
+    rcm: float = 1e-9
+
+    def widened(self, position: float) -> Tolerances:
+        """Return tolerances for geometry that is only known to `position` m; angles by a lever of 0.1 m."""
+        p = max(position, self.position)
+        r = max(position / 0.1, self.rotation)
+        return Tolerances(
+            p,
+            r,
+            max(self.loop, p),
+            max(self.stage_position, p),
+            max(self.stage_rotation, r),
+            self.baked_position,
+            self.baked_rotation,
+            max(self.speed, 10 * p),
+            max(self.acceleration, 100 * p),
+            max(self.rcm, p),
+        )
+
+
+@dataclass(frozen=True)
+class Clock:
+    """When each compared sample is: times (k,) in s and the phases they fall in."""
+
+    t: Array
+    phases: tuple[PhaseSummary, ...]
+
+    def phase(self, t: float) -> str:
+        """Return the name of the phase at a time."""
+        return next((p.name for p in self.phases if t <= p.t1 + 1e-9), self.phases[-1].name if self.phases else "")
+
+    def at(self, rows: Array) -> Clock:
+        """Return the clock of some of the samples."""
+        return Clock(self.t[rows], self.phases)
+
+
+def row(
+    pair: str,
+    quantity: Quantity,
+    name: str,
+    unit: str,
+    differences: Array,
+    tolerance: float | None,
+    clock: Clock,
+    **more: str,
+) -> Residual:
+    """Return one row from differences (k,) or (k, 3); vectors count by their length, and name their directions."""
+    values = np.linalg.norm(differences, axis=-1) if differences.ndim > 1 else np.abs(differences)
+    i = int(np.argmax(np.where(np.isnan(values), -1.0, values))) if len(values) else 0
+    component = ""
+    if differences.ndim > 1 and values[i] > 0:
+        parts = np.abs(differences).max(axis=0)
+        component = ", ".join(a for a, v in zip("xyz", parts, strict=True) if v > 0.05 * parts.max())
+    return Residual(
+        pair,
+        quantity,
+        name,
+        unit,
+        float(values[i]),
+        float(np.sqrt(np.nanmean(values**2))),
+        tolerance,
+        float(clock.t[i]),
+        clock.phase(float(clock.t[i])),
+        component,
+        len(values),
+        **more,
+    )
+
+
+def rotation_vectors(Ts: Array, others: Array) -> Array:
+    """Return rotation vectors (k, 3) in rad, in base, that turn poses Ts (k, 4, 4) into the others."""
+    return spatial.log_so3(others[:, :3, :3] @ np.swapaxes(Ts[:, :3, :3], 1, 2))
+
+
+def show(value: float, unit: str) -> tuple[float, str]:
+    """Return a number and unit for people: mm, µm or nm for lengths, degrees for angles."""
+    if unit.startswith("m"):
+        for scale, name in ((MM, "mm"), (UM, "µm")):
+            if value >= 0.1 * scale:
+                return value / scale, name + unit[1:]
+        return value * 1e9, "nm" + unit[1:]
+    return value / DEG, "°" + unit[3:]
+
+
+def text(value: float, unit: str) -> str:
+    """Return a number with its unit for a sentence."""
+    number, name = show(value, unit)
+    return f"{number:.4g}{'' if name.startswith('°') else ' '}{name}"
