@@ -1,0 +1,38 @@
+"""Equations in CasADi: the contract of a formula file, its compilation, the solvers.
+
+Importing this package imports CasADi; nothing above it should do so before it needs an equation.
+"""
+
+from twin.kinematics.compile import Kinematics, compile_formula
+from twin.kinematics.contract import (
+    ActiveJoint,
+    Aspect,
+    Coordinates,
+    Equation,
+    Formula,
+    Measure,
+    Mode,
+    check_formula,
+)
+from twin.kinematics.solve import Joints, Pose, Position, Solution, Task, Tip, Trocar, solve
+
+__all__ = [
+    "ActiveJoint",
+    "Aspect",
+    "Coordinates",
+    "Equation",
+    "Formula",
+    "Joints",
+    "Kinematics",
+    "Measure",
+    "Mode",
+    "Pose",
+    "Position",
+    "Solution",
+    "Task",
+    "Tip",
+    "Trocar",
+    "check_formula",
+    "compile_formula",
+    "solve",
+]

@@ -1,0 +1,205 @@
+"""From joints to the pose, also where no equation leads that way; and back, where none leads that way.
+
+A parallel robot's forward kinematics is the root of q(T) - q: Newton from a seed pose, then
+Levenberg-Marquardt, then every assembly that the formula can enumerate. The branch label of the answer is
+checked: a Newton step can jump to another assembly that has the same joints.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twin import spatial
+from twin.errors import KinematicsError
+from twin.spatial import Array
+
+if TYPE_CHECKING:
+    from twin.kinematics.compile import Kinematics
+
+FORWARD_TOL = 1e-11
+"""Norm of the error of the joints, in m or rad, at which a forward solution is accepted."""
+
+_SAME_POSE = 1e-6
+"""Poses that differ by less than this, in m and rad, are one assembly."""
+
+_TRAVEL = 0.5
+"""Farthest that Newton may go from a seed: rad, or translation by the characteristic length. Beyond it the
+answer might be on another branch, and the way there is walked in steps."""
+
+
+def forward(kin: Kinematics, q: Array, seed: Array | None) -> Array:
+    """Return the pose (4, 4) at q (n,); see `Kinematics.forward`."""
+    if kin.closed_forward:
+        T = kin.program.forward.one(q)
+        if not np.isfinite(T).all():
+            raise KinematicsError(f"{kin.formula.name}: the equations have no real solution at q = {q}.")
+        return T
+    kin.need_six_joints()
+    if not np.isfinite(q).all():
+        raise KinematicsError(f"{kin.formula.name}: q = {q} is not finite.")
+    if seed is not None:
+        return _from_seed(kin, q, seed)
+    return _cold(kin, q)
+
+
+def forward_many(kin: Kinematics, qs: Array, seed: Array | None) -> Array:
+    """Return poses (k, 4, 4) at qs (k, n); see `Kinematics.forward_many`."""
+    if kin.closed_forward:
+        Ts = kin.program.forward.many(qs)
+        Ts[~np.isfinite(Ts).all(axis=(1, 2))] = np.nan
+        return Ts
+    kin.need_six_joints()
+    out = np.full((len(qs), 4, 4), np.nan)
+    seeds = seed if seed is not None and seed.ndim == 3 else None
+    if seeds is not None:
+        out = _newton_many(kin, qs, seeds)
+    for i in np.flatnonzero(np.isnan(out[:, 0, 0])):
+        if not np.isfinite(qs[i]).all():
+            continue
+        start = seeds[i] if seeds is not None else seed
+        try:
+            out[i] = _cold(kin, qs[i]) if start is None else _from_seed(kin, qs[i], start)
+        except KinematicsError:
+            continue
+        seed = out[i] if seeds is None else None
+    return out
+
+
+def branches(kin: Kinematics, q: Array) -> list[Array]:
+    """Return all assemblies at q (n,); see `Kinematics.branches`."""
+    if kin.closed_forward:
+        return [forward(kin, q, None)]
+    if kin.formula.branches is None:
+        raise KinematicsError(f"{kin.formula.name}: the formula has no enumeration of its assemblies.")
+    symbols = dict(zip(kin.mode.order, q, strict=True))
+    ordered = np.array([symbols[j] for j in kin.joints])
+    found: list[Array] = []
+    for T in kin.formula.branches(ordered, kin.parameters, kin.variants):
+        polished, error, _, _ = _newton(kin, q, T)
+        if error <= FORWARD_TOL and all(_distance(polished, other) > _SAME_POSE for other in found):
+            found.append(polished)
+    if not found:
+        return []
+    scores = _score(kin, np.array(found))
+    return [found[i] for i in np.argsort(-scores, kind="stable")]
+
+
+def inverse_by_solver(kin: Kinematics, T: Array, seed: object) -> Array:
+    """Return q (n,) at a pose (4, 4) for a formula that only goes forward."""
+    from twin.kinematics.solve import Pose, solve
+
+    return solve(kin, Pose(T), seed=seed).q  # type: ignore[arg-type]
+
+
+def inverse_by_solver_many(kin: Kinematics, Ts: Array) -> Array:
+    """Return q (k, n) at poses (k, 4, 4), each from the one before it; NaN rows where there is none."""
+    out, seed = np.full((len(Ts), len(kin.joints)), np.nan), None
+    for i, T in enumerate(Ts):
+        try:
+            out[i] = seed = inverse_by_solver(kin, T, seed)
+        except KinematicsError:
+            continue
+    return out
+
+
+def _from_seed(kin: Kinematics, q: Array, seed: Array) -> Array:
+    from twin.kinematics.solve import Joints, descend
+
+    label = np.sign(kin.program.group["aspect"].one(seed.ravel()))
+    T, error, travel, signs = _newton(kin, q, seed)
+    if error <= FORWARD_TOL and travel < _TRAVEL and (signs == label).all():
+        return T
+    # Far from the seed Newton may jump; walking there in steps of q keeps to the branch.
+    q_seed = kin.program.inverse.one(seed.ravel())[:-1]
+    T = seed
+    if np.isfinite(q_seed).all():
+        for s in np.linspace(0, 1, 9)[1:]:
+            T, error, travel, signs = _newton(kin, q_seed + s * (q - q_seed), T)
+            if not (error <= FORWARD_TOL and travel < _TRAVEL and (signs == label).all()):
+                break
+        else:
+            return T
+    result = descend(kin, Joints(q), seed)
+    best, error, _, signs = _newton(kin, q, result.T)
+    if error <= FORWARD_TOL and (signs == label).all():
+        return best
+    if kin.formula.branches is not None:  # no way led there: the path of q may leave the workspace
+        others = [T for T in branches(kin, q) if _signs(kin, T, label)]
+        if others:
+            return min(others, key=lambda T: _distance(T, seed, kin.characteristic_length))
+    why = "it ends on another branch" if error <= FORWARD_TOL else "it does not converge"
+    raise KinematicsError(
+        f"{kin.formula.name}: no assembly at q = {_text(kin, q)} reached from the seed: {why}. "
+        "Seed closer, or leave the seed out.",
+        best=result.T,
+        residual=result.residual,
+    )
+
+
+def _cold(kin: Kinematics, q: Array) -> Array:
+    from twin.kinematics.solve import Joints, descend, seeds
+
+    preferred = np.array([a.preferred for a in kin.formula.aspects])
+    if kin.formula.branches is not None:
+        candidates = [T for T in branches(kin, q) if _signs(kin, T, preferred)]
+        if candidates:
+            return candidates[0]
+    best, residual = None, np.inf
+    for seed in seeds(kin, rng=0, starts=24):
+        result = descend(kin, Joints(q), seed)
+        T, error, _, signs = _newton(kin, q, result.T)
+        if error <= FORWARD_TOL and (signs == preferred).all():
+            return T
+        if result.residual < residual:
+            best, residual = result.T, result.residual
+    raise KinematicsError(
+        f"{kin.formula.name}: no assembly on the branch {kin.preferred_branch} at q = {_text(kin, q)}.",
+        best=best,
+        residual=residual,
+    )
+
+
+def _newton(kin: Kinematics, q: Array, T: Array) -> tuple[Array, float, float, Array]:
+    """Return the pose that Newton reaches from T, its joint error, its travel and aspect signs.
+
+    Where Newton fails the error is NaN, which is below no tolerance.
+    """
+    out = kin.program.newton.one(np.concatenate([q, T.ravel()]))
+    return out[:16].reshape(4, 4), out[16], out[17], np.sign(out[18:])
+
+
+def _newton_many(kin: Kinematics, qs: Array, seeds: Array) -> Array:
+    """Return the poses (k, 4, 4) that Newton reaches from seeds (k, 4, 4); NaN where not to be trusted."""
+    flat = seeds.reshape(-1, 16)
+    out = kin.program.newton.many(np.hstack([qs, flat]))
+    same = (np.sign(out[:, 18:]) == np.sign(kin.program.group["aspect"].many(flat))).all(axis=1)
+    out[~((out[:, 16] <= FORWARD_TOL) & (out[:, 17] < _TRAVEL) & same)] = np.nan
+    return out[:, :16].reshape(-1, 4, 4).copy()
+
+
+def _score(kin: Kinematics, Ts: Array) -> Array:
+    """Return how many aspects of each pose are the preferred ones; ties go to the pose nearest to a seed."""
+    preferred = np.array([a.preferred for a in kin.formula.aspects])
+    agree = (kin.aspect_signs(Ts) == preferred).sum(axis=1).astype(float)
+    from twin.kinematics.solve import seeds
+
+    home = list(seeds(kin, rng=0, starts=1))
+    if home:
+        away = np.array([_distance(T, home[0], kin.characteristic_length) for T in Ts])
+        agree -= 0.5 * away / (1 + away)
+    return agree
+
+
+def _signs(kin: Kinematics, T: Array, wanted: Array) -> bool:
+    return bool(np.all(kin.aspect_signs(T[None])[0] == wanted))
+
+
+def _distance(T: Array, other: Array, length: float = 1.0) -> float:
+    d = np.linalg.norm(T[:3, 3] - other[:3, 3]) / length
+    return float(max(d, spatial.rotation_angle(T[:3, :3].T @ other[:3, :3])))
+
+
+def _text(kin: Kinematics, q: Array) -> str:
+    return ", ".join(f"{n} {v:.6g}" for n, v in zip(kin.joints, q, strict=True))

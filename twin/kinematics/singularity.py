@@ -1,0 +1,35 @@
+"""How far from singular: condition numbers and safe inverses of Jacobians, in numpy."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.spatial import Array
+
+
+def condition(J: Array, length: float) -> float:
+    """Return the condition number of dtwist/dq (6, n), its rotation rows multiplied by a length in m."""
+    return float(np.linalg.cond(np.vstack([J[:3], J[3:] * length])))
+
+
+def condition_inverse(J: Array, length: float) -> float:
+    """Return the condition number of dq/dtwist (n, 6), its rotation columns divided by a length in m."""
+    return float(np.linalg.cond(np.hstack([J[:, :3], J[:, 3:] / length])))
+
+
+def invert_many(Js: Array) -> Array:
+    """Return the inverses, or pseudo-inverses if not square, of Js (k, m, n); NaN where there is none."""
+    out = np.full((len(Js), Js.shape[2], Js.shape[1]), np.nan)
+    good = np.isfinite(Js).all(axis=(1, 2))
+    if not good.any():
+        return out
+    if Js.shape[1] != Js.shape[2]:
+        out[good] = np.linalg.pinv(Js[good])
+        return out
+    try:
+        out[good] = np.linalg.inv(Js[good])
+    except np.linalg.LinAlgError:  # one exactly singular matrix must not take the others with it
+        for i in np.flatnonzero(good):
+            if np.linalg.matrix_rank(Js[i]) == Js.shape[1]:
+                out[i] = np.linalg.inv(Js[i])
+    return out

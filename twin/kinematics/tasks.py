@@ -1,0 +1,175 @@
+"""What a solver can be asked for: tasks as residuals of the tool pose, to be weighted and added.
+
+A task is zero exactly where it is fulfilled. Its rows are in m or rad; the solver divides lengths by a
+named length scale, so that residuals and weights have no dimension.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin import spatial
+from twin.errors import KinematicsError
+from twin.kinematics import symbolic
+from twin.kinematics.flow import Evaluator
+from twin.spatial import Array
+
+
+@dataclass(frozen=True)
+class Term:
+    """One weighted residual: `kind` names its function, `numbers` are what it is called with."""
+
+    kind: str
+    numbers: Array
+    rows: tuple[int, ...]
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class Task:
+    """A sum of terms. `a + b` asks for both; `w * a` weighs a."""
+
+    terms: tuple[Term, ...] = field(default=())
+
+    def __add__(self, other: Task) -> Task:
+        return Task(self.terms + other.terms)
+
+    def __mul__(self, weight: float) -> Task:
+        if not (np.isfinite(weight) and weight > 0):
+            raise KinematicsError(f"a weight must be positive, not {weight}.")
+        return Task(tuple(replace(t, weight=t.weight * float(weight)) for t in self.terms))
+
+    __rmul__ = __mul__
+
+
+def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  # noqa: N802 - reads as a type
+    """Return the task to bring the tool to a pose (4, 4).
+
+    Args:
+        T_base_tool: the pose.
+        mask: which errors count, in the axes of the target: x, y, z, and the rotation vector's x, y, z.
+            (1, 1, 1, 1, 1, 0) leaves the roll about the target's z axis free.
+
+    """
+    T = np.asarray(T_base_tool, float)
+    if not spatial.is_pose(T, 1e-6) or T.shape != (4, 4):
+        raise KinematicsError("task Pose: the target is not a rigid pose (4, 4).")
+    if len(mask) != 6 or not any(mask):
+        raise KinematicsError(f"task Pose: the mask must hold 6 flags, not all false; found {tuple(mask)}.")
+    return _task("pose", T.ravel(), tuple(i for i in range(6) if mask[i]))
+
+
+def Position(p_base: ArrayLike) -> Task:  # noqa: N802
+    """Return the task to bring the tool origin to a point (3,) in m."""
+    return Tip(p_base)
+
+
+def Tip(p_base: ArrayLike, p_tool_tip: ArrayLike = (0.0, 0.0, 0.0)) -> Task:  # noqa: N802
+    """Return the task to bring a point of the tool, p_tool_tip (3,), to the point p_base (3,), in m."""
+    return _task("tip", np.concatenate([_vector("Tip", p_base), _vector("Tip", p_tool_tip)]), (0, 1, 2))
+
+
+def Trocar(  # noqa: N802
+    p_base: ArrayLike,
+    axis: ArrayLike = (0.0, 0.0, -1.0),
+    p_tool_tip: ArrayLike = (0.0, 0.0, 0.0),
+    depth: float | None = None,
+) -> Task:
+    """Return the task to lead a shaft through a trocar, the tip beyond it.
+
+    With w = p - tip and the shaft direction a (towards the tip), the residual is w + |w| a. For a small
+    miss it is the distance from trocar to shaft in m; with the tip on the wrong side of the trocar it is
+    2 |w|, so that side is no solution (the usual a x w vanishes there too).
+
+    Args:
+        p_base: trocar (3,) in m.
+        axis: shaft direction (3,) in the tool frame, towards the tip; need not be of unit length.
+        p_tool_tip: tip (3,) in the tool frame, in m; the shaft passes through it.
+        depth: how far the tip is beyond the trocar, in m; None leaves it free.
+
+    """
+    a = _vector("Trocar", axis)
+    if not np.linalg.norm(a) > 0:
+        raise KinematicsError("task Trocar: the axis vanishes.")
+    if depth is not None and not depth > 0:
+        raise KinematicsError(f"task Trocar: depth {depth} m is not beyond the trocar.")
+    numbers = [_vector("Trocar", p_base), a / np.linalg.norm(a), _vector("Trocar", p_tool_tip)]
+    if depth is None:
+        return _task("trocar", np.concatenate(numbers), (0, 1, 2))
+    return _task("trocar_depth", np.concatenate([*numbers, [depth]]), (0, 1, 2))
+
+
+def Joints(q: ArrayLike) -> Task:  # noqa: N802
+    """Return the task to bring the active joints to q (n,); with a small weight, to keep near it."""
+    q = np.asarray(q, float)
+    if q.ndim != 1 or not np.isfinite(q).all():
+        raise KinematicsError(f"task Joints: q must be a finite vector (n,), found shape {q.shape}.")
+    return _task("joints", q, tuple(range(len(q))))
+
+
+def evaluate(term: Term, T: Array) -> tuple[Array, Array, Array]:
+    """Return residual (m,), its Jacobian (m, 6) by the twist, and which rows are lengths, unweighted.
+
+    Not for "joints", which no pose function gives.
+    """
+    evaluator, lengths = _compiled(term.kind)
+    out = evaluator.one(np.concatenate([T.ravel(), term.numbers]))
+    rows = list(term.rows)
+    return out[rows, 0], out[rows, 1:], lengths[rows]
+
+
+def _pose(T: ca.SX, n: ca.SX) -> ca.SX:
+    return symbolic.pose_residual(T, symbolic.unflat(n, 4, 4))
+
+
+def _tip(T: ca.SX, n: ca.SX) -> ca.SX:
+    return T[0:3, 3] + T[0:3, 0:3] @ n[3:6] - n[0:3]
+
+
+def _trocar(T: ca.SX, n: ca.SX) -> ca.SX:
+    R = T[0:3, 0:3]
+    w = n[0:3] - (T[0:3, 3] + R @ n[6:9])
+    return w + symbolic.norm(w) * (R @ n[3:6])
+
+
+def _trocar_depth(T: ca.SX, n: ca.SX) -> ca.SX:
+    R = T[0:3, 0:3]
+    return n[0:3] - (T[0:3, 3] + R @ n[6:9]) + n[9] * (R @ n[3:6])
+
+
+_KINDS: dict[str, tuple[Callable[[ca.SX, ca.SX], ca.SX], int, tuple[bool, ...]]] = {
+    "pose": (_pose, 16, (True, True, True, False, False, False)),
+    "tip": (_tip, 6, (True, True, True)),
+    "trocar": (_trocar, 9, (True, True, True)),
+    "trocar_depth": (_trocar_depth, 10, (True, True, True)),
+}
+"""Kind -> residual of pose and numbers, how many numbers, which rows are lengths."""
+
+
+@cache
+def _compiled(kind: str) -> tuple[Evaluator, np.ndarray]:
+    function, count, lengths = _KINDS[kind]
+    z, xi = ca.SX.sym("z", 16 + count), ca.SX.sym("xi", 6)
+    T = symbolic.retract(symbolic.unflat(z[:16], 4, 4), xi)
+    r = function(T, z[16:])
+    out = ca.substitute(ca.horzcat(r, ca.jacobian(r, xi)), xi, ca.SX.zeros(6))
+    return Evaluator(kind, z, out, (r.numel(), 7)), np.array(lengths)
+
+
+def _task(kind: str, numbers: Array, rows: tuple[int, ...]) -> Task:
+    numbers = np.array(numbers, float)
+    numbers.setflags(write=False)
+    return Task((Term(kind, numbers, rows),))
+
+
+def _vector(task: str, value: ArrayLike) -> Array:
+    v = np.asarray(value, float)
+    if v.shape != (3,) or not np.isfinite(v).all():
+        raise KinematicsError(f"task {task}: expected a finite vector of 3 numbers, found {value}.")
+    return v

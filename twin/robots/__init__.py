@@ -1,0 +1,78 @@
+"""One file per robot: its published equations, and how such files are found and loaded.
+
+A file here and a user's `formula.py` elsewhere obey the same contract (`twin.kinematics.contract`) and
+load the same way. Importing this package imports no CasADi; loading a formula does.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import sys
+import traceback
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from twin.errors import KinematicsError, unknown
+
+if TYPE_CHECKING:
+    from twin.kinematics.contract import Formula
+
+_FOLDER = Path(__file__).resolve().parent
+
+
+def names() -> list[str]:
+    """Return the names of the robots that have a formula here."""
+    return sorted(p.stem for p in _FOLDER.glob("*.py") if not p.stem.startswith("_"))
+
+
+def load_formula(robot: str | Path) -> Formula:
+    """Return the formula of a built-in robot (by name) or of any file, or robot folder (by path).
+
+    Raises:
+        KinematicsError: if there is no such file, it cannot be imported (file and line are named), it has
+            no FORMULA, or that breaks the contract.
+
+    """
+    path = _FOLDER / f"{robot}.py" if str(robot) in names() else Path(robot)
+    if path.is_dir():
+        path = path / "formula.py"
+    if not path.is_file():
+        raise KinematicsError(f"{unknown('formula', str(robot), names())} A path to a formula.py is accepted too.")
+    module = _import(path.resolve())
+    if not hasattr(module, "FORMULA"):
+        raise KinematicsError(f"{path}: it defines no FORMULA; end the file with FORMULA = Formula(...).")
+    from twin.kinematics.contract import check_formula
+
+    try:
+        check_formula(module.FORMULA)
+    except KinematicsError as error:
+        raise KinematicsError(f"{path}: {error}") from error
+    return module.FORMULA
+
+
+def _import(path: Path):
+    if path.parent == _FOLDER:
+        name = f"twin.robots.{path.stem}"
+        if name in sys.modules:
+            return sys.modules[name]
+    else:
+        name = f"_twin_formula_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise KinematicsError(f"{path}: not a Python file; its name must end in .py.")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their module up while it runs
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[name]
+        raise KinematicsError(f"{path}:{_line(error, path)}: {type(error).__name__}: {error}") from error
+    return module
+
+
+def _line(error: Exception, path: Path) -> int:
+    if isinstance(error, SyntaxError) and error.lineno:
+        return error.lineno
+    lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
+    return lines[-1] or 1 if lines else 1

@@ -1,0 +1,108 @@
+"""All assemblies of the SILS robot at given carriages: the ball centres on three circles about the rails.
+
+Each limb fixes the distance rho_i of its ball from the rail and its position a_i along it. What is left
+are the three angles alpha_i, and the three sides of the platform. DERIVED; no published equation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from twin import spatial
+from twin.spatial import Array
+
+_GRID = 2048
+"""Angles alpha_1 that are scanned; two assemblies nearer than 0.2 deg in alpha_1 may be missed as a pair."""
+
+_SIGMA = np.array([1.0, -1.0, 1.0])
+
+
+def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> list[Array]:
+    """Return the poses (4, 4) of all assemblies at q (6,), for a rigid platform; unsorted, not polished.
+
+    Bars that lean inwards past the pivot (rho < l_0) are left out: the carriages stop long before.
+    """
+    if variants["eq2"] == "literal":
+        return []  # its carriage gap does not give rho back in closed form
+    L = p["l_1"] + p["l_2"]
+    odd, even = q[0::2], q[1::2]
+    h = _SIGMA * (even - odd) * L / (2 * p["l_1"])
+    if np.any(h < 0) or np.any(h > L):
+        return []
+    a = (odd if variants["eq2"] == "printed" else even) - _SIGMA * h
+    rho = p["l_0"] + np.sqrt(L**2 - h**2)
+    # Circle i: centre o, and the directions of alpha = 0 and alpha = 90 deg.
+    o = np.array([[0, 0, a[0]], [0, a[1], p["L_V"]], [0, p["L_H"], a[2]]])
+    u = np.tile([1.0, 0.0, 0.0], (3, 1))
+    v = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]])
+
+    def ball(i: int, angle: Array) -> Array:
+        return o[i] + rho[i] * (np.cos(angle)[:, None] * u[i] + np.sin(angle)[:, None] * v[i])
+
+    def meet(i: int, P: Array, sign: int) -> Array:
+        """Angle on circle i at distance l_p from P (m, 3): one of two, NaN where there is none."""
+        w = P - o[i]
+        A, B = rho[i] * (w @ u[i]), rho[i] * (w @ v[i])
+        C = (np.sum(w * w, axis=1) + rho[i] ** 2 - p["l_p"] ** 2) / 2
+        ratio = C / np.hypot(A, B)
+        inside = np.abs(ratio) <= 1
+        return np.where(inside, np.arctan2(B, A) + sign * np.arccos(np.where(inside, ratio, 0.0)), np.nan)
+
+    def gap(alpha: Array, s2: int, s3: int) -> Array:
+        S1 = ball(0, alpha)
+        S2, S3 = ball(1, meet(1, S1, s2)), ball(2, meet(2, S1, s3))
+        return np.linalg.norm(S2 - S3, axis=1) - p["l_p"]
+
+    grid = np.linspace(-np.pi, np.pi, _GRID + 1)
+    # Two sign branches meet where a circle is just touched; a root there lies between the last grid angle
+    # and the edge, so the edges join the grid.
+    grid = np.unique(np.concatenate([grid, _edges(grid, lambda x: np.isfinite(gap(x, 1, 1)))]))
+    poses = []
+    for s2 in (1, -1):
+        for s3 in (1, -1):
+            values = gap(grid, s2, s3)
+            i = np.flatnonzero(values[:-1] * values[1:] < 0)
+            roots = _bisect(lambda x, s2=s2, s3=s3: gap(x, s2, s3), grid[i], grid[i + 1])
+            exact = grid[:-1][values[:-1] == 0]
+            for alpha in np.concatenate([roots, exact]):
+                S1 = ball(0, np.array([alpha]))
+                S = np.vstack([S1, ball(1, meet(1, S1, s2)), ball(2, meet(2, S1, s3))])
+                if np.isfinite(S).all():
+                    poses.append(_platform(S))
+    return poses
+
+
+def _edges(grid: Array, inside) -> Array:
+    """Return the angles, just inside, where `inside` changes between neighbours of the grid."""
+    flags = inside(grid)
+    i = np.flatnonzero(flags[:-1] != flags[1:])
+    good, bad = np.where(flags[i], grid[i], grid[i + 1]), np.where(flags[i], grid[i + 1], grid[i])
+    for _ in range(50):
+        middle = (good + bad) / 2
+        ok = inside(middle)
+        good, bad = np.where(ok, middle, good), np.where(ok, bad, middle)
+    return good
+
+
+def _bisect(f, low: Array, high: Array) -> Array:
+    f_low = f(low)
+    for _ in range(50):
+        middle = (low + high) / 2
+        f_middle = f(middle)
+        left = f_low * f_middle <= 0
+        low, high, f_low = (
+            np.where(left, low, middle),
+            np.where(left, middle, high),
+            np.where(left, f_low, f_middle),
+        )
+    return (low + high) / 2
+
+
+def _platform(S: Array) -> Array:
+    """Return the pose (4, 4) of a platform with ball centres S (3, 3): y from S1 to S3, x from S2."""
+    E = S.mean(axis=0)
+    y = (S[2] - S[0]) / np.linalg.norm(S[2] - S[0])
+    x = (E - S[1]) / np.linalg.norm(E - S[1])
+    return spatial.pose(np.column_stack([x, y, np.cross(x, y)]), E)

@@ -1,0 +1,335 @@
+# ruff: noqa: E501 - each published row is one line, so that it can be read, and edited by tools, as printed
+"""SILS: 6-DOF parallel robot for single-incision laparoscopic surgery, three limbs R-PRR-PRS.
+
+Paper: Ro. J. Techn. Sci. - Appl. Mech. 68(1), 3-18, 2023, DOI 10.59277/RJTS-AM.2023.1.01, equations
+(1) platform points, (2) inverse model, (3) lengths. Base frame O-XYZ: O on rail 1, Z up along it, Y
+towards rail 3, X out of the portal towards the patient. Tool frame: centroid of the three ball centres,
+z_p up from the platform, R = Rz(psi) Ry(theta) Rx(phi).
+
+Every printed row is one assignment with the symbols of the paper. The odd and even rows of eq. (2) name
+each other (q1 stands on both sides of its row); they are written so, and solved by the compiler.
+
+Limb i turns about its rail (direction e_a) by alpha_i; e_r points from the rail to the ball, t = e_a x e_r.
+The bar runs from its carriage along sin(beta) e_r - sigma cos(beta) e_a, the strut from its carriage along
+sin(beta) e_r + sigma cos(beta) e_a, sigma = +1, -1, +1.
+"""
+
+from __future__ import annotations
+
+from casadi import atan2, cos, cross, dot, fabs, pi, sin, sqrt, vertcat
+
+from twin.kinematics import symbolic
+from twin.kinematics.contract import (
+    ActiveJoint,
+    Aspect,
+    Coordinates,
+    Equation,
+    Formula,
+    Measure,
+    Mode,
+)
+from twin.provenance import Parameter
+from twin.robots._sils_assembly import branches
+from twin.units import DEG, MM
+
+_PAPER = "RJTS-AM 68(1), 2023"
+_EQ3 = f"{_PAPER}, eq. (3)"
+
+# ------------------------------------------------------------------- eq. (1): pose -> ball centres
+
+_BALLS = ("X_S1", "Y_S1", "Z_S1", "X_S2", "Y_S2", "Z_S2", "X_S3", "Y_S3", "Z_S3")
+
+
+def eq1_printed(X_E, Y_E, Z_E, psi, theta, phi, l_p):
+    """Ball centres as printed: the last factor of X and Y of S1 and S3 is c_theta."""
+    c_psi, c_theta = cos(psi), cos(theta)  # no row uses c_phi: that is the misprint
+    s_psi, s_theta, s_phi = sin(psi), sin(theta), sin(phi)
+    X_S1 = X_E + sqrt(3) / 6 * l_p * c_psi * c_theta - l_p / 2 * c_psi * s_theta * s_phi + l_p / 2 * s_psi * c_theta  # fmt: skip  # (1)
+    Y_S1 = Y_E + sqrt(3) / 6 * l_p * s_psi * c_theta - l_p / 2 * s_psi * s_theta * s_phi - l_p / 2 * c_psi * c_theta  # fmt: skip  # (1)
+    Z_S1 = Z_E - sqrt(3) / 6 * l_p * s_theta - l_p / 2 * s_phi * c_theta  # (1)
+    X_S2 = X_E - sqrt(3) / 3 * l_p * c_psi * c_theta  # (1)
+    Y_S2 = Y_E - sqrt(3) / 3 * l_p * s_psi * c_theta  # (1)
+    Z_S2 = Z_E + sqrt(3) / 3 * l_p * s_theta  # (1)
+    X_S3 = X_E + sqrt(3) / 6 * l_p * c_psi * c_theta + l_p / 2 * c_psi * s_theta * s_phi - l_p / 2 * s_psi * c_theta  # fmt: skip  # (1)
+    Y_S3 = Y_E + sqrt(3) / 6 * l_p * s_psi * c_theta + l_p / 2 * s_psi * s_theta * s_phi + l_p / 2 * c_psi * c_theta  # fmt: skip  # (1)
+    Z_S3 = Z_E - sqrt(3) / 6 * l_p * s_theta + l_p / 2 * s_phi * c_theta  # (1)
+    return X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3
+
+
+def eq1_corrected(X_E, Y_E, Z_E, psi, theta, phi, l_p):
+    """Ball centres of a rigid equilateral platform: c_theta -> c_phi at the end of four rows."""
+    c_psi, c_theta, c_phi = cos(psi), cos(theta), cos(phi)
+    s_psi, s_theta, s_phi = sin(psi), sin(theta), sin(phi)
+    X_S1 = X_E + sqrt(3) / 6 * l_p * c_psi * c_theta - l_p / 2 * c_psi * s_theta * s_phi + l_p / 2 * s_psi * c_phi  # fmt: skip  # (1)
+    Y_S1 = Y_E + sqrt(3) / 6 * l_p * s_psi * c_theta - l_p / 2 * s_psi * s_theta * s_phi - l_p / 2 * c_psi * c_phi  # fmt: skip  # (1)
+    Z_S1 = Z_E - sqrt(3) / 6 * l_p * s_theta - l_p / 2 * s_phi * c_theta  # (1)
+    X_S2 = X_E - sqrt(3) / 3 * l_p * c_psi * c_theta  # (1)
+    Y_S2 = Y_E - sqrt(3) / 3 * l_p * s_psi * c_theta  # (1)
+    Z_S2 = Z_E + sqrt(3) / 3 * l_p * s_theta  # (1)
+    X_S3 = X_E + sqrt(3) / 6 * l_p * c_psi * c_theta + l_p / 2 * c_psi * s_theta * s_phi - l_p / 2 * s_psi * c_phi  # fmt: skip  # (1)
+    Y_S3 = Y_E + sqrt(3) / 6 * l_p * s_psi * c_theta + l_p / 2 * s_psi * s_theta * s_phi + l_p / 2 * c_psi * c_phi  # fmt: skip  # (1)
+    Z_S3 = Z_E - sqrt(3) / 6 * l_p * s_theta + l_p / 2 * s_phi * c_theta  # (1)
+    return X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3
+
+
+# ------------------------------------------------------------------- eq. (2): ball centres -> joints
+
+
+def eq2_literal(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, q3, q4, q5, q6, l_0, l_1, l_2, L_H, L_V):  # fmt: skip
+    """Joints with the radicals exactly as in the text that we have: they close early."""
+    q1 = 1 / (2 * l_1) * (l_1 + l_2) * (q2 - q1) + Z_S1  # (2)
+    q2 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q1 + 2 * l_1 * sqrt(-X_S1**2 - Y_S1**2 - l_0**2 + (l_1 + l_2)**2) + 2 * l_0 * sqrt(X_S1**2 + Y_S1**2))  # fmt: skip  # (2)
+    q3 = 1 / (2 * l_1) * (l_1 + l_2) * (q4 - q3) + Y_S2  # (2)
+    q4 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q3 - 2 * l_1 * sqrt(-X_S2**2 - l_0**2 + (l_1 + l_2)**2) - (L_V - Z_S2)**2 + 2 * l_0 * sqrt((L_V - Z_S2)**2 + X_S2**2))  # fmt: skip  # (2)
+    q5 = 1 / (2 * l_1) * (l_1 + l_2) * (q6 - q5) + Z_S3  # (2)
+    q6 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q5 + 2 * l_1 * sqrt(-X_S3**2 - l_0**2 + (l_1 + l_2)**2) - (L_H - Y_S3)**2 + 2 * l_0 * sqrt((L_H - Y_S3)**2 + X_S3**2))  # fmt: skip  # (2)
+    return q1, q2, q3, q4, q5, q6
+
+
+def eq2_printed(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, q3, q4, q5, q6, l_0, l_1, l_2, L_H, L_V):  # fmt: skip
+    """Joints with all terms under the radical, the odd rows as printed."""
+    q1 = 1 / (2 * l_1) * (l_1 + l_2) * (q2 - q1) + Z_S1  # (2)
+    q2 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q1 + 2 * l_1 * sqrt(-X_S1**2 - Y_S1**2 - l_0**2 + (l_1 + l_2)**2 + 2 * l_0 * sqrt(X_S1**2 + Y_S1**2)))  # fmt: skip  # (2)
+    q3 = 1 / (2 * l_1) * (l_1 + l_2) * (q4 - q3) + Y_S2  # (2)
+    q4 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q3 - 2 * l_1 * sqrt(-X_S2**2 - l_0**2 + (l_1 + l_2)**2 - (L_V - Z_S2)**2 + 2 * l_0 * sqrt((L_V - Z_S2)**2 + X_S2**2)))  # fmt: skip  # (2)
+    q5 = 1 / (2 * l_1) * (l_1 + l_2) * (q6 - q5) + Z_S3  # (2)
+    q6 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q5 + 2 * l_1 * sqrt(-X_S3**2 - l_0**2 + (l_1 + l_2)**2 - (L_H - Y_S3)**2 + 2 * l_0 * sqrt((L_H - Y_S3)**2 + X_S3**2)))  # fmt: skip  # (2)
+    return q1, q2, q3, q4, q5, q6
+
+
+def eq2_corrected(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, q3, q4, q5, q6, l_0, l_1, l_2, L_H, L_V):  # fmt: skip
+    """Joints of a mechanism with struts of length l_1: (l_1 + l_2) -> (l_2 - l_1) in the odd rows."""
+    q1 = 1 / (2 * l_1) * (l_2 - l_1) * (q2 - q1) + Z_S1  # (2)
+    q2 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q1 + 2 * l_1 * sqrt(-X_S1**2 - Y_S1**2 - l_0**2 + (l_1 + l_2)**2 + 2 * l_0 * sqrt(X_S1**2 + Y_S1**2)))  # fmt: skip  # (2)
+    q3 = 1 / (2 * l_1) * (l_2 - l_1) * (q4 - q3) + Y_S2  # (2)
+    q4 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q3 - 2 * l_1 * sqrt(-X_S2**2 - l_0**2 + (l_1 + l_2)**2 - (L_V - Z_S2)**2 + 2 * l_0 * sqrt((L_V - Z_S2)**2 + X_S2**2)))  # fmt: skip  # (2)
+    q5 = 1 / (2 * l_1) * (l_2 - l_1) * (q6 - q5) + Z_S3  # (2)
+    q6 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q5 + 2 * l_1 * sqrt(-X_S3**2 - l_0**2 + (l_1 + l_2)**2 - (L_H - Y_S3)**2 + 2 * l_0 * sqrt((L_H - Y_S3)**2 + X_S3**2)))  # fmt: skip  # (2)
+    return q1, q2, q3, q4, q5, q6
+
+
+# ------------------------------------------------------------------- what no printed equation names
+
+_LIMB = ("rho", "h", "alpha", "beta", "reach", "cos_beta", "sin_beta", "radius")
+
+
+def limbs(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, l_0, l_1, l_2, L_H, L_V):
+    """Angles and margins of each limb from its ball centre alone.
+
+    rho: ball to rail axis. h: ball to bar pivot along the rail. alpha: limb about its rail. beta: bar
+    from the rail. They hold for every variant of eq. (2), which only decides where the carriages stand.
+    """
+    L = l_1 + l_2
+    out = []
+    for radial_x, radial_y in ((X_S1, Y_S1), (X_S2, L_V - Z_S2), (X_S3, L_H - Y_S3)):
+        rho = symbolic.sqrt(radial_x**2 + radial_y**2)
+        h = sqrt(L**2 - (rho - l_0) ** 2)
+        reach = L - fabs(rho - l_0)
+        out += [
+            rho,
+            h,
+            atan2(radial_y, radial_x),
+            atan2(rho - l_0, h),
+            reach,
+            h / L,
+            (rho - l_0) / L,
+            rho / L,
+        ]
+    return tuple(out)
+
+
+def passive_joints(alpha1, alpha2, alpha3, beta1, beta2, beta3):
+    """Passive joint angles; bar and strut about t, counted from e_r.
+
+    With y = t x e_r = -e_a, the bar lies at atan2(sigma cos(beta), sin(beta)), the strut at minus that.
+    """
+    out = [alpha1, alpha2, alpha3]
+    for sigma, beta in ((1, beta1), (-1, beta2), (1, beta3)):
+        out += [-sigma * (pi / 2 - beta), sigma * (pi / 2 - beta), sigma * (pi - 2 * beta)]
+    return tuple(out)
+
+
+def apexes(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2, alpha3, beta1, beta2, beta3, l_2):  # fmt: skip
+    """Apex joints: l_2 back along the bar from the ball centres, l_1 from the bar pivots."""
+    balls = (vertcat(X_S1, Y_S1, Z_S1), vertcat(X_S2, Y_S2, Z_S2), vertcat(X_S3, Y_S3, Z_S3))
+    out = []
+    for S, sigma, beta, (e_a, e_r) in zip(
+        balls, (1, -1, 1), (beta1, beta2, beta3), _axes(alpha1, alpha2, alpha3), strict=True
+    ):
+        out.append(S - l_2 * (sin(beta) * e_r - sigma * cos(beta) * e_a))
+    return tuple(out)
+
+
+def type2(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2, alpha3, theta, phi, l_p):
+    """D: the platform moves while all carriages stand where D = 0; and the height of z_p along e_z."""
+    S1, S2, S3 = vertcat(X_S1, Y_S1, Z_S1), vertcat(X_S2, Y_S2, Z_S2), vertcat(X_S3, Y_S3, Z_S3)
+    t1, t2, t3 = (cross(e_a, e_r) for e_a, e_r in _axes(alpha1, alpha2, alpha3))
+    u12, u23, u13 = (S1 - S2) / l_p, (S2 - S3) / l_p, (S1 - S3) / l_p
+    D = dot(u12, t2) * dot(u23, t3) * dot(u13, t1) - dot(u12, t1) * dot(u23, t2) * dot(u13, t3)
+    return D, cos(theta) * cos(phi)
+
+
+def _axes(alpha1, alpha2, alpha3):
+    """Return (e_a, e_r) of each limb; alpha turns about +Z, +Y and -Z."""
+    return (
+        (vertcat(0, 0, 1), vertcat(cos(alpha1), sin(alpha1), 0)),
+        (vertcat(0, 1, 0), vertcat(cos(alpha2), 0, -sin(alpha2))),
+        (vertcat(0, 0, 1), vertcat(cos(alpha3), -sin(alpha3), 0)),
+    )
+
+
+# ------------------------------------------------------------------- the formula
+
+
+def _length(name: str, mm: float, provenance, note: str) -> Parameter:
+    return Parameter(name, mm * MM, "mm", mm, provenance, note)
+
+
+_PASSIVE = (
+    "rf1", "rf2", "rf3",
+    "r11", "r12", "r13",
+    "r21", "r22", "r23",
+    "r31", "r32", "r33",
+)  # fmt: skip
+
+_TABLE2 = (
+    (380.0, 280.0, 185.0, 0.0, 0.0, 0.0),
+    (407.9, 306.0, 211.4, 10.0, 15.0, 10.0),
+    (380.0, 280.0, 145.0, 0.0, 0.0, 0.0),
+    (400.0, 310.0, 135.0, 15.0, 20.0, 10.0),
+)
+"""Poses B, C, I, T of Table 2 in mm and deg."""
+
+_ALARM = "alarm ASSUMED: no published threshold"
+
+FORMULA = Formula(
+    name="sils",
+    title="SILS 6-DOF parallel robot, three limbs R-PRR-PRS",
+    source="Ro. J. Techn. Sci. - Appl. Mech. 68(1), 3-18, 2023, DOI 10.59277/RJTS-AM.2023.1.01",
+    parameters=(
+        _length("l_0", 50.0, "SEED", f"{_EQ3}, printed l_o: rail axis to the strut and bar pivots, along e_r"),
+        _length("l_1", 182.0, "SEED", f"{_EQ3}: strut length, and bar pivot to apex joint"),
+        _length("l_2", 392.0, "SEED", f"{_EQ3}: apex joint to ball centre; the bar is l_1 + l_2 long"),
+        _length("l_p", 135.0, "SEED", f"{_EQ3}: side of the equilateral triangle S1 S2 S3"),
+        _length("L_V", 657.0, "SEED", f"{_EQ3}: height of the horizontal rail 2"),
+        _length(
+            "L_H",
+            612.0,
+            "ASSUMED",
+            f"{_EQ3} values L_B = 612 mm and eq. (2) uses L_H, never valued: taken as one distance of rail 3 from rail 1",
+        ),
+    ),
+    joints=tuple(ActiveJoint(f"q{i}", "prismatic") for i in range(1, 7)),
+    coordinates=Coordinates(
+        names=("X_E", "Y_E", "Z_E", "psi", "theta", "phi"),
+        units=("m", "m", "m", "rad", "rad", "rad"),
+        to_pose=lambda X_E, Y_E, Z_E, psi, theta, phi: symbolic.pose(
+            symbolic.rotation_zyx(psi, theta, phi), vertcat(X_E, Y_E, Z_E)
+        ),
+        from_pose=lambda T: (T[0, 3], T[1, 3], T[2, 3], *symbolic.angles_zyx(T)),
+    ),
+    equations=(
+        Equation(
+            name="eq1",
+            title="pose coordinates -> ball centres S1, S2, S3",
+            source=f"{_PAPER}, eq. (1)",
+            stage="inverse",
+            outputs=_BALLS,
+            variants={"corrected": eq1_corrected, "printed": eq1_printed},
+            reasons={
+                "printed": "As printed. S1 S3 is then not l_p long unless |theta| = |phi|: the platform is not rigid.",
+                "corrected": "X and Y of S1 and S3: last factor c_theta -> c_phi. Only so is S_i = E + R a_i with "
+                "constant a_i; all three sides are then l_p at every pose.",
+            },
+        ),
+        Equation(
+            name="eq2",
+            title="ball centres -> carriages q1..q6",
+            source=f"{_PAPER}, eq. (2)",
+            stage="inverse",
+            outputs=("q1", "q2", "q3", "q4", "q5", "q6"),
+            variants={"corrected": eq2_corrected, "printed": eq2_printed, "literal": eq2_literal},
+            reasons={
+                "literal": "Radicals exactly as in our text of the paper: they close before 2 l_0 sqrt(...) (q2, q4, "
+                "q6) and before -(L_V - Z_S2)^2, -(L_H - Y_S3)^2 (q4, q6). Carriage gaps are then off by up to "
+                "0.55 m. Perhaps damage of transcription, hence a variant of its own.",
+                "printed": "Radicals repaired: all terms under the root, where they sum to (l_1+l_2)^2 - (rho-l_0)^2, "
+                "the reach condition of the bar. Odd rows as printed: they put the odd carriage where the even one "
+                "belongs, and imply struts of 244 to 396 mm instead of l_1.",
+                "corrected": "Radicals repaired; in the odd rows (l_1 + l_2) -> (l_2 - l_1), the same as an index "
+                "misprint q_odd for q_even on the left. Only so is the strut l_1 long at every pose, and the "
+                "carriages of Table 2 lie within the frame (mode N).",
+            },
+        ),
+        Equation(
+            name="limbs",
+            title="ball centres -> limb angles, margins",
+            source="DERIVED",
+            stage="helper",
+            outputs=tuple(f"{name}{i}" for i in (1, 2, 3) for name in _LIMB),
+            variants={"corrected": limbs},
+        ),
+        Equation(
+            name="passive",
+            title="limb angles -> passive joints",
+            source="DERIVED; numbering ASSUMED",
+            stage="helper",
+            outputs=_PASSIVE,
+            variants={"corrected": passive_joints},
+        ),
+        Equation(
+            name="apexes",
+            title="ball centres -> apex joints",
+            source="DERIVED",
+            stage="helper",
+            outputs=("A1", "A2", "A3"),
+            variants={"corrected": apexes},
+        ),
+        Equation(
+            name="type2",
+            title="type II singularity measure",
+            source="DERIVED",
+            stage="helper",
+            outputs=("D", "z_up"),
+            variants={"corrected": type2},
+        ),
+    ),
+    characteristic_length=lambda l_p: l_p / 3**0.5,
+    points={
+        **{f"s{i}": (f"X_S{i}", f"Y_S{i}", f"Z_S{i}") for i in (1, 2, 3)},
+        **{f"apex{i}": f"A{i}" for i in (1, 2, 3)},
+    },
+    passive=_PASSIVE,
+    reach={f"limb {i}": f"reach{i}" for i in (1, 2, 3)},
+    measures=(
+        Measure("type2", "D", "type2", 0.15, f"the platform moves with all carriages held; {_ALARM}"),
+        *(
+            Measure(f"{name}_{i}", f"{symbol}{i}", "type1", 0.1, f"{note}; {_ALARM}")
+            for name, symbol, note in (
+                ("bar_across", "cos_beta", "h = 0: the bar is square to its rail, the carriages coincide"),
+                ("bar_along", "sin_beta", "rho = l_0: the bar is parallel to its rail"),
+                ("ball_on_rail", "radius", "rho = 0: the ball is on the rail axis, the limb angle undefined"),
+            )
+            for i in (1, 2, 3)
+        ),
+    ),
+    aspects=(
+        Aspect("X_E", 1, "the platform is in front of the portal"),
+        Aspect("z_up", 1, "z_p points up, the instrument down"),
+        Aspect("D", -1, "the aspect of all poses of Table 2"),
+    ),
+    modes=(
+        Mode(
+            "N",
+            ("q1", "q2", "q3", "q4", "q5", "q6"),
+            "odd carriages hold the strut, even ones the bar: R-PRR-PRS read in order (inferred, not published)",
+        ),
+        Mode(
+            "M",
+            ("q2", "q1", "q4", "q3", "q6", "q5"),
+            "the same mechanism with the two labels of a rail swapped",
+        ),
+    ),
+    branches=branches,
+    seeds=tuple((x * MM, y * MM, z * MM, a * DEG, b * DEG, c * DEG) for x, y, z, a, b, c in _TABLE2),
+)
