@@ -390,12 +390,12 @@ def _write(cad: CadModel, folder: Path) -> Path:
 def _bake(robot: Robot, mechanism: Mechanism, protocol: str, folder: Path) -> None:
     from twin.reference import ReferenceModel
     from twin.stage.write import Motion, write_motion
-    from twin.validation.judge import joint_values, key_times
+    from twin.validation.judge import key_times, poses_at
 
     trajectory = plan(robot, protocol)
     times = key_times(trajectory)
     model = ReferenceModel(mechanism)
-    run = model.run(joint_values(robot.kinematics(), trajectory, times))
+    run = model.run_poses(poses_at(trajectory, times))
     values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
     write_motion(mechanism, folder, Motion(protocol, times, _rounded(model.link_poses(run.x)), values))
 

@@ -7,12 +7,16 @@ precision. Vertices and instance placements in it are float32: a STEP whose shap
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import json
+import os
 import re
 import struct
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +30,9 @@ VISUAL_TOLERANCE = 0.1 * MM
 
 MASS_TOLERANCE = 0.01 * MM
 """Chord tolerance of the meshes that are weighed; a convex part's triangles always weigh a little less."""
+
+_CACHED = 32
+"""How many files the cache holds."""
 
 _SI_PREFIX = {"": 1.0, "MILLI": 1e-3, "CENTI": 1e-2, "DECI": 0.1, "MICRO": 1e-6, "KILO": 1e3}
 _NAMED_UNIT = {"INCH": 0.0254, "FOOT": 0.3048, "MILLIMETRE": 1e-3, "CENTIMETRE": 1e-2, "METRE": 1.0}
@@ -125,19 +132,42 @@ def read_step(path: Path, tolerance: float = VISUAL_TOLERANCE, angle: float = 0.
     Raises:
         CadError: missing, not a STEP file, cut off, without unit, or without solids.
     """
-    import cascadio
-
     unit = length_unit(path)
-    with tempfile.TemporaryDirectory(prefix="twin-step-") as folder:
-        glb = Path(folder) / "step.glb"
-        code = cascadio.step_to_glb(str(path), str(glb), tolerance / unit, angle, include_brep=True)
-        if code != 0 or not glb.is_file():
-            raise CadError(f"{path}: OpenCASCADE could not read it (code {code}); the file is damaged")
-        header, binary = _split_glb(glb.read_bytes())
+    header, binary = _split_glb(_glb(path, tolerance / unit, angle))
     parts, error = _parts(header, binary)
     if not parts:
         raise CadError(f"{path} holds no solids")
     return StepModel(path, unit, tuple(parts), error)
+
+
+def _glb(path: Path, tolerance: float, angle: float) -> bytes:
+    """Return the STEP as GLB with exact faces; from the user's cache if the same file was read before.
+
+    Reading takes seconds, and every command reads. The cache is keyed by content and reader version, and
+    may be deleted at any time.
+    """
+    key = hashlib.sha256(path.read_bytes())
+    key.update(f"{tolerance!r} {angle!r} {version('cascadio')}".encode())
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "twin" / "step"
+    cached = folder / f"{key.hexdigest()}.glb"
+    with contextlib.suppress(OSError):
+        return cached.read_bytes()
+    import cascadio
+
+    with tempfile.TemporaryDirectory(prefix="twin-step-") as work:
+        glb = Path(work) / "step.glb"
+        code = cascadio.step_to_glb(str(path), str(glb), tolerance, angle, include_brep=True)
+        if code != 0 or not glb.is_file():
+            raise CadError(f"{path}: OpenCASCADE could not read it (code {code}); the file is damaged")
+        data = glb.read_bytes()
+    with contextlib.suppress(OSError):  # a cache that cannot be written is no error
+        folder.mkdir(parents=True, exist_ok=True)
+        for old in sorted(folder.glob("*.glb"), key=lambda p: p.stat().st_mtime)[:-_CACHED]:
+            old.unlink()
+        fresh = folder / f".{os.getpid()}.tmp"
+        fresh.write_bytes(data)
+        fresh.replace(cached)
+    return data
 
 
 def _split_glb(data: bytes) -> tuple[dict, bytes]:

@@ -100,14 +100,15 @@ def _contacts(
     found = []
     for a, b, bound in pairs:
         T_a_b = spatial.inverse(link_poses[a.body]) @ link_poses[b.body]
-        moved = np.linalg.norm(np.diff(b.corners_in(T_a_b), axis=0), axis=-1).max(axis=-1)
-        for k, step in enumerate(moved, start=1):
-            bound -= step
+        corners, measured = b.corners_in(T_a_b), 0
+        for k in range(1, len(corners)):
+            # Since it was measured the pair has come nearer by at most the way of b's furthest corner.
+            if bound > np.linalg.norm(corners[k] - corners[measured], axis=-1).max():
+                continue
+            bound, measured = _distance(a, b, link_poses[a.body][k], link_poses[b.body][k]), k
             if bound <= 0:
-                bound = _distance(a, b, link_poses[a.body][k], link_poses[b.body][k])
-                if bound <= 0:
-                    found.append((k, a.name, b.name))
-                    break
+                found.append((k, a.name, b.name))
+                break
     return tuple(found)
 
 

@@ -42,6 +42,9 @@ class Comparison:
     driven: Run | None = None
     """The mechanism driven by the equations' joint values, at every sample; None if it cannot be assembled."""
 
+    posed: Run | None = None
+    """The mechanism with its tool at the protocol's poses, at the coarse samples."""
+
     coarse: Array = field(default_factory=lambda: np.zeros(0, int))
     """The samples that are compared coarsely."""
 
@@ -76,6 +79,7 @@ def compare(
         )
 
     posed = model.run_poses(Ts[rows], progress=lambda f: progress("mechanism at the tool poses", f))
+    out.posed = posed
     blamed = _points(kin, model, posed, Ts[rows], out, coarse, tolerances)
     blamed_joints = _driven(kin, posed, q[rows], blamed, out, coarse, tolerances)
     _passive(kin, posed, Ts[rows], blamed, out, coarse, tolerances)
@@ -274,7 +278,7 @@ def _tool(
         out.findings.append(
             Finding(
                 "tool.no_assembly",
-                "disagreement",
+                "info" if blamed else "disagreement",
                 f"driven to the joint values of the equations the mechanism cannot be assembled ({error})",
                 where=", ".join(kin.joints) if blamed else "mechanism",
                 when=f"{clock.phase(0.0)}, from the start",

@@ -210,19 +210,18 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
     from twin.stage.check import check_stage, run_usd_validators
     from twin.stage.read import read_stage
 
-    run = out.driven
+    run = out.posed
     if run is None:
         return
     try:
         out.findings += [*check_stage(case.stage), *run_usd_validators(case.stage)]
         other = ReferenceModel(read_stage(case.stage))
-        rows = out.coarse
-        back = other.run(run.q[rows], progress=lambda f: progress("stage read back", f))
+        back = other.run(run.q, progress=lambda f: progress("stage read back", f))
     except (StageError, AssemblyError) as error:
         out.findings.append(Finding("stage.unreadable", "disagreement", f"stage: {error}", where=str(case.stage.name)))
         return
-    at = clock.at(rows)
-    Ts = run.Ts_base_tool[rows]
+    at = clock.at(out.coarse)
+    Ts = run.Ts_base_tool
     spread = of_rounding(model, run.x[0])
     note = (
         f"single precision explains {text(spread.expected[0], 'm')} and {text(spread.expected[1], 'rad')} "
@@ -259,14 +258,10 @@ def _baked(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
     from twin.stage.read import read_motion
     from twin.stage.write import Motion, write_motion, write_stage
 
-    if out.driven is None:
-        return
     progress("baked motion", 0.0)
     mechanism, trajectory = case.cad.mechanism, case.trajectory
     times = key_times(trajectory)
-    keys = joint_values(case.kinematics, trajectory, times)
-    run = model.run(keys)
-    links = model.link_poses(run.x)
+    links = model.link_poses(model.run_poses(poses_at(trajectory, times)).x)
     with tempfile.TemporaryDirectory(prefix="twin-motion-") as folder:
         home = model.home()
         bare = replace(mechanism, bodies=tuple(replace(b, meshes=()) for b in mechanism.bodies))
@@ -280,7 +275,7 @@ def _baked(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
         )
         return
     middle = 0.5 * (times[1:] + times[:-1])
-    between = model.link_poses(model.run(joint_values(case.kinematics, trajectory, middle)).x)
+    between = model.link_poses(model.run_poses(poses_at(trajectory, middle)).x)
     worst: dict[str, Array] = {}
     for name, Ts in links.items():
         back = read_links.get(name, np.tile(Ts[:1], (len(times), 1, 1)))
@@ -327,18 +322,19 @@ def key_times(trajectory: Trajectory) -> Array:
     return times if trajectory.duration - times[-1] < 1e-9 else np.append(times, trajectory.duration)
 
 
-def joint_values(kin: Kinematics, trajectory: Trajectory, times: Array) -> Array:
-    """Return q (k, n) of the equations at any times: the tool pose there, inverted."""
-    return kin.inverse_many(np.array([trajectory.sample(float(t))[1] for t in times]))
+def poses_at(trajectory: Trajectory, times: Array) -> Array:
+    """Return T_base_tool (k, 4, 4) at any times in s."""
+    return np.array([trajectory.sample(float(t))[1] for t in times])
 
 
 def _clearance(model: ReferenceModel, out: Comparison, clock: Clock, progress: Progress) -> None:
     """Judge whether parts run through each other."""
     from twin.reference.clearance import clearance
 
-    run = out.driven
+    run = out.posed
     if run is None or not any(b.meshes for b in model.mechanism.bodies):
         return
+    clock = clock.at(out.coarse)
     rows = np.unique(np.linspace(0, len(clock.t) - 1, max(2, int(clock.t[-1] * CLEARANCE_RATE))).astype(int))
     found = clearance(model.mechanism, model.link_poses(run.x[rows]), lambda f: progress("clearance", f))
     out.series |= {"clearance_t": clock.t[rows], "clearance": found.distance}
