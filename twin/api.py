@@ -324,12 +324,12 @@ def fresh_stage(robot: Robot) -> Iterator[Path]:
     """Yield the robot's USD stage if it was made from the present CAD, else one rebuilt in a temporary folder."""
     from twin.cad.build import fingerprint, read_mechanism
     from twin.errors import StageError
-    from twin.stage.read import read_stage
+    from twin.stage.read import made_from
 
     assert robot.files is not None
     if robot.files.stage.is_file():
         with contextlib.suppress(StageError):
-            if fingerprint(robot.files.description) in read_stage(robot.files.stage).source:
+            if fingerprint(robot.files.description) in made_from(robot.files.stage):
                 yield robot.files.stage
                 return
     with tempfile.TemporaryDirectory(prefix="twin-usd-") as folder:
@@ -390,12 +390,12 @@ def _write(cad: CadModel, folder: Path) -> Path:
 def _bake(robot: Robot, mechanism: Mechanism, protocol: str, folder: Path) -> None:
     from twin.reference import ReferenceModel
     from twin.stage.write import Motion, write_motion
-    from twin.validation.judge import key_times, poses_at
+    from twin.validation.judge import key_times
 
     trajectory = plan(robot, protocol)
     times = key_times(trajectory)
     model = ReferenceModel(mechanism)
-    run = model.run_poses(poses_at(trajectory, times))
+    run = model.run_poses(trajectory.poses(times))
     values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
     write_motion(mechanism, folder, Motion(protocol, times, _rounded(model.link_poses(run.x)), values))
 

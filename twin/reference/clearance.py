@@ -93,23 +93,29 @@ def _parts_of_jointed(
     return out
 
 
+_EVERY = 5
+"""Parts of jointed bodies are checked at every fifth sample: they turn past each other slowly."""
+
+
 def _contacts(
     pairs: list[tuple[_Shape, _Shape, float]], link_poses: Mapping[str, Array]
 ) -> tuple[tuple[int, str, str], ...]:
     """Return where parts of jointed bodies touch; a pair is measured when it may have come that near."""
     found = []
-    for a, b, bound in pairs:
-        T_a_b = spatial.inverse(link_poses[a.body]) @ link_poses[b.body]
-        corners, measured = b.corners_in(T_a_b), 0
-        for k in range(1, len(corners)):
-            # Since it was measured the pair has come nearer by at most the way of b's furthest corner.
-            if bound > np.linalg.norm(corners[k] - corners[measured], axis=-1).max():
-                continue
-            bound, measured = _distance(a, b, link_poses[a.body][k], link_poses[b.body][k]), k
-            if bound <= 0:
+    for a, b, distance in pairs:
+        way = _way(a, b, link_poses)
+        for k in range(0, len(way), _EVERY):
+            # It can only touch where b's furthest corner has come as far as the first distance was.
+            if way[k] >= distance and _touch(a, b, link_poses[a.body][k], link_poses[b.body][k]):
                 found.append((k, a.name, b.name))
                 break
     return tuple(found)
+
+
+def _way(a: _Shape, b: _Shape, link_poses: Mapping[str, Array], since: int = 0) -> Array:
+    """Return how far (k,) in m b has moved at most, seen from a, since a sample: its box corner that moved furthest."""
+    corners = b.corners_in(spatial.inverse(link_poses[a.body]) @ link_poses[b.body])
+    return np.linalg.norm(corners - corners[since], axis=-1).max(axis=-1)
 
 
 _FAR = 40 * MM
@@ -135,31 +141,36 @@ def _track(
     count = len(next(iter(link_poses.values())))
     if not pairs:
         return np.full(count, np.inf), (("", ""),) * count
-    shapes = list(dict.fromkeys(s for pair in pairs for s in pair))
-    index = {s: i for i, s in enumerate(shapes)}
-    ends = np.array([[index[a], index[b]] for a, b in pairs])
-    corners = np.array([s.corners_in(link_poses[s.body]) for s in shapes])  # (shapes, k, 8, 3)
-    low, high = corners[:, 0].min(axis=1), corners[:, 0].max(axis=1)
-    bound = _box_gap(low[ends[:, 0]], high[ends[:, 0]], low[ends[:, 1]], high[ends[:, 1]])
+    first = np.array([_first_bound(a, b, link_poses) for a, b in pairs])
+    # Each pair's bound at all later samples: the last distance found, less what the two moved since.
+    bounds = np.array([d - _way(a, b, link_poses) for d, (a, b) in zip(first, pairs, strict=True)])
     distance, nearest = np.zeros(count), []
     for k in range(count):
-        if k:
-            # All points of a rigid body move at most as far as the corner of its box that moves furthest.
-            moved = np.linalg.norm(corners[:, k] - corners[:, k - 1], axis=-1).max(axis=-1)
-            bound = bound - moved[ends].sum(axis=1)
         best, best_pair = np.inf, pairs[0]
-        for i in np.argsort(bound):
-            if bound[i] >= best:
+        for i in np.argsort(bounds[:, k]):
+            if bounds[i, k] >= best:
                 break
             a, b = pairs[i]
-            bound[i] = _distance(a, b, link_poses[a.body][k], link_poses[b.body][k])
-            if bound[i] < best:
-                best, best_pair = bound[i], (a, b)
+            found = _distance(a, b, link_poses[a.body][k], link_poses[b.body][k])
+            bounds[i] = found - _way(a, b, link_poses, since=k)
+            if found < best:
+                best, best_pair = found, (a, b)
         distance[k] = best
         nearest.append((best_pair[0].name, best_pair[1].name))
         if progress is not None:
             progress((k + 1) / count)
     return distance, tuple(nearest)
+
+
+def _first_bound(a: _Shape, b: _Shape, link_poses: Mapping[str, Array]) -> float:
+    """Return the distance between the two boxes at the first sample."""
+    ca, cb = a.corners_in(link_poses[a.body][:1])[0], b.corners_in(link_poses[b.body][:1])[0]
+    return float(_box_gap(ca.min(axis=0), ca.max(axis=0), cb.min(axis=0), cb.max(axis=0)))
+
+
+def _touch(a: _Shape, b: _Shape, Ta: Array, Tb: Array) -> bool:
+    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    return bool(coal.collide(a.model, _placed(Ta), b.model, _placed(Tb), request, result))
 
 
 def _distance(a: _Shape, b: _Shape, Ta: Array, Tb: Array) -> float:

@@ -27,7 +27,7 @@ _STRIDE = 0.02
 _JUMP = 0.5
 """Largest change (m, rad) of any coordinate in one step; more is another branch."""
 
-_EVERY = 16
+_EVERY = 20
 """Of a dense motion, each such sample is solved from the one before."""
 
 _FLAT = 1e-9

@@ -9,8 +9,8 @@ import numpy as np
 from twin.reference.tree import Tree
 from twin.spatial import Array
 
-_STEP_DONE = 1e-13
-"""A step (m, rad) below this is rounding: the residual is at its least-squares minimum."""
+_STEP_LAST = 1e-9
+"""A step (m, rad) below this is the last: convergence is quadratic, so what remains is below rounding."""
 
 _COST_DONE = 1e-29
 """A sum of squares below this is rounding."""
@@ -52,22 +52,25 @@ def minimise(tree: Tree, X: Array, residual: Residual, columns: Array) -> tuple[
         weight = (damping[todo] + _FLOOR * size)[:, None, None]
         steps[:, columns] = -np.linalg.solve(normal + weight * eye, At @ r[..., None])[..., 0]
         new = tree.integrate(X[todo], steps)
+        last = np.abs(steps).max(axis=1) < _STEP_LAST
+        X[todo[last]], done[todo[last]] = new[last], True
+        todo, new, size = todo[~last], new[~last], size[~last]
+        if not len(todo):
+            break
         new_r, new_A = residual(new, todo)
         new_cost = np.sum(new_r**2, axis=1)
         worse = (new_cost > cost[todo] * (1 + 1e-9)) & (new_cost > _COST_DONE)
-        worse &= np.abs(steps).max(axis=1) >= _STEP_DONE
-        better = ~worse
         damping[todo[worse]] = np.maximum(10 * damping[todo[worse]], 1e-6 * size[worse])
-        damping[todo[better]] /= 10
-        X[todo[better]], cost[todo[better]] = new[better], new_cost[better]
-        finished = better & ((np.abs(steps).max(axis=1) < _STEP_DONE) | (new_cost < _COST_DONE))
+        better = todo[~worse]
+        damping[better] /= 10
+        X[better], cost[better] = new[~worse], new_cost[~worse]
+        finished = ~worse & (new_cost < _COST_DONE)
         done[todo[finished]] = True
-        keep = ~finished
-        todo = todo[keep]
+        todo = todo[~finished]
         if not len(todo):
             break
         if worse.any():  # back where they were: their residual must be evaluated again
             r, A = residual(X[todo], todo)
         else:
-            r, A = new_r[keep], new_A[keep]
+            r, A = new_r[~finished], new_A[~finished]
     return X, done

@@ -184,13 +184,20 @@ class Trajectory:
         x = float(np.clip((t - self.t[0]) / step, 0, len(self.t) - 1))
         i = min(int(x), len(self.t) - 2)
         f = x - i
-        a, b = self.Ts_base_tool[i], self.Ts_base_tool[i + 1]
-        turn = spatial.log_so3(a[:3, :3].T @ b[:3, :3])
-        T = spatial.pose(a[:3, :3] @ spatial.exp_so3(f * turn), (1 - f) * a[:3, 3] + f * b[:3, 3])
         h = f * f * (3 - 2 * f)
         q = (1 - h) * self.q[i] + h * self.q[i + 1]
         q = q + step * (f * (1 - f) ** 2 * self.qd[i] - f * f * (1 - f) * self.qd[i + 1])
-        return q, T
+        return q, self.poses(np.array([t]))[0]
+
+    def poses(self, times: Array) -> Array:
+        """Return T_base_tool (k, 4, 4) at times (k,) in s, blended between samples as by `sample`."""
+        step = float(self.t[1] - self.t[0])
+        x = np.clip((np.asarray(times, float) - self.t[0]) / step, 0, len(self.t) - 1)
+        i = np.minimum(x.astype(int), len(self.t) - 2)
+        f = (x - i)[:, None]
+        a, b = self.Ts_base_tool[i], self.Ts_base_tool[i + 1]
+        turn = spatial.log_so3(np.swapaxes(a[:, :3, :3], 1, 2) @ b[:, :3, :3])
+        return spatial.pose(a[:, :3, :3] @ spatial.exp_so3(f * turn), (1 - f) * a[:, :3, 3] + f * b[:, :3, 3])
 
     def as_dict(self, arrays: bool = True) -> dict[str, Any]:
         """Return plain data for JSON, SI; NaN becomes None. `arrays` adds every sample."""

@@ -11,9 +11,12 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import sys
+import types
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -165,10 +168,8 @@ def _topp(grid: Array, first: Array, second: Array, speed: Array, acceleration: 
     if not unit > 0:
         raise TimingError("the path has no length")
     size = acceleration * unit**2
+    algorithm, constraint = _toppra()
     with _quiet():
-        # toppra costs seconds to import (it loads scipy and pyplot): only when something is to be timed
-        from toppra import algorithm, constraint
-
         limits = [
             constraint.JointVelocityConstraint(np.array([-1.0, 1.0]) * (speed * unit / size)[:, None]),
             constraint.JointAccelerationConstraint(
@@ -190,6 +191,24 @@ def _topp(grid: Array, first: Array, second: Array, speed: Array, acceleration: 
     if np.any(rates[1:] + rates[:-1] <= 0):
         raise TimingError("TOPP-RA's timing stands still on the way")
     return np.asarray(rates) / unit
+
+
+def _toppra() -> tuple[Any, Any]:
+    """Import TOPP-RA, only when something is to be timed: with scipy it takes seconds.
+
+    It also loads pyplot, for figures that nobody asks it for; an empty module in its place saves two seconds.
+    """
+    name = "matplotlib.pyplot"
+    absent = name not in sys.modules
+    if absent:
+        sys.modules[name] = types.ModuleType(name)
+    try:
+        with _quiet():
+            from toppra import algorithm, constraint
+    finally:
+        if absent:
+            del sys.modules[name]
+    return algorithm, constraint
 
 
 @contextlib.contextmanager

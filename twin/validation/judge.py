@@ -261,7 +261,7 @@ def _baked(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
     progress("baked motion", 0.0)
     mechanism, trajectory = case.cad.mechanism, case.trajectory
     times = key_times(trajectory)
-    links = model.link_poses(model.run_poses(poses_at(trajectory, times)).x)
+    links = model.link_poses(model.run_poses(trajectory.poses(times)).x)
     with tempfile.TemporaryDirectory(prefix="twin-motion-") as folder:
         home = model.home()
         bare = replace(mechanism, bodies=tuple(replace(b, meshes=()) for b in mechanism.bodies))
@@ -275,7 +275,7 @@ def _baked(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
         )
         return
     middle = 0.5 * (times[1:] + times[:-1])
-    between = model.link_poses(model.run_poses(poses_at(trajectory, middle)).x)
+    between = model.link_poses(model.run_poses(trajectory.poses(middle)).x)
     worst: dict[str, Array] = {}
     for name, Ts in links.items():
         back = read_links.get(name, np.tile(Ts[:1], (len(times), 1, 1)))
@@ -320,11 +320,6 @@ def key_times(trajectory: Trajectory) -> Array:
     count = int(np.floor(trajectory.duration * KEY_RATE + 1e-9))
     times = np.arange(count + 1) / KEY_RATE
     return times if trajectory.duration - times[-1] < 1e-9 else np.append(times, trajectory.duration)
-
-
-def poses_at(trajectory: Trajectory, times: Array) -> Array:
-    """Return T_base_tool (k, 4, 4) at any times in s."""
-    return np.array([trajectory.sample(float(t))[1] for t in times])
 
 
 def _clearance(model: ReferenceModel, out: Comparison, clock: Clock, progress: Progress) -> None:

@@ -29,7 +29,15 @@ from twin.stage.read.motion import read_motion
 from twin.stage.read.names import identifier, unique
 from twin.stage.scan import Scene
 
-__all__ = ["inspect_stage", "read_motion", "read_stage"]
+__all__ = ["inspect_stage", "made_from", "read_motion", "read_stage"]
+
+
+def made_from(path: str | Path) -> str:
+    """Return what the stage says it was made from (twin:source of its default prim), "" if it does not say."""
+    scene = Scene(path)  # kept: a prim dies with its stage
+    prim = scene.stage.GetDefaultPrim()
+    attribute = prim.GetAttribute("twin:source") if prim else None
+    return str(attribute.Get() or "") if attribute else ""
 
 
 def read_stage(path: str | Path, root: str | None = None) -> Mechanism:

@@ -1,0 +1,257 @@
+"""The report as page, files and plots, of a made-up judgement (test_report_example.py)."""
+
+import json
+import math
+import re
+import runpy
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from twin import errors
+from twin.findings import Finding
+from twin.provenance import Parameter
+from twin.report import render_html, write_report
+from twin.report.html import command, key_figures, reason
+from twin.validation.result import Report
+
+made = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_report_example.py"))))
+make_report, PHASES, JOINTS = made.make_report, made.PHASES, made.JOINTS
+NASTY = '<script>alert("x")</script> & $\\frac$'
+
+
+class Page(HTMLParser):
+    """Collects what a page loads, and checks that its elements nest."""
+
+    VOID = ("meta", "link", "br", "img", "col", "hr", "input")
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.loads, self.ids, self.tags, self.open, self.text = [], [], [], [], []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.ids += [v for k, v in attrs if k == "id"]
+        self.loads += [v for k, v in attrs if k in ("src", "href", "xlink:href", "srcset", "data", "action")]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in self.VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+@pytest.fixture(scope="module")
+def agree() -> Report:
+    return make_report("agree", 250)
+
+
+@pytest.fixture(scope="module")
+def disagree() -> Report:
+    return make_report("disagree", 250)
+
+
+@pytest.fixture(scope="module")
+def written(disagree, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report")
+    return folder, write_report(disagree, folder)
+
+
+# ------------------------------------------------------------------------------------------ page
+
+
+def test_page_is_whole_and_loads_nothing(written):
+    text = written[1]["html"].read_text("utf-8")
+    page = Page(text)
+    assert all(load.startswith("#") for load in page.loads)
+    assert {load[1:] for load in page.loads} <= set(page.ids)
+    assert all(u.startswith("#") for u in re.findall(r"url\(['\"]?([^)'\"]*)", text))
+    assert "@import" not in text
+    assert "script" not in page.tags
+    assert "http" not in text
+    assert len(page.ids) == len(set(page.ids)), "the ids of one figure must not be those of another"
+    assert page.tags.count("svg") == 7
+    assert text.count('role="img"') == 7
+
+
+def test_page_says_everything(disagree, written):
+    text = "".join(Page(written[1]["html"].read_text("utf-8")).text)
+    for finding in disagree.findings:
+        assert finding.message in text
+        assert finding.suggestion in text
+    for parameter in disagree.parameters:
+        assert parameter.name in text
+        assert parameter.note in text
+    assert "2 of 9 values are assumed" in text
+    assert text.index("joint.q1.max_speed") < text.index("l_0")
+    for phase in disagree.phases:
+        assert phase.name in text
+    assert "because of point s1" in text
+    assert "They disagree" in text
+    assert "twin validate sils --protocol table2 --variant eq1=printed" in text
+    for pair in ("A–B", "B–C", "B–D"):
+        assert pair in text
+
+
+def test_findings_come_gravest_first(written):
+    text = written[1]["html"].read_text("utf-8")
+    order = [text.index(f"<code>{code}</code>") for code in ("compare.point", "rcm.missed", "limit.soft")]
+    assert order == sorted(order)
+
+
+def test_same_bytes_every_time(disagree, written):
+    assert render_html(disagree).encode() == written[1]["html"].read_bytes()
+
+
+def test_users_matplotlib_settings_do_not_matter(written):
+    import matplotlib
+
+    with matplotlib.rc_context({"font.size": 30, "lines.linewidth": 9, "svg.fonttype": "path"}):
+        assert render_html(make_report("disagree", 250)).encode() == written[1]["html"].read_bytes()
+
+
+def test_malicious_names_are_text(agree):
+    bad = replace(
+        agree,
+        robot=NASTY,
+        title=NASTY,
+        protocol=NASTY,
+        source=NASTY,
+        joint_names=(NASTY, *JOINTS[1:]),
+        phases=tuple(replace(p, name=NASTY) for p in PHASES),
+        residuals=tuple(replace(r, name=NASTY, note=NASTY, phase=NASTY) for r in agree.residuals),
+        findings=(Finding("x.y", "warning", NASTY, NASTY, NASTY, 1.0, NASTY, 2.0, NASTY),),
+        parameters=(Parameter(NASTY, 1.0, "mm", 1.0, "ASSUMED", NASTY),),
+        facts={NASTY: {NASTY: NASTY}},
+        environment={NASTY: NASTY},
+        series={k: agree.series[k] for k in ("t", "q", "qd", "qdd")},
+        variants={NASTY: NASTY},
+        reasons={NASTY: NASTY},
+    )
+    text = render_html(bad)
+    assert "script" not in Page(text).tags
+    assert "<script" not in text
+    assert NASTY in "".join(Page(text).text)
+
+
+# ----------------------------------------------------------------------------------- verdict
+
+
+def test_reason_of_each_verdict(agree, disagree):
+    assert reason(agree).startswith(f"All {sum(r.tolerance is not None for r in agree.residuals)} judged residuals")
+    assert reason(disagree) == (
+        "Formula against mechanism: point s1 is 1.27 mm off (tolerance 1 µm), at 7.2 s in phase sweep."
+    )
+    unchecked = replace(make_report("unchecked", 50), series={})
+    assert reason(unchecked).startswith("limb1.shaft: cylinder of radius 8 mm")
+    text = render_html(unchecked)
+    assert "Could not check" in text
+    assert "check near_mm" in text
+
+
+def test_reason_when_only_a_finding_disagrees(agree):
+    missed = Finding("rcm.missed", "disagreement", "the shaft misses the RCM by 45.78 mm", size=45.78, unit="mm")
+    assert reason(replace(agree, findings=(missed,))) == "The shaft misses the RCM by 45.78 mm."
+
+
+def test_key_figures(disagree):
+    found = {f["label"]: f for f in key_figures(disagree)}
+    assert found["Tool position, A–B"]["state"] == "bad"
+    assert found["RCM error"]["state"] == "good"
+    assert found["Least clearance"]["value"] == "5.5 mm"
+    assert found["Duration"]["value"] == "12 s"
+    assert found["Assumed"]["value"] == "2"
+
+
+def test_command_quotes_and_may_be_given(agree):
+    assert command(replace(agree, robot="my robot")) == "twin validate 'my robot' --protocol table2"
+    assert command(replace(agree, environment={"command": "twin validate x"})) == "twin validate x"
+
+
+# ------------------------------------------------------------------------------ files and plots
+
+
+def test_pictures_exist_and_show_something(written):
+    from PIL import Image
+
+    names = {k[6:] for k in written[1] if k.startswith("plots/")}
+    assert names == {"residual_matrix", "active_joints", "tool_motion", "residuals", "rcm", "margins", "clearance"}
+    for name in names:
+        with Image.open(written[0] / "plots" / f"{name}.png") as image:
+            assert image.width >= 900
+            pixels = np.asarray(image.convert("RGB"))
+        assert 0.01 < np.mean(np.any(pixels < 230, axis=-1)) < 0.6
+        colors = pixels.astype(int) @ (65536, 256, 1)
+        assert len(np.unique(colors)) > 20
+
+
+def test_json_round_trip(disagree, written):
+    read = json.loads(written[1]["json"].read_text("utf-8"))
+    assert read == disagree.as_dict() | {"phases": read["phases"]}
+    assert read["verdict"] == "disagree"
+    assert [p["name"] for p in read["phases"]] == [p.name for p in PHASES]
+
+
+def test_only_the_formats_asked_for(agree, tmp_path):
+    assert set(write_report(agree, tmp_path / "a", ("json",))) == {"json"}
+    assert [p.name for p in (tmp_path / "a").iterdir()] == ["report.json"]
+    with pytest.raises(errors.OutputError, match=r"report format 'htm'.*'html'"):
+        write_report(agree, tmp_path / "b", ("htm",))
+    assert not (tmp_path / "b").exists()
+
+
+@pytest.mark.parametrize("series", ["none", "empty", "nan", "short"])
+def test_missing_series_are_left_out(agree, series, tmp_path):
+    make = {
+        "none": lambda y: None,
+        "empty": lambda y: y[:0],
+        "nan": lambda y: np.full_like(y, np.nan),
+        "short": lambda y: y[:-3],
+    }[series]
+    keep = ("t", "t_coarse", "clearance_t") if series in ("nan", "short") else ()
+    found = {k: y if k in keep else make(y) for k, y in agree.series.items()}
+    bare = replace(agree, residuals=agree.residuals[:3], series={k: y for k, y in found.items() if y is not None})
+    out = write_report(bare, tmp_path)
+    assert {k for k in out if k.startswith("plots/")} == {"plots/residual_matrix"}
+    assert "They agree" in out["html"].read_text("utf-8")
+
+
+def test_a_report_of_nothing(tmp_path):
+    nothing = Report("x", "", "", "p", "", {}, {}, (), (), (), (), {}, {}, ())
+    out = write_report(nothing, tmp_path)
+    assert set(out) == {"html", "json"}
+    assert "Nothing was compared" in out["html"].read_text("utf-8")
+
+
+def test_numbers_that_are_none(agree):
+    rows = tuple(replace(r, worst=math.nan, rms=math.inf, t=math.nan) for r in agree.residuals)
+    series = {k: np.where(np.arange(len(y)) % 5 == 0, np.nan, y.T).T for k, y in agree.series.items() if "t" not in k}
+    text = render_html(replace(agree, residuals=rows, series=dict(agree.series) | series))
+    assert ">nan<" not in text.lower()
+    assert "nan mm" not in text
+    assert "∞" in text
+
+
+def test_revolute_joints_are_in_degrees(agree):
+    from twin.report.plots import active_joints
+    from twin.report.style import styled
+
+    rows = tuple(replace(r, unit="rad") if r.quantity == "driven" and r.name < "q4" else r for r in agree.residuals)
+    with styled():
+        figure = active_joints(replace(agree, residuals=rows))
+    assert [ax.get_ylabel() for ax in figure.axes[:2]] == ["displacement [mm]", "displacement [°]"]
+    mm, deg = (ax.get_legend_handles_labels()[1] for ax in figure.axes[:2])
+    assert (mm, deg) == (["q4", "q5", "q6"], ["q1", "q2", "q3"])

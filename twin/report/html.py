@@ -1,0 +1,271 @@
+"""The report as one HTML page that needs nothing else: no network, no scripts, figures inline."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+from twin.findings import SEVERITIES, Finding, by_severity
+from twin.provenance import Parameter
+from twin.report import curves
+from twin.report import format as fmt
+from twin.report.matrix import PAIRS, label, pair_names
+from twin.units import MM
+from twin.validation.result import Report, Residual
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+    from matplotlib.figure import Figure
+
+VERDICTS = {"agree": "They agree", "disagree": "They disagree", "unchecked": "Could not check"}
+"""Headline of each verdict."""
+
+CAPTIONS = {
+    "residual_matrix": "Worst residual of every compared quantity, over all samples. Read along a row to see "
+    "which comparison first goes wrong.",
+    "active_joints": "Displacement, speed and acceleration of the active joints over the phases.",
+    "tool_motion": "Displacement, speed and acceleration of the tool frame in the base. Coloured: "
+    "planned; dashed: the independent mechanism, where it was computed.",
+    "residuals": "How far formula and mechanism are apart, on a logarithmic scale, with the tolerances.",
+    "rcm": "Distance from the registered remote centre of motion (the trocar) to the shaft axis. "
+    "Logarithmic; blank where no RCM is registered.",
+    "margins": "What is left before a joint limit, the end of the reach, or a singularity. A singularity "
+    "measure vanishes on the singularity; 1 is its alarm.",
+    "clearance": "Smallest distance between bodies that do not touch by design.",
+}
+"""What each plot shows."""
+
+_ORIGINS = ("ASSUMED", "DERIVED", "CITED", "SEED")
+
+
+def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> str:
+    """Return the report as a self-contained page; the same bytes for the same report.
+
+    Args:
+        report: what to show.
+        figures: from `twin.report.plots.figures`, if they are drawn already; else they are drawn here.
+    """
+    from markupsafe import Markup
+
+    from twin.report import style
+    from twin.report.plots import figures as draw
+
+    drawn = draw(report) if figures is None else figures
+    title = f"{report.robot} on {report.protocol}"
+    pictures = {
+        name: {
+            "svg": Markup(style.svg(figure, name, f"{CAPTIONS.get(name, name)} {title}")),
+            "caption": CAPTIONS.get(name, name),
+        }
+        for name, figure in drawn.items()
+    }
+    return _template().render(
+        report=report,
+        word=VERDICTS[report.verdict],
+        reason=reason(report),
+        figures_strip=key_figures(report),
+        grave=[f for f in by_severity(report.findings) if f.severity != "info"],
+        infos=[f for f in report.findings if f.severity == "info"],
+        counts=_counts(report),
+        groups=_groups(report),
+        pictures=pictures,
+        parameters=sorted(report.parameters, key=lambda p: _ORIGINS.index(p.provenance)),
+        origins=[(o, sum(p.provenance == o for p in report.parameters)) for o in _ORIGINS],
+        command=command(report),
+    )
+
+
+def reason(report: Report) -> str:
+    """Return in one sentence why the verdict is what it is."""
+    findings = by_severity(report.findings)
+    if report.verdict == "unchecked":
+        first = findings[0]
+        return f"{_sentence(first)} What could not be checked is not judged."
+    failing = [r for r in report.residuals if not r.agrees]
+    if report.verdict == "disagree":
+        causes = [r for r in failing if not r.consequence_of] or failing
+        if causes:
+            r = max(causes, key=_excess)
+            sides = PAIRS.get(r.pair, (r.pair, ""))[0]
+            phase = f" in phase {r.phase}" if r.phase else ""
+            return (
+                f"{sides[:1].upper()}{sides[1:]}: {label(r)} is {fmt.quantity(r.worst, r.unit)} off "
+                f"(tolerance {fmt.quantity(r.tolerance, r.unit)}), at {fmt.seconds(r.t)}{phase}."
+            )
+        return _sentence(findings[0])
+    judged = [r for r in report.residuals if r.tolerance is not None]
+    if not judged:
+        return "Nothing that was checked differs; no residual has a tolerance."
+    fewest, most = min(r.samples for r in judged), max(r.samples for r in judged)
+    span = fmt.count(most, "sample") if fewest == most else f"{fewest} to {fmt.count(most, 'sample')}"
+    over = f", each at {span}" if most > 1 else ""
+    if failing:  # a report whose findings forgot a row
+        return f"No finding says otherwise, but {fmt.count(len(failing), 'residual')} exceed the tolerance."
+    return f"All {len(judged)} judged residuals are within their tolerances{over}."
+
+
+def key_figures(report: Report) -> list[dict[str, str]]:
+    """Return the figures that are read first: label, value, and a note below."""
+
+    def worst(name: str, rows: list[Residual]) -> dict[str, str]:
+        if not rows:
+            return {"label": name, "value": fmt.NONE, "note": "not compared", "state": "none"}
+        r = max(rows, key=lambda r: math.inf if math.isnan(r.worst) else r.worst)
+        limit = "no tolerance" if r.tolerance is None else f"limit {fmt.quantity(r.tolerance, r.unit)}"
+        state = "none" if r.tolerance is None else "good" if r.agrees else "bad"
+        return {"label": name, "value": fmt.quantity(r.worst, r.unit), "note": limit, "state": state}
+
+    rcm = curves.rows(report, "rcm", "m")
+    out = [
+        worst("Tool position, A–B", curves.rows(report, "tool", "m", "A-B")),
+        worst("Tool rotation, A–B", curves.rows(report, "tool", "rad", "A-B")),
+        worst("Loop gap", curves.rows(report, "loop", "m")),
+        worst("RCM error", rcm) if rcm else _rcm_figure(report),
+        _clearance_figure(report),
+    ]
+    length = curves.duration(report)
+    phases = fmt.count(len(report.phases), "phase")
+    out.append({"label": "Duration", "value": fmt.seconds(length), "note": phases, "state": "none"})
+    if report.parameters:
+        n = len(report.assumed)
+        note = f"of {fmt.count(len(report.parameters), 'parameter')}"
+        entry = {"label": "Assumed", "value": str(n), "note": note, "state": "none"}
+        out.append(entry | {"link": "#parameters"})
+    return out
+
+
+def command(report: Report) -> str:
+    """Return the command line that makes this report again."""
+    if "command" in report.environment:
+        return report.environment["command"]
+    words = ["twin", "validate", report.robot, "--protocol", report.protocol]
+    for equation, variant in report.variants.items():
+        if variant != "corrected":
+            words += ["--variant", f"{equation}={variant}"]
+    return shlex.join(words)
+
+
+def _sentence(finding: Finding) -> str:
+    text = finding.message.strip()
+    text = text[:1].upper() + text[1:]
+    if finding.where and finding.where not in text:
+        text = f"{finding.where}: {finding.message.strip()}"
+    return text if text.endswith((".", "!", "?")) else f"{text}."
+
+
+def _rcm_figure(report: Report) -> dict[str, str]:
+    found = curves.pair(report, "rcm_error")
+    if found is None:
+        return {"label": "RCM error", "value": fmt.NONE, "note": "no RCM registered", "state": "none"}
+    value, limit = float(max(x for x in found[1].ravel() if x == x)), curves.rcm_tolerance(report)
+    note = f"limit {fmt.quantity(limit, 'm')}" if limit else "no tolerance"
+    state = "none" if limit is None else "good" if value <= limit else "bad"
+    return {"label": "RCM error", "value": fmt.quantity(value, "m"), "note": note, "state": state}
+
+
+def _clearance_figure(report: Report) -> dict[str, str]:
+    found = curves.pair(report, "clearance", "clearance_t")
+    if found is None or found[1].ndim != 1:
+        return {"label": "Least clearance", "value": fmt.NONE, "note": "not computed", "state": "none"}
+    t, y = found
+    k = min((i for i in range(len(y)) if y[i] == y[i]), key=lambda i: y[i])
+    state = "bad" if y[k] < 0 else "none"
+    return {
+        "label": "Least clearance",
+        "value": fmt.quantity(float(y[k]), "m"),
+        "note": f"at {fmt.seconds(float(t[k]))}",
+        "state": state,
+    }
+
+
+def _counts(report: Report) -> list[tuple[str, str]]:
+    out = []
+    for severity in reversed(SEVERITIES):
+        n = sum(f.severity == severity for f in report.findings)
+        if n:
+            out.append((severity, fmt.count(n, "note" if severity == "info" else severity)))
+    return out
+
+
+def _groups(report: Report) -> list[dict[str, Any]]:
+    """Return the residual matrix by pair, failing rows first; an explained row follows its explanation."""
+    out = []
+    for pair in pair_names(report):
+        rows = [r for r in report.residuals if r.pair == pair]
+        own = sorted((r for r in rows if not r.consequence_of), key=lambda r: r.agrees)
+        ordered: list[Residual] = []
+        for r in own:
+            ordered.append(r)
+            ordered += [c for c in rows if c.consequence_of in _aliases(r) and c not in ordered]
+        ordered += [r for r in rows if r not in ordered]
+        title, short = PAIRS.get(pair, (pair, pair))
+        out.append(
+            {
+                "pair": short,
+                "title": title[:1].upper() + title[1:],
+                "rows": ordered,
+                "bad": sum(not r.agrees for r in rows),
+                "judged": sum(r.tolerance is not None for r in rows),
+            }
+        )
+    return out
+
+
+def _aliases(row: Residual) -> set[str]:
+    """Return the words with which another row may name this one."""
+    name = f"{row.quantity} {row.name}"
+    return {row.name, label(row), name, f"{row.pair} {name}"} - {""}
+
+
+def _excess(row: Residual) -> float:
+    """Return the worst value over its tolerance; infinite for what could not be computed."""
+    return math.inf if math.isnan(row.worst) or not row.tolerance else row.worst / row.tolerance
+
+
+def _parameter_value(p: Parameter) -> str:
+    return fmt.shown(p.shown, p.unit, 6)
+
+
+def _when(row: Residual) -> str:
+    return fmt.seconds(row.t) if math.isfinite(row.t) else fmt.NONE
+
+
+def _over(f: Finding) -> float:
+    """Return size over limit in percent of the bar, 0 to 100, the limit at half."""
+    if f.size is None or not f.limit or not math.isfinite(f.size):
+        return 0.0
+    return round(100 * min(1.0, abs(f.size / f.limit) / 2), 1)
+
+
+@cache
+def _template() -> Template:
+    from jinja2 import DictLoader, Environment, StrictUndefined
+
+    folder = files("twin.report")
+    sources = {name: folder.joinpath(name).read_text("utf-8") for name in ("report.html.j2", "report.css")}
+    environment = Environment(
+        loader=DictLoader(sources),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "quantity": fmt.quantity,
+        "shown": fmt.shown,
+        "seconds": fmt.seconds,
+        "point": fmt.point,
+        "count": fmt.count,
+        "label": label,
+        "value": _parameter_value,
+        "when": _when,
+        "over": _over,
+        "times": lambda r: fmt.ratio(r.worst, r.tolerance),
+        "words": lambda name: name.replace("_", " "),
+    }
+    environment.globals |= {"MM": MM, "NONE": fmt.NONE}
+    return environment.get_template("report.html.j2")
