@@ -51,9 +51,7 @@ def message(text: str) -> str:
 
 
 def test_a_right_file_is_read():
-    robot = parse_toml(
-        'name = "a"\nmass_kg = 2\njoints.q1 = { type = "slide", lower_mm = 0, upper_mm = 5 }\n', Robot
-    )
+    robot = parse_toml('name = "a"\nmass_kg = 2\njoints.q1 = { type = "slide", lower_mm = 0, upper_mm = 5 }\n', Robot)
     assert robot.mass_kg == 2.0
     assert isinstance(robot.joints["q1"], Slide)
     assert robot.travel_mm == (0.0, 1.0)
@@ -205,9 +203,7 @@ def test_every_value_of_a_generated_file_is_located(data):
     def walk(value, keys):
         if keys:
             assert keys in lines
-        items = (
-            value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-        )
+        items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
         for key, child in items:
             walk(child, (*keys, key))
 

@@ -114,9 +114,7 @@ def test_rest_positions_are_exact_and_rotations_single(written):
 
 def test_frames_and_points_are_double_and_may_share_a_name(written):
     before, after = made.four_bar(), read_stage(written.root)
-    assert np.allclose(
-        after.frame("tool").T_body_frame, before.frame("tool").T_body_frame, rtol=0, atol=1e-15
-    )
+    assert np.allclose(after.frame("tool").T_body_frame, before.frame("tool").T_body_frame, rtol=0, atol=1e-15)
     assert after.frame("tool").body == "coupler"
     for point in before.points:
         assert np.array_equal(after.point(point.name).p_body, point.p_body)
@@ -321,9 +319,7 @@ def test_motion_survives_at_its_own_time_codes(written):
     assert set(poses) == set(motion.link_poses)
     for body, Ts in motion.link_poses.items():
         assert np.array_equal(poses[body][:, :3, 3], Ts[:, :3, 3])
-        assert (
-            np.max(spatial.rotation_angle(np.swapaxes(poses[body][:, :3, :3], 1, 2) @ Ts[:, :3, :3])) < 3e-7
-        )
+        assert np.max(spatial.rotation_angle(np.swapaxes(poses[body][:, :3, :3], 1, 2) @ Ts[:, :3, :3])) < 3e-7
 
 
 def test_motion_plays_over_the_robot(written):
@@ -339,9 +335,7 @@ def test_signs_are_continuous_through_a_full_turn(tmp_path):
     turning = [made.four_bar_state(made.CRANK_AT_REST + 3.2 * np.pi * t / 4) for t in times]
     poses = {b: np.stack([s[0][b] for s in turning]) for b in turning[0][0]}
     free = tuple(replace(j, limits=None, soft_limits=None) for j in made.four_bar().joints)
-    files = write_four_bar(
-        tmp_path, replace(made.four_bar(), joints=free), motion=Motion("turn", times, poses)
-    )
+    files = write_four_bar(tmp_path, replace(made.four_bar(), joints=free), motion=Motion("turn", times, poses))
     assert "stage.quaternion_sign" not in {f.code for f in check_stage(files.motion.root)}
     _, read_back = read_motion(files.motion.root)
     assert np.allclose(read_back["crank"], poses["crank"], atol=3e-7)
@@ -570,11 +564,7 @@ def test_generic_joints_are_known_by_their_locked_axes(free, kind, tmp_path):
     foreign.joint(F, "fix", None, "a")
     prim = foreign.joint(UsdPhysics.Joint, "six", "a", "b").GetPrim()
     for direction in ("transX", "transY", "transZ", "rotX", "rotY", "rotZ"):
-        limit = (
-            UsdPhysics.LimitAPI.Apply(prim, direction)
-            if direction not in free or kind == "revolute"
-            else None
-        )
+        limit = UsdPhysics.LimitAPI.Apply(prim, direction) if direction not in free or kind == "revolute" else None
         if limit:
             limit.CreateLowAttr(-30.0 if direction in free else 1.0)
             limit.CreateHighAttr(60.0 if direction in free else -1.0)

@@ -39,9 +39,7 @@ def solid(mass: float, center, size, R=None) -> Inertia:
     """Return the inertia of a box, turned by R."""
     x, y, z = np.asarray(size, float) ** 2
     R = np.eye(3) if R is None else R
-    return Inertia(
-        mass, np.asarray(center, float), R @ np.diag(mass / 12 * np.array([y + z, x + z, x + y])) @ R.T
-    )
+    return Inertia(mass, np.asarray(center, float), R @ np.diag(mass / 12 * np.array([y + z, x + z, x + y])) @ R.T)
 
 
 def bar(name: str, length: float, color) -> Body:
@@ -91,9 +89,7 @@ def four_bar(**changes) -> Mechanism:
     rest, _ = four_bar_state(CRANK_AT_REST)
 
     def revolute(name, parent, child, T_parent, T_child=None, **more):
-        return Joint(
-            name, "revolute", parent, child, T_parent, np.eye(4) if T_child is None else T_child, **more
-        )
+        return Joint(name, "revolute", parent, child, T_parent, np.eye(4) if T_child is None else T_child, **more)
 
     ground = Body(
         "base",
@@ -133,9 +129,7 @@ def four_bar(**changes) -> Mechanism:
                 spatial.pose(p=[COUPLER, 0, 0]),
             ),
         ),
-        "frames": (
-            Frame("tool", "coupler", spatial.pose(spatial.exp_so3([1, 2, 0.3]), [COUPLER / 3, 0.01, 0.02])),
-        ),
+        "frames": (Frame("tool", "coupler", spatial.pose(spatial.exp_so3([1, 2, 0.3]), [COUPLER / 3, 0.01, 0.02])),),
         "points": (
             Point("marker", "rocker", np.array([1 / 3, 0.01, 1 / 7])),
             Point("tool", "base", np.ones(3)),
@@ -156,9 +150,7 @@ def slider_state(stroke: float, turn: float, tilt=(0.1, -0.2, 0.3)):
     """Return (link_poses, q_full) of `slider`; `turn` rad about and along the cylindrical joint."""
     T_cart = T_TILT @ spatial.pose(p=[0, 0, stroke])
     T_ball = T_cart @ spatial.pose(p=[0.1, 0, 0]) @ spatial.pose(spatial.exp_so3(tilt))
-    T_rod = (
-        T_ball @ spatial.pose(p=[0.05, 0, 0]) @ spatial.pose(spatial.rotation_z(turn), [0, 0, 0.02 * turn])
-    )
+    T_rod = T_ball @ spatial.pose(p=[0.05, 0, 0]) @ spatial.pose(spatial.rotation_z(turn), [0, 0, 0.02 * turn])
     poses = {"base": np.eye(4), "cart": T_cart, "ball": T_ball, "rod": T_rod, "plate": T_rod}
     return poses, {"slide": stroke}
 

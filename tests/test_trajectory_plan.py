@@ -121,9 +121,7 @@ def test_joint_coordinates_at_the_waypoints_are_the_published_ones(planned, name
     trajectory = planned[name][1]
     for waypoint, rows in trajectory.waypoints.items():
         for k in rows if waypoint in JOINTS else ():
-            np.testing.assert_allclose(
-                trajectory.q[k] / MM, JOINTS[waypoint], atol=JOINT_TOLERANCE_MM, rtol=0
-            )
+            np.testing.assert_allclose(trajectory.q[k] / MM, JOINTS[waypoint], atol=JOINT_TOLERANCE_MM, rtol=0)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -141,9 +139,7 @@ def test_every_limit_holds_at_every_sample(planned, name):
         ):
             assert np.max(np.linalg.norm(values[rows], axis=1)) <= limit * (1 + 1e-6)
     assert np.min(trajectory.limit_margin) > 0
-    assert not [
-        f for f in trajectory.findings if f.code.startswith(("limit.s", "limit.t")) and f.where != "q4"
-    ]
+    assert not [f for f in trajectory.findings if f.code.startswith(("limit.s", "limit.t")) and f.where != "q4"]
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -173,12 +169,8 @@ def test_speeds_and_accelerations_are_those_of_the_positions(planned, name):
     assert np.mean(calm) > 0.5
     np.testing.assert_allclose(slope[calm], qd[2:-2][calm], atol=1e-6 * np.max(np.abs(qd)))
     assert np.percentile(np.abs(bend - qdd[2:-2])[calm], 95) < 1e-5 * np.max(np.abs(qdd))
-    twists = np.column_stack(
-        [np.gradient(trajectory.Ts_base_tool[:, :3, 3], dt, axis=0), trajectory.angular_velocity]
-    )
-    np.testing.assert_allclose(
-        velocity(trajectory.Ts_base_tool, q, twists)[2:-2][calm], qd[2:-2][calm], atol=1e-6
-    )
+    twists = np.column_stack([np.gradient(trajectory.Ts_base_tool[:, :3, 3], dt, axis=0), trajectory.angular_velocity])
+    np.testing.assert_allclose(velocity(trajectory.Ts_base_tool, q, twists)[2:-2][calm], qd[2:-2][calm], atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["table2", "lowered_patient"])
@@ -255,9 +247,7 @@ def table2(*phases, **waypoints):
         n: Waypoint(n, np.deg2rad(a), None if p is None else np.array(p) * MM, d, n, "ASSUMED", "test")
         for n, (p, d, a) in waypoints.items()
     }
-    return replace(
-        protocol, phases=(*protocol.phases[:2], *phases), waypoints={**protocol.waypoints, **extra}
-    )
+    return replace(protocol, phases=(*protocol.phases[:2], *phases), waypoints={**protocol.waypoints, **extra})
 
 
 def refusal(protocol, kinematics=SILS, frame=np.eye(4)):  # noqa: B008 - never changed
@@ -373,9 +363,7 @@ def test_the_check_finds_every_seeded_defect(planned):
         "trajectory.inconsistent": spoil(good, "q", middle, 1e-5),
         "rcm.missed": spoil(good, "Ts_base_frame", middle, shift),
         "insertion.bent": spoil(good, "Ts_base_frame", middle, shift),
-        "waypoint.missed": spoil(
-            good, "Ts_base_frame", slice(good.phases[0].stop, good.phases[0].stop + 1), shift
-        ),
+        "waypoint.missed": spoil(good, "Ts_base_frame", slice(good.phases[0].stop, good.phases[0].stop + 1), shift),
         "limit.gap": spoil(good, "q", middle, [0.23, 0, 0, 0, 0, 0]),
         "branch.changed": spoil(good, "q", middle, [0.4, 0, 0, 0, 0, 0]),
     }

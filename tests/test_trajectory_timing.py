@@ -37,9 +37,7 @@ def peak(derivatives, timing):
 
 
 def test_a_straight_move_takes_the_time_of_a_trapezoid():
-    timing = time_path(
-        lambda s: (np.full((len(s), 1), 0.2), np.zeros((len(s), 1))), SPEED[:1], ACCELERATION[:1]
-    )
+    timing = time_path(lambda s: (np.full((len(s), 1), 0.2), np.zeros((len(s), 1))), SPEED[:1], ACCELERATION[:1])
     assert timing.optimal == pytest.approx(0.2 / 0.1 + 0.1 / 0.5, rel=1e-4)
     assert timing.duration == pytest.approx(np.ceil(timing.optimal * 1e3) * 1e-3)
     assert (timing.s[0], timing.s[-1], timing.sd[0], timing.sd[-1]) == (0, 1, 0, 0)
@@ -122,9 +120,7 @@ def test_a_jump_leaves_a_tail():
 
 def protocol(*phases, waypoints=None, axis=(0, 0, -1)):
     poses = {"a": ((0.1, 0.2, 0.3), (0.2, -0.1, 0.4)), "b": ((0.2, 0.1, 0.1), (-0.3, 0.2, 0.1))}
-    points = {
-        n: Waypoint(n, np.array(r), np.array(p), None, n, "ASSUMED", "test") for n, (p, r) in poses.items()
-    }
+    points = {n: Waypoint(n, np.array(r), np.array(p), None, n, "ASSUMED", "test") for n, (p, r) in poses.items()}
     points["about"] = Waypoint("about", np.array([0.1, 0.5, -0.3]), None, 0.07, "about", "ASSUMED", "test")
     limits = Limits(0.02, 0.1, 0.3, 1.0, "ASSUMED", "test")
     kinds = ("positioning", "insertion", "pivot", "retraction", "home")

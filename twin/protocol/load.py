@@ -71,9 +71,7 @@ def load_protocol(path: str | Path) -> Protocol:
 def _waypoint(name: str, w: WaypointTable) -> Waypoint:
     position = None if w.position_mm is None else np.array(w.position_mm) * MM
     depth = None if w.depth_mm is None else w.depth_mm * MM
-    return Waypoint(
-        name, np.array(w.angles_deg) * DEG, position, depth, w.label or name, w.provenance, w.note
-    )
+    return Waypoint(name, np.array(w.angles_deg) * DEG, position, depth, w.label or name, w.provenance, w.note)
 
 
 def _limits(l: LimitsTable) -> Limits:  # noqa: E741

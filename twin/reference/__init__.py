@@ -3,6 +3,7 @@
 Built from a `Mechanism` alone, it shares no code with the equations it judges.
 """
 
-from twin.reference.model import Assembly, ReferenceModel, Run
+from twin.reference.model import ReferenceModel
+from twin.reference.states import Assembly, Mobility, Run
 
-__all__ = ["Assembly", "ReferenceModel", "Run"]
+__all__ = ["Assembly", "Mobility", "ReferenceModel", "Run"]

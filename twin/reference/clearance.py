@@ -72,60 +72,50 @@ def clearance(
     jointed = {frozenset((j.parent, j.child)) for j in mechanism.joints}
     free = [(a, b) for a, b in combinations(whole, 2) if frozenset((a.body, b.body)) not in jointed]
     distance, pair = _track(free, link_poses, progress)
-    return Clearance(distance, pair, _contacts(_parts_of_jointed(mechanism, jointed, link_poses), link_poses))
-
-
-def _parts_of_jointed(
-    mechanism: Mechanism, jointed: set[frozenset[str]], link_poses: Mapping[str, Array]
-) -> list[tuple[_Shape, _Shape, float]]:
-    """Return pairs of parts of jointed bodies that do not mate as drawn, with their distance at the first sample."""
-    names = {n for pair in jointed for n in pair}
-    parts = {b.name: [_Shape(m.name, b.name, [m]) for m in b.meshes] for b in mechanism.bodies if b.name in names}
-    mating = {frozenset(p) for j in mechanism.joints for p in combinations(j.mating, 2)}
-    poses = {n: (mechanism.rest[n] if n in mechanism.rest else link_poses[n][0]) for n in names}
-    out = []
-    for a, b in (tuple(sorted(p)) for p in sorted(jointed, key=sorted)):
-        for p, q in product(parts[a], parts[b]):
-            if frozenset((p.name, q.name)) in mating or _far(p, q, poses[a], poses[b]):
-                continue
-            if _distance(p, q, poses[a], poses[b]) > TOUCHING:
-                out.append((p, q, _distance(p, q, link_poses[a][0], link_poses[b][0])))
-    return out
-
-
-_EVERY = 5
-"""Parts of jointed bodies are checked at every fifth sample: they turn past each other slowly."""
+    return Clearance(distance, pair, _contacts(mechanism, jointed, link_poses))
 
 
 def _contacts(
-    pairs: list[tuple[_Shape, _Shape, float]], link_poses: Mapping[str, Array]
+    mechanism: Mechanism, jointed: set[frozenset[str]], link_poses: Mapping[str, Array]
 ) -> tuple[tuple[int, str, str], ...]:
-    """Return where parts of jointed bodies touch; a pair is measured when it may have come that near."""
+    """Return where parts of jointed bodies touch that neither mate nor touch as drawn."""
+    mating = {frozenset(p) for j in mechanism.joints for p in combinations(j.mating, 2)}
     found = []
-    for a, b, distance in pairs:
-        way = _way(a, b, link_poses)
-        for k in range(0, len(way), _EVERY):
-            # It can only touch where b's furthest corner has come as far as the first distance was.
-            if way[k] >= distance and _touch(a, b, link_poses[a.body][k], link_poses[b.body][k]):
-                found.append((k, a.name, b.name))
-                break
+    for a, b in (tuple(sorted(p)) for p in sorted(jointed, key=sorted)):
+        # All seen from a: what moves is b.
+        T_a_b = (spatial.inverse(link_poses[a]) @ link_poses[b])[::_EVERY]
+        T_drawn = spatial.inverse(mechanism.rest.get(a, link_poses[a][0])) @ mechanism.rest.get(b, link_poses[b][0])
+        here = [_Shape(m.name, a, [m]) for m in mechanism.body(a).meshes]
+        there = [_Shape(m.name, b, [m]) for m in mechanism.body(b).meshes]
+        for q in there:
+            corners, drawn = q.corners_in(T_a_b), q.corners_in(T_drawn[None])
+            way = np.linalg.norm(corners - drawn, axis=-1).max(axis=-1)
+            for p in here:
+                own = p.corners_in(np.eye(4)[None])[0]
+                apart = _box_gap(own.min(axis=0), own.max(axis=0), drawn[0].min(axis=0), drawn[0].max(axis=0))
+                if way.max() < apart or frozenset((p.name, q.name)) in mating:
+                    continue
+                apart = _distance(p, q, np.eye(4), T_drawn)
+                if apart <= TOUCHING:
+                    continue
+                k = 0
+                while way[k:].max() >= apart > 0:
+                    k += int(np.argmax(way[k:] >= apart))  # until here it cannot have come so far
+                    apart = _distance(p, q, np.eye(4), T_a_b[k])
+                    way = np.linalg.norm(corners - corners[k], axis=-1).max(axis=-1)
+                if apart <= 0:
+                    found.append((k * _EVERY, p.name, q.name))
     return tuple(found)
+
+
+_EVERY = 5
+"""Parts of jointed bodies are checked at every fifth sample only: they turn past each other slowly."""
 
 
 def _way(a: _Shape, b: _Shape, link_poses: Mapping[str, Array], since: int = 0) -> Array:
     """Return how far (k,) in m b has moved at most, seen from a, since a sample: its box corner that moved furthest."""
     corners = b.corners_in(spatial.inverse(link_poses[a.body]) @ link_poses[b.body])
     return np.linalg.norm(corners - corners[since], axis=-1).max(axis=-1)
-
-
-_FAR = 40 * MM
-"""Parts of jointed bodies that are further apart than this as drawn are left to the eye: they keep their
-distance as long as the joint moves little, and body pairs cover the rest."""
-
-
-def _far(a: _Shape, b: _Shape, Ta: Array, Tb: Array) -> bool:
-    ca, cb = a.corners_in(Ta[None])[0], b.corners_in(Tb[None])[0]
-    return bool(_box_gap(ca.min(axis=0), ca.max(axis=0), cb.min(axis=0), cb.max(axis=0)) > _FAR)
 
 
 def _box_gap(low_a: Array, high_a: Array, low_b: Array, high_b: Array) -> Array:
@@ -166,11 +156,6 @@ def _first_bound(a: _Shape, b: _Shape, link_poses: Mapping[str, Array]) -> float
     """Return the distance between the two boxes at the first sample."""
     ca, cb = a.corners_in(link_poses[a.body][:1])[0], b.corners_in(link_poses[b.body][:1])[0]
     return float(_box_gap(ca.min(axis=0), ca.max(axis=0), cb.min(axis=0), cb.max(axis=0)))
-
-
-def _touch(a: _Shape, b: _Shape, Ta: Array, Tb: Array) -> bool:
-    request, result = coal.CollisionRequest(), coal.CollisionResult()
-    return bool(coal.collide(a.model, _placed(Ta), b.model, _placed(Tb), request, result))
 
 
 def _distance(a: _Shape, b: _Shape, Ta: Array, Tb: Array) -> float:

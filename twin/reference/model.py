@@ -8,7 +8,6 @@ so that the assembly stays on the branch it was drawn on.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -18,6 +17,7 @@ from twin.errors import AssemblyError, MechanismError
 from twin.mechanism import Mechanism
 from twin.reference.loops import LENGTH_SCALE, sine_of_rotation
 from twin.reference.newton import minimise
+from twin.reference.states import Assembly, Mobility, Run
 from twin.reference.tree import Tree
 from twin.spatial import Array
 
@@ -27,7 +27,7 @@ _STRIDE = 0.02
 _JUMP = 0.5
 """Largest change (m, rad) of any coordinate in one step; more is another branch."""
 
-_EVERY = 20
+_EVERY = 32
 """Of a dense motion, each such sample is solved from the one before."""
 
 _FLAT = 1e-9
@@ -42,74 +42,6 @@ Progress = Callable[[float], None]
 
 Move = Callable[[Array, Array], tuple[Array, Array]]
 """(start (k, nq), targets (k, ...)) -> states (k, nq), which converged (k,)."""
-
-
-@dataclass(frozen=True)
-class Assembly:
-    """A solved state of the mechanism.
-
-    Attributes:
-        T_base_tool: (4, 4).
-        q: (n,) active joints.
-        q_full: coordinate in m or rad of each joint that has a single one, tree and loop alike.
-        link_poses: T_base_body (4, 4) by body.
-        points: named points in base (3,).
-        gap: by loop, offset in m and misalignment in rad in the directions the joint locks.
-        x: the configuration in Pinocchio's coordinates, to start the next solution from.
-    """
-
-    T_base_tool: Array
-    q: Array
-    q_full: dict[str, float]
-    link_poses: dict[str, Array]
-    points: dict[str, Array]
-    gap: dict[str, tuple[float, float]]
-    x: Array
-
-    @property
-    def worst_gap(self) -> float:
-        """Largest loop offset in metres (0 without loops)."""
-        return max((g[0] for g in self.gap.values()), default=0.0)
-
-
-@dataclass(frozen=True)
-class Run:
-    """Solved states along samples, arrays time first.
-
-    Attributes:
-        x: (k, nq) configurations.
-        q: (k, n) active joints.
-        Ts_base_tool: (k, 4, 4).
-        q_passive: (k,) by passive joint with one coordinate.
-        points: (k, 3) by named point, in base.
-        gaps: (k, loops, 2) offset in m, misalignment in rad.
-        loop_names: names for the second axis of `gaps`.
-    """
-
-    x: Array
-    q: Array
-    Ts_base_tool: Array
-    q_passive: dict[str, Array]
-    points: dict[str, Array]
-    gaps: Array
-    loop_names: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Mobility:
-    """Degrees of freedom and redundancy at one state, by the rank of the constraint Jacobian.
-
-    Attributes:
-        freedom: degrees of freedom of the whole mechanism.
-        redundancy: constraint rows that add nothing.
-        redundant: rows that add nothing, by loop, counted in file order.
-        internal: freedoms that remain when all active joints are held (a rod that spins between two balls).
-    """
-
-    freedom: int
-    redundancy: int
-    redundant: dict[str, int]
-    internal: int
 
 
 class ReferenceModel:
@@ -186,7 +118,7 @@ class ReferenceModel:
 
     def collect(self, states: Array) -> Run:
         """Return what the configurations (k, nq) mean."""
-        poses, _ = self.tree.update(states)
+        poses, _ = self.tree.update(states, closing_only=True)
         passive = {}
         loop_values = self.tree.loops.coordinates(poses)
         for joint in self.mechanism.passive:
@@ -215,13 +147,14 @@ class ReferenceModel:
         """
         tree = self.tree
         A, J = self._jacobians(states)
-        V = self._full_rates(A, qd)
+        gain, give = self._gains(states, A), self._give(A)
+        V = np.einsum("kij,kj->ki", gain, qd)
         h = 1e-4 / np.maximum(1.0, np.abs(V).max(axis=1, keepdims=True))
         A1, J1 = self._jacobians(tree.integrate(states, h * V))
         A0, J0 = self._jacobians(tree.integrate(states, -h * V))
         v, step = V[..., None], h[..., None]
-        bias = ((A1 - A0) @ v / (2 * step))[..., 0]
-        acceleration = self._full_rates(A, qdd, bias)
+        acceleration = np.einsum("kij,kj->ki", gain, qdd)
+        acceleration[:, tree.passive] -= (give @ ((A1 - A0) @ v / (2 * step)))[..., 0]
         twist = (J @ v)[..., 0]
         return twist, (J @ acceleration[..., None] + (J1 - J0) @ v / (2 * step))[..., 0]
 
@@ -336,7 +269,7 @@ class ReferenceModel:
             x = knots[i] = X[0]
             if progress is not None:
                 progress((i + 1) / len(coarse) / 2)
-        states = _interpolate(coarse, knots, len(targets))
+        states = self._between(coarse, knots, targets)
         for block in np.array_split(np.arange(len(targets)), max(1, len(targets) // 1000)):
             solved, converged = move(states[block], targets[block])
             if not converged.all():
@@ -347,6 +280,41 @@ class ReferenceModel:
                 progress(0.5 + (block[-1] + 1) / len(targets) / 2)
         return states
 
+    def _between(self, at: Array, knots: Array, targets: Array) -> Array:
+        """Return first guesses (k, nq) for all samples from those solved (j, nq) at samples `at`.
+
+        Along driven motions the slopes of all joints follow from those of the active ones by the constraint
+        Jacobian, and what interpolation misses in the active joints (at the switches of a bang-bang
+        acceleration) is added to the passive ones in the same way. The guesses are then so near that one
+        iteration finishes nearly all of them.
+        """
+        if targets.ndim == 3 or len(at) < 2:
+            slopes = np.gradient(knots, at.astype(float), axis=0) if len(at) > 1 else np.zeros_like(knots)
+            return _interpolate(at, knots, slopes, len(targets))
+        gain = self._gains(knots)
+        rate = np.einsum("kij,kj->ki", gain, np.gradient(targets, axis=0)[at])
+        tiny = 1e-3
+        ahead, behind = self.tree.integrate(knots, tiny * rate), self.tree.integrate(knots, -tiny * rate)
+        states = _interpolate(at, knots, (ahead - behind) / (2 * tiny), len(targets))
+        nearest = np.searchsorted(0.5 * (at[1:] + at[:-1]), np.arange(len(targets)))
+        missed = targets - states[:, self._active_q]
+        return self.tree.integrate(states, np.einsum("kij,kj->ki", gain[nearest], missed))
+
+    def _gains(self, states: Array, A: Array | None = None) -> Array:
+        """Return the rates of the tree (k, nv, n) per rate of each active joint, least squares for the passive."""
+        tree = self.tree
+        A = self._jacobians(states)[0] if A is None else A
+        gain = np.zeros((len(A), tree.model.nv, len(tree.active)))
+        gain[:, tree.active] = np.eye(len(tree.active))
+        gain[:, tree.passive] = -self._give(A) @ A[:, :, tree.active]
+        return gain
+
+    def _give(self, A: Array) -> Array:
+        """Return how the passive joints (k, np, m) answer to a change of the loop residual."""
+        if not A.shape[1] or not len(self.tree.passive):
+            return np.zeros((len(A), len(self.tree.passive), A.shape[1]))
+        return np.linalg.pinv(A[:, :, self.tree.passive], rcond=_FLAT)
+
     def _link(self, poses: Array, body: str) -> Array:
         number, T_joint_body = self.tree.body(body)
         return poses[:, number] @ T_joint_body
@@ -355,17 +323,6 @@ class ReferenceModel:
         """Return loop Jacobians (k, m, nv) and tool Jacobians (k, 6, nv)."""
         poses, J = self.tree.update(X, closing_only=True)
         return self.tree.loops.evaluate(poses, J)[1], self.tree.tool_jacobian(poses, J)
-
-    def _full_rates(self, A: Array, driven: Array, bias: Array | float = 0.0) -> Array:
-        """Return tree rates (k, nv) from rates (k, n) of the active joints, in the least-squares sense."""
-        tree = self.tree
-        V = np.zeros((len(A), tree.model.nv))
-        V[:, tree.active] = driven
-        if A.shape[1] and len(tree.passive):
-            known = bias + (A[:, :, tree.active] @ driven[..., None])[..., 0]
-            pseudo = np.linalg.pinv(A[:, :, tree.passive], rcond=_FLAT)
-            V[:, tree.passive] = -(pseudo @ known[..., None])[..., 0]
-        return V
 
 
 def _distance(a: Array, b: Array) -> float:
@@ -386,11 +343,10 @@ def _between(a: Array, b: Array, s: float) -> Array:
     return spatial.pose(spatial.exp_so3(s * turn) @ a[:3, :3], a[:3, 3] + s * (b[:3, 3] - a[:3, 3]))
 
 
-def _interpolate(at: Array, knots: Array, count: int) -> Array:
-    """Return rows for 0..count-1 through knots at integer places: cubic Hermite with central slopes."""
-    if len(at) < 3:
-        return np.column_stack([np.interp(np.arange(count), at, column) for column in knots.T])
-    slopes = np.gradient(knots, at.astype(float), axis=0, edge_order=1)
+def _interpolate(at: Array, knots: Array, slopes: Array, count: int) -> Array:
+    """Return rows for 0..count-1 through knots at integer places with given slopes: cubic Hermite."""
+    if len(at) < 2:
+        return np.tile(knots, (count, 1))
     where = np.arange(count)
     i = np.clip(np.searchsorted(at, where, side="right") - 1, 0, len(at) - 2)
     width = (at[i + 1] - at[i])[:, None].astype(float)

@@ -53,7 +53,8 @@ class Tree:
         self.T_joint_tool = T_joint_body @ tool.T_body_frame
         self.loops = Loops(mechanism.loops, self._body, self._mask)
         self._all = sorted({number for number, _ in self._body.values()} - {0})
-        self._closing = sorted({*self.loops.joint_numbers, self.tool_joint} - {0})
+        with_points = {self._body[p.body][0] for p in mechanism.points}
+        self._closing = sorted({*self.loops.joint_numbers, *with_points, self.tool_joint} - {0})
 
     def _add(self, joint: Joint) -> None:
         parent_id, T_id_parent = self._body[joint.parent]
@@ -92,7 +93,7 @@ class Tree:
 
         Args:
             X: configurations.
-            closing_only: fill in the poses that loops and tool need only; half the time.
+            closing_only: fill in only the poses that loops, named points and tool need; half the time.
 
         Returns:
             poses (k, joints, 4, 4) of the moving joint frames in base, and Jacobians (k, 6, nv) whose columns

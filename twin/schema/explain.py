@@ -33,9 +33,7 @@ def explain_syntax(text: str, name: str, error: Exception) -> str:
     return f"{name}:{line}: not valid TOML: {message}" + (f", in: {row}" if row else "")
 
 
-def explain(
-    error: ValidationError, data: dict, lines: dict[Keys, int], model: type[BaseModel], name: str
-) -> str:
+def explain(error: ValidationError, data: dict, lines: dict[Keys, int], model: type[BaseModel], name: str) -> str:
     """Return one line per mistake, in the order of the file."""
     schema = model.model_json_schema()
     found: dict[Keys, tuple[int, str]] = {}
@@ -53,9 +51,7 @@ def explain(
             text = _problem(item, keys, value, _nodes(schema, data, keys), data)
         kinds[keys] = item["type"]
         found[keys] = (nearest_line(lines, keys), f"{spell(keys)}{_shown(item, value)}: {text}")
-    for keys in list(
-        found
-    ):  # a branch of a union that fits deeper says more than one that does not fit at all
+    for keys in list(found):  # a branch of a union that fits deeper says more than one that does not fit at all
         for depth in range(len(keys)):
             if kinds.get(keys[:depth]) in _KINDS:
                 replaced.add(keys[:depth])
@@ -236,9 +232,7 @@ def _allowed_one(node: dict) -> str:
             )
             if key in node
         ]
-        return ("a number" if kind == "number" else "a whole number") + (
-            f" {' and '.join(bounds)}" if bounds else ""
-        )
+        return ("a number" if kind == "number" else "a whole number") + (f" {' and '.join(bounds)}" if bounds else "")
     if kind == "array":
         low, high = node.get("minItems"), node.get("maxItems")
         return f"a list of {low} values" if low == high and low is not None else "a list"

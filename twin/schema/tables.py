@@ -126,9 +126,7 @@ def _read(path: Path) -> str:
         hint = f" In {parent}: {', '.join(there)}." if there else ""
         raise DescriptionError(f"{path}: there is no such file.{hint}") from None
     except UnicodeDecodeError as error:
-        raise DescriptionError(
-            f"{path}: not UTF-8 text at byte {error.start}; save the file as UTF-8"
-        ) from None
+        raise DescriptionError(f"{path}: not UTF-8 text at byte {error.start}; save the file as UTF-8") from None
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read: {error.strerror or error}") from error
 

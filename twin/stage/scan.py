@@ -128,11 +128,7 @@ class Scene:
     @cached_property
     def joints(self) -> list[RawJoint]:
         """Joints in order, also those of a type that nobody here knows."""
-        return [
-            self._joint(p)
-            for p in self.prims
-            if p.IsA(UsdPhysics.Joint) or str(p.GetTypeName()).endswith("Joint")
-        ]
+        return [self._joint(p) for p in self.prims if p.IsA(UsdPhysics.Joint) or str(p.GetTypeName()).endswith("Joint")]
 
     @cached_property
     def sample_codes(self) -> Array:
@@ -165,11 +161,7 @@ class Scene:
             codes: time codes; None stands for the default time alone (k = 1).
 
         """
-        times = (
-            [Usd.TimeCode.Default()]
-            if codes is None
-            else [Usd.TimeCode(c) for c in np.asarray(codes).tolist()]
-        )
+        times = [Usd.TimeCode.Default()] if codes is None else [Usd.TimeCode(c) for c in np.asarray(codes).tolist()]
         raw = np.zeros((len(prims), len(times), 4, 4))
         cache = UsdGeom.XformCache()
         with self._evaluating():
@@ -237,9 +229,7 @@ class Scene:
             return End("", spatial.pose(self.R_world_stage) @ local)
         target = self.stage.GetPrimAtPath(targets[0])
         if len(targets) > 1 or not target:
-            return End(
-                "", np.eye(4), f"{rel.GetName()} points to {', '.join(map(str, targets))}, not to one prim"
-            )
+            return End("", np.eye(4), f"{rel.GetName()} points to {', '.join(map(str, targets))}, not to one prim")
         owner = self.owner(target)
         if owner is None:  # a prim that is no rigid body stands for the world
             return End("", self.poses([target])[0, 0] @ local)

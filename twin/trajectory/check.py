@@ -262,11 +262,7 @@ def _waypoints(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
             size, unit = (off / MM, "mm") if far else (turn / DEG, "deg")
             limit = t.waypoint / MM if far else t.waypoint_angle / DEG
             when = _when(trajectory, k)
-            out.append(
-                Finding(
-                    "waypoint.missed", "disagreement", text, f"waypoint '{name}'", when, size, unit, limit
-                )
-            )
+            out.append(Finding("waypoint.missed", "disagreement", text, f"waypoint '{name}'", when, size, unit, limit))
     return out
 
 
@@ -335,7 +331,5 @@ def _reach(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
         k = int(np.argmin(margin))
         size, when = float(margin[k] / MM), _when(trajectory, k)
         text = f"{name} has {size:.2f} mm of reach left where it has least"
-        out.append(
-            Finding("margin.reach", "info" if size >= 0 else "error", text, name, when, size, "mm", 0.0)
-        )
+        out.append(Finding("margin.reach", "info" if size >= 0 else "error", text, name, when, size, "mm", 0.0))
     return out

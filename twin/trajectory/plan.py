@@ -76,9 +76,7 @@ def plan(
     return replace(trajectory, findings=tuple(findings))
 
 
-def _leg(
-    path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float
-) -> tuple[_Leg, list[Finding]]:
+def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float) -> tuple[_Leg, list[Finding]]:
     where = f"{protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
     require_feasible(path, kinematics, protocol.frame, protocol.name)
     rate, found = _rates(path, kinematics, where)
@@ -106,9 +104,7 @@ def _leg(
         timing = time_path(
             derivatives,
             np.concatenate([kinematics.max_speed, [limits.tip_speed, limits.rotation_speed]]),
-            np.concatenate(
-                [kinematics.max_acceleration, [limits.tip_acceleration, limits.rotation_acceleration]]
-            ),
+            np.concatenate([kinematics.max_acceleration, [limits.tip_acceleration, limits.rotation_acceleration]]),
             dt=dt,
             load=load,
         )

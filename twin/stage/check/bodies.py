@@ -84,9 +84,7 @@ def _check_size(path: str, box: tuple[Array, Array] | None) -> Iterator[Finding]
         )
 
 
-def _check_mass(
-    scene: Scene, path: str, prim: Usd.Prim, box: tuple[Array, Array] | None
-) -> Iterator[Finding]:
+def _check_mass(scene: Scene, path: str, prim: Usd.Prim, box: tuple[Array, Array] | None) -> Iterator[Finding]:
     api = UsdPhysics.MassAPI(prim)
     has = prim.HasAPI(UsdPhysics.MassAPI)
     mass = float(api.GetMassAttr().Get()) * scene.kilograms if has else 0.0
@@ -133,9 +131,7 @@ def _check_mass(
         yield from _check_inertia(path, mass, moments, box)
 
 
-def _check_inertia(
-    path: str, mass: float, moments: Array, box: tuple[Array, Array] | None
-) -> Iterator[Finding]:
+def _check_inertia(path: str, mass: float, moments: Array, box: tuple[Array, Array] | None) -> Iterator[Finding]:
     tensor = Inertia(mass or 1.0, np.zeros(3), np.diag(moments))
     for text in tensor.violations():
         yield Finding(
@@ -222,8 +218,7 @@ def check_meshes(scene: Scene) -> Iterator[Finding]:
             yield Finding(
                 "stage.extent",
                 "disagreement",
-                f"the extent of mesh {path} is off by {off * scene.meters / MM:.4g} mm: viewers cull and "
-                "frame by it.",
+                f"the extent of mesh {path} is off by {off * scene.meters / MM:.4g} mm: viewers cull and frame by it.",
                 where=path,
                 size=off * scene.meters / MM,
                 unit="mm",

@@ -80,8 +80,7 @@ def check_joints(scene: Scene, line: Timeline) -> Iterator[Finding]:
             yield Finding(
                 "stage.joint_collision",
                 "warning",
-                f"joint {joint.path} lets its two bodies collide: their hulls overlap at the joint and "
-                "push it apart.",
+                f"joint {joint.path} lets its two bodies collide: their hulls overlap at the joint and push it apart.",
                 where=joint.path,
                 suggestion="author physics:collisionEnabled = false",
             )

@@ -168,8 +168,7 @@ def _check_reset(scene: Scene, prim: Usd.Prim) -> Iterator[Finding]:
             yield Finding(
                 "stage.xform_reset",
                 "warning",
-                f"{path} resets the transform stack below a moved parent: it stays where it is when "
-                "the parent moves.",
+                f"{path} resets the transform stack below a moved parent: it stays where it is when the parent moves.",
                 where=path,
                 suggestion="drop !resetXformStack! and author the pose relative to the parent",
             )
@@ -196,8 +195,7 @@ def _check_prim_ops(prim: Usd.Prim, is_body: bool) -> Iterator[Finding]:
             yield Finding(
                 "stage.xform_type",
                 "disagreement",
-                f"{path}: {name} is of type {attribute.GetTypeName()}, not {known}; readers leave it "
-                "out, or fail.",
+                f"{path}: {name} is of type {attribute.GetTypeName()}, not {known}; readers leave it out, or fail.",
                 where=path,
                 suggestion="author it in the right type",
             )

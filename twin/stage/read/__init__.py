@@ -75,10 +75,7 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
     names = unique([*made_up, *((p, original_name(scene.bodies[p])) for p in chosen.bodies)])
     joint_names = unique((j.path, j.prim.GetName()) for j in chosen.joints)
     mesh_names = unique(
-        (str(p.GetPath()), original_name(p))
-        for body in prims
-        for p in below(scene, body)
-        if p.IsA(UsdGeom.Mesh)
+        (str(p.GetPath()), original_name(p)) for body in prims for p in below(scene, body) if p.IsA(UsdGeom.Mesh)
     )
     _note_names(notes, {**names, **joint_names})
 
@@ -89,9 +86,7 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
     points: list[Point] = []
     for body_path, prim in zip(chosen.bodies, prims, strict=True):
         name = names[body_path]
-        bodies.append(
-            Body(name, read_meshes(scene, prim, mesh_names, notes), read_inertia(scene, prim, notes))
-        )
+        bodies.append(Body(name, read_meshes(scene, prim, mesh_names, notes), read_inertia(scene, prim, notes)))
         for kind, mark, T in read_marks(scene, prim):
             if kind == "frame":
                 frames.append(Frame(mark, name, T))

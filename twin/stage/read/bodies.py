@@ -47,9 +47,7 @@ def original_name(prim: Usd.Prim) -> str:
     return str(attribute.Get()) if attribute and attribute.Get() else prim.GetName()
 
 
-def read_meshes(
-    scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list[Finding]
-) -> tuple[Mesh, ...]:
+def read_meshes(scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list[Finding]) -> tuple[Mesh, ...]:
     """Return the shown meshes of a body, triangulated, in metres in its frame.
 
     Args:
@@ -172,9 +170,7 @@ def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia 
     except ValueError as error:
         raise StageError(f"{scene.path}: {body.GetPath()}, principal axes: {error}") from error
     unit = scene.kilograms * scene.meters**2
-    return Inertia(
-        float(kilograms) * scene.kilograms, center * scene.meters, R @ np.diag(diagonal) @ R.T * unit
-    )
+    return Inertia(float(kilograms) * scene.kilograms, center * scene.meters, R @ np.diag(diagonal) @ R.T * unit)
 
 
 def read_marks(scene: Scene, body: Usd.Prim) -> Iterator[tuple[str, str, Array]]:

@@ -70,9 +70,7 @@ def write_stage(
             raise StageError(f"{mechanism.name}: the pose of body '{name}' is not rigid")
     for name in q_full:
         if name not in {j.name for j in mechanism.joints}:
-            raise StageError(
-                f"{mechanism.name}, q_full: {unknown('joint', name, (j.name for j in mechanism.joints))}"
-            )
+            raise StageError(f"{mechanism.name}, q_full: {unknown('joint', name, (j.name for j in mechanism.joints))}")
     folder.mkdir(parents=True, exist_ok=True)
     geometry = write_geometry(mechanism, folder / "geometry.usdc", link_poses)
     physics = write_physics(mechanism, folder / "physics.usda", link_poses, q_full)

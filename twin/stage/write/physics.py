@@ -164,9 +164,7 @@ def _write_frames(joint: UsdPhysics.Joint, T_body0_joint: Array, T_body1_joint: 
     joint.CreateLocalRot1Attr(gf.quatf(T_body1_joint[:3, :3]))
 
 
-def _write_joint(
-    stage: Usd.Stage, mechanism: Mechanism, joint: Joint, closes_loop: bool, q: float | None
-) -> None:
+def _write_joint(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, closes_loop: bool, q: float | None) -> None:
     _refuse_what_is_lost(joint)
     out = SCHEMAS[joint.type].Define(stage, f"/{mechanism.name}/joints/{joint.name}")
     prim = out.GetPrim()
@@ -210,17 +208,13 @@ def _write_actuation(prim: Usd.Prim, joint: Joint, q: float | None) -> None:
         drive.CreateTargetPositionAttr(to_usd(joint, 0.0 if q is None else q))
     if joint.max_speed is not None:
         prim.AddAppliedSchema("PhysxJointAPI")
-        _attribute(
-            prim, "physxJoint:maxJointVelocity", Sdf.ValueTypeNames.Float, to_usd(joint, joint.max_speed)
-        )
+        _attribute(prim, "physxJoint:maxJointVelocity", Sdf.ValueTypeNames.Float, to_usd(joint, joint.max_speed))
     if joint.active:
         _attribute(prim, "twin:active", Sdf.ValueTypeNames.Bool, True)
     if joint.max_acceleration is not None:
         _attribute(prim, "twin:maxAcceleration", Sdf.ValueTypeNames.Double, float(joint.max_acceleration))
     if joint.soft_limits is not None:
-        _attribute(
-            prim, "twin:softLimits", Sdf.ValueTypeNames.Double2, Gf.Vec2d(*map(float, joint.soft_limits))
-        )
+        _attribute(prim, "twin:softLimits", Sdf.ValueTypeNames.Double2, Gf.Vec2d(*map(float, joint.soft_limits)))
     if joint.mating:
         _attribute(prim, "twin:mating", Sdf.ValueTypeNames.StringArray, list(joint.mating))
 
