@@ -254,7 +254,7 @@ MORE = {
         "/bars/rocker",
     ),
     "principal_axes": (put("/bars/rocker.physics:principalAxes", HALF), "stage.quaternion", "/bars/rocker"),
-    "orient": (put("/bars/rocker.xformOp:orient", HALF), "stage.quaternion", "/bars/rocker"),
+    "orient": (put("/bars/rocker.xformOp:orient", Gf.Quatd(0.5, 0, 0, 0)), "stage.quaternion", "/bars/rocker"),
     "dangling": (_dangling, "stage.joint", ELBOW),
     "same_body": (_same_body, "stage.joint", ELBOW),
     "second_root": (_second_root, "stage.articulation_root", "/bars/base"),

@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+Index = NDArray[np.intp]
+"""Numbers of samples, joints, ..."""
+
 _SMALL = 1e-8
 """Angle in rad below which series replace quotients; their next term is below double precision."""
 
@@ -83,9 +86,9 @@ def quat_from_matrix_wxyz(R: ArrayLike) -> Array:
 
 def matrix_from_quat_wxyz(q: ArrayLike) -> Array:
     """Return rotation matrices (..., 3, 3) of quaternions (..., 4), w first; they are normalised."""
-    q = np.asarray(q, float)
-    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    w, v = q[..., :1, None], q[..., 1:]
+    raw = np.asarray(q, float)
+    unit = raw / np.linalg.norm(raw, axis=-1, keepdims=True)
+    w, v = unit[..., :1, None], unit[..., 1:]
     return (
         (w**2 - np.sum(v**2, axis=-1)[..., None, None]) * np.eye(3)
         + 2 * v[..., :, None] * v[..., None, :]

@@ -212,7 +212,8 @@ def _part(gltf: dict, binary: bytes, mesh: dict, name: str, path: tuple[str, ...
         count += len(points[-1])
         if "material" in primitive:
             pbr = gltf["materials"][primitive["material"]].get("pbrMetallicRoughness", {})
-            color = tuple(float(c) for c in pbr.get("baseColorFactor", color))
+            r, g, b, a = pbr.get("baseColorFactor", color)
+            color = (float(r), float(g), float(b), float(a))
         faces += _faces(primitive.get("extensions", {}).get("TM_brep_faces", {}).get("faces", ()), T)
     vertices, triangles = _welded(np.concatenate(points), np.concatenate(corners))
     if np.linalg.det(T[:3, :3]) < 0:

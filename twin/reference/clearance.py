@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
 
-import coal
+import coal  # pyright: ignore[reportMissingImports] - installed beside site-packages
 import numpy as np
 
 from twin import spatial

@@ -8,9 +8,10 @@ so that the assembly stays on the branch it was drawn on.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
+import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed beside site-packages
 
 from twin import spatial
 from twin.errors import AssemblyError, MechanismError
@@ -19,7 +20,7 @@ from twin.reference.loops import LENGTH_SCALE, sine_of_rotation
 from twin.reference.newton import minimise
 from twin.reference.states import Assembly, Mobility, Run
 from twin.reference.tree import Tree
-from twin.spatial import Array
+from twin.spatial import Array, Index
 
 _STRIDE = 0.02
 """Largest change (m, rad) of a target in one step of continuation."""
@@ -51,7 +52,6 @@ class ReferenceModel:
         self.mechanism = mechanism
         self.tree = Tree(mechanism)
         self._active_q = np.array([self.tree.configuration[j.name] for j in mechanism.active], int)
-        self._home: Array | None = None
 
     # -- one state ------------------------------------------------------------------------------------
 
@@ -184,14 +184,14 @@ class ReferenceModel:
 
     def _start(self, seed: Assembly | None) -> Array:
         """Return the configuration of the seed, or the drawn one with its loops closed."""
-        if seed is not None:
-            return seed.x
-        if self._home is None:
-            X = self.tree.start(self.mechanism.rest)[None]
-            self._home = minimise(self.tree, X, self._loops_only, self.tree.passive)[0][0]
-        return self._home
+        return seed.x if seed is not None else self._home
 
-    def _loops_only(self, X: Array, _: Array) -> tuple[Array, Array]:
+    @cached_property
+    def _home(self) -> Array:
+        X = self.tree.start(self.mechanism.rest)[None]
+        return minimise(self.tree, X, self._loops_only, self.tree.passive)[0][0]
+
+    def _loops_only(self, X: Array, _: Index) -> tuple[Array, Array]:
         return self.tree.loops.evaluate(*self.tree.update(X, closing_only=True))
 
     def _move_driven(self, X: Array, q: Array) -> tuple[Array, Array]:
@@ -205,7 +205,7 @@ class ReferenceModel:
         tree = self.tree
         Rt = np.swapaxes(Ts[:, :3, :3], 1, 2)
 
-        def residual(X: Array, rows: Array) -> tuple[Array, Array]:
+        def residual(X: Array, rows: Index) -> tuple[Array, Array]:
             poses, J = tree.update(X, closing_only=True)
             r, A = tree.loops.evaluate(poses, J)
             T, J_tool = tree.tool(poses), tree.tool_jacobian(poses, J)
@@ -280,7 +280,7 @@ class ReferenceModel:
                 progress(0.5 + (block[-1] + 1) / len(targets) / 2)
         return states
 
-    def _between(self, at: Array, knots: Array, targets: Array) -> Array:
+    def _between(self, at: Index, knots: Array, targets: Array) -> Array:
         """Return first guesses (k, nq) for all samples from those solved (j, nq) at samples `at`.
 
         Along driven motions the slopes of all joints follow from those of the active ones by the constraint
@@ -313,7 +313,7 @@ class ReferenceModel:
         """Return how the passive joints (k, np, m) answer to a change of the loop residual."""
         if not A.shape[1] or not len(self.tree.passive):
             return np.zeros((len(A), len(self.tree.passive), A.shape[1]))
-        return np.linalg.pinv(A[:, :, self.tree.passive], rcond=_FLAT)
+        return np.asarray(np.linalg.pinv(A[:, :, self.tree.passive], rcond=_FLAT), float)
 
     def _link(self, poses: Array, body: str) -> Array:
         number, T_joint_body = self.tree.body(body)
@@ -343,7 +343,7 @@ def _between(a: Array, b: Array, s: float) -> Array:
     return spatial.pose(spatial.exp_so3(s * turn) @ a[:3, :3], a[:3, 3] + s * (b[:3, 3] - a[:3, 3]))
 
 
-def _interpolate(at: Array, knots: Array, slopes: Array, count: int) -> Array:
+def _interpolate(at: Index, knots: Array, slopes: Array, count: int) -> Array:
     """Return rows for 0..count-1 through knots at integer places with given slopes: cubic Hermite."""
     if len(at) < 2:
         return np.tile(knots, (count, 1))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from twin.reference.tree import Tree
-from twin.spatial import Array
+from twin.spatial import Array, Index
 
 _STEP_LAST = 1e-9
 """A step (m, rad) below this is the last: convergence is quadratic, so what remains is below rounding."""
@@ -21,11 +21,11 @@ _FLOOR = 1e-13
 """Damping relative to the mean diagonal that is always there: it picks the short step where a freedom is
 internal (a rod that spins between two balls), and costs nothing elsewhere."""
 
-Residual = Callable[[Array, Array], tuple[Array, Array]]
+Residual = Callable[[Array, Index], tuple[Array, Array]]
 """(X (k, nq), sample numbers (k,)) -> residuals (k, m), Jacobians (k, m, nv)."""
 
 
-def minimise(tree: Tree, X: Array, residual: Residual, columns: Array) -> tuple[Array, Array]:
+def minimise(tree: Tree, X: Array, residual: Residual, columns: Index) -> tuple[Array, Array]:
     """Return configurations near X (k, nq) that minimise the residual, and which of them converged (k,).
 
     Args:

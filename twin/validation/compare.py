@@ -19,7 +19,7 @@ from twin.errors import AssemblyError
 from twin.findings import Finding
 from twin.kinematics import Kinematics
 from twin.reference import ReferenceModel, Run
-from twin.spatial import Array
+from twin.spatial import Array, Index
 from twin.trajectory.model import Trajectory
 from twin.units import DEG, MM
 from twin.validation.result import Quantity, Residual
@@ -45,7 +45,7 @@ class Comparison:
     posed: Run | None = None
     """The mechanism with its tool at the protocol's poses, at the coarse samples."""
 
-    coarse: Array = field(default_factory=lambda: np.zeros(0, int))
+    coarse: Index = field(default_factory=lambda: np.zeros(0, np.intp))
     """The samples that are compared coarsely."""
 
 
@@ -89,9 +89,9 @@ def compare(
     return out
 
 
-def _coarse_rows(trajectory: Trajectory) -> Array:
+def _coarse_rows(trajectory: Trajectory) -> Index:
     ends = [p.stop for p in trajectory.phases]
-    return np.unique(np.concatenate([np.arange(0, len(trajectory.t), COARSE), ends, [len(trajectory.t) - 1]]))
+    return np.unique(np.array([*range(0, len(trajectory.t), COARSE), *ends, len(trajectory.t) - 1], np.intp))
 
 
 def _equation_of(kin: Kinematics, symbols: tuple[str, ...]) -> str:
@@ -320,7 +320,7 @@ def _rates(
     model: ReferenceModel,
     trajectory: Trajectory,
     out: Comparison,
-    rows: Array,
+    rows: Index,
     clock: Clock,
     tolerances: Tolerances,
 ) -> None:

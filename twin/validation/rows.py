@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin import spatial
-from twin.spatial import Array
+from twin.spatial import Array, Index
 from twin.units import DEG, MM, UM
 from twin.validation.result import PhaseSummary, Quantity, Residual
 
@@ -67,7 +67,7 @@ class Clock:
         """Return the name of the phase at a time."""
         return next((p.name for p in self.phases if t <= p.t1 + 1e-9), self.phases[-1].name if self.phases else "")
 
-    def at(self, rows: Array) -> Clock:
+    def at(self, rows: Index) -> Clock:
         """Return the clock of some of the samples."""
         return Clock(self.t[rows], self.phases)
 

@@ -1,0 +1,26 @@
+"""Whether two layers say the same, but for the last bits of their numbers."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from pxr import Sdf
+
+_NUMBER = re.compile(r"(?<![\w.])-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w.])")
+
+ABSOLUTE, RELATIVE = 1e-9, 1e-6
+"""Numbers closer than this are equal: joint frames and meshes are single precision."""
+
+
+def same_layer(a: Path, b: Path) -> bool:
+    """Return whether two layer files have the same content, numbers within `ABSOLUTE` + `RELATIVE`.
+
+    Another processor rounds sums differently, so that files of the same robot need not be equal to the byte.
+    """
+    texts = [Sdf.Layer.OpenAsAnonymous(str(p)).ExportToString() for p in (a, b)]
+    if _NUMBER.sub("#", texts[0]) != _NUMBER.sub("#", texts[1]):
+        return False
+    first, second = (np.array(_NUMBER.findall(t), float) for t in texts)
+    return bool(np.allclose(first, second, rtol=RELATIVE, atol=ABSOLUTE, equal_nan=True))
