@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from twin import spatial
-from twin.cad import features, mesh
+from twin.cad import features, mesh, references
 from twin.cad.description import BodySpec, Description, DriveSpec, FrameSpec, JointSpec, LimitSpec, load
 from twin.cad.features import Measured
 from twin.cad.step import MASS_TOLERANCE, Part, StepModel, read_step
-from twin.errors import CadError, DescriptionError, unknown
+from twin.errors import CadError, unknown
 from twin.findings import Finding
 from twin.mechanism import Body, Drive, Frame, Inertia, Joint, Mechanism, Mesh, Point
 from twin.provenance import Parameter
@@ -72,15 +71,13 @@ def read_mechanism(description_path: Path, *, with_mass: bool = True) -> CadMode
         MechanismError: the bodies and joints form no mechanism.
     """
     d = load(description_path)
+    references.check(description_path, d)
     folder = description_path.parent
     found: list[Finding] = []
     step = read_step(folder / d.step) if d.step else None
     parts = _parts_by_body(d, step)
     measured = {
-        body: {
-            name: features.find(body, name, spec, parts[_known_body(d, body, "feature")], d.tolerance)
-            for name, spec in specs.items()
-        }
+        body: {name: features.find(body, name, spec, parts[body], d.tolerance) for name, spec in specs.items()}
         for body, specs in d.feature.items()
     }
 
@@ -111,19 +108,13 @@ def read_mechanism(description_path: Path, *, with_mass: bool = True) -> CadMode
             for n, s in d.point.items()
         ),
         rest={n: T_base_drawn @ T for n, T in drawn.items()},
-        postures={n: _posture(d, n, values) for n, values in d.posture.items()},
+        postures={n: _posture(values) for n, values in d.posture.items()},
         tool=d.tool,
         parameters=tuple(_parameters(d)),
         source=f"{description_path.name} {fingerprint(description_path)}",
     )
     gaps = tuple((g.lower, g.upper, g.min_gap_mm * MM) for g in d.gap)
     return CadModel(mechanism, tuple(found), d, measured, gaps)
-
-
-def _known_body(d: Description, body: str, where: str) -> str:
-    if body not in d.body:
-        raise DescriptionError(f"{d.name}.toml, {where}: {unknown('body', body, d.body)}")
-    return body
 
 
 def _parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Part]]:
@@ -151,7 +142,6 @@ def _frame(
     name: str = "",
 ) -> Array:
     where = f"joint '{joint.name}' on body '{body}'" if joint else f"frame '{name}' on body '{body}'"
-    _known_body(d, body, where)
     try:
         return features.frame(spec, measured.get(body, {}))
     except CadError as error:
@@ -167,9 +157,6 @@ def _body_frame(
 ) -> Array:
     """Return the body frame: the named frame that the file asks for, else the first joint whose child it is."""
     if spec.frame is not None:
-        if spec.frame not in named or d.frame[spec.frame].body != body:
-            own = [n for n, f in d.frame.items() if f.body == body]
-            raise DescriptionError(f"{d.name}.toml, body '{body}': {unknown('frame on it', spec.frame, own)}")
         return named[spec.frame]
     for joint in d.joint:
         if joint.child == body:
@@ -189,22 +176,24 @@ def _shapes(
     """Return the meshes of each body and, if asked for, its inertia, both in the body frame."""
     meshes: dict[str, list[Mesh]] = {name: [] for name in d.body}
     masses: dict[str, list[Inertia]] = {name: [] for name in d.body}
-    fine: dict[tuple[str, ...], Part] = {}
+    taken: set[str] = set()
+    fine: dict[int, Part] = {}
     if step is not None and with_mass:
-        # Names need not be unique in a foreign file, but paths with names nearly are; the order is the same.
-        fine = {(*p.path, p.name): p for p in read_step(step.path, MASS_TOLERANCE, 0.15).parts}
+        # Names need not be unique in a foreign file; the order is the same.
+        weighed = read_step(step.path, MASS_TOLERANCE, 0.15).parts
+        fine = {id(p): exact for p, exact in zip(step.parts, weighed, strict=True)}
     for body in d.body:
         for part in parts[body]:
             vertices = _into(drawn[body], part.vertices)
-            meshes[body].append(Mesh(_identifier(part.name), vertices, part.triangles, part.color_rgba))
+            meshes[body].append(Mesh(_unique(part.name, taken), vertices, part.triangles, part.color_rgba))
             if with_mass:
-                exact = fine[(*part.path, part.name)]
+                exact = fine[id(part)]
                 _weigh(d, part.name, _into(drawn[body], exact.vertices), exact.triangles, masses[body], found)
         for spec in d.body[body].meshes:
             loaded, notes = mesh.load_mesh(folder / spec.file, spec.unit, spec.up, spec.color)
             found += [n for n in notes if n.code != "cad.open_mesh"]
             vertices = _into(drawn[body], loaded.vertices)
-            meshes[body].append(Mesh(_identifier(loaded.name), vertices, loaded.triangles, loaded.color_rgba))
+            meshes[body].append(Mesh(_unique(loaded.name, taken), vertices, loaded.triangles, loaded.color_rgba))
             if with_mass:
                 _weigh(d, loaded.name, vertices, loaded.triangles, masses[body], found)
     return meshes, {name: mesh.combine(list_) for name, list_ in masses.items() if list_}
@@ -246,6 +235,17 @@ def _identifier(name: str) -> str:
     return clean if clean[:1].isalpha() else f"part_{clean}"
 
 
+def _unique(name: str, taken: set[str]) -> str:
+    """Return the name as an identifier that no mesh has yet: the second `peg` becomes `peg_2`."""
+    first = clean = _identifier(name)
+    count = 1
+    while clean in taken:
+        count += 1
+        clean = f"{first}_{count}"
+    taken.add(clean)
+    return clean
+
+
 def _into(T_drawn_body: Array, points: Array) -> Array:
     """Return drawn points (..., 3) in the body frame."""
     return (points - T_drawn_body[:3, 3]) @ T_drawn_body[:3, :3]
@@ -258,26 +258,19 @@ def _joint(
     drawn: dict[str, Array],
     measured: dict[str, dict[str, Measured]],
 ) -> Joint:
-    limit = _only(d, spec.name, d.limit, "limit")
-    drive = _only(d, spec.name, d.drive, "drive")
-    unit = "deg" if spec.type == "revolute" else "mm"
+    limit = next((s for s in d.limit if spec.name in s.joints), None)
+    drive = next((s for s in d.drive if spec.name in s.joints), None)
+    unit = references.UNITS.get(spec.type, "mm")
     values: dict = {}
-    if isinstance(limit, LimitSpec):
-        for key in ("limits", "soft_limits", "max_speed", "max_acceleration"):
-            rate = {"max_speed": "_s", "max_acceleration": "_s2"}.get(key, "")
-            right = getattr(limit, f"{key}_{unit}{rate}")
-            wrong = f"{key}_{'mm' if unit == 'deg' else 'deg'}{rate}"
-            if getattr(limit, wrong) is not None:
-                raise DescriptionError(
-                    f"{d.name}.toml, limit of joint '{spec.name}': `{wrong}` on a {spec.type} joint; "
-                    f"use `{key}_{unit}{rate}`"
-                )
-            if right is not None:
-                scale = DEG if unit == "deg" else MM
-                values[key] = tuple(v * scale for v in right) if isinstance(right, tuple) else right * scale
+    if limit is not None:
+        for key, rate in (("limits", ""), ("soft_limits", ""), ("max_speed", "_s"), ("max_acceleration", "_s2")):
+            value = getattr(limit, f"{key}_{unit}{rate}")
+            if value is not None:
+                scale = _SCALES[unit]
+                values[key] = tuple(v * scale for v in value) if isinstance(value, tuple) else value * scale
         if limit.cone_deg is not None:
             values["cone"] = limit.cone_deg * DEG
-    if isinstance(drive, DriveSpec):
+    if drive is not None:
         values["drive"] = Drive(drive.stiffness, drive.damping, drive.max_effort)
     mating = {
         measured[body][name].part
@@ -306,30 +299,9 @@ def _names(spec: FrameSpec) -> list[str]:
     return out
 
 
-def _only(
-    d: Description, joint: str, specs: Sequence[LimitSpec | DriveSpec], kind: str
-) -> LimitSpec | DriveSpec | None:
-    names = {j.name for j in d.joint}
-    for spec in specs:
-        for name in spec.joints:
-            if name not in names:
-                raise DescriptionError(f"{d.name}.toml, {kind}: {unknown('joint', name, names)}")
-    mine = [s for s in specs if joint in s.joints]
-    if len(mine) > 1:
-        raise DescriptionError(f"{d.name}.toml: joint '{joint}' stands in {len(mine)} [[{kind}]] entries; keep one")
-    return mine[0] if mine else None
-
-
-def _posture(d: Description, name: str, values: dict[str, float]) -> dict[str, float]:
-    out = {}
-    for key, value in values.items():
-        joint, _, unit = key.rpartition("_")
-        if unit not in ("mm", "deg"):
-            raise DescriptionError(
-                f"{d.name}.toml, posture '{name}': key '{key}' has no unit; write {key}_mm or {key}_deg"
-            )
-        out[joint] = value * _SCALES[unit]
-    return out
+def _posture(values: dict[str, float]) -> dict[str, float]:
+    split = {key: key.rpartition("_") for key in values}
+    return {joint: values[key] * _SCALES[unit] for key, (joint, _, unit) in split.items()}
 
 
 def _meetings(d: Description, on: dict[str, tuple[Array, Array]]) -> list[Finding]:
@@ -408,10 +380,14 @@ def _parameters(d: Description) -> list[Parameter]:
                 add(f"{label} {name} to", unit, value[1], limit)
             else:
                 add(f"{label} {name}", unit, value, limit)
+    angular = {j.name for j in d.joint if j.type == "revolute"}
     for drive in d.drive:
         label = drive.joints[0] if len(drive.joints) == 1 else f"{drive.joints[0]}..{drive.joints[-1]}"
-        add(f"{label} drive stiffness", "N/m", drive.stiffness, drive)
-        add(f"{label} drive damping", "N s/m", drive.damping, drive)
+        turns = drive.joints[0] in angular
+        add(f"{label} drive stiffness", "N m/rad" if turns else "N/m", drive.stiffness, drive)
+        add(f"{label} drive damping", "N m s/rad" if turns else "N s/m", drive.damping, drive)
+        if drive.max_effort is not None:
+            add(f"{label} drive max_effort", "N m" if turns else "N", drive.max_effort, drive)
     for name, material in d.material.items():
         density = material.density_kg_m3
         out.append(Parameter(f"density {name}", density, "kg/m3", density, material.provenance, material.note))

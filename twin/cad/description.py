@@ -39,6 +39,8 @@ class Feature(Table):
             raise at("kind", "a cylinder needs `direction`: its axis has two")
         if self.kind != "plane" and self.radius_mm is None:
             raise at("kind", f"a {self.kind} needs `radius_mm`")
+        if self.direction is not None and not any(self.direction):
+            raise at("direction", "a direction is not zero")
         return self
 
 
@@ -63,6 +65,10 @@ class FrameSpec(Table):
 
     @model_validator(mode="after")
     def _one_way(self) -> FrameSpec:
+        for key in ("origin", "z", "x_towards", "y_towards"):
+            value = getattr(self, key)
+            if value == [] or (key == "z" and isinstance(value, list) and len(value) != 3):
+                raise at(key, "three sphere centres are needed" if key == "z" else "the list names no feature")
         turned = [self.x_towards, self.y_towards, self.x_along]
         if self.position_mm is not None:
             if self.origin or self.at or self.z or any(turned):

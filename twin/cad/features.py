@@ -20,6 +20,9 @@ from twin.units import DEG, MM
 _RADIUS_TOLERANCE = 0.005 * MM
 """Two faces whose radii differ by more are different features."""
 
+_ALIKE = 0.001 * MM
+"""Faces whose distances differ by less cannot be told apart by `near_mm`."""
+
 
 @dataclass(frozen=True)
 class Measured:
@@ -75,11 +78,30 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
             f"{distance / MM:.3f} mm and {tilt / DEG:.2f}° off; gross tolerance {tolerance.gross_mm:g} mm, "
             f"{tolerance.gross_deg:g}°. Correct near_mm or the drawing."
         )
-    _, _, face, part_name = min(good, key=lambda f: f[0])
+    good.sort(key=lambda f: f[0])
+    distance, _, face, part_name = good[0]
+    rivals = [f for f in good[1:] if f[0] - distance < _ALIKE and not _same(face, f[2])]
+    if rivals:
+        raise CadError(
+            f"{label}: two {spec.kind} faces are equally near, on '{part_name}' at {_mm(face.point)} mm and on "
+            f"'{rivals[0][3]}' at {_mm(rivals[0][2].point)} mm. Move near_mm towards the one that is meant, or name "
+            f"its `part`."
+        )
     direction = face.direction
     if spec.direction is not None and direction @ np.array(spec.direction) < 0:
         direction = -direction
     return Measured(name, face, direction, part_name)
+
+
+def _same(a: Face, b: Face) -> bool:
+    """Return whether two faces of one kind measure the same: one plane, one axis or one centre."""
+    if a.kind == "sphere":
+        return float(np.linalg.norm(a.point - b.point)) < _ALIKE
+    if float(np.linalg.norm(np.cross(a.direction, b.direction))) > 1e-6:
+        return False
+    if a.kind == "plane":
+        return abs(float((a.point - b.point) @ a.direction)) < _ALIKE
+    return float(spatial.point_to_line(b.point, a.point, a.direction)) < _ALIKE
 
 
 def _distance(face: Face, near: Array) -> float:

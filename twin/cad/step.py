@@ -133,7 +133,7 @@ def read_step(path: Path, tolerance: float = VISUAL_TOLERANCE, angle: float = 0.
         CadError: missing, not a STEP file, cut off, without unit, or without solids.
     """
     unit = length_unit(path)
-    header, binary = _split_glb(_glb(path, tolerance / unit, angle))
+    header, binary = _split_glb(_glb(path, tolerance / MM, angle))
     parts, error = _parts(header, binary)
     if not parts:
         raise CadError(f"{path} holds no solids")
@@ -143,6 +143,7 @@ def read_step(path: Path, tolerance: float = VISUAL_TOLERANCE, angle: float = 0.
 def _glb(path: Path, tolerance: float, angle: float) -> bytes:
     """Return the STEP as GLB with exact faces; from the user's cache if the same file was read before.
 
+    `tolerance` is in mm, to which OpenCASCADE converts whatever the file's unit is.
     Reading takes seconds, and every command reads. The cache is keyed by content and reader version, and
     may be deleted at any time.
     """
@@ -151,7 +152,9 @@ def _glb(path: Path, tolerance: float, angle: float) -> bytes:
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "twin" / "step"
     cached = folder / f"{key.hexdigest()}.glb"
     with contextlib.suppress(OSError):
-        return cached.read_bytes()
+        data = cached.read_bytes()
+        if data[:4] == b"glTF" and int.from_bytes(data[8:12], "little") == len(data):
+            return data  # whole; one that was cut off is read anew
     import cascadio
 
     with tempfile.TemporaryDirectory(prefix="twin-step-") as work:

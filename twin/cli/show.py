@@ -70,7 +70,7 @@ def report(r: Report, *, all_findings: bool = False) -> str:
         groups.setdefault((row.pair, row.quantity, row.unit), []).append(row)
     rows = []
     for (pair, name, _), group in groups.items():
-        worst = max(group, key=lambda x: x.worst / (x.tolerance or float("inf")) if x.tolerance else x.worst)
+        worst = max(group, key=lambda x: -1.0 if x.tolerance is None else x.worst / x.tolerance)
         rows.append(
             (
                 pair,

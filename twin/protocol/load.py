@@ -178,7 +178,7 @@ def _warnings(table: ProtocolTable, used: set[str], path: str) -> list[Finding]:
             "protocol.unused_waypoint",
             "warning",
             f"waypoint '{name}' is not used by any phase",
-            where=path,
+            where=Path(path).name,
             suggestion="remove it, or add a phase that goes there",
         )
         for name in table.waypoints
@@ -191,7 +191,7 @@ def _warnings(table: ProtocolTable, used: set[str], path: str) -> list[Finding]:
                 "protocol.ends_inside",
                 "warning",
                 f"the instrument is still in the patient after the last phase, '{table.phases[-1].name}'",
-                where=path,
+                where=Path(path).name,
                 suggestion="add a retraction",
             )
         )
@@ -201,7 +201,7 @@ def _warnings(table: ProtocolTable, used: set[str], path: str) -> list[Finding]:
             "protocol.unused_limits",
             "warning",
             f"no phase is of type {kind}, for which limits are given",
-            where=path,
+            where=Path(path).name,
         )
         for kind in table.limits
         if kind not in types

@@ -10,7 +10,9 @@ from twin.units import DEG
 NONE = "–"
 """What stands where there is no number."""
 
-_STEPS = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"), (1e-15, "f"))
+_STEPS = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
+_NOTHING_LENGTH, _NOTHING_ANGLE = 1e-12, 1e-9
+"""Metres and degrees below which a number is rounding and nothing else."""
 _LARGE = 10.0
 """Metres from which on lengths are shown in m rather than mm."""
 _SMALL_ANGLE = 1e-4
@@ -22,9 +24,9 @@ _SIGNS = {"um": "µm", "deg": "°", "ohm": "Ω", "percent": "%"}
 def quantity(value: float | None, unit: str, digits: int | None = None) -> str:
     """Return an SI value in the unit that suits its size.
 
-    Lengths, their speeds and accelerations go to m, mm, µm, nm, pm or fm; angles to degrees; anything
-    else keeps its unit. Without `digits`, four significant digits from a millimetre or a degree up, three
-    below. None and NaN become a dash.
+    Lengths, their speeds and accelerations go to m, mm, µm, nm or pm, angles to degrees; what is smaller still
+    is rounding and said to be so. Anything else keeps its unit. Without `digits`, four significant digits
+    from a millimetre or a degree up, three below. None and NaN become a dash.
     """
     missing = _missing(value)
     if missing is not None or value is None:
@@ -43,6 +45,8 @@ def shown(value: float | None, unit: str, digits: int = 4) -> str:
     missing = _missing(value)
     if missing is not None or value is None:
         return missing or NONE
+    if unit in ("mm", "um") and 0 < abs(value) < 1e-3:
+        return quantity(value * (1e-3 if unit == "mm" else 1e-6), "m", digits)
     readable = value == 0 or 1e-4 <= abs(value) < 1e7
     text = (plain if readable else power)(value, digits)
     sign = pretty_unit(unit)
@@ -116,6 +120,8 @@ def _missing(value: float | None) -> str | None:
 def _length(value: float, per: str, digits: int | None) -> str:
     if value == 0:
         return f"0 mm{per}"
+    if abs(value) < _NOTHING_LENGTH:
+        return f"< 1 pm{per}"
     for factor, prefix in _STEPS:
         n = digits or (4 if factor >= 1e-3 else 3)
         number = float(f"{value / factor:.{n}g}")
@@ -125,6 +131,8 @@ def _length(value: float, per: str, digits: int | None) -> str:
 
 
 def _angle(deg: float, per: str, digits: int | None) -> str:
+    if deg and abs(deg) < _NOTHING_ANGLE:
+        return f"< 10⁻⁹°{per}"
     if deg and abs(deg) < _SMALL_ANGLE:
         return f"{power(deg, digits or 3)}°{per}"
     return f"{plain(deg, digits or (4 if abs(deg) >= 1 else 3))}°{per}"

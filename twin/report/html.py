@@ -87,15 +87,6 @@ def reason(report: Report) -> str:
         return f"{_sentence(first)} What could not be checked is not judged."
     failing = [r for r in report.residuals if not r.agrees]
     if report.verdict == "disagree":
-        causes = [r for r in failing if not r.consequence_of] or failing
-        if causes:
-            r = max(causes, key=_excess)
-            sides = PAIRS.get(r.pair, (r.pair, ""))[0]
-            phase = f" in phase {r.phase}" if r.phase else ""
-            return (
-                f"{sides[:1].upper()}{sides[1:]}: {label(r)} is {fmt.quantity(r.worst, r.unit)} off "
-                f"(tolerance {fmt.quantity(r.tolerance, r.unit)}), at {fmt.seconds(r.t)}{phase}."
-            )
         return _sentence(findings[0])
     judged = [r for r in report.residuals if r.tolerance is not None]
     if not judged:
@@ -219,11 +210,6 @@ def _aliases(row: Residual) -> set[str]:
     """Return the words with which another row may name this one."""
     name = f"{row.quantity} {row.name}"
     return {row.name, label(row), name, f"{row.pair} {name}"} - {""}
-
-
-def _excess(row: Residual) -> float:
-    """Return the worst value over its tolerance; infinite for what could not be computed."""
-    return math.inf if math.isnan(row.worst) or not row.tolerance else row.worst / row.tolerance
 
 
 def _parameter_value(p: Parameter) -> str:

@@ -16,6 +16,7 @@ PAIRS = {
     "A-B": ("formula against mechanism", "A–B"),
     "B": ("mechanism by itself", "B"),
     "B-C": ("mechanism against USD read back", "B–C"),
+    "C": ("USD read back by itself", "C"),
     "B-D": ("mechanism against baked motion", "B–D"),
 }
 """Titles of the pairs, in the order in which they are shown; others follow."""

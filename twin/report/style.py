@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twin.report.format import quantity, seconds
+from twin.report.format import power, quantity, seconds
 from twin.validation.result import PhaseSummary, Report
 
 if TYPE_CHECKING:
@@ -188,7 +188,13 @@ def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float])
     every = max(1, int(np.ceil((high - low) / 6)))
     ax.yaxis.set_major_locator(FixedLocator([10.0**e * step for e in range(low, high + 1, every)]))
     ax.yaxis.set_minor_locator(NullLocator())
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: quantity(float(v), unit, 1).removeprefix("1×")))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: _tick(float(v), unit)))
+
+
+def _tick(value: float, unit: str) -> str:
+    """Return the label of a power of ten, also where it is smaller than anything worth telling in a table."""
+    text = quantity(value, unit, 1)
+    return (f"{power(value, 1)} {unit}" if text.startswith("<") else text).removeprefix("1×")
 
 
 def limit_line(ax: Axes, value: float | None, label: str, color: str = UNFIT) -> None:

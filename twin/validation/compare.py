@@ -354,7 +354,7 @@ def _add(out: Comparison, r: Residual, message: str) -> None:
             f"{r.quantity}.differs",
             "info" if r.consequence_of else "disagreement",
             message,
-            where=r.name + (f" ({r.component})" if r.component else ""),
+            where=r.name,
             when=f"{r.phase}, t = {r.t:.2f} s",
             size=r.worst / scale,
             unit=unit,
