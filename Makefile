@@ -7,13 +7,16 @@ UV := $(shell command -v uv 2>/dev/null || echo .venv-uv/bin/uv)
 RUN := $(UV) run --frozen --no-sync
 export UV_PYTHON_DOWNLOADS ?= never
 
-.PHONY: demo test check cad-check usd-check wheel-check bench lock clean
+.PHONY: demo test test-slow check cad-check usd-check bench lock-check clean
 
 demo: .venv/.synced
 	$(UV) run --frozen --no-sync twin run sils
 
 test: .venv/.synced-dev
-	$(RUN) pytest -n auto
+	$(RUN) pytest -n auto --dist loadfile
+
+test-slow: .venv/.synced-dev  ## what the default suite leaves out
+	$(RUN) pytest -n auto --dist loadfile -m "slow or wheel"
 
 check: .venv/.synced-dev  ## lint, format, types, import contracts
 	$(RUN) ruff check
@@ -25,16 +28,13 @@ cad-check: .venv/.synced-dev  ## redraw the STEP files and compare
 	$(RUN) python tests/redraw.py
 
 usd-check: .venv/.synced-dev  ## are the committed stages current?
-	$(RUN) twin build sils --check
-
-wheel-check: .venv/.synced-dev  ## the built wheel in a clean environment
-	$(RUN) pytest -m wheel
+	$(RUN) twin build sils --check --quiet
 
 bench: .venv/.synced-dev
 	$(RUN) python tests/benchmarks/run.py
 
-lock:
-	$(UV) lock
+lock-check: | $(UV)
+	$(UV) lock --check
 
 .venv-uv/bin/uv:
 	$(PYTHON) -m venv .venv-uv
