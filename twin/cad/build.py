@@ -12,6 +12,7 @@ import numpy as np
 from twin import spatial
 from twin.cad import features, mesh, references
 from twin.cad.description import BodySpec, Description, DriveSpec, FrameSpec, JointSpec, LimitSpec, load
+from twin.cad.dimensions import read_dimensions
 from twin.cad.features import Measured
 from twin.cad.step import MASS_TOLERANCE, Part, StepModel, read_step
 from twin.errors import CadError, unknown
@@ -33,6 +34,7 @@ class CadModel:
         findings: parts that do not meet, open meshes, lost precision.
         description: the TOML file as read.
         measured: every feature by body and name, in drawn coordinates.
+        dimensions: the lengths that the drawing was made from, with provenance.
         gaps: pairs of joints on one rail and the least distance between them in m.
     """
 
@@ -40,6 +42,7 @@ class CadModel:
     findings: tuple[Finding, ...]
     description: Description
     measured: dict[str, dict[str, Measured]]
+    dimensions: tuple[Parameter, ...]
     gaps: tuple[tuple[str, str, float], ...]
 
 
@@ -114,7 +117,7 @@ def read_mechanism(description_path: Path, *, with_mass: bool = True) -> CadMode
         source=f"{description_path.name} {fingerprint(description_path)}",
     )
     gaps = tuple((g.lower, g.upper, g.min_gap_mm * MM) for g in d.gap)
-    return CadModel(mechanism, tuple(found), d, measured, gaps)
+    return CadModel(mechanism, tuple(found), d, measured, read_dimensions(folder / "dimensions.toml"), gaps)
 
 
 def _parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Part]]:
@@ -321,7 +324,7 @@ def _meetings(d: Description, on: dict[str, tuple[Array, Array]]) -> list[Findin
                         code,
                         "disagreement",
                         f"joint '{joint.name}': the faces on '{joint.parent}' and '{joint.child}' are "
-                        f"{size:.4g} {'mm' if unit == 'mm' else '°'} {what} as drawn",
+                        f"{size:.4g}{' mm' if unit == 'mm' else '°'} {what} as drawn",
                         where=joint.name,
                         when="as drawn",
                         size=size,
@@ -368,7 +371,7 @@ def _parameters(d: Description) -> list[Parameter]:
         out.append(Parameter(name, shown * _SCALES.get(unit, 1.0), unit, shown, spec.provenance, spec.note))
 
     for limit in d.limit:
-        label = limit.joints[0] if len(limit.joints) == 1 else f"{limit.joints[0]}..{limit.joints[-1]}"
+        label = ",".join(limit.joints)
         for key in type(limit).model_fields:
             value = getattr(limit, key)
             if key in ("joints", "provenance", "note") or value is None:
@@ -382,7 +385,7 @@ def _parameters(d: Description) -> list[Parameter]:
                 add(f"{label} {name}", unit, value, limit)
     angular = {j.name for j in d.joint if j.type == "revolute"}
     for drive in d.drive:
-        label = drive.joints[0] if len(drive.joints) == 1 else f"{drive.joints[0]}..{drive.joints[-1]}"
+        label = ",".join(drive.joints)
         turns = drive.joints[0] in angular
         add(f"{label} drive stiffness", "N m/rad" if turns else "N/m", drive.stiffness, drive)
         add(f"{label} drive damping", "N m s/rad" if turns else "N s/m", drive.damping, drive)

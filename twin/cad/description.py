@@ -12,10 +12,9 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from twin.errors import DescriptionError
 from twin.mechanism import JointType
 from twin.provenance import Provenance
-from twin.schema import Identifier, Range, Table, Vector, at, load_toml
+from twin.schema import Identifier, Range, Table, Vector, at, error_at, load_toml
 
 
 class Feature(Table):
@@ -211,5 +210,5 @@ def load(path: Path) -> Description:
     """
     description = load_toml(path, Description)
     if description.name != path.stem:
-        raise DescriptionError(f"{path}: name = '{description.name}' must be the file's name, '{path.stem}'")
+        raise error_at(path, ("name",), f"'{description.name}' must be the file's name, '{path.stem}'")
     return description

@@ -1,6 +1,7 @@
 """Triangle meshes: files with a declared unit, watertightness, and mass properties from density.
 
-Mesh files carry no unit, so one is required, never guessed; a size that is implausible for it is said.
+Mesh files carry no unit (3MF does, and must agree), so one is required, never guessed; a size that is
+implausible for it is said.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from twin.cad.threemf import UNITS, read_3mf
 from twin.errors import CadError
 from twin.findings import Finding
 from twin.mechanism import Inertia, Mesh
@@ -51,14 +53,20 @@ def load_mesh(
         raise CadError(f"{path}: '{path.suffix}' is not read; use STEP or one of {', '.join(SUFFIXES)}")
     if not path.is_file():
         raise CadError(f"{path}: there is no such mesh file")
+    stated = None
     try:
-        loaded = trimesh.load_scene(path).to_mesh()
+        if path.suffix.lower() == ".3mf":
+            vertices, triangles, stated = read_3mf(path)
+        else:
+            loaded = trimesh.load_scene(path).to_mesh()
+            vertices, triangles = np.asarray(loaded.vertices, float), np.asarray(loaded.faces)
     except Exception as error:  # foreign readers raise anything on damaged input
         raise CadError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({error})") from error
-    if len(loaded.faces) == 0:
+    if len(triangles) == 0:
         raise CadError(f"{path}: there are no triangles in it")
-    vertices = np.asarray(loaded.vertices, float) * LENGTH[unit] @ _UP[up].T
-    vertices, triangles = weld(vertices, np.asarray(loaded.faces))
+    if stated is not None and UNITS[stated] != LENGTH[unit]:
+        raise CadError(f"{path}: unit '{unit}' is declared, but the file itself says {stated}")
+    vertices, triangles = weld(vertices * LENGTH[unit] @ _UP[up].T, triangles)
     findings = []
     extent = float(np.ptp(vertices, axis=0).max())
     if not _PLAUSIBLE[0] <= extent <= _PLAUSIBLE[1]:

@@ -34,7 +34,7 @@ def _bodies(d: Description) -> Iterator[tuple[Keys, str]]:
     for body, spec in d.body.items():
         own = [n for n, f in d.frame.items() if f.body == body]
         if spec.frame is not None and spec.frame not in own:
-            yield ("body", body, "frame"), unknown(f"frame on body '{body}'", spec.frame, own)
+            yield ("body", body, "frame"), f"body '{body}': {unknown('frame', spec.frame, own)}"
 
 
 def _features(d: Description) -> Iterator[tuple[Keys, str]]:
@@ -46,7 +46,7 @@ def _features(d: Description) -> Iterator[tuple[Keys, str]]:
         known: Iterable[str] = d.feature.get(body, {})
         for name in [value] if isinstance(value, str) else value or []:
             if name not in known:
-                yield keys, unknown(f"feature on body '{body}'", name, known)
+                yield keys, f"body '{body}': {unknown('feature', name, known)}"
 
     for i, joint in enumerate(d.joint):
         yield from frame(("joint", i, "on_parent"), joint.parent, joint.on_parent)

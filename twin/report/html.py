@@ -73,7 +73,7 @@ def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> 
         counts=_counts(report),
         groups=_groups(report),
         pictures=pictures,
-        parameters=sorted(report.parameters, key=lambda p: _ORIGINS.index(p.provenance)),
+        parameters=_parameters(report),
         origins=[(o, sum(p.provenance == o for p in report.parameters)) for o in _ORIGINS],
         command=command(report),
     )
@@ -210,6 +210,16 @@ def _aliases(row: Residual) -> set[str]:
     """Return the words with which another row may name this one."""
     name = f"{row.quantity} {row.name}"
     return {row.name, label(row), name, f"{row.pair} {name}"} - {""}
+
+
+def _parameters(report: Report) -> list[tuple[str, list[Parameter]]]:
+    """Return the parameters by group, the assumed first: what decides the motion, then what was only drawn."""
+    ordered = sorted(report.parameters, key=lambda p: _ORIGINS.index(p.provenance))
+    drawn = [p for p in ordered if p.name.startswith("drawing.")]
+    return [
+        ("Equations, limits, protocol", [p for p in ordered if p not in drawn]),
+        ("Dimensions of the drawing", drawn),
+    ]
 
 
 def _parameter_value(p: Parameter) -> str:

@@ -92,7 +92,12 @@ def judge(case: Case, progress: Progress = lambda label, fraction: None) -> Repo
         residuals=tuple(out.residuals),
         findings=tuple(findings),
         phases=clock.phases,
-        parameters=(*formula.parameters, *mechanism.parameters, *case.protocol.parameters()),
+        parameters=(
+            *formula.parameters,
+            *mechanism.parameters,
+            *case.protocol.parameters(),
+            *case.cad.dimensions,
+        ),
         facts=out.facts,
         environment=_environment(mechanism),
         joint_names=trajectory.joint_names,

@@ -1,0 +1,77 @@
+"""Side-by-side benchmarks: contenders take turns in one process, ratios of medians are printed (`make bench`).
+
+Absolute times depend on the machine and its load; ratios do not. Nothing here is a test.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+import twin
+
+ROUNDS = 7
+
+
+def race(title: str, contenders: dict[str, Callable[[], object]], per: int = 1) -> None:
+    """Run the contenders in turns and print the median time of each, in µs per item, and its ratio to the first."""
+    times: dict[str, list[float]] = {name: [] for name in contenders}
+    for _ in range(ROUNDS):
+        for name, run in contenders.items():
+            start = time.perf_counter()
+            run()
+            times[name].append((time.perf_counter() - start) / per * 1e6)
+    print(title)
+    first = float(np.median(next(iter(times.values()))))
+    for name, values in times.items():
+        median = float(np.median(values))
+        print(f"  {name:45s} {median:10.2f} µs   x {median / first:6.2f}")
+
+
+def main() -> None:
+    """Run all races on SILS."""
+    robot = twin.load("sils")
+    kin = robot.kinematics()
+    q0, q1 = (robot.mechanism.posture(n) for n in ("insertion", "inserted"))
+    T = robot.forward(q0)
+    evaluator = kin.program.inverse
+    flat = T.ravel()
+    plain = evaluator.function
+    race(
+        "inverse kinematics, one pose",
+        {
+            "compiled function through its buffer": lambda: [evaluator.one(flat) for _ in range(2000)],
+            "Kinematics.inverse, with its checks": lambda: [kin.inverse(T) for _ in range(2000)],
+            "the same function called as f(x)": lambda: [plain(flat) for _ in range(2000)],
+        },
+        per=2000,
+    )
+    model = robot.reference()
+    motion = q0 + (0.5 - 0.5 * np.cos(np.linspace(0, np.pi, 1000)))[:, None] * (q1 - q0)
+
+    def one_by_one() -> None:
+        state = None
+        for q in motion:
+            state = model.solve(q, state)
+
+    race(
+        "independent model, per sample of a 1 kHz motion",
+        {
+            "run: coarse walk, then all samples together": lambda: model.run(motion),
+            "solve: each sample from the one before": one_by_one,
+        },
+        per=len(motion),
+    )
+    run, single = model.run(motion), model.solve(motion[-1])
+    print(f"  largest gap {run.gaps[..., 0].max():.1e} m, runs differ by "
+          f"{np.abs(run.Ts_base_tool[-1] - single.T_base_tool).max():.1e} m")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,73 @@
+"""The documentation's commands run, and its links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+EXIT_1 = ("--variant eq1=printed", "--variant eq2=printed", "--variant eq2=literal", "--protocol table2_printed")
+"""Commands of which the documentation says that they disagree."""
+
+
+def commands():
+    """Return every `twin ...` command that a page shows, in a console block or in a table."""
+    found = set()
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        found |= {line[2:].strip() for line in re.findall(r"^\$ twin .*$", text, re.MULTILINE)}
+        found |= set(re.findall(r"`(twin [a-z][^`]*)`", text))
+    return sorted(found)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with the robot `my_robot/` that the documentation speaks of, made from SILS."""
+    place = tmp_path_factory.mktemp("docs")
+    own = place / "my_robot"
+    (own / "cad").mkdir(parents=True)
+    toml = (ROOT / "cad/sils/sils.toml").read_text(encoding="utf-8").replace('name = "sils"', 'name = "my_robot"', 1)
+    (own / "cad/my_robot.toml").write_text(toml, encoding="utf-8")
+    shutil.copy(ROOT / "cad/sils/sils.step", own / "cad")
+    shutil.copytree(ROOT / "trajectories/sils", own / "trajectories")
+    shutil.copy(ROOT / "twin/robots/sils.py", own / "formula.py")
+    return place
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", commands())
+def test_command_runs(command, folder):
+    arguments = [sys.executable, "-m", *command.split()]
+    if command == "twin build sils":
+        arguments += ["--out", str(folder / "usd")]
+    done = subprocess.run(arguments, cwd=folder, capture_output=True, text=True, check=False)
+    expected = 1 if command.endswith(EXIT_1) or "--all-protocols" in command else 0
+    assert done.returncode == expected, done.stdout[-2000:] + done.stderr[-2000:]
+
+
+@pytest.mark.slow
+def test_python_examples_run(folder):
+    for page in PAGES:
+        for block in re.findall(r"```python\n(import twin.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+            done = subprocess.run([sys.executable, "-c", block], cwd=folder, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stderr[-2000:]
+            assert "s1 by eq1 (printed)" in done.stdout
+
+
+def test_commands_are_found():
+    assert "twin run sils" in commands()
+    assert len(commands()) > 8
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
+        if not target.startswith("http"):
+            assert (page.parent / target).exists(), f"{page.name} links to {target}"

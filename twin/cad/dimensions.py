@@ -1,0 +1,61 @@
+"""The lengths that a drawing was made from, `cad/<robot>/dimensions.toml`: read for their provenance only.
+
+The mechanism never uses them (it is measured on the STEP); reports list which of them nobody has published.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, ValidationError
+
+from twin.errors import DescriptionError
+from twin.provenance import Parameter, Provenance
+from twin.schema import Table, Vector, error_at
+from twin.units import DEG, MM
+
+_SCALES = {"mm": MM, "deg": DEG}
+
+
+class Dimension(Table):
+    """One length or angle, or three of them."""
+
+    value: float | Vector
+    unit: Literal["mm", "deg"]
+    provenance: Provenance
+    note: str = Field(min_length=1)
+
+
+def read_dimensions(path: Path) -> tuple[Parameter, ...]:
+    """Return the dimensions as parameters named `drawing.<name>`; none if there is no such file.
+
+    Raises:
+        DescriptionError: the file is not TOML, or an entry lacks value, unit, provenance or note.
+    """
+    if not path.is_file():
+        return ()
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise DescriptionError(f"{path}: {error}") from error
+    out = []
+    for name, entry in data.items():
+        if name == "part":  # manufacturing errors of single parts: they are no dimensions of the design
+            continue
+        if isinstance(entry, dict) and isinstance(entry.get("value"), list):
+            entry = {**entry, "value": tuple(entry["value"])}
+        try:
+            d = Dimension.model_validate(entry)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(k) for k in first["loc"])
+            raise error_at(path, (name,), f"{where or 'entry'}: {first['msg']}") from error
+        values = d.value if isinstance(d.value, tuple) else (d.value,)
+        labels = [f"drawing.{name}"] if len(values) == 1 else [f"drawing.{name}.{a}" for a in "xyz"]
+        out += [
+            Parameter(label, v * _SCALES[d.unit], d.unit, v, d.provenance, d.note)
+            for label, v in zip(labels, values, strict=True)
+        ]
+    return tuple(out)
