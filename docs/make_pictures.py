@@ -1,18 +1,19 @@
 """Draw the pictures of the SILS robot in docs/pictures/ from its USD stage read back.
 
-    python docs/make_pictures.py [--out docs/pictures] [--only lowered C]
+    python docs/make_pictures.py [--out docs/pictures] [--only C lowered]
 
-Needs Chromium on the PATH (Debian: apt-get install chromium); no graphics card. Bodies, meshes and colours
-come from `read_stage`, link poses from `read_motion` at the sample that stands at the waypoint; viser shows
-them to a headless Chromium, which renders. Drawn by this script alone, as props: the floor, the trocar (RCM)
-as an orange ball, the axis of the shaft, and in sils_lowered.png the operating table and the abdomen.
+Bodies, meshes and colours come from `read_stage`, link poses from `read_motion` at the first sample that
+stands at the waypoint; viser shows them to a headless Chromium (on the PATH; Debian: apt-get install
+chromium), no graphics card needed. Props drawn here alone: floor, trocar (RCM, orange ball and ring), axis of
+the shaft and, in sils_lowered.png, table and abdomen. Three minutes; same bytes again on one machine.
 """
 
 from __future__ import annotations
 
 import argparse
+import logging
+import queue
 import shutil
-import socket
 import subprocess
 import tempfile
 import time
@@ -26,23 +27,21 @@ import trimesh
 import viser
 from matplotlib import font_manager
 from PIL import Image, ImageDraw, ImageFont
+from trimesh.visual.color import linear_to_srgb
 
 import twin
 from twin import assets, spatial
 from twin.api import tool_frame
+from twin.mechanism import Mechanism
 from twin.spatial import Array
 from twin.stage.read import read_motion, read_stage
 
-CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = (
-    "--headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --disable-dev-shm-usage "
-    "--disable-background-networking --disable-extensions --no-first-run --mute-audio --hide-scrollbars"
-).split()
-OVERSAMPLING = 2
-CREASE = np.radians(35)  # edges sharper than this stay edges
-SKY, GROUND = (250, 251, 253), (214, 220, 228)
-ORANGE, TEAL = (255, 120, 20), (70, 150, 160)
-FLOOR = -0.42  # underside of the feet
+    "headless no-sandbox use-angle=swiftshader enable-unsafe-swiftshader disable-dev-shm-usage no-first-run "
+    "disable-background-networking disable-extensions"
+)
+SKY, GROUND, INK, ORANGE = (250, 251, 253), (214, 220, 228), (50, 60, 72), (255, 120, 20)
+FLOOR, OVERSAMPLING, CREASE = -0.42, 2, np.radians(35)  # underside of the feet in m; sharper edges stay edges
 
 
 @dataclass(frozen=True)
@@ -50,171 +49,151 @@ class Shot:
     """A picture: where in which protocol, and from where."""
 
     name: str
-    label: str
+    caption: str
     protocol: str
     waypoint: str
-    rcm: str  # the waypoint whose position is the trocar
-    eye: tuple[float, float, float] = (2.15, -1.02, 0.78)
-    target: tuple[float, float, float] = (0.15, 0.32, 0.12)
-    size: tuple[int, int] = (1200, 1000)
+    rcm: str  # the waypoint that lies at the trocar
+    view: tuple[float, ...] = (-39, 18, 25.5)  # azimuth from +x, elevation, vertical field of view, in deg
+    target: tuple[float, ...] = (0.003, 0.302, 0.102)
+    size: tuple[int, int] = (770, 880)
     patient: bool = False
 
 
 SHOTS = (
-    Shot("C", "C", "table2", "c", "b"),
-    Shot("B", "B", "table2", "b", "b"),
-    Shot("I", "I", "table2", "i", "b"),
-    Shot("T", "T′", "table2", "t_prime", "b"),
-    Shot("lowered", "", "lowered_patient", "far", "port", (2.3, -1.15, 0.85), (0.2, 0.31, 0.1), (1600, 1000), True),
+    Shot("C", "C  current location", "table2", "c", "b"),
+    Shot("B", "B  insertion point", "table2", "b", "b"),
+    Shot("I", "I  inserted by 40 mm", "table2", "i", "b"),
+    Shot("T", "T′  turned about the RCM", "table2", "t_prime", "b"),
+    Shot("lowered", "", "lowered_patient", "far", "port", (-42, 19, 26.8), (0.119, 0.411, 0.075), (1600, 1000), True),
 )
 
 
-def stand(robot: twin.Robot, shot: Shot) -> tuple[dict[str, Array], Array, Array, Array]:
-    """Return the link poses at the waypoint, the trocar, and a point and direction (to the tip) of the shaft."""
-    assert robot.files is not None
+def stand(robot: twin.Robot, shot: Shot) -> tuple[Mechanism, dict[str, Array], Array, Array]:
+    """Return the mechanism, its link poses at the waypoint, the trocar, and two ends (2, 3) of the shaft's axis."""
     stage = robot.files.usd / f"{robot.name}_{shot.protocol}.usda"
-    mechanism, (times, poses) = read_stage(stage), read_motion(stage)
-    protocol = robot.protocol(shot.protocol)
-    T_tool_moved = tool_frame(mechanism, protocol.frame)
-    tool = mechanism.frame(mechanism.tool)
+    mechanism, (times, poses), protocol = read_stage(stage), read_motion(stage), robot.protocol(shot.protocol)
+    tool, T_tool_moved = mechanism.frame(mechanism.tool), tool_frame(mechanism, protocol.frame)
     Ts_tool = poses[tool.body] @ tool.T_body_frame
-    Ts_moved = Ts_tool @ T_tool_moved
     way, rcm = protocol.waypoints[shot.waypoint], protocol.waypoints[shot.rcm].position
-    psi, theta, phi = way.angles
-    R = spatial.rotation_z(psi) @ spatial.exp_so3([0, theta, 0]) @ spatial.exp_so3([phi, 0, 0])
+    R = np.linalg.multi_dot(spatial.exp_so3(np.diag(way.angles)[:, ::-1]))  # Rz(psi) Ry(theta) Rx(phi)
     axis = T_tool_moved[:3, :3] @ protocol.shaft_axis
-    p = way.position if way.position is not None else rcm + way.depth * R @ axis
-    miss = np.linalg.norm(Ts_moved[:, :3, 3] - p, axis=1)
+    p = rcm + way.depth * R @ axis if way.position is None else way.position
+    miss = np.linalg.norm((Ts_tool @ T_tool_moved)[:, :3, 3] - p, axis=1)
     turn = spatial.rotation_angle(R.T @ Ts_tool[:, :3, :3])
-    k = int(np.argmin(miss + 0.1 * turn))
-    print(f"{shot.name}: t = {times[k]:.3f} s, {1e3 * miss[k]:.4f} mm and {np.degrees(turn[k]):.4f} deg off the waypoint")
-    if miss[k] > 1e-4 or turn[k] > np.radians(0.1):
-        raise SystemExit(f"{stage} never stands at {shot.waypoint}: rebuild it with `twin build {robot.name}`")
-    return {name: T[k] for name, T in poses.items()}, rcm, Ts_moved[k, :3, 3], Ts_tool[k, :3, :3] @ axis
+    if miss[k := int(np.argmax((miss < 5e-6) & (turn < 5e-5)))] > 5e-6 or turn[k] > 5e-5:
+        raise SystemExit(f"{stage} never stands at '{shot.waypoint}': make it new with `twin build {robot.name}`")
+    print(f"{shot.name}: {times[k]:.3f} s, {1e6 * miss[k]:.2f} um and {np.degrees(turn[k]):.5f} deg off the waypoint")
+    shaft = Ts_tool[k, :3, 3] + np.outer([-0.2, 0.35], Ts_tool[k, :3, :3] @ axis)
+    return mechanism, {name: T[k] for name, T in poses.items()}, rcm, shaft
 
 
-def srgb(linear: tuple[float, ...]) -> tuple[int, ...]:
-    """Return linear 0..1 as sRGB 0..255."""
-    c = np.asarray(linear[:3])
-    c = np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
-    return tuple(int(v) for v in np.round(255 * c))
-
-
-def add_robot(server: viser.ViserServer, mechanism) -> dict[str, viser.FrameHandle]:
-    """Show the meshes of each body, merged by colour; return one frame for each body."""
-    frames = {}
+def fill(scene: viser.SceneApi, robot: twin.Robot, shot: Shot) -> None:
+    """Show the robot at the waypoint, floor, lights, trocar, shaft axis and, if asked for, table and abdomen."""
+    scene.reset()
+    mechanism, poses, rcm, shaft = stand(robot, shot)
     for body in mechanism.bodies:
-        frames[body.name] = server.scene.add_frame(f"/{body.name}", show_axes=False)
-        by_color: dict[tuple[float, ...], list[trimesh.Trimesh]] = {}
+        R, p = poses[body.name][:3, :3], poses[body.name][:3, 3]
+        scene.add_frame(f"/{body.name}", show_axes=False, wxyz=spatial.quat_from_matrix_wxyz(R), position=p)
         for mesh in body.meshes:
             solid = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
             solid = trimesh.graph.smooth_shade(solid, angle=CREASE, facet_minarea=None)
-            by_color.setdefault(mesh.color_rgba, []).append(solid)
-        for i, (color, solids) in enumerate(by_color.items()):
-            all_ = trimesh.util.concatenate(solids)
-            server.scene.add_mesh_simple(f"/{body.name}/m{i}", all_.vertices, all_.faces, color=srgb(color))
-    return frames
-
-
-def add_surroundings(server: viser.ViserServer, robot: twin.Robot, shot: Shot, rcm: Array, p: Array, n: Array) -> None:
-    """Show floor, lights, trocar, shaft axis and, if asked for, table and abdomen."""
-    scene = server.scene
+            color = np.round(255 * linear_to_srgb(np.array(mesh.color_rgba[:3]))).astype(int)
+            scene.add_mesh_simple(f"/{body.name}/{mesh.name}", solid.vertices, solid.faces, color=color)
     scene.configure_default_lights(False)
-    scene.configure_environment_map("studio", environment_intensity=0.45)
-    scene.add_light_directional("/key", intensity=2.2, position=(1.2, -0.7, 2.2), cast_shadow=True)
-    scene.add_light_directional("/fill", intensity=0.7, position=(0.6, 2.0, 0.6))
-    scene.add_grid(
-        "/floor", 6, 6, cell_size=0.1, section_size=0.5, cell_color=(205, 211, 219), section_color=(186, 194, 204),
-        position=(0.2, 0.3, FLOOR), fade_distance=2.4, fade_from="origin", shadow_opacity=0.35,
-    )  # fmt: skip
-    scene.add_icosphere("/rcm", 0.009, ORANGE, position=tuple(rcm), cast_shadow=False)
-    ends = np.array([[rcm - 0.36 * n, rcm + 0.16 * n]])
-    scene.add_line_segments("/shaft", ends, ORANGE, thickness=0.0025)
+    scene.configure_environment_map("studio", environment_intensity=0.2)
+    scene.add_light_directional("/key", intensity=1.7, position=(1.2, -0.7, 2.2), cast_shadow=True)
+    scene.add_light_directional("/fill", intensity=0.4, position=(0.6, 2.0, 0.6))
+    lines = {"cell_size": 0.1, "section_size": 0.5, "cell_color": (205, 211, 219), "section_color": (186, 194, 204)}
+    look = {"fade_distance": 2.4, "fade_from": "origin", "shadow_opacity": 0.35}
+    scene.add_grid("/floor", 6, 6, position=(0.2, 0.3, FLOOR), **lines, **look)
+    scene.add_icosphere("/rcm", 0.007, ORANGE, position=rcm, cast_shadow=False)
+    ring = trimesh.creation.torus(0.022, 0.002)
+    scene.add_mesh_simple("/trocar", ring.vertices, ring.faces, color=ORANGE, position=rcm, cast_shadow=False)
+    scene.add_line_segments("/shaft", shaft[None], ORANGE, thickness=0.0025)
     if shot.patient:
         x, y, z = rcm
-        scene.add_box("/table", (0.16, 0.16, 0.16), dimensions=(0.50, 1.3, 0.03), position=(x, y, z - 0.225))
-        body = trimesh.creation.icosphere(4, 1.0)
-        body = body.slice_plane([0, 0, 0], [0, 0, 1])
-        body.apply_scale((0.20, 0.30, 0.20))
-        scene.add_mesh_simple(
-            "/abdomen", body.vertices, body.faces, color=(232, 190, 168), opacity=0.4,
-            position=(x, y, z - 0.2), cast_shadow=False,
-        )  # fmt: skip
-
-
-def look_at(eye: Array, target: Array) -> tuple[Array, Array]:
-    """Return wxyz and position of a camera: z forward, y down, no roll about world z."""
-    z = (target - eye) / np.linalg.norm(target - eye)
-    x = np.cross(z, [0.0, 0.0, 1.0])
-    x /= np.linalg.norm(x)
-    return spatial.quat_from_matrix_wxyz(np.column_stack([x, np.cross(z, x), z])), eye
+        under = z - 0.23 - FLOOR
+        for i, (*sides, height) in enumerate(((0.42, 0.66, 0.03, under + 0.015), (0.1, 0.2, under, under / 2))):
+            middle = (x, y, FLOOR + height)
+            scene.add_box(f"/table{i}", (160, 174, 186), dimensions=tuple(sides), position=middle, opacity=0.6)
+        dome = trimesh.creation.uv_sphere(1.0, count=(64, 96))
+        dome.vertices = dome.vertices.clip([-1, -1, 0], 1) * (0.16, 0.24, 0.203) + (x, y, z - 0.203)
+        skin = {"color": (226, 160, 128), "opacity": 0.42, "cast_shadow": False}
+        scene.add_mesh_simple("/abdomen", dome.vertices, dome.faces, **skin)
 
 
 @contextmanager
-def browser(url: str, size: tuple[int, int]) -> Iterator[None]:
-    """Keep a headless Chromium open at a page."""
-    program = next((p for name in CHROMIUM if (p := shutil.which(name))), None)
-    if program is None:
-        raise SystemExit(f"no Chromium on the PATH (looked for {', '.join(CHROMIUM)}); apt-get install chromium")
+def viewer(width: int, height: int) -> Iterator[tuple[viser.ViserServer, viser.ClientHandle]]:
+    """Yield a viser server on 127.0.0.1 and the headless Chromium that looks at it."""
+    if (program := shutil.which("chromium") or shutil.which("google-chrome")) is None:
+        raise SystemExit("neither chromium nor google-chrome is on the PATH (Debian: apt-get install chromium)")
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # Chromium opens sockets that it never uses
+    server = viser.ViserServer(host="127.0.0.1", verbose=False)
+    clients: queue.Queue[viser.ClientHandle] = queue.Queue()
+    server.on_client_connect(clients.put)
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        window = f"--window-size={size[0]},{size[1]}"
-        command = [program, *FLAGS, window, f"--user-data-dir={profile}", "--remote-debugging-port=0", url]
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        flags = [f"--{f}" for f in (*FLAGS.split(), f"window-size={width},{height}", f"user-data-dir={profile}")]
+        process = subprocess.Popen([program, *flags, f"127.0.0.1:{server.get_port()}"], stderr=subprocess.DEVNULL)
         try:
-            yield
+            yield server, clients.get(timeout=60)
         finally:
             process.terminate()
             process.wait(20)
+            server.stop()
 
 
-def render(robot: twin.Robot, shot: Shot) -> Image.Image:
+def render(server: viser.ViserServer, client: viser.ClientHandle, robot: twin.Robot, shot: Shot) -> Image.Image:
     """Return the picture of one shot."""
-    poses, rcm, p, n = stand(robot, shot)
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        port = s.getsockname()[1]
-    server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
-    assert robot.files is not None
-    mechanism = read_stage(robot.files.usd / f"{robot.name}_{shot.protocol}.usda")
-    try:
-        for name, frame in add_robot(server, mechanism).items():
-            frame.wxyz, frame.position = spatial.quat_from_matrix_wxyz(poses[name][:3, :3]), poses[name][:3, 3]
-        add_surroundings(server, robot, shot, rcm, p, n)
-        width, height = (OVERSAMPLING * v for v in shot.size)
-        wxyz, eye = look_at(np.array(shot.eye), np.array(shot.target))
-        with browser(f"http://127.0.0.1:{port}", (width + 100, height + 200)):
-            deadline = time.monotonic() + 60
-            while not server.get_clients():
-                if time.monotonic() > deadline:
-                    raise SystemExit("Chromium did not connect within 60 s")
-                time.sleep(0.2)
-            client = next(iter(server.get_clients().values()))
-            for _ in range(2):  # meshes and light map arrive while the first is drawn
-                time.sleep(4)
-                rgba = client.get_render(
-                    height, width, wxyz=wxyz, position=eye, fov=np.radians(28), transport_format="png", timeout=180
-                )
-    finally:
-        server.stop()
+    fill(server.scene, robot, shot)
+    width, height = (OVERSAMPLING * v for v in shot.size)
+    a, e, fov = np.radians(shot.view)  # the camera: z forward, y down, 3 m from the target
+    z = -np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    x = np.cross(z, [0.0, 0.0, 1.0]) / np.cos(e)
+    wxyz = spatial.quat_from_matrix_wxyz(np.column_stack([x, np.cross(z, x), z]))
+    camera = {"wxyz": wxyz, "position": np.array(shot.target) - 3.0 * z, "fov": fov}
+    for _ in range(2):  # meshes and light map arrive while the first is drawn
+        time.sleep(4)
+        front = Image.fromarray(client.get_render(height, width, **camera, transport_format="png", timeout=180))
     shade = np.linspace(0, 1, height)[:, None, None] ** 1.3
     back = Image.fromarray(np.broadcast_to((1 - shade) * SKY + shade * GROUND, (height, width, 3)).astype(np.uint8))
-    back.paste(front := Image.fromarray(rgba), mask=front.getchannel("A"))
+    back.paste(front, mask=front.getchannel("A"))
     return back.resize(shot.size, Image.Resampling.LANCZOS)
+
+
+def strip(images: dict[Shot, Image.Image], width: int = 400, band: int = 40) -> Image.Image:
+    """Return pictures side by side, each with its caption below."""
+    height = max(width * i.height // i.width for i in images.values())
+    out = Image.new("RGB", (width * len(images), height + band), GROUND)
+    font = ImageFont.truetype(font_manager.findfont("DejaVu Sans"), 19)
+    for k, (shot, image) in enumerate(images.items()):
+        out.paste(image.resize((width, height), Image.Resampling.LANCZOS), (k * width, 0))
+        ImageDraw.Draw(out).text(((k + 0.5) * width, height + band / 2), shot.caption, INK, font, anchor="mm")
+    return out
+
+
+def few_colors(image: Image.Image) -> Image.Image:
+    """Return the picture in 256 colours; rare ones count by the root of their area, else orange would be lost."""
+    colors, areas = np.unique(np.asarray(image).reshape(-1, 3) & 0xFC, axis=0, return_counts=True)
+    sample = np.repeat(colors | 2, np.ceil(np.sqrt(areas)).astype(int), axis=0)
+    return image.quantize(palette=Image.fromarray(sample[None]).quantize(256, kmeans=3), dither=Image.Dither(3))
 
 
 def main() -> None:
     """Draw the pictures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=assets.data_folder() / "docs" / "pictures")
-    parser.add_argument("--only", nargs="+", choices=[s.name for s in SHOTS], help="default: all")
+    parser.add_argument("--only", nargs="+", choices=[s.name for s in SHOTS], help="default: all, and the strip")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
-    robot = twin.load("sils")
-    for shot in SHOTS:
-        if args.only and shot.name not in args.only:
-            continue
-        image = render(robot, shot)
-        image.save(args.out / f"sils_{shot.name}.png", optimize=True)
+    shots = [s for s in SHOTS if not args.only or s.name in args.only]
+    with viewer(*(OVERSAMPLING * max(s.size[i] for s in shots) + 200 for i in (0, 1))) as (server, client):
+        images = {s: render(server, client, twin.load("sils"), s) for s in shots}
+    pictures = {f"sils_{s.name}.png": image for s, image in images.items()}
+    if not args.only:
+        pictures["sils_table2.png"] = strip({s: i for s, i in images.items() if s.caption})
+    for name, image in pictures.items():
+        few_colors(image).save(args.out / name, optimize=True)
+        print(f"{args.out / name}: {image.width} x {image.height}, {(args.out / name).stat().st_size / 1e3:.0f} kB")
 
 
 if __name__ == "__main__":

@@ -33,7 +33,8 @@ def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("docs")
     own = place / "my_robot"
     (own / "cad").mkdir(parents=True)
-    toml = (ROOT / "cad/sils/sils.toml").read_text(encoding="utf-8").replace('name = "sils"', 'name = "my_robot"', 1)
+    toml = (ROOT / "cad/sils/sils.toml").read_text(encoding="utf-8")
+    toml = toml.replace('name = "sils"', 'name = "my_robot"', 1)
     (own / "cad/my_robot.toml").write_text(toml, encoding="utf-8")
     shutil.copy(ROOT / "cad/sils/sils.step", own / "cad")
     shutil.copytree(ROOT / "trajectories/sils", own / "trajectories")
@@ -56,7 +57,9 @@ def test_command_runs(command, folder):
 def test_python_examples_run(folder):
     for page in PAGES:
         for block in re.findall(r"```python\n(import twin.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
-            done = subprocess.run([sys.executable, "-c", block], cwd=folder, capture_output=True, text=True, check=False)
+            done = subprocess.run(
+                [sys.executable, "-c", block], cwd=folder, capture_output=True, text=True, check=False
+            )
             assert done.returncode == 0, done.stderr[-2000:]
             assert "s1 by eq1 (printed)" in done.stdout
 

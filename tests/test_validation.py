@@ -157,7 +157,9 @@ def test_degrees_of_freedom_and_redundancy_are_told(judged):
 
 def test_assumed_values_are_listed_with_reasons(judged):
     report = judged("table2")
-    assert {"q3,q4 limits from", "q3,q4 limits to", "gap q1-q2", "L_H", "drawing.bar_radius"} <= {p.name for p in report.assumed}
+    assert {"q3,q4 limits from", "q3,q4 limits to", "gap q1-q2", "L_H", "drawing.bar_radius"} <= {
+        p.name for p in report.assumed
+    }
     assert all(p.note for p in report.parameters)
 
 

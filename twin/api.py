@@ -135,7 +135,12 @@ class Robot:
         """
         kin = self.kinematics(variant)
         T = np.asarray(T_base_tool, float)
-        return kin.inverse(T, seed) if T.ndim == 2 else np.array([kin.inverse(t) for t in T])
+        if T.ndim == 2:
+            return kin.inverse(T, seed)
+        rows: list[Array] = []
+        for t in T:  # each begins at the one before it
+            rows.append(kin.inverse(t, rows[-1] if rows else seed))
+        return np.reshape(rows, (len(T), len(kin.joints)))
 
     def forward(self, q: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None) -> Array:
         """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for (k, n), on the assembly branch of the seed pose.
@@ -176,12 +181,21 @@ class Robot:
             TwinError: no such protocol, or the file is wrong.
         """
         from twin.protocol import load_protocol
+        from twin.schema import error_at
 
-        if name is not None and Path(name).suffix == ".toml":
-            return load_protocol(Path(name))
-        if self.files is None:
+        given = name is not None and Path(name).suffix == ".toml"
+        if given:
+            path = Path(str(name))
+        elif self.files is None:
             raise TwinError(f"{self.name} was loaded from a USD stage: give the path of a protocol file")
-        return load_protocol(self.files.protocol(str(name or self.cad.description.default_protocol)))
+        else:
+            path = self.files.protocol(str(name or self.cad.description.default_protocol))
+        protocol = load_protocol(path)
+        if not given and protocol.name != path.stem:
+            raise error_at(path, ("name",), f"'{protocol.name}' must be the file's name, '{path.stem}'")
+        if protocol.robot != self.name:
+            raise error_at(path, ("robot",), f"the protocol is written for '{protocol.robot}', not for '{self.name}'")
+        return protocol
 
     def path_kinematics(self) -> PathKinematics:
         """Return what planning needs: the equations, with the limits that the description owns."""
@@ -397,7 +411,7 @@ def _bake(robot: Robot, mechanism: Mechanism, protocol: str, folder: Path) -> No
     model = ReferenceModel(mechanism)
     run = model.run_poses(trajectory.poses(times))
     values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
-    write_motion(mechanism, folder, Motion(protocol, times, _rounded(model.link_poses(run.x)), values))
+    write_motion(mechanism, folder, Motion(trajectory.protocol, times, _rounded(model.link_poses(run.x)), values))
 
 
 def _rounded(poses: Mapping[str, Array]) -> dict[str, Array]:

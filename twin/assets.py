@@ -120,24 +120,70 @@ def atomic_folder(target: Path) -> Iterator[Path]:
     try:
         target.mkdir(parents=True, exist_ok=True)
         work = Path(tempfile.mkdtemp(prefix=".twin-", dir=target))
+        spare = [work]
     except OSError as error:
         for folder in missing:  # also a parent that this call made
             with contextlib.suppress(OSError):
                 folder.rmdir()
-        raise OutputError(f"cannot write to {target}: {error.strerror or error}. Choose another with --out.") from error
+        raise OutputError(_unwritable(target, error)) from error
+    moved: list[tuple[Path, Path | None]] = []
     done = False
     try:
         yield work
-        for source in sorted(p for p in work.rglob("*") if p.is_file()):
+        old = Path(tempfile.mkdtemp(prefix=".twin-", dir=target))
+        spare.append(old)
+        for i, source in enumerate(sorted(p for p in work.rglob("*") if p.is_file())):
             final = target / source.relative_to(work)
+            missing += [p for p in (final.parent, *final.parent.parents) if not p.exists()]
             final.parent.mkdir(parents=True, exist_ok=True)
+            moved.append((final, _spare(final, old / str(i)) if final.is_file() else None))
             os.replace(source, final)  # noqa: PTH105 - Path.replace is the same call, this name says atomic
         done = True
     except OSError as error:
-        raise OutputError(f"cannot write to {target}: {error.strerror or error}. Choose another with --out.") from error
+        raise OutputError(_unwritable(target, error)) from error
     finally:
-        shutil.rmtree(work, ignore_errors=True)
         if not done:
-            for folder in missing:
+            _undo(moved)
+        for folder in spare:
+            shutil.rmtree(folder, ignore_errors=True)
+        if not done:
+            for folder in sorted(missing, key=lambda p: -len(p.parts)):
                 with contextlib.suppress(OSError):
                     folder.rmdir()
+
+
+class _ProbeError(Exception):
+    pass
+
+
+def require_writable(target: Path) -> None:
+    """Do nothing if `atomic_folder` could write there: for those who compute long before they write.
+
+    Raises:
+        OutputError: as `atomic_folder`.
+    """
+    with contextlib.suppress(_ProbeError), atomic_folder(target):
+        raise _ProbeError
+
+
+def _spare(file: Path, kept: Path) -> Path:
+    """Keep a second copy of a file, without taking it away."""
+    try:
+        kept.hardlink_to(file)
+    except OSError:  # a file system without links
+        shutil.copy2(file, kept)
+    return kept
+
+
+def _undo(moved: list[tuple[Path, Path | None]]) -> None:
+    """Put back what was there before; `moved` holds each file and where its forerunner is kept."""
+    for final, kept in reversed(moved):
+        with contextlib.suppress(OSError):
+            if kept is not None:
+                os.replace(kept, final)  # noqa: PTH105
+            else:
+                final.unlink(missing_ok=True)
+
+
+def _unwritable(target: Path, error: OSError) -> str:
+    return f"cannot write to {target}: {error.strerror or error}. Choose another folder with --out."

@@ -319,6 +319,12 @@ def _check(m: Mechanism) -> None:
     for item in (*m.frames, *m.points):
         if item.body not in names:
             fail(f"'{item.name}': {unknown('body', item.body, names)}")
+    for frame in m.frames:
+        if not spatial.is_pose(frame.T_body_frame, 1e-6):
+            fail(f"frame '{frame.name}' is not a rigid pose")
+    for point in m.points:
+        if np.shape(point.p_body) != (3,) or not np.all(np.isfinite(point.p_body)):
+            fail(f"point '{point.name}' is not three finite numbers")
     for name, T in m.rest.items():
         if name in names and not spatial.is_pose(T, 1e-6):
             fail(f"body '{name}': its rest pose is not rigid")
@@ -332,6 +338,9 @@ def _check(m: Mechanism) -> None:
         if set(values) != active:
             wrong = sorted(set(values) ^ active)
             fail(f"posture '{posture}' must give each active joint once; check: {', '.join(wrong)}")
+        for name, value in values.items():
+            if not np.isfinite(value):
+                fail(f"posture '{posture}': {name} = {value} is not finite")
     in_tree = {j.name for j in m.tree}
     for joint in m.active:
         if joint.name not in in_tree:

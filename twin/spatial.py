@@ -139,6 +139,8 @@ def frame_from_axes(z: ArrayLike, x: ArrayLike) -> Array:
         ValueError: if z vanishes or x is parallel to it.
     """
     z, x = np.asarray(z, float), np.asarray(x, float)
+    if not np.linalg.norm(z) > 0:
+        raise ValueError("z has no length")
     z = z / np.linalg.norm(z)
     x = x - z * (z @ x)
     n = np.linalg.norm(x)

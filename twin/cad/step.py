@@ -28,7 +28,7 @@ from twin.units import MM
 VISUAL_TOLERANCE = 0.1 * MM
 """Chord tolerance of the meshes that are shown, with 0.5 rad between normals."""
 
-MASS_TOLERANCE = 0.01 * MM
+MASS_TOLERANCE = 0.005 * MM
 """Chord tolerance of the meshes that are weighed; a convex part's triangles always weigh a little less."""
 
 _CACHED = 32

@@ -6,14 +6,18 @@ Exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage.
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import logging
 import os
+import re
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 from twin import __version__
-from twin.errors import TwinError
+from twin.errors import TwinError, unknown
+from twin.findings import Finding
 
 _EPILOG = """\
 examples:
@@ -27,32 +31,75 @@ examples:
 exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 """
 
+NAMES = ("list", "info", "build", "plan", "validate", "run", "doctor")
+"""Every command."""
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
-    args = _parser().parse_args(argv)
+    argv = sys.argv[1:] if argv is None else list(argv)
+    for stream in (sys.stdout, sys.stderr):  # a terminal that lacks a sign gets a question mark, not a traceback
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+    try:
+        args = _parser().parse_args(argv)
+    except _UsageError as error:
+        print(error.usage, end="", file=sys.stderr)
+        return _failed("usage", str(error), "--json" in argv)
     # All matrices here are small: threads of the linear algebra library only get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
     try:
         from twin.cli import commands
 
-        return int(commands.COMMANDS[args.command](args))
+        code = int(commands.COMMANDS[args.command](args))
+        sys.stdout.flush()  # here a broken pipe can still be dealt with
+        return code
     except TwinError as error:
         if args.debug:
             raise
-        if args.json:
-            print(json.dumps({"verdict": "unchecked", "error": type(error).__name__, "message": str(error)}))
-        print(f"twin: {error}", file=sys.stderr)
-        return 2
+        return _failed(type(error).__name__, str(error), args.json)
     except KeyboardInterrupt:
         print("twin: interrupted", file=sys.stderr)
         return 130
+    except BrokenPipeError:  # the reader of a pipe has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 2
+    except Exception as error:
+        if args.debug:
+            raise
+        # Python would exit with 1, which here means "disagree".
+        text = f"internal error, {type(error).__name__}: {error}. Please report it, with what --debug shows."
+        return _failed(type(error).__name__, text, args.json)
+
+
+def _failed(kind: str, message: str, as_json: bool) -> int:
+    """Say why nothing could be judged; return the exit code of that."""
+    if as_json:
+        finding = Finding("error." + kind.removesuffix("Error").lower(), "error", message).as_dict()
+        out = {"verdict": "unchecked", "error": kind, "message": message, "residuals": [], "findings": [finding]}
+        print(json.dumps(out, indent=2))
+    print(f"twin: {message}", file=sys.stderr)
+    return 2
+
+
+class _UsageError(Exception):
+    def __init__(self, message: str, usage: str) -> None:
+        super().__init__(message)
+        self.usage = usage
+
+
+class _Parser(argparse.ArgumentParser):
+    """Raises instead of leaving the process, so that --json is honoured for wrong usage as well."""
+
+    def error(self, message: str) -> NoReturn:
+        wrong = re.search(r"argument COMMAND: invalid choice: '(.*?)'", message)
+        raise _UsageError(unknown("command", wrong[1], NAMES) if wrong else message, self.format_usage())
 
 
 def _parser() -> argparse.ArgumentParser:
     formatter = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="twin",
         description="Bring your CAD and your equations; see where they disagree.",
         epilog=_EPILOG,

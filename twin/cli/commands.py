@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import filecmp
-import json
 import math
 import platform
 import shutil
@@ -12,10 +11,14 @@ import tempfile
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from twin import api, assets
 from twin.cli import show
 from twin.errors import TwinError, unknown
+
+if TYPE_CHECKING:
+    from twin.mechanism import Joint, Mechanism
 
 
 def list_robots(args: argparse.Namespace) -> int:
@@ -35,7 +38,7 @@ def list_robots(args: argparse.Namespace) -> int:
             }
         )
     if args.json:
-        print(json.dumps(rows, indent=2))
+        print(show.as_json(rows))
     else:
         header = ("robot", "title", "equations", "stage", "protocols")
         yes = {True: "yes", False: "-"}
@@ -53,86 +56,67 @@ def list_robots(args: argparse.Namespace) -> int:
 
 def info(args: argparse.Namespace) -> int:
     """Print joints, limits, frames, degrees of freedom and parameters."""
-    from twin.units import DEG, MM
-
     robot = api.load(args.robot)
     with show.progress(args.quiet or args.json) as progress:
         progress("read CAD", 0.0)
         mechanism = robot.mechanism
-        mobility = robot.reference().mobility(robot.reference().home().x)
-    kin = robot.kinematics()
-    parameters = [*kin.formula.parameters, *mechanism.parameters]
-    variants = {
-        e.name: {n: e.reasons.get(n, "") for n in e.variants} for e in kin.formula.equations if e.stage != "helper"
-    }
-    if args.json:
-        print(
-            json.dumps(
-                {
-                    "name": robot.name,
-                    "source": kin.formula.source,
-                    "degrees_of_freedom": mobility.freedom,
-                    "redundant_constraints": mobility.redundancy,
-                    "joints": [
-                        {
-                            "name": j.name,
-                            "type": j.type,
-                            "parent": j.parent,
-                            "child": j.child,
-                            "active": j.active,
-                            "limits": j.limits,
-                            "closes_loop": j in mechanism.loops,
-                        }
-                        for j in mechanism.joints
-                    ],
-                    "frames": [f.name for f in mechanism.frames],
-                    "points": [p.name for p in mechanism.points],
-                    "variants": variants,
-                    "parameters": [vars(p) for p in parameters],
-                    "findings": [f.as_dict() for f in robot.cad.findings],
-                },
-                indent=2,
+        model = robot.reference()
+        mobility = model.mobility(model.home().x)
+    formula, chosen = None, {}
+    if robot.files is not None and robot.files.formula.is_file():
+        kin = robot.kinematics()
+        formula, chosen = kin.formula, kin.variants
+    cad = robot.cad if robot.files is not None else None
+    equations = [e for e in formula.equations if e.stage != "helper"] if formula else []
+    data = {
+        "name": robot.name,
+        "title": cad.description.title if cad else "",
+        "source": formula.source if formula else cad.description.source if cad else mechanism.source,
+        "degrees_of_freedom": mobility.freedom,
+        "redundant_constraints": mobility.redundancy,
+        "joints": [_joint(j, mechanism) for j in mechanism.joints],
+        "frames": [f.name for f in mechanism.frames],
+        "points": [p.name for p in mechanism.points],
+        "variants": {e.name: {n: e.reasons.get(n, "") for n in e.variants} for e in equations},
+        "chosen": dict(chosen),
+        "parameters": [
+            vars(p)
+            for p in (
+                *(formula.parameters if formula else ()),
+                *mechanism.parameters,
+                *(cad.dimensions if cad else ()),
             )
-        )
-        return 0
-    print(f"{robot.name}: {robot.cad.description.title}\n  {kin.formula.source}\n")
-    print(
-        f"  {len(mechanism.bodies)} bodies, {len(mechanism.joints)} joints, {mobility.freedom} degrees of freedom, "
-        f"{mobility.redundancy} redundant constraints; loops closed by {', '.join(j.name for j in mechanism.loops)}"
-    )
-    print(f"  frames: {', '.join(robot.frames)}   points: {', '.join(p.name for p in mechanism.points)}\n")
-    rows = []
-    for j in mechanism.joints:
-        scale, unit = (DEG, "deg") if j.is_angle else (MM, "mm")
-        limits = "" if j.limits is None else f"{j.limits[0] / scale:g} .. {j.limits[1] / scale:g} {unit}"
-        role = "driven" if j.active else "closes a loop" if j in mechanism.loops else ""
-        rows.append((j.name, j.type, f"{j.parent} -> {j.child}", limits, role))
-    print(show.table(rows, ("joint", "type", "between", "limits", "")), "\n")
-    for name, choices in variants.items():
-        for variant, reason in choices.items():
-            mark = "*" if kin.variants[name] == variant else " "
-            print(f" {mark}{name}={variant}: {reason}")
-    print("\n  parameters (* assumed: nobody has published it)")
-    rows = [
-        (("*" if p.provenance == "ASSUMED" else " ") + p.name, f"{p.shown:g} {p.unit}", p.provenance, p.note)
-        for p in sorted(parameters, key=lambda p: p.provenance)
-    ]
-    print(show.table(rows))
-    for f in robot.cad.findings:
-        print(show.finding(f))
+        ],
+        "findings": [f.as_dict() for f in (cad.findings if cad else ())],
+    }
+    print(show.as_json(data) if args.json else show.info(data, len(mechanism.bodies)))
     return 0
+
+
+def _joint(j: Joint, mechanism: Mechanism) -> dict[str, Any]:
+    return {
+        "name": j.name,
+        "type": j.type,
+        "parent": j.parent,
+        "child": j.child,
+        "active": j.active,
+        "limits": j.limits,
+        "closes_loop": j in mechanism.loops,
+    }
 
 
 def build(args: argparse.Namespace) -> int:
     """Write the stage, or with --check compare it with a fresh one."""
     robot = api.load(args.robot)
     chosen = _protocols(robot, args) if args.protocol else None
+    if args.check and chosen:
+        raise TwinError("--check compares the whole stage: leave --protocol out")
     with show.progress(args.quiet or args.json) as progress:
         if args.check:
             return _check(robot, args, progress)
         written = api.build(robot, Path(args.out) if args.out else None, protocols=chosen, progress=progress)
     if args.json:
-        print(json.dumps({"files": [str(p) for p in written]}, indent=2))
+        print(show.as_json({"files": [str(p) for p in written]}))
     else:
         for path in written:
             print(f"  {path}  ({path.stat().st_size / 1e3:.0f} kB)")
@@ -140,7 +124,8 @@ def build(args: argparse.Namespace) -> int:
 
 
 def _check(robot: api.Robot, args: argparse.Namespace, progress) -> int:
-    assert robot.files is not None
+    if robot.files is None:
+        raise TwinError(f"{robot.name} is a stage already")
     current = Path(args.out) if args.out else robot.files.usd
     with tempfile.TemporaryDirectory(prefix="twin-check-") as folder:
         fresh = api.build(robot, Path(folder), progress=progress)
@@ -149,7 +134,7 @@ def _check(robot: api.Robot, args: argparse.Namespace, progress) -> int:
         extra = [str(p.relative_to(current)) for p in current.rglob("*.usd*") if p.relative_to(current) not in names]
         verdict = "agree" if not differing and not extra else "disagree"
     if args.json:
-        print(json.dumps({"verdict": verdict, "differing": differing, "unexpected": extra}, indent=2))
+        print(show.as_json({"verdict": verdict, "differing": differing, "unexpected": extra}))
     elif verdict == "agree":
         print(f"  {current} is current: {len(names)} files equal a fresh build")
     else:
@@ -164,9 +149,14 @@ def _same(a: Path, b: Path) -> bool:
         return False
     if filecmp.cmp(a, b, shallow=False):
         return True
+    from pxr import Tf
+
     from twin.stage.same import same_layer
 
-    return same_layer(a, b)
+    try:
+        return same_layer(a, b)
+    except Tf.ErrorException:  # not a layer at all
+        return False
 
 
 def plan(args: argparse.Namespace) -> int:
@@ -178,13 +168,13 @@ def plan(args: argparse.Namespace) -> int:
         trajectory = api.plan(robot, args.protocol, progress)
     folder = Path(args.out) if args.out else Path("twin-out") / robot.name / trajectory.protocol
     with assets.atomic_folder(folder) as work:
-        write_csv(trajectory, work / "trajectory.csv")
-        (work / "trajectory.json").write_text(json.dumps(trajectory.as_dict(arrays=False), indent=2), encoding="utf-8")
+        write_csv(trajectory, work / "trajectory.csv", [j.is_angle for j in robot.mechanism.active])
+        (work / "trajectory.json").write_text(show.as_json(trajectory.as_dict(arrays=False)), encoding="utf-8")
     from twin.findings import EXIT_CODES, by_severity, verdict
 
     result = verdict(trajectory.findings)
     if args.json:
-        print(json.dumps({"verdict": result, "folder": str(folder), **trajectory.as_dict(arrays=False)}, indent=2))
+        print(show.as_json({"verdict": result, "folder": str(folder), **trajectory.as_dict(arrays=False)}))
         return EXIT_CODES[result]
     print(f"{robot.name} · {trajectory.protocol} · {trajectory.duration:.3f} s, {len(trajectory.t)} samples\n")
     rows = [
@@ -209,22 +199,25 @@ def validate(args: argparse.Namespace) -> int:
     robot = api.load(args.robot)
     jobs = [(p, v) for p in _protocols(robot, args) for v in _variants(robot, args.variant)]
     root = Path(args.out) if args.out else Path("twin-out") / robot.name
+    for protocol, variants in jobs:
+        assets.require_writable(root / _folder(robot.protocol(protocol).name, variants))
     reports = []
     with show.progress(args.quiet or args.json) as progress:
-        trajectories = {}
-        for protocol, variants in jobs:
-            if protocol not in trajectories:
-                trajectories[protocol] = api.plan(robot, protocol, progress)
-            report = api.validate(
-                robot,
-                trajectories[protocol],
-                protocol=protocol,
-                variants=variants,
-                tolerances=tolerances,
-                progress=progress,
-            )
-            progress("report", 0.0)
-            reports.append((report, _write(report, root / _folder(report.protocol, variants))))
+        trajectories = {p: api.plan(robot, p, progress) for p in dict.fromkeys(p for p, _ in jobs)}
+        progress("USD stage", 0.0)
+        with api.fresh_stage(robot) as stage:
+            for protocol, variants in jobs:
+                report = api.validate(
+                    robot,
+                    trajectories[protocol],
+                    protocol=protocol,
+                    variants=variants,
+                    tolerances=tolerances,
+                    stage=stage,
+                    progress=progress,
+                )
+                progress("report", 0.0)
+                reports.append((report, _write(report, root / _folder(report.protocol, variants))))
     return _finish(reports, args)
 
 
@@ -233,10 +226,11 @@ def run(args: argparse.Namespace) -> int:
     robot = api.load(args.robot)
     root = Path(args.out) if args.out else Path("twin-out") / robot.name
     chosen = _protocols(robot, args)
-    baked = tuple(p for p in chosen if robot.files is not None and p in robot.files.protocols())
+    for folder in ("usd", *(robot.protocol(p).name for p in chosen)):
+        assets.require_writable(root / folder)
     reports = []
     with show.progress(args.quiet or args.json) as progress:
-        written = api.build(robot, root / "usd", protocols=baked, progress=progress)
+        written = api.build(robot, root / "usd", protocols=chosen, progress=progress)
         for protocol in chosen:
             report = api.validate(robot, protocol=protocol, stage=written[0], progress=progress)
             progress("report", 0.0)
@@ -272,7 +266,7 @@ def doctor(args: argparse.Namespace) -> int:
     missing = [n for n in packages if _installed(n) is None]
     if args.json:
         print(
-            json.dumps({"python": platform.python_version(), "found": {n: v for n, v, _ in rows}, "missing": missing})
+            show.as_json({"python": platform.python_version(), "found": {n: v for n, v, _ in rows}, "missing": missing})
         )
     else:
         print(f"  python {platform.python_version()} on {platform.system()} {platform.machine()}")
@@ -293,13 +287,17 @@ def _installed(name: str) -> str | None:
 def _protocols(robot: api.Robot, args: argparse.Namespace) -> tuple[str, ...]:
     if robot.files is None:
         raise TwinError(f"{robot.name} is a USD stage: it has neither equations nor protocols to judge")
-    if getattr(args, "all_protocols", False):
-        return tuple(robot.files.protocols())
-    if args.protocol:
-        return (args.protocol,)
     from twin.cad.description import load
 
-    return (load(robot.files.description).default_protocol,)
+    if getattr(args, "all_protocols", False):
+        chosen = tuple(robot.files.protocols())
+        if not chosen:
+            raise TwinError(f"{robot.name}: there is no protocol in {robot.files.trajectories}")
+    else:
+        chosen = (args.protocol or load(robot.files.description).default_protocol,)
+    for name in chosen:
+        robot.protocol(name)  # wrong ones are told before anything is computed or written
+    return chosen
 
 
 def _variants(robot: api.Robot, asked: Mapping | tuple | object) -> list[dict[str, str] | None]:
@@ -318,6 +316,8 @@ def _variants(robot: api.Robot, asked: Mapping | tuple | object) -> list[dict[st
         alone: list[dict[str, str] | None] = [{eq: bare[0]} for eq in having]
         return [*alone, dict.fromkeys(having, bare[0])] if len(having) > 1 else alone
     pairs = dict(t.split("=", 1) for t in texts)
+    if len(pairs) < len(texts):
+        raise TwinError("--variant: an equation is given twice; give each once")
     for eq, name in pairs.items():
         if eq not in choices:
             raise TwinError(f"--variant: {unknown('equation', eq, choices)}")
@@ -343,7 +343,8 @@ def _finish(reports, args: argparse.Namespace) -> int:
     code = max(r.exit_code for r, _ in reports)
     if args.json:
         data = [{**r.as_dict(), "folder": str(folder)} for r, folder in reports]
-        print(json.dumps(data[0] if len(data) == 1 else data, indent=2))
+        several = {"verdict": max(reports, key=lambda r: r[0].exit_code)[0].verdict, "reports": data}
+        print(show.as_json(data[0] if len(data) == 1 else several))
         return code
     for report, folder in reports:
         print(show.report(report))

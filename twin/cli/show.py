@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import json
+import math
+import shutil
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 from twin.findings import Finding, by_severity
+from twin.units import DEG, MM
 from twin.validation.result import Report
 
 _MARKS = {"error": "✖", "disagreement": "✖", "warning": "▲", "info": "·"}
@@ -37,8 +42,21 @@ def progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
         yield update
 
 
-def table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), indent: str = "  ") -> str:
-    """Return rows as aligned text."""
+def as_json(data: Any) -> str:
+    """Return data as JSON text; what is not finite becomes null, since JSON has no word for it."""
+
+    def plain(x: Any) -> Any:
+        if isinstance(x, Mapping):
+            return {str(k): plain(v) for k, v in x.items()}
+        if isinstance(x, list | tuple):
+            return [plain(v) for v in x]
+        return None if isinstance(x, float) and not math.isfinite(x) else x
+
+    return json.dumps(plain(data), indent=2, allow_nan=False)
+
+
+def table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), indent: str = "  ", *, fit: bool = False) -> str:
+    """Return rows as aligned text; `fit` cuts long lines on a terminal, where they would wrap."""
     lines = [list(header), *rows] if header else [list(r) for r in rows]
     if not lines:
         return ""
@@ -46,6 +64,9 @@ def table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), indent: str
     out = [indent + "  ".join(str(c).ljust(w) for c, w in zip(r, widths, strict=True)).rstrip() for r in lines]
     if header:
         out.insert(1, indent + "  ".join("-" * w for w in widths))
+    if fit and sys.stdout.isatty():
+        width = shutil.get_terminal_size().columns
+        out = [line if len(line) <= width else f"{line[: width - 1]}…" for line in out]
     return "\n".join(out)
 
 
@@ -54,6 +75,44 @@ def finding(f: Finding) -> str:
     place = ", ".join(x for x in (f.where, f.when) if x)
     head = f"  {_MARKS[f.severity]} {f.message}" + (f"  [{place}]" if place else "")
     return head + (f"\n      {f.suggestion}" if f.suggestion else "")
+
+
+def info(data: Mapping[str, Any], bodies: int) -> str:
+    """Return what is known of a robot: mechanism, variants of its equations, parameters with provenance."""
+    loops = [j["name"] for j in data["joints"] if j["closes_loop"]]
+    lines = [
+        f"{data['name']}: {data['title']}" if data["title"] else data["name"],
+        f"  {data['source']}",
+        "",
+        f"  {bodies} bodies, {len(data['joints'])} joints, {data['degrees_of_freedom']} degrees of freedom, "
+        f"{data['redundant_constraints']} redundant constraints; "
+        + (f"loops closed by {', '.join(loops)}" if loops else "no loops"),
+        f"  frames: {', '.join(data['frames'])}   points: {', '.join(data['points']) or 'none'}",
+        "",
+    ]
+    rows = []
+    for j in data["joints"]:
+        scale, unit = (DEG, "deg") if j["type"] == "revolute" else (MM, "mm")
+        limits = "" if j["limits"] is None else f"{j['limits'][0] / scale:g} .. {j['limits'][1] / scale:g} {unit}"
+        role = "driven" if j["active"] else "closes a loop" if j["closes_loop"] else ""
+        rows.append((j["name"], j["type"], f"{j['parent']} -> {j['child']}", limits, role))
+    lines += [table(rows, ("joint", "type", "between", "limits", "")), ""]
+    for name, choices in data["variants"].items():
+        for variant, reason in choices.items():
+            mark = "*" if data["chosen"][name] == variant else " "
+            lines.append(f" {mark}{name}={variant}: {reason}")
+    if not data["variants"]:
+        lines.append("  no equations")
+    if data["parameters"]:
+        lines += ["", "  parameters (* assumed: nobody has published it)"]
+        # What was only drawn comes last: there is much of it.
+        parameters = sorted(data["parameters"], key=lambda p: (p["name"].startswith("drawing."), p["provenance"]))
+        rows = []
+        for p in parameters:
+            mark = "*" if p["provenance"] == "ASSUMED" else " "
+            rows.append((mark + p["name"], f"{p['shown']:g} {p['unit']}", p["provenance"], p["note"]))
+        lines.append(table(rows, fit=True))
+    return "\n".join([*lines, *(finding(Finding(**f)) for f in data["findings"])])
 
 
 def report(r: Report, *, all_findings: bool = False) -> str:

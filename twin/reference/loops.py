@@ -57,7 +57,7 @@ class Loops:
         rows[..., :3, 3:] = -(R0t @ spatial.hat(p0)) - spatial.hat(T[..., :3, 3]) @ R0t
         rows[..., 3:, 3:] = LENGTH_SCALE * (turn @ R0t)
         A = rows @ (J[:, None] * self._mask)
-        return residual.reshape(k, -1)[:, self._locked], A.reshape(k, 6 * count, -1)[:, self._locked]
+        return residual.reshape(k, 6 * count)[:, self._locked], A.reshape(k, 6 * count, J.shape[-1])[:, self._locked]
 
     def _residual(self, T: Array) -> tuple[Array, Array]:
         """Return residuals (k, loops, 6) and the derivative (k, loops, 3, 3) of the locked rotations.

@@ -16,20 +16,19 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed bes
 from twin import spatial
 from twin.errors import AssemblyError, MechanismError
 from twin.mechanism import Mechanism
+from twin.reference import walk
 from twin.reference.loops import LENGTH_SCALE, sine_of_rotation
 from twin.reference.newton import minimise
 from twin.reference.states import Assembly, Mobility, Run
 from twin.reference.tree import Tree
 from twin.spatial import Array, Index
+from twin.units import MM
 
 _STRIDE = 0.02
 """Largest change (m, rad) of a target in one step of continuation."""
 
 _JUMP = 0.5
 """Largest change (m, rad) of any coordinate in one step; more is another branch."""
-
-_EVERY = 32
-"""Of a dense motion, each such sample is solved from the one before."""
 
 _FLAT = 1e-9
 """Relative size of singular values that count as zero."""
@@ -76,7 +75,7 @@ class ReferenceModel:
             AssemblyError: no assembly has its tool there; the best one is attached.
             MechanismError: the pose is not rigid.
         """
-        if not spatial.is_pose(T_base_tool, 1e-6):
+        if np.ndim(T_base_tool) != 2 or not spatial.is_pose(T_base_tool, 1e-6):
             raise MechanismError("the tool pose is not a rigid (4, 4) pose")
         return self.state(self._reach(self._start(seed), np.asarray(T_base_tool, float), self._move_posed))
 
@@ -109,12 +108,22 @@ class ReferenceModel:
             AssemblyError: as `solve`; the message gives the sample.
         """
         q = np.asarray(q, float)
-        self._checked(q[0])
-        return self.collect(self._along(q, self._move_driven, seed, progress))
+        names = [j.name for j in self.mechanism.active]
+        if q.ndim != 2 or q.shape[1] != len(names):
+            raise MechanismError(f"q has shape {q.shape}; expected (k, {len(names)}) for {', '.join(names)}")
+        if not len(q):
+            raise MechanismError("q has no samples")
+        if not np.isfinite(q).all():
+            k = int(np.argmin(np.isfinite(q).all(axis=1)))
+            raise MechanismError(f"q is not finite at sample {k}: {dict(zip(names, q[k].tolist(), strict=True))}")
+        return self._closed(self.collect(self._along(q, self._move_driven, seed, progress)))
 
     def run_poses(self, Ts_base_tool: Array, seed: Assembly | None = None, progress: Progress | None = None) -> Run:
         """Solve for tool poses (k, 4, 4) along a motion; see `run`."""
-        return self.collect(self._along(np.asarray(Ts_base_tool, float), self._move_posed, seed, progress))
+        Ts = np.asarray(Ts_base_tool, float)
+        if Ts.ndim != 3 or not len(Ts) or not spatial.is_pose(Ts, 1e-6):
+            raise MechanismError(f"the tool poses, of shape {Ts.shape}, are not rigid (k, 4, 4) poses")
+        return self._closed(self.collect(self._along(Ts, self._move_posed, seed, progress)), Ts)
 
     def collect(self, states: Array) -> Run:
         """Return what the configurations (k, nq) mean."""
@@ -182,6 +191,20 @@ class ReferenceModel:
             raise MechanismError(f"q is not finite: {dict(zip(names, q.tolist(), strict=True))}")
         return q
 
+    def _closed(self, run: Run, Ts: Array | None = None) -> Run:
+        """Return the run, or raise `AssemblyError` at its first sample that is open or off its tool pose."""
+        misfit = run.gaps[..., 0].max(axis=1, initial=0.0)
+        if Ts is not None:
+            misfit = np.maximum(misfit, np.linalg.norm(run.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3], axis=1))
+            turn = np.swapaxes(run.Ts_base_tool[:, :3, :3], 1, 2) @ Ts[:, :3, :3]
+            misfit = np.maximum(misfit, spatial.rotation_angle(turn))
+        if not (misfit < GAP_TOLERANCE).all():
+            k = int(np.argmin(misfit < GAP_TOLERANCE))
+            best = self.state(run.x[k])
+            gap = f"best gap {best.worst_gap / MM:.3g} mm"
+            raise AssemblyError(f"at sample {k}: {self.mechanism.name}: out of reach, {gap}", best, best.worst_gap)
+        return run
+
     def _start(self, seed: Assembly | None) -> Array:
         """Return the configuration of the seed, or the drawn one with its loops closed."""
         return seed.x if seed is not None else self._home
@@ -219,12 +242,12 @@ class ReferenceModel:
     def _reach(self, x: Array, target: Array, move: Move) -> Array:
         """Walk from configuration x to the target in steps small enough that no coordinate jumps."""
         start = x[self._active_q] if target.ndim == 1 else self.tree.tool(self.tree.update(x[None])[0])[0]
-        s, step = 0.0, 1.0 / max(1, int(np.ceil(_distance(start, target) / _STRIDE)))
+        s, step = 0.0, 1.0 / max(1, int(np.ceil(walk.distance(start, target) / _STRIDE)))
         smallest = step / 256
         while s < 1:
             ahead = 1.0 if s + step > 1 - 1e-9 else s + step
-            X, converged = move(x[None], _between(start, target, ahead)[None])
-            closed = converged[0] and self._misfit(X[0], _between(start, target, ahead)) < GAP_TOLERANCE
+            X, converged = move(x[None], walk.between(start, target, ahead)[None])
+            closed = converged[0] and self._misfit(X[0], walk.between(start, target, ahead)) < GAP_TOLERANCE
             if closed and self._jump(x, X[0]) < _JUMP:
                 x, s, step = X[0], ahead, 2 * step
                 continue
@@ -233,7 +256,8 @@ class ReferenceModel:
                 best = self.state(X[0] if converged[0] else x)
                 raise AssemblyError(
                     f"{self.mechanism.name}: the mechanism cannot be assembled there: from the start it follows "
-                    f"for {100 * s:.0f} % of the way, then its loops open or another branch begins",
+                    f"for {100 * s:.0f} % of the way, then its loops open (best gap {best.worst_gap / MM:.3g} mm) "
+                    f"or another branch begins",
                     best,
                     best.worst_gap,
                 )
@@ -244,28 +268,30 @@ class ReferenceModel:
         poses, _ = self.tree.update(x[None], closing_only=True)
         gap = float(self.tree.loops.gaps(poses)[..., 0].max(initial=0.0))
         if target.ndim == 2:
-            gap = max(gap, _distance(self.tree.tool(poses)[0], target))
+            gap = max(gap, walk.distance(self.tree.tool(poses)[0], target))
         return gap
 
     def _jump(self, x0: Array, x1: Array) -> float:
         return float(np.abs(pin.difference(self.tree.model, x0, x1)).max(initial=0.0))
 
     def _along(self, targets: Array, move: Move, seed: Assembly | None, progress: Progress | None) -> Array:
-        """Solve every sample: each `_EVERY`th from the one before, those between from their interpolation.
+        """Solve every sample: some (`walk.knots`) one from the other, those between from their interpolation.
 
         The coarse walk keeps the branch; the rest start so near that one or two iterations finish them, and
         all of them are solved together.
         """
-        coarse = np.unique(np.append(np.arange(0, len(targets), _EVERY), len(targets) - 1))
+        coarse = walk.knots(targets)
         knots = np.zeros((len(coarse), self.tree.model.nq))
         x = self._start(seed)
         for i, k in enumerate(coarse):
             X, converged = move(x[None], targets[k][None])
             if not converged[0] or self._jump(x, X[0]) > _JUMP or self._misfit(X[0], targets[k]) > GAP_TOLERANCE:
-                try:
-                    X = self._reach(x, targets[k], move)[None]
-                except AssemblyError as error:
-                    raise AssemblyError(f"at sample {k}: {error}", error.best, error.gap) from error
+                for j in range(coarse[i - 1] + 1 if i else 0, k + 1):
+                    try:
+                        x = self._reach(x, targets[j], move)
+                    except AssemblyError as error:
+                        raise AssemblyError(f"at sample {j}: {error}", error.best, error.gap) from error
+                X = x[None]
             x = knots[i] = X[0]
             if progress is not None:
                 progress((i + 1) / len(coarse) / 2)
@@ -273,8 +299,9 @@ class ReferenceModel:
         for block in np.array_split(np.arange(len(targets)), max(1, len(targets) // 1000)):
             solved, converged = move(states[block], targets[block])
             if not converged.all():
-                k = int(block[np.argmin(converged)])
-                raise AssemblyError(f"at sample {k}: no convergence", self.state(solved[np.argmin(converged)]))
+                k = int(np.argmin(converged))
+                best = self.state(solved[k])
+                raise AssemblyError(f"at sample {block[k]}: no convergence", best, best.worst_gap)
             states[block] = solved
             if progress is not None:
                 progress(0.5 + (block[-1] + 1) / len(targets) / 2)
@@ -290,12 +317,12 @@ class ReferenceModel:
         """
         if targets.ndim == 3 or len(at) < 2:
             slopes = np.gradient(knots, at.astype(float), axis=0) if len(at) > 1 else np.zeros_like(knots)
-            return _interpolate(at, knots, slopes, len(targets))
+            return walk.interpolate(at, knots, slopes, len(targets))
         gain = self._gains(knots)
         rate = np.einsum("kij,kj->ki", gain, np.gradient(targets, axis=0)[at])
         tiny = 1e-3
         ahead, behind = self.tree.integrate(knots, tiny * rate), self.tree.integrate(knots, -tiny * rate)
-        states = _interpolate(at, knots, (ahead - behind) / (2 * tiny), len(targets))
+        states = walk.interpolate(at, knots, (ahead - behind) / (2 * tiny), len(targets))
         nearest = np.searchsorted(0.5 * (at[1:] + at[:-1]), np.arange(len(targets)))
         missed = targets - states[:, self._active_q]
         return self.tree.integrate(states, np.einsum("kij,kj->ki", gain[nearest], missed))
@@ -323,36 +350,6 @@ class ReferenceModel:
         """Return loop Jacobians (k, m, nv) and tool Jacobians (k, 6, nv)."""
         poses, J = self.tree.update(X, closing_only=True)
         return self.tree.loops.evaluate(poses, J)[1], self.tree.tool_jacobian(poses, J)
-
-
-def _distance(a: Array, b: Array) -> float:
-    """Return how far two targets are apart: joint values, or poses (the larger of metres and radians)."""
-    if a.ndim == 1:
-        return float(np.abs(a - b).max(initial=0.0))
-    turn = float(spatial.rotation_angle(a[:3, :3].T @ b[:3, :3]))
-    return max(float(np.linalg.norm(a[:3, 3] - b[:3, 3])), turn)
-
-
-def _between(a: Array, b: Array, s: float) -> Array:
-    """Return the target a fraction s of the way from a to b: joint values, or poses along the screw-free line."""
-    if s == 1:
-        return b
-    if a.ndim == 1:
-        return a + s * (b - a)
-    turn = spatial.log_so3(b[:3, :3] @ a[:3, :3].T)
-    return spatial.pose(spatial.exp_so3(s * turn) @ a[:3, :3], a[:3, 3] + s * (b[:3, 3] - a[:3, 3]))
-
-
-def _interpolate(at: Index, knots: Array, slopes: Array, count: int) -> Array:
-    """Return rows for 0..count-1 through knots at integer places with given slopes: cubic Hermite."""
-    if len(at) < 2:
-        return np.tile(knots, (count, 1))
-    where = np.arange(count)
-    i = np.clip(np.searchsorted(at, where, side="right") - 1, 0, len(at) - 2)
-    width = (at[i + 1] - at[i])[:, None].astype(float)
-    s = (where - at[i])[:, None] / width
-    a, b, m, n = knots[i], knots[i + 1], slopes[i] * width, slopes[i + 1] * width
-    return a + s * (m + s * (3 * (b - a) - 2 * m - n + s * (2 * (a - b) + m + n)))
 
 
 def _rank(A: Array) -> int:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin import spatial
 from twin.mechanism import Joint
 from twin.reference.loops import LENGTH_SCALE
 from twin.reference.model import ReferenceModel
@@ -17,7 +18,7 @@ class Sensitivity:
     """Tool error in m and rad to expect when each joint frame is rounded.
 
     Attributes:
-        expected: (2,) root of the sum of squares over all roundings.
+        expected: (2,) standard deviation: each rounding is anything up to its worst.
         bound: (2,) sum of all roundings, each at its worst.
         worst_joint: the joint whose rounding matters most.
     """
@@ -30,8 +31,8 @@ class Sensitivity:
 def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> Sensitivity:
     """Return the tool error at configuration x (nq,) when joint frames are stored to relative precision epsilon.
 
-    Each frame's position errs by up to half a unit in the last place of its largest coordinate, its rotation
-    by that of a unit quaternion; both propagate to first order through the loop closures.
+    Each coordinate of a frame's position and each number of its unit quaternion errs by up to half a unit in
+    its own last place; all propagate to first order through the loop closures.
     """
     tree = model.tree
     poses, J = tree.update(x[None])
@@ -46,17 +47,29 @@ def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> S
     for joint in model.mechanism.joints:
         for body, T_body_joint in ((joint.parent, joint.T_parent_joint), (joint.child, joint.T_child_joint)):
             frame = links[body] @ T_body_joint
-            half_ulp = epsilon * float(2.0 ** np.ceil(np.log2(max(np.abs(T_body_joint[:3, 3]).max(), 1e-9))))
-            for axis in range(6):
-                twist = np.zeros(6)
-                twist[axis] = half_ulp if axis < 3 else 2 * epsilon
+            for twist in _roundings(T_body_joint, epsilon):
                 effects.setdefault(joint.name, []).append(_effect(model, joint, frame, twist, links, T_tool, give))
     by_joint = {n: np.array(e) for n, e in effects.items()}
     everything = np.concatenate(list(by_joint.values()))
     size = np.stack([np.linalg.norm(everything[:, :3], axis=1), np.linalg.norm(everything[:, 3:], axis=1)], axis=1)
     worst = max(by_joint, key=lambda n: float(np.linalg.norm(by_joint[n][:, :3], axis=1).sum()))
-    expected, bound = np.sqrt((size**2).sum(axis=0)), size.sum(axis=0)
+    expected, bound = np.sqrt((size**2).sum(axis=0) / 3), size.sum(axis=0)
     return Sensitivity((float(expected[0]), float(expected[1])), (float(bound[0]), float(bound[1])), worst)
+
+
+def _roundings(T: Array, epsilon: float) -> Array:
+    """Return the twists (7, 6), in the frame itself, of rounding each number of a stored pose by half a last place."""
+
+    def half_ulp(values: Array) -> Array:
+        return np.where(values == 0, 0.0, epsilon * 2.0 ** np.floor(np.log2(np.maximum(np.abs(values), 1e-300))))
+
+    w, x, y, z = q_wxyz = spatial.quat_from_matrix_wxyz(T[:3, :3])
+    # Twice the vector part of conjugate(q) times a change of each of its numbers.
+    turns = 2 * np.array([[-x, -y, -z], [w, z, -y], [-z, w, x], [y, -x, w]])
+    twists = np.zeros((7, 6))
+    twists[:3, :3] = half_ulp(T[:3, 3])[:, None] * T[:3, :3]
+    twists[3:, 3:] = half_ulp(q_wxyz)[:, None] * turns
+    return twists
 
 
 def _effect(

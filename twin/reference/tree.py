@@ -104,7 +104,7 @@ class Tree:
         model, data = self.model, self.data
         moved = self._closing if closing_only else self._all
         for k, x in enumerate(X):
-            J[k] = pin.computeJointJacobians(model, data, x)
+            J[k] = pin.computeJointJacobians(model, data, x).reshape(J.shape[1:])  # one joint: it returns (6,)
             placements = data.oMi
             for i in moved:
                 poses[k, i] = placements[i].homogeneous

@@ -93,16 +93,22 @@ def _shown(item: Any, value: Any) -> str:
 def _unknown_key(keys: Keys, nodes: list[dict]) -> tuple[str, str | None]:
     """Return the message for a key that is not known, and the key that was meant, if that can be told."""
     key, known = str(keys[-1]), sorted({p for node in nodes for p in node.get("properties", {})})
+    bare, other = [], []  # known keys that are this one with a unit, or with another unit
     for name in known:
         for unit in sorted(UNITS, key=len, reverse=True):
             if not name.endswith("_" + unit):
                 continue
             stem = name[: -len(unit) - 1]
             if key == stem:
-                return f"the unit is missing: write {name}", name
-            if key.startswith(stem + "_") and key[len(stem) + 1 :] in UNITS:
-                return f"the unit is {unit.replace('_', '/')} here: write {name}", name
+                bare.append(name)
+            elif key.startswith(stem + "_") and key[len(stem) + 1 :] in UNITS:
+                other.append((unit.replace("_", "/"), name))
             break
+    if bare:
+        return f"the unit is missing: write {' or '.join(bare)}", bare[0]
+    if other:
+        units, names = (" or ".join(words) for words in zip(*other, strict=True))
+        return f"the unit is {units} here: write {names}", other[0][1]
     close = get_close_matches(key, known, n=1, cutoff=0.7)
     hint = f"; did you mean {close[0]}?" if close else ""
     return f"unknown key{hint}; known here: {', '.join(known) or 'none'}", close[0] if close else None

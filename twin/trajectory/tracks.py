@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,15 @@ from twin.trajectory.model import Trajectory
 from twin.units import DEG, MM
 
 
-def write_csv(trajectory: Trajectory, path: Path) -> None:
-    """Write one row a sample, units in the header: joints, their rates, and the tool as position and quaternion."""
-    units = ["mm"] * len(trajectory.joint_names)
+def write_csv(trajectory: Trajectory, path: Path, revolute: Sequence[bool] = ()) -> None:
+    """Write one row a sample, units in the header: joints, their rates, and the tool as position and quaternion.
+
+    Args:
+        trajectory: what to write.
+        path: the file.
+        revolute: (n,) which joints are in rad; empty: none.
+    """
+    units = ["deg" if r else "mm" for r in revolute or [False] * len(trajectory.joint_names)]
     scale = np.array([DEG if u == "deg" else MM for u in units])
     header = ["t_s"]
     columns = [trajectory.t[:, None]]

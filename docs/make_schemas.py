@@ -1,0 +1,35 @@
+"""Write docs/schemas/*.schema.json, so that editors complete and check the TOML files that people write.
+
+python docs/make_schemas.py
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from twin.cad.description import Description
+from twin.protocol.tables import ProtocolTable
+from twin.schema import json_schema
+
+FOLDER = Path(__file__).parent / "schemas"
+
+MODELS: dict[str, type[BaseModel]] = {"robot": Description, "protocol": ProtocolTable}
+"""By the name of the file: cad/<robot>/<robot>.toml, trajectories/<robot>/<protocol>.toml."""
+
+
+def schemas() -> dict[Path, str]:
+    """Return the text of every schema file by path."""
+    return {
+        FOLDER / f"{name}.schema.json": json.dumps(json_schema(model), indent=2, ensure_ascii=False) + "\n"
+        for name, model in MODELS.items()
+    }
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(exist_ok=True)
+    for path, text in schemas().items():
+        path.write_text(text, encoding="utf-8")
+        print(path)

@@ -1,0 +1,178 @@
+"""How the code hangs together: layers, independence, lightness, size."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SOURCES = sorted((ROOT / "twin").rglob("*.py"))
+
+MOST_LINES = 400
+LONGER = {"twin/api.py": (450, "the public facade is one file, and half of it is documentation")}
+"""Files that may be longer, how long, and why."""
+
+HEAVY = {
+    *("casadi", "pinocchio", "pxr", "trimesh", "cascadio", "toppra", "matplotlib", "viser", "coal", "scipy"),
+    *("numpy", "pydantic", "jinja2", "rich", "tomlkit"),
+}
+
+
+def _modules_after(*argv: str) -> set[str]:
+    """Run Python and return the top-level modules that it had loaded at its end."""
+    code = f"import sys; sys.argv = {list(argv)!r}\ntry:\n    {argv[0]}\nexcept SystemExit:\n    pass\n"
+    code += "print('@@', *sorted({m.split('.')[0] for m in sys.modules}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd="/")
+    return set(done.stdout.rsplit("@@", 1)[1].split())
+
+
+def test_import_contracts_hold():
+    done = subprocess.run(
+        [Path(sys.executable).with_name("lint-imports"), "--no-cache"], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "0 broken" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import twin",
+        "import twin; dir(twin)",
+        "import twin.cli",
+        "from twin.cli import main; main(['--help'])",
+        "from twin.cli import main; main(['validate', '--help'])",
+        "from twin.cli import main; main(['--version'])",
+        "from twin.cli import main; main(['no_such_command'])",
+        "import twin.robots; twin.robots.names()",
+    ],
+)
+def test_nothing_heavy_is_imported_for(statement):
+    assert _modules_after(statement) & HEAVY == set()
+
+
+def test_check_of_imports_sees_a_heavy_one():
+    assert "numpy" in _modules_after("import twin; twin.load") & HEAVY
+
+
+def test_listing_robots_loads_no_geometry():
+    """`twin list` reads descriptions only."""
+    loaded = _modules_after("from twin.cli import main; main(['list'])")
+    assert loaded & (HEAVY - {"numpy", "pydantic", "rich"}) == set()
+
+
+# --------------------------------------------------------------------------------- the drawing's independence
+
+
+def _imports(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (a.name for a in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield ("." * node.level) + (node.module or "")
+        elif isinstance(node, ast.Call):
+            name = getattr(node.func, "id", getattr(node.func, "attr", ""))
+            beside = [c.value for a in node.args for c in ast.walk(a) if isinstance(c, ast.Constant)]
+            if name == "spec_from_file_location" and any((path.parent / str(b)).is_file() for b in beside):
+                continue  # a second file of the same drawing, itself checked here
+            if name in ("import_module", "__import__", "spec_from_file_location", "run_path", "run_module", "exec"):
+                yield f"<{name}>"
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.glob("cad/*/*.py")), ids=lambda p: f"{p.parent.name}/{p.name}")
+def test_drawing_imports_neither_twin_nor_equations(path):
+    imported = set(_imports(path))
+    beside = {p.stem for p in path.parent.glob("*.py")}
+    wrong = {n for n in imported if n.split(".")[0] in ("twin", "casadi", "formula") or n.startswith(("..", "<"))}
+    assert not wrong, f"{path}: {sorted(wrong)}"
+    ours = {n for n in imported if n.lstrip(".").split(".")[0] in beside}
+    foreign = {n.split(".")[0] for n in imported - ours} - set(sys.stdlib_module_names)
+    assert foreign <= {"numpy", "build123d", "OCP"}, f"{path}: what are {sorted(foreign)}?"
+
+
+def test_every_robot_with_drawing_sources_is_checked():
+    assert list(ROOT.glob("cad/*/model.py")), "no drawing was found: the test above tests nothing"
+
+
+def test_data_folders_are_no_packages():
+    for kind in ("cad", "usd", "trajectories"):
+        assert not list((ROOT / kind).rglob("__init__.py"))
+
+
+# ---------------------------------------------------------------------------------------------- size and names
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_file_is_not_too_long(path):
+    name = str(path.relative_to(ROOT))
+    most, why = LONGER.get(name, (MOST_LINES, "split it by what it is about"))
+    count = len(path.read_text(encoding="utf-8").splitlines())
+    assert count <= most, f"{name} has {count} lines; {most} are allowed ({why})"
+
+
+def test_list_of_longer_files_holds_no_others():
+    for name in LONGER:
+        path = ROOT / name
+        assert path.is_file()
+        assert len(path.read_text(encoding="utf-8").splitlines()) > MOST_LINES, f"{name} needs no exception any more"
+
+
+def test_files_say_what_they_are_about():
+    vague = {"utils", "util", "helpers", "helper", "common", "misc", "core", "base", "tools"}
+    assert not [p for p in SOURCES if p.stem in vague or p.parent.name in vague]
+
+
+def test_package_and_public_function_share_no_name():
+    import twin
+
+    packages = {p.stem for p in (ROOT / "twin").glob("*.py")} | {p.parent.name for p in (ROOT / "twin").glob("*/*.py")}
+    assert not packages & (set(twin.__all__) - {"__version__"})
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_only_the_command_line_prints_or_leaves(path):
+    if path.parent.name == "cli" or path.name == "__main__.py":
+        return
+    called = {
+        getattr(n.func, "id", getattr(n.func, "attr", ""))
+        for n in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(n, ast.Call)
+    }
+    assert not called & {"print", "input", "breakpoint", "exit", "_exit"}
+
+
+# ---------------------------------------------------------------------------------------------- documentation
+
+
+def _public(tree: ast.AST, prefix: str = "") -> Iterator[tuple[str, ast.AST]]:
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+            yield prefix + node.name, node
+            if isinstance(node, ast.ClassDef):
+                yield from _public(node, f"{node.name}.")
+
+
+def test_every_public_function_of_the_api_has_a_docstring():
+    tree = ast.parse((ROOT / "twin/api.py").read_text(encoding="utf-8"))
+    public = dict(_public(tree))
+    assert {"load", "names", "plan", "validate", "build", "Robot.inverse", "Robot.solve"} <= set(public)
+    assert not [name for name, node in public.items() if not ast.get_docstring(node)]
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_every_module_says_what_it_is_for(path):
+    assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+
+
+def test_facade_reexports_exactly_what_it_promises():
+    import twin
+    from twin import api
+
+    promised = set(twin.__all__) - {"__version__"}
+    assert promised <= set(vars(api))
+    assert set(dir(twin)) == set(twin.__all__)

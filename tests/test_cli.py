@@ -1,0 +1,589 @@
+"""Every command as a person or a script uses it: text, JSON, exit codes, files."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import pty
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+import twin
+from twin import api, cli
+from twin.cli import commands, main, show
+from twin.errors import TwinError
+
+ROOT = Path(__file__).parents[1]
+SHORT = ROOT / "tests/data/short.toml"
+
+
+@dataclass
+class Result:
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self):
+        """Standard output, which must be JSON and nothing else, without NaN."""
+
+        def refuse(word):
+            raise AssertionError(f"{word} is not JSON")
+
+        return json.loads(self.out, parse_constant=refuse)
+
+
+@pytest.fixture
+def run(capsys, tmp_path, monkeypatch):
+    """Run `twin ...` in an empty directory."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*argv: object) -> Result:
+        capsys.readouterr()
+        code = main([str(a) for a in argv])
+        got = capsys.readouterr()
+        return Result(code, got.out, got.err)
+
+    return call
+
+
+@pytest.fixture
+def no_pictures(monkeypatch):
+    """Write report.json only: plots and HTML take most of a short judgement's time."""
+    from twin.report import files
+
+    monkeypatch.setattr(files, "write_report", _json_only)
+
+
+def _json_only(report, folder):
+    (folder / "report.json").write_text(report.to_json())
+
+
+@pytest.fixture
+def robot(tmp_path) -> Path:
+    """A robot folder of one's own, with SILS inside and two short protocols."""
+    folder = tmp_path / "my_robot"
+    for part in ("cad", "trajectories"):
+        (folder / part).mkdir(parents=True)
+    shutil.copy(ROOT / "cad/sils/sils.step", folder / "cad")
+    text = (ROOT / "cad/sils/sils.toml").read_text(encoding="utf-8")
+    (folder / "cad/sils.toml").write_text(text.replace('default_protocol = "table2"', 'default_protocol = "short"'))
+    shutil.copy(ROOT / "twin/robots/sils.py", folder / "formula.py")
+    text = SHORT.read_text(encoding="utf-8")
+    (folder / "trajectories/short.toml").write_text(text)
+    (folder / "trajectories/shorter.toml").write_text(text.replace('"short"', '"shorter"').replace("210.4", "210.9"))
+    return folder
+
+
+def files_below(folder: Path) -> set[str]:
+    return {str(p.relative_to(folder)) for p in folder.rglob("*")}
+
+
+# --------------------------------------------------------------------------------------------------- help
+
+
+@pytest.mark.parametrize("command", cli.NAMES)
+def test_help_of_every_command_shows_examples(command, capsys):
+    with pytest.raises(SystemExit) as left:
+        main([command, "--help"])
+    text = capsys.readouterr().out
+    assert left.value.code == 0
+    examples = text[text.index("examples:") :].splitlines()[1:]
+    assert examples
+    assert all(line.startswith(f"  twin {command}") for line in examples)
+    for option in ("--json", "--quiet", "--debug"):
+        assert option in text
+
+
+@pytest.mark.parametrize("command", cli.NAMES)
+def test_examples_of_the_help_are_understood(command, capsys):
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    text = capsys.readouterr().out
+    for line in text[text.index("examples:") :].splitlines()[1:]:
+        words = re.split(r"\s{2,}", line.strip())[0].split()[1:]
+        assert cli._parser().parse_args(words).command == command
+
+
+def test_main_help_shows_examples_and_exit_codes(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    text = capsys.readouterr().out
+    assert "examples:" in text
+    assert "exit codes: 0 agree or done, 1 disagree, 2 could not check" in text
+    for line in text[text.index("examples:") : text.index("exit codes")].strip().splitlines()[1:]:
+        cli._parser().parse_args(re.split(r"\s{2,}", line.strip())[0].split()[1:])
+    for command in cli.NAMES:
+        assert f"    {command} " in text
+
+
+def test_every_command_is_there():
+    assert set(commands.COMMANDS) == set(cli.NAMES)
+
+
+def test_python_m_twin():
+    done = subprocess.run([sys.executable, "-m", "twin", "--version"], capture_output=True, text=True, cwd="/")
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"twin {twin.__version__}\n", "")
+
+
+# -------------------------------------------------------------------------------------------- list and info
+
+
+def test_list(run):
+    text = run("list")
+    assert text.code == 0
+    assert "SILS 6-DOF parallel robot" in text.out
+    assert re.search(r"sils .* yes +yes +lowered_patient, table2, table2_printed", text.out)
+    data = run("list", "--json").json
+    sils = next(r for r in data if r["name"] == "sils")
+    assert sils["protocols"] == ["lowered_patient", "table2", "table2_printed"]
+    assert sils["equations"] is sils["stage"] is True
+
+
+def test_info(run, tmp_path):
+    text = run("info", "sils")
+    assert text.code == 0
+    assert "17 bodies, 21 joints, 6 degrees of freedom, 9 redundant constraints" in text.out
+    assert re.search(r"q3 +prismatic +limb2 -> carriage3 +-10 \.\. 600 mm +driven", text.out)
+    assert " *eq1=corrected:" in text.out
+    assert "  eq1=printed:" in text.out
+    assert re.search(r"\*L_H +612 mm +ASSUMED", text.out)
+    data = run("info", "sils", "--json").json
+    assert data["degrees_of_freedom"] == 6
+    assert [j["name"] for j in data["joints"] if j["active"]] == ["q1", "q2", "q3", "q4", "q5", "q6"]
+    assert {j["name"] for j in data["joints"] if j["closes_loop"]} == {"r13", "r23", "s2", "r33", "s3"}
+    assert data["chosen"] == {"eq1": "corrected", "eq2": "corrected"}
+    assert {"name", "value", "unit", "shown", "provenance", "note"} == set(data["parameters"][0])
+    assert next(p for p in data["parameters"] if p["name"] == "L_H")["value"] == pytest.approx(0.612)
+    assert files_below(tmp_path) == set()
+
+
+def test_info_of_a_robot_without_equations(run, robot):
+    (robot / "formula.py").unlink()
+    text = run("info", robot)
+    assert text.code == 0
+    assert "no equations" in text.out
+    assert run("info", robot, "--json").json["variants"] == {}
+
+
+def test_info_of_a_stage(run):
+    result = run("info", ROOT / "usd/sils/sils.usda", "--json")
+    assert result.code == 0
+    assert result.json["degrees_of_freedom"] == 6
+    assert result.json["variants"] == {}
+
+
+# ------------------------------------------------------------------------------------------------------ build
+
+
+@pytest.fixture
+def built(run, robot, monkeypatch) -> Path:
+    """A robot folder with a built stage; further builds copy it, since they would be equal."""
+    (robot / "trajectories/shorter.toml").unlink()
+    text = run("build", robot)
+    assert text.code == 0
+    written = [Path(line.split("  (")[0].strip()) for line in text.out.splitlines()]
+    assert written[0] == robot / "usd/sils.usda"
+    assert sorted(written) == sorted(p for p in (robot / "usd").rglob("*") if p.is_file())
+    names = {"geometry.usdc", "motion", "motion/short.usdc", "physics.usda", "sils.usda", "sils_short.usda"}
+    assert files_below(robot / "usd") == names
+    first = robot.parent / "first"
+    shutil.copytree(robot / "usd", first)
+    data = run("build", robot, "--check", "--json").json  # for once against a real build
+    assert data == {"verdict": "agree", "differing": [], "unexpected": []}
+
+    def build(_, folder, **__):
+        shutil.copytree(first, folder, dirs_exist_ok=True)
+        return [p for p in Path(folder).rglob("*") if p.is_file()]
+
+    monkeypatch.setattr(api, "build", build)
+    return robot / "usd"
+
+
+def test_build_check(run, built, tmp_path):
+    robot, before = built.parent, files_below(built)
+    assert "is current: 5 files equal a fresh build" in run("build", robot, "--check").out
+    assert run("build", robot, "--check", "--json").json == {"verdict": "agree", "differing": [], "unexpected": []}
+
+    physics = built / "physics.usda"
+    original = physics.read_text()
+    changed = re.sub(r"(float physics:mass = )([\d.]+)", lambda m: f"{m[1]}{float(m[2]) + 1:g}", original, count=1)
+    assert changed != original
+    physics.write_text(changed)
+    text = run("build", robot, "--check")
+    assert text.code == 1
+    assert f"is not current. Rebuild it with: twin build {robot}" in text.out
+    assert "differs: physics.usda" in text.out
+    data = run("build", robot, "--check", "--json")
+    assert (data.code, data.json["verdict"], data.json["differing"]) == (1, "disagree", ["physics.usda"])
+
+    physics.write_text("this is no layer")
+    assert run("build", robot, "--check", "--json").json["differing"] == ["physics.usda"]
+    physics.unlink()
+    assert run("build", robot, "--check", "--json").json["differing"] == ["physics.usda"]
+
+    physics.write_text(original)
+    shutil.copy(physics, built / "old.usda")
+    data = run("build", robot, "--check", "--json")
+    assert (data.code, data.json["unexpected"]) == (1, ["old.usda"])
+    (built / "old.usda").unlink()
+    assert run("build", robot, "--check").code == 0
+    assert files_below(built) == before, "--check writes nothing"
+
+    # Another processor rounds differently.
+    nudged = re.sub(r"(physics:mass = )([\d.]+)", lambda m: f"{m[1]}{float(m[2]) * (1 + 1e-8):.12g}", original, count=1)
+    assert nudged != original
+    physics.write_text(nudged)
+    assert run("build", robot, "--check").code == 0
+
+    missing = run("build", robot, "--check", "--out", tmp_path / "nowhere", "--json")
+    assert missing.code == 1
+    assert len(missing.json["differing"]) == 5
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_build_check_compares_the_whole_stage(run):
+    result = run("build", "sils", "--check", "--protocol", "table2")
+    assert result.code == 2
+    assert "leave --protocol out" in result.err
+
+
+def test_stage_cannot_be_built_again(run):
+    for more in ([], ["--check"]):
+        result = run("build", ROOT / "usd/sils/sils.usda", *more)
+        assert result.code == 2
+        assert "is a stage already" in result.err
+
+
+@pytest.mark.slow
+def test_committed_stage_is_current(run):
+    result = run("build", "sils", "--check", "--json")
+    assert result.json == {"verdict": "agree", "differing": [], "unexpected": []}
+
+
+# ------------------------------------------------------------------------------------------------------- plan
+
+
+def test_plan(run, tmp_path):
+    text = run("plan", "sils")
+    assert text.code == 0
+    assert re.search(r"sils · table2 · [\d.]+ s, \d+ samples", text.out)
+    assert re.search(r"sweep +pivot +[\d.]+ +[\d.]+ +t_prime +enforced", text.out)
+    assert "twin-out/sils/table2/trajectory.csv" in text.out
+    folder = tmp_path / "twin-out/sils/table2"
+    assert files_below(folder) == {"trajectory.csv", "trajectory.json"}
+    rows = (folder / "trajectory.csv").read_text().splitlines()
+    header = rows[0].split(",")
+    assert header[:3] == ["t_s", "q1_mm", "q2_mm"]
+    assert header[-4:] == ["tool_qw", "tool_qx", "tool_qy", "tool_qz"]
+    first = dict(zip(header, map(float, rows[1].split(",")), strict=True))
+    assert first["tool_x_mm"] == pytest.approx(407.9)
+    assert first["q1_mm"] == pytest.approx(312.498356767)
+    assert first["q1_mm_s"] == first["q1_mm_s2"] == 0 or abs(first["q1_mm_s"]) < 1e-6
+
+
+def test_plan_json(run, tmp_path):
+    result = run("plan", "sils", SHORT, "--out", "plan", "--json")
+    assert result.code == 0
+    data = result.json
+    assert data["verdict"] == "agree"
+    assert data["protocol"] == "short"
+    assert data["folder"] == "plan"
+    assert [p["name"] for p in data["phases"]] == ["lower"]
+    assert data["findings"]
+    saved = json.loads((tmp_path / "plan/trajectory.json").read_text())
+    assert saved["phases"] == data["phases"]
+    assert len((tmp_path / "plan/trajectory.csv").read_text().splitlines()) == data["samples"] + 1
+
+
+def test_plan_of_a_missed_rcm_disagrees(run):
+    result = run("plan", "sils", "table2_printed", "--json")
+    assert result.code == 1
+    assert result.json["verdict"] == "disagree"
+    missed = [f for f in result.json["findings"] if f["severity"] == "disagreement"]
+    assert missed[0]["code"].startswith("rcm.")
+
+
+# --------------------------------------------------------------------------------------------------- validate
+
+
+def test_validate_agrees(run, tmp_path):
+    result = run("validate", "sils")
+    assert result.code == 0
+    assert "AGREE: equations, mechanism and stage tell the same story" in result.out
+    assert "report: twin-out/sils/table2/report.html" in result.out
+    assert result.err == ""
+    written = files_below(tmp_path / "twin-out/sils/table2")
+    assert {"report.html", "report.json", "plots"} <= written
+    assert not [n for n in written if ".twin-" in n]
+    saved = json.loads((tmp_path / "twin-out/sils/table2/report.json").read_text())
+    assert saved["verdict"] == "agree"
+
+
+@pytest.mark.slow
+def test_validate_of_the_printed_poses(run, no_pictures):
+    """The RCM of the printed poses is missed: equations and mechanism agree, the protocol does not hold."""
+    result = run("validate", "sils", "--protocol", "table2_printed", "--json", "--out", "here")
+    assert result.code == 1
+    assert result.err == ""
+    data = result.json
+    assert data["verdict"] == "disagree"
+    assert data["schema"] == "twin.report/1"
+    assert data["folder"] == "here/table2_printed"
+    assert {"pair", "quantity", "name", "unit", "worst", "tolerance", "agrees", "t", "phase"} <= set(
+        data["residuals"][0]
+    )
+    assert {r["quantity"] for r in data["residuals"]} >= {"tool", "loop", "rcm"}
+    keys = {"code", "severity", "where", "when", "size", "unit", "message", "suggestion"}
+    assert all(keys <= set(f) for f in data["findings"])
+    gravest = data["findings"][0]
+    assert gravest["severity"] == "disagreement"
+    assert gravest["code"].startswith("rcm.")
+
+
+def test_validate_of_one_printed_equation(run, no_pictures):
+    result = run("validate", "sils", "--protocol", SHORT, "--variant", "eq1=printed", "--json")
+    assert result.code == 1
+    data = result.json
+    assert data["verdict"] == "disagree"
+    assert data["schema"] == "twin.report/1"
+    keys = {"pair", "quantity", "name", "unit", "worst", "rms", "tolerance", "agrees", "t", "phase"}
+    assert all(keys <= set(r) for r in data["residuals"])
+    assert {r["quantity"] for r in data["residuals"]} >= {"tool", "point", "loop", "driven"}
+    keys = {"code", "severity", "where", "when", "size", "unit", "limit", "message", "suggestion"}
+    assert all(keys <= set(f) for f in data["findings"])
+    assert data["variants"] == {"eq1": "printed", "eq2": "corrected"}
+    assert data["folder"] == "twin-out/sils/short-eq1-printed"
+    point = next(f for f in data["findings"] if f["severity"] == "disagreement")
+    assert "eq1" in point["message"]
+
+
+def test_bare_variant_judges_each_alone_and_all_together(run, no_pictures, tmp_path):
+    result = run("validate", "sils", "--protocol", SHORT, "--variant", "printed", "--json")
+    assert result.code == 1
+    data = result.json
+    assert data["verdict"] == "disagree"
+    assert [r["variants"] for r in data["reports"]] == [
+        {"eq1": "printed", "eq2": "corrected"},
+        {"eq1": "corrected", "eq2": "printed"},
+        {"eq1": "printed", "eq2": "printed"},
+    ]
+    folders = {"short-eq1-printed", "short-eq2-printed", "short-eq1-printed-eq2-printed"}
+    assert {p.name for p in (tmp_path / "twin-out/sils").iterdir()} == folders
+
+
+def test_bare_variant_that_one_equation_has_is_judged_once(monkeypatch):
+    robot = api.load("sils")
+    assert commands._variants(robot, ["literal"]) == [{"eq2": "literal"}]
+
+
+def test_all_protocols_of_a_robot_folder(run, robot, no_pictures, tmp_path):
+    result = run("validate", robot, "--all-protocols")
+    assert result.code == 0
+    assert re.search(r"short +eq1=corrected, eq2=corrected +agree", result.out)
+    assert re.search(r"shorter +eq1=corrected, eq2=corrected +agree", result.out)
+    assert {p.name for p in (tmp_path / "twin-out/sils").iterdir()} == {"short", "shorter"}
+    assert not (robot / "usd").exists(), "only `build` writes into the robot's folder"
+
+
+def test_tolerance_widens_every_row(run, no_pictures):
+    result = run("validate", "sils", "--protocol", SHORT, "--tolerance-um", "100", "--json")
+    assert result.code == 0
+    tools = [r for r in result.json["residuals"] if r["pair"] == "A-B" and r["quantity"] == "tool" and r["unit"] == "m"]
+    assert tools
+    assert all(r["tolerance"] == pytest.approx(100e-6) for r in tools)
+
+
+@pytest.mark.slow
+def test_validate_all_protocols_of_sils(run, no_pictures):
+    result = run("validate", "sils", "--all-protocols", "--json")
+    assert result.code == 1
+    verdicts = {r["protocol"]: r["verdict"] for r in result.json["reports"]}
+    assert verdicts == {"lowered_patient": "agree", "table2": "agree", "table2_printed": "disagree"}
+
+
+# -------------------------------------------------------------------------------------------------------- run
+
+
+def test_run_goes_from_cad_to_report(run, tmp_path):
+    result = run("run", "sils", "--protocol", SHORT, "--out", "demo")
+    assert result.code == 0
+    assert "AGREE" in result.out
+    assert "stage: demo/usd/sils.usda" in result.out
+    written = files_below(tmp_path / "demo")
+    assert {"usd/sils.usda", "usd/motion/short.usdc", "short/report.html", "short/report.json"} <= written
+
+
+@pytest.mark.slow
+def test_run_sils(run, tmp_path):
+    result = run("run", "sils", "--json")
+    assert result.code == 0
+    assert result.json["verdict"] == "agree"
+    assert {"usd/sils_table2.usda", "table2/report.html"} <= files_below(tmp_path / "twin-out/sils")
+
+
+# ----------------------------------------------------------------------------------------------------- doctor
+
+
+def test_doctor(run):
+    text = run("doctor")
+    assert text.code == 0
+    assert re.search(r"casadi +\d+\.\d+[\d.]* +needed", text.out)
+    assert f"data in {ROOT}" in text.out
+    data = run("doctor", "--json").json
+    assert data["missing"] == []
+    assert data["found"]["pin"]
+
+
+def test_doctor_names_what_is_missing(run, monkeypatch):
+    installed = commands._installed
+    monkeypatch.setattr(commands, "_installed", lambda n: None if n == "toppra" else installed(n))
+    text = run("doctor")
+    assert text.code == 2
+    assert re.search(r"toppra +MISSING +needed", text.out)
+    assert "missing: toppra. Install twin again" in text.out
+    assert run("doctor", "--json").json["missing"] == ["toppra"]
+
+
+# ------------------------------------------------------------------------------------------------ wrong usage
+
+WRONG = {
+    "no command": ([], "required: COMMAND"),
+    "misspelt command": (["valdate", "sils"], "there is no command 'valdate'. Did you mean 'validate'?"),
+    "no robot": (["validate"], "required: robot"),
+    "misspelt robot": (["info", "silss"], "there is no robot 'silss'. Did you mean 'sils'?"),
+    "misspelt protocol": (["validate", "sils", "--protocol", "tabel2"], "Did you mean 'table2'?"),
+    "misspelt protocol of run": (["run", "sils", "--protocol", "tabel2"], "Did you mean 'table2'?"),
+    "misspelt protocol of build": (["build", "sils", "--out", "o", "--protocol", "tabel2"], "Did you mean 'table2'?"),
+    "misspelt protocol of plan": (["plan", "sils", "tabel2"], "Did you mean 'table2'?"),
+    "no such protocol file": (["plan", "sils", "gone/x.toml"], "gone/x.toml: there is no such file"),
+    "two ways to choose": (["validate", "sils", "--protocol", "table2", "--all-protocols"], "not allowed with"),
+    "misspelt equation": (["validate", "sils", "--variant", "eq11=printed"], "there is no equation 'eq11'. Did you"),
+    "misspelt variant": (["validate", "sils", "--variant", "eq1=printd"], "there is no variant 'printd'. Did you mean"),
+    "misspelt bare variant": (["validate", "sils", "--variant", "litteral"], "Did you mean 'literal'?"),
+    "bare and pair": (["validate", "sils", "--variant", "printed", "--variant", "eq1=printed"], "not both"),
+    "equation twice": (["validate", "sils", "--variant", "eq1=printed", "--variant", "eq1=corrected"], "given twice"),
+    "tolerance is text": (["validate", "sils", "--tolerance-um", "wide"], "invalid float value: 'wide'"),
+    "tolerance is zero": (["validate", "sils", "--tolerance-um", "0"], "give a positive number of micrometres"),
+    "tolerance is negative": (["validate", "sils", "--tolerance-um", "-3"], "--tolerance-um -3: give a positive"),
+    "tolerance is NaN": (["validate", "sils", "--tolerance-um", "nan"], "give a positive number of micrometres"),
+    "tolerance is infinite": (["validate", "sils", "--tolerance-um", "inf"], "give a positive number of micrometres"),
+    "no such stage": (["info", "gone.usda"], "gone.usda: there is no such stage"),
+    "stage has no protocols": (["validate", str(ROOT / "usd/sils/sils.usda")], "neither equations nor protocols"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_usage(run, case, tmp_path):
+    argv, message = WRONG[case]
+    text = run(*argv)
+    assert text.code == 2
+    assert text.out == ""
+    assert message in text.err
+    assert "Traceback" not in text.err
+    if argv:
+        data = run(*argv, "--json")
+        assert data.code == 2
+        assert data.json["verdict"] == "unchecked"
+        assert message in data.json["message"]
+        assert data.json["residuals"] == []
+        assert data.json["findings"][0]["severity"] == "error"
+        assert data.json["findings"][0]["code"].startswith("error.")
+    assert files_below(tmp_path) == set()
+
+
+def test_debug_raises(run):
+    with pytest.raises(TwinError, match="no robot 'silss'"):
+        run("info", "silss", "--debug")
+
+
+def test_unforeseen_error_is_not_taken_for_a_disagreement(run, monkeypatch):
+    def fail(args):
+        raise ZeroDivisionError("oh")
+
+    monkeypatch.setitem(commands.COMMANDS, "list", fail)
+    text = run("list")
+    assert text.code == 2
+    assert text.err == "twin: internal error, ZeroDivisionError: oh. Please report it, with what --debug shows.\n"
+    assert run("list", "--json").json["error"] == "ZeroDivisionError"
+    with pytest.raises(ZeroDivisionError):
+        run("list", "--debug")
+
+
+def test_interrupt(run, monkeypatch):
+    def fail(args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(commands.COMMANDS, "list", fail)
+    text = run("list")
+    assert (text.code, text.err) == (130, "twin: interrupted\n")
+
+
+# ----------------------------------------------------------------------------------------- terminals and pipes
+
+
+def test_reader_of_a_pipe_may_leave():
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run([sys.executable, "-m", "twin", "list"], stdout=writer, stderr=subprocess.PIPE, text=True)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (2, "")
+
+
+def test_terminal_without_our_signs(run, monkeypatch):
+    plain = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", plain)
+    assert main(["plan", "sils", str(SHORT)]) == 0
+    plain.seek(0)
+    assert "sils ? short ?" in plain.read()
+
+
+def test_numbers_that_json_has_no_word_for():
+    text = show.as_json({"a": [float("nan"), 1.5], "b": (float("inf"), {"c": -float("inf")}), "d": None})
+    assert json.loads(text) == {"a": [None, 1.5], "b": [None, {"c": None}], "d": None}
+
+
+class _Screen(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize(
+    ("screen", "quiet", "shown"), [(True, False, True), (True, True, False), (False, False, False)]
+)
+def test_progress_is_shown_on_a_terminal_only(monkeypatch, screen, quiet, shown):
+    stream = _Screen() if screen else io.StringIO()
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setenv("TERM", "xterm")
+    with show.progress(quiet) as progress:
+        progress("reading something", 0.0)
+        progress("reading something", 0.5)
+    assert ("reading something" in stream.getvalue()) is shown
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_progress_goes_to_the_terminal_and_never_into_the_output(as_json):
+    leader, follower = pty.openpty()
+    argv = [sys.executable, "-m", "twin", "info", "sils", *(["--json"] if as_json else [])]
+    done = subprocess.run(argv, stdout=subprocess.PIPE, stderr=follower, env=os.environ | {"TERM": "xterm"})
+    os.close(follower)
+    seen = b""
+    try:
+        while chunk := os.read(leader, 4096):
+            seen += chunk
+    except OSError:  # end of a pseudo-terminal
+        pass
+    os.close(leader)
+    assert done.returncode == 0
+    assert (b"read CAD" in seen) is not as_json
+    assert b"read CAD" not in done.stdout
+    assert b"\x1b" not in done.stdout
+    if as_json:
+        json.loads(done.stdout)

@@ -1,0 +1,611 @@
+"""The independent model against closed forms, itself, finite differences, and its refusals."""
+
+from __future__ import annotations
+
+import runpy
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from twin import spatial
+from twin.errors import AssemblyError, MechanismError
+from twin.mechanism import Body, Frame, Joint, Mechanism
+from twin.reference import ReferenceModel, sensitivity
+from twin.reference.model import GAP_TOLERANCE
+from twin.units import DEG, MM
+
+made = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_stage_mechanisms.py"))))
+
+ALONG_X = spatial.pose(spatial.frame_from_axes([1, 0, 0], [0, 0, -1]))
+"""A joint frame whose z is the x of its body."""
+
+
+def mechanism(*joints, tool, T_tool=None, rest=None, **more):
+    bodies = dict.fromkeys(["base", *(b for j in joints for b in (j.parent, j.child))])
+    return Mechanism(
+        name="m",
+        base="base",
+        bodies=tuple(Body(b) for b in bodies),
+        joints=joints,
+        frames=(Frame("tool", tool, np.eye(4) if T_tool is None else T_tool),),
+        rest=rest or {},
+        **more,
+    )
+
+
+@pytest.fixture(scope="module")
+def four_bar():
+    return ReferenceModel(made.four_bar())
+
+
+# -- a planar four-bar, closed by a revolute joint in space --------------------------------------------
+
+
+def test_the_four_bar_follows_its_closed_form_through_a_full_turn(four_bar):
+    cranks = made.CRANK_AT_REST + np.linspace(0, 2 * np.pi, 721)
+    run = four_bar.run(cranks[:, None])
+    links = four_bar.link_poses(run.x)
+    for k, crank in enumerate(cranks):
+        poses, q = made.four_bar_state(crank)
+        for body, T in poses.items():
+            assert np.abs(links[body][k] - T).max() < 1e-12
+        T_tool = poses["coupler"] @ four_bar.mechanism.frame("tool").T_body_frame
+        assert np.abs(run.Ts_base_tool[k] - T_tool).max() < 1e-12
+        marker = poses["rocker"] @ np.append(four_bar.mechanism.point("marker").p_body, 1)
+        assert np.abs(run.points["marker"][k] - marker[:3]).max() < 1e-12
+        for joint in ("elbow", "rocker_joint", "closing"):
+            assert abs(np.angle(np.exp(1j * (run.q_passive[joint][k] - q[joint])))) < 1e-11
+    assert run.loop_names == ("closing",)
+    assert run.gaps.shape == (721, 1, 2)
+    assert np.abs(run.gaps).max() < 1e-13
+    assert np.array_equal(run.q[:, 0], cranks)
+
+
+@pytest.mark.parametrize("turns", [1, 2])
+@pytest.mark.parametrize("count", [2, 10, 14, 27, 47])
+def test_a_few_wide_samples_stay_on_the_branch_too(four_bar, count, turns):
+    """Where samples are half a radian and more apart, an interpolation between knots would lead elsewhere."""
+    cranks = made.CRANK_AT_REST + np.linspace(0, 2 * np.pi * turns, count)
+    run = four_bar.run(cranks[:, None])
+    for k, crank in enumerate(cranks):
+        T_tool = made.four_bar_state(crank)[0]["coupler"] @ four_bar.mechanism.frame("tool").T_body_frame
+        assert np.abs(run.Ts_base_tool[k] - T_tool).max() < 1e-12
+
+
+@pytest.mark.parametrize("crank", [-2.5, -0.3, 0.9, 2.2, 4.0])
+def test_one_state_of_the_four_bar(four_bar, crank):
+    poses, q = made.four_bar_state(crank)
+    got = four_bar.solve(np.array([crank]))
+    for body, T in poses.items():
+        assert np.abs(got.link_poses[body] - T).max() < 1e-12
+    assert list(got.q_full) == ["crank_joint", "elbow", "rocker_joint", "closing"]
+    assert got.q_full["crank_joint"] == crank
+    assert abs(np.angle(np.exp(1j * (got.q_full["closing"] - q["closing"])))) < 1e-12
+    assert got.worst_gap < 1e-13
+    assert got.gap["closing"][1] < 1e-13
+    back = four_bar.solve_pose(got.T_base_tool, seed=four_bar.solve(np.array([crank - 0.01])))
+    assert back.q == pytest.approx([crank], abs=1e-11)
+
+
+def test_the_four_bar_is_planar_so_three_of_its_five_closure_rows_are_redundant(four_bar, rng):
+    for crank in rng.uniform(-3, 3, 5):
+        m = four_bar.mobility(four_bar.solve(np.array([crank])).x)
+        assert (m.freedom, m.redundancy, m.redundant, m.internal) == (1, 3, {"closing": 3}, 0)
+
+
+# -- other closures ------------------------------------------------------------------------------------
+
+
+def slider_crank(closure):
+    """Crank of 0.1 about z, coupler of 0.3, block on the x axis; the block's guide closes the loop."""
+    joints = (
+        Joint("crank_joint", "revolute", "base", "crank", active=True),
+        Joint("knee", "revolute", "crank", "coupler", spatial.pose(p=[0.1, 0, 0])),
+        Joint("wrist", "revolute", "coupler", "block", spatial.pose(p=[0.3, 0, 0])),
+        Joint("guide", closure, "base", "block", ALONG_X, ALONG_X),
+    )
+    rest = {"base": np.eye(4), "crank": np.eye(4), "coupler": spatial.pose(p=[0.1, 0, 0])}
+    return mechanism(*joints, tool="block", rest={**rest, "block": spatial.pose(p=[0.4, 0, 0])})
+
+
+@pytest.mark.parametrize(("closure", "redundancy"), [("prismatic", 3), ("cylindrical", 2)])
+def test_a_slider_crank_closed_by_its_guide(closure, redundancy):
+    model = ReferenceModel(slider_crank(closure))
+    angles = np.linspace(0, 2 * np.pi, 200)
+    run = model.run(angles[:, None])
+    x = 0.1 * np.cos(angles) + np.sqrt(0.3**2 - (0.1 * np.sin(angles)) ** 2)
+    assert np.abs(run.Ts_base_tool - spatial.pose(p=np.stack([x, 0 * x, 0 * x], axis=-1))).max() < 1e-12
+    assert np.abs(run.gaps).max() < 1e-13
+    if closure == "prismatic":
+        assert np.abs(run.q_passive["guide"] - x).max() < 1e-12
+    m = model.mobility(run.x[33])
+    assert (m.freedom, m.redundancy, m.internal) == (1, redundancy, 0)
+
+
+def test_a_weld_that_closes_a_loop_makes_two_slides_one():
+    turned = spatial.pose(spatial.exp_so3([0.3, 0.4, -0.2]), [0.1, 0.2, 0.3])
+    shift = spatial.pose(p=[0.5, 0.1, 0.0])
+    joints = (
+        Joint("lead", "prismatic", "base", "a", turned, active=True),
+        Joint("follow", "prismatic", "base", "b", turned @ shift),
+        Joint("weld", "fixed", "a", "b", shift),
+    )
+    model = ReferenceModel(mechanism(*joints, tool="b"))
+    got = model.solve(np.array([0.07]))
+    assert got.q_full == {"lead": 0.07, "follow": pytest.approx(0.07, abs=1e-14)}
+    assert np.abs(got.T_base_tool - turned @ shift @ spatial.pose(p=[0, 0, 0.07])).max() < 1e-14
+    m = model.mobility(got.x)
+    assert (m.freedom, m.redundancy, m.redundant) == (1, 5, {"weld": 5})
+
+
+ROD = 0.5
+
+
+def rod(active="lift"):
+    """A rod between two balls: one on a carriage on the z axis, one on a carriage on the x axis."""
+    joints = (
+        Joint("lift", "prismatic", "base", "upper", active=active == "lift"),
+        Joint("push", "prismatic", "base", "lower", ALONG_X, ALONG_X, active=active == "push"),
+        Joint("top", "spherical", "upper", "rod"),
+        Joint("foot", "spherical", "rod", "lower", spatial.pose(p=[0, 0, ROD])),
+    )
+    z, x = 0.3, 0.4
+    T_rod = spatial.pose(spatial.frame_from_axes([x, 0, -z], [0, 1, 0]), [0, 0, z])
+    rest = {"base": np.eye(4), "upper": spatial.pose(p=[0, 0, z]), "lower": spatial.pose(p=[x, 0, 0]), "rod": T_rod}
+    return mechanism(*joints, tool="lower", rest=rest)
+
+
+def test_a_rod_between_two_balls_spins_and_still_closes():
+    model = ReferenceModel(rod())
+    lifts = 0.3 + 0.15 * np.sin(np.linspace(0, 6, 300))
+    run = model.run(lifts[:, None])
+    assert np.abs(run.q_passive["push"] - np.sqrt(ROD**2 - lifts**2)).max() < 1e-12
+    assert np.abs(run.gaps).max() < 1e-13
+    m = model.mobility(run.x[-1])
+    assert (m.freedom, m.redundancy, m.internal) == (2, 0, 1)
+    assert m.redundant == {"foot": 0}
+    # The spin is nobody's business: the short step leaves it where it was.
+    spin = spatial.log_so3(model.link_poses(run.x)["rod"][:, :3, :3])
+    assert np.abs(np.diff(spin, axis=0)).max() < 0.02
+
+
+def test_without_loops_the_tree_alone_answers():
+    joints = (
+        Joint("a1", "revolute", "base", "a", active=True),
+        Joint("a2", "revolute", "a", "b", spatial.pose(p=[0.3, 0, 0]), active=True),
+    )
+    model = ReferenceModel(mechanism(*joints, tool="b", T_tool=spatial.pose(p=[0.2, 0, 0])))
+    got = model.solve(np.array([0.4, -1.1]))
+    assert got.T_base_tool[:2, 3] == pytest.approx(
+        [0.3 * np.cos(0.4) + 0.2 * np.cos(-0.7), 0.3 * np.sin(0.4) + 0.2 * np.sin(-0.7)], abs=1e-15
+    )
+    assert got.gap == {}
+    assert got.worst_gap == 0.0
+    m = model.mobility(got.x)
+    assert (m.freedom, m.redundancy, m.redundant, m.internal) == (2, 0, {}, 0)
+
+
+def test_a_mechanism_that_cannot_move_has_a_pose():
+    T = spatial.pose(spatial.exp_so3([0.1, 0.2, 0.3]), [1, 2, 3.0])
+    model = ReferenceModel(mechanism(Joint("weld", "fixed", "base", "a", T), tool="a"))
+    got = model.solve(np.zeros(0))
+    assert np.array_equal(got.T_base_tool, T)
+    assert model.mobility(got.x).freedom == 0
+
+
+# -- SILS ------------------------------------------------------------------------------------------------
+
+SILS_POSTURES = ("home", "insertion", "inserted")
+FIXTURE_POSES = {  # Table 2: X, Y, Z in mm, psi, theta, phi in deg
+    "home": (407.9, 306.0, 211.4, 10.0, 15.0, 10.0),
+    "insertion": (380.0, 280.0, 185.0, 0.0, 0.0, 0.0),
+    "inserted": (380.0, 280.0, 145.0, 0.0, 0.0, 0.0),
+}
+
+
+def table_pose(name):
+    *p, psi, theta, phi = FIXTURE_POSES[name]
+    R = spatial.rotation_z(psi * DEG) @ spatial.exp_so3([0, theta * DEG, 0]) @ spatial.exp_so3([phi * DEG, 0, 0])
+    return spatial.pose(R, np.array(p) * MM)
+
+
+@pytest.mark.parametrize("posture", SILS_POSTURES)
+def test_sils_stands_at_the_poses_of_table_2(sils_model, posture):
+    got = sils_model.solve(sils_model.mechanism.posture(posture))
+    assert np.abs(got.T_base_tool - table_pose(posture)).max() < 2e-11  # postures have nine digits of a mm
+    assert got.worst_gap < 1e-13
+    back = sils_model.solve_pose(table_pose(posture))
+    assert np.abs(back.q - sils_model.mechanism.posture(posture)).max() < 2e-12
+
+
+@pytest.fixture(scope="module")
+def sils_states(sils_model):
+    """Fifty random states within 8 mm of the way from home to inserted."""
+    rng = np.random.default_rng(7)
+    ends = [sils_model.mechanism.posture(n) for n in ("home", "inserted")]
+    states = []
+    for _ in range(50):
+        q = ends[0] + rng.uniform() * (ends[1] - ends[0]) + rng.uniform(-8, 8, 6) * MM
+        states.append(sils_model.solve(q))
+    return states
+
+
+def test_sils_has_six_freedoms_and_nine_redundant_rows_everywhere(sils_model, sils_states):
+    for state in sils_states:
+        m = sils_model.mobility(state.x)
+        assert (m.freedom, m.redundancy, m.internal) == (6, 9, 0)
+        assert {n: r for n, r in m.redundant.items() if r} == {"r13": 3, "r23": 3, "r33": 3}
+        assert state.worst_gap < 1e-13
+
+
+def test_sils_goes_to_a_pose_and_back(sils_model, sils_states):
+    for state in sils_states:
+        back = sils_model.solve_pose(state.T_base_tool)
+        assert np.abs(back.q - state.q).max() < 1e-12
+        again = sils_model.solve(back.q, seed=back)
+        assert np.abs(again.T_base_tool - state.T_base_tool).max() < 1e-12
+
+
+def test_sils_solves_the_same_from_any_seed(sils_model, sils_states):
+    far = sils_states[11]
+    for state in sils_states[:10]:
+        assert np.abs(sils_model.solve(state.q, seed=far).x - state.x).max() < 1e-11
+
+
+def bang_bang(q0, q1, count, pieces=6):
+    """Accelerations that switch sign at once: positions are pieces of parabolas."""
+    sign = np.resize([1.0, -1.0, -1.0, 1.0], pieces)
+    qdd = np.repeat(sign, int(np.ceil(count / pieces)))[:count]
+    s = np.cumsum(np.cumsum(qdd))
+    s = (s - s.min()) / np.ptp(s)
+    return q0 + s[:, None] * (q1 - q0)
+
+
+@pytest.fixture(scope="module")
+def sils_run(sils_model):
+    ends = [sils_model.mechanism.posture(n) for n in ("home", "inserted")]
+    return sils_model.run(bang_bang(*ends, 2000))
+
+
+def test_a_run_equals_its_samples_solved_one_by_one(sils_model, sils_run):
+    state, worst = None, 0.0
+    for k in range(2000):
+        state = sils_model.solve(sils_run.q[k], seed=state)
+        worst = max(worst, np.abs(state.T_base_tool - sils_run.Ts_base_tool[k]).max())
+        if k % 100 == 0:
+            assert np.abs(state.x - sils_run.x[k]).max() < 1e-11
+            for n, p in state.points.items():
+                assert np.abs(p - sils_run.points[n][k]).max() < 1e-12
+            for n, v in sils_run.q_passive.items():
+                assert abs(state.q_full[n] - v[k]) < 1e-11
+    assert worst < 1e-12
+    assert np.abs(sils_run.gaps).max() < 1e-12
+
+
+def test_a_run_along_poses_gives_back_the_joints(sils_model, sils_run):
+    back = sils_model.run_poses(sils_run.Ts_base_tool)
+    assert np.abs(back.q - sils_run.q).max() < 1e-12
+    assert np.abs(back.Ts_base_tool - sils_run.Ts_base_tool).max() < 1e-12
+    one = sils_model.solve_pose(sils_run.Ts_base_tool[777])
+    assert np.abs(one.q - back.q[777]).max() < 1e-12
+
+
+def test_a_run_reports_its_progress(sils_model, sils_run):
+    seen = []
+    sils_model.run(sils_run.q[:200], progress=seen.append)
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
+    assert 0 < seen[0] < 0.5
+
+
+def test_rates_are_the_derivatives_of_a_run(sils_model):
+    q0, q1 = (sils_model.mechanism.posture(n) for n in ("home", "inserted"))
+    wave = np.array([1.0, 1.3, 0.7, 1.1, 0.9, 1.6])
+
+    def motion(t):
+        return q0 + (q1 - q0) * (0.5 - 0.5 * np.cos(wave * t[:, None]))
+
+    def rates(t):
+        u = wave * t[:, None]
+        return (q1 - q0) * 0.5 * wave * np.sin(u), (q1 - q0) * 0.5 * wave**2 * np.cos(u)
+
+    t = np.linspace(0.3, 1.2, 7)
+    h = 1e-3
+    offsets = np.arange(-2, 3)
+    dense = sils_model.run(motion((t[:, None] + h * offsets).reshape(-1)))
+    T = dense.Ts_base_tool.reshape(7, 5, 4, 4)
+    middle = sils_model.run(motion(t))
+    twist, acceleration = sils_model.rates(middle.x, *rates(t))
+    first, second = np.array([1, -8, 0, 8, -1]) / 12 / h, np.array([-1, 16, -30, 16, -1]) / 12 / h**2
+    v = np.einsum("o,koi->ki", first, T[..., :3, 3])
+    a = np.einsum("o,koi->ki", second, T[..., :3, 3])
+    # Rotation vectors from the middle sample: their rate at it is the angular velocity, their second rate
+    # the angular acceleration, as the rotation vector is zero there.
+    turn = spatial.log_so3(T[..., :3, :3] @ np.swapaxes(T[:, 2:3, :3, :3], -1, -2))
+    w, dw = np.einsum("o,koi->ki", first, turn), np.einsum("o,koi->ki", second, turn)
+    for got, want, tolerance in (
+        (twist[:, :3], v, 1e-6),
+        (twist[:, 3:], w, 1e-6),
+        (acceleration[:, :3], a, 1e-4),
+        (acceleration[:, 3:], dw, 1e-4),
+    ):
+        assert np.abs(got - want).max() < tolerance * np.abs(want).max()
+
+
+# -- the constraint Jacobian ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["fixed", "revolute", "prismatic", "cylindrical", "spherical", "free"])
+@pytest.mark.parametrize("scatter", [0.0, 0.6], ids=["closed", "open"])
+def test_loop_jacobians_are_derivatives_for_every_joint_type(kind, scatter, rng):
+    """Two arms of many joints, tied by one loop joint that is closed, or far from it."""
+
+    def anywhere(size=0.5):
+        return spatial.pose(spatial.exp_so3(rng.normal(size=3)), rng.uniform(-size, size, 3))
+
+    joints = [
+        Joint("j0", "revolute", "base", "a0", anywhere(), anywhere()),
+        Joint("j1", "spherical", "a0", "a1", anywhere(), anywhere()),
+        Joint("j2", "prismatic", "a1", "a2", anywhere(), anywhere()),
+        Joint("j3", "cylindrical", "a0", "a3", anywhere(), anywhere()),
+        Joint("j4", "free", "base", "a4", anywhere(), anywhere()),
+        Joint("j5", "fixed", "a4", "a5", anywhere(), anywhere()),
+    ]
+    model = ReferenceModel(mechanism(*joints, tool="a2"))
+    x = pin.integrate(model.tree.model, pin.neutral(model.tree.model), rng.normal(size=model.tree.model.nv))
+    links = {n: T[0] for n, T in model.link_poses(x[None]).items()}
+    for parent, child in (("a2", "a5"), ("a3", "a2"), ("base", "a2"), ("a5", "base")):
+        T_parent = anywhere()
+        T_child = spatial.inverse(links[child]) @ links[parent] @ T_parent
+        T_child = T_child @ spatial.pose(spatial.exp_so3(scatter * rng.normal(size=3)), scatter * rng.normal(size=3))
+        loop = Joint("loop", kind, parent, child, T_parent, T_child)
+        tree = ReferenceModel(mechanism(*joints, loop, tool="a2")).tree
+        r, A = tree.loops.evaluate(*tree.update(x[None]))
+        assert r.shape == (1, 6 - len(loop.free_axes))
+        assert A.shape == (1, r.shape[1], tree.model.nv)
+        if not scatter:
+            assert np.abs(r).max(initial=0.0) < 4e-15
+        h = 1e-6
+        for i, unit in enumerate(np.eye(tree.model.nv)):
+            ends = [pin.integrate(tree.model, x, s * h * unit) for s in (1, -1)]
+            plus, minus = (tree.loops.evaluate(*tree.update(e[None]))[0] for e in ends)
+            assert np.abs((plus - minus) / (2 * h) - A[..., i]).max(initial=0.0) < 1e-9
+
+
+def test_the_tool_jacobian_is_the_derivative_of_the_tool(sils_model, sils_states):
+    tree, x, h = sils_model.tree, sils_states[3].x, 1e-6
+    poses, J = tree.update(x[None])
+    T, J_tool = tree.tool(poses)[0], tree.tool_jacobian(poses, J)[0]
+    for i, unit in enumerate(np.eye(tree.model.nv)):
+        T1, T0 = (tree.tool(tree.update(pin.integrate(tree.model, x, s * h * unit)[None])[0])[0] for s in (1, -1))
+        twist = np.concatenate([T1[:3, 3] - T0[:3, 3], spatial.log_so3(T1[:3, :3] @ T0[:3, :3].T)]) / (2 * h)
+        assert np.abs(twist - J_tool[:, i]).max() < 1e-9
+    assert spatial.is_pose(T)
+
+
+# -- loops that do not fit --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tilt", [1e-4, 0.01, 0.1])
+def test_a_tilted_pin_leaves_its_tilt_as_the_gap_of_that_joint(tilt):
+    good = made.four_bar()
+    pin_joint = good.joint("closing")
+    bent = pin_joint.T_child_joint @ spatial.pose(spatial.exp_so3([0.6 * tilt, 0.8 * tilt, 0]))
+    joints = tuple(replace(j, T_child_joint=bent) if j.name == "closing" else j for j in good.joints)
+    model = ReferenceModel(replace(good, joints=joints))
+    for crank in (made.CRANK_AT_REST, 2.0, -2.5):
+        got = model.solve(np.array([crank]))
+        offset, angle = got.gap["closing"]
+        assert angle == pytest.approx(np.sin(tilt), rel=1e-9)
+        assert offset < 1e-9
+        poses, _ = made.four_bar_state(crank)
+        assert np.abs(got.link_poses["rocker"] - poses["rocker"]).max() < 1e-8
+
+
+def test_a_loop_that_is_too_short_shares_its_gap(sils_cad):
+    """Two parallel slides welded 0.2 mm askew along their way: nothing can give, the weld shows it."""
+    joints = (
+        Joint("lead", "prismatic", "base", "a", active=True),
+        Joint("follow", "prismatic", "base", "b", spatial.pose(p=[0.5, 0, 0])),
+        Joint("weld", "fixed", "a", "b", spatial.pose(p=[0.5002, 0, 0])),
+    )
+    got = ReferenceModel(mechanism(*joints, tool="b")).solve(np.array([0.05]))
+    assert got.gap["weld"] == (pytest.approx(0.2 * MM, rel=1e-12), 0.0)
+    assert got.q_full["follow"] == pytest.approx(0.05, abs=1e-15)
+
+
+# -- refusals ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("active", "target", "other"), [("lift", 0.55, 0.5), ("push", 0.6, 0.5)])
+def test_what_cannot_close_raises_with_the_best_state_and_its_gap(active, target, other):
+    model = ReferenceModel(rod(active))
+    with pytest.raises(AssemblyError, match=r"m: the mechanism cannot be assembled there: .* % of the way") as caught:
+        model.solve(np.array([target]))
+    best = caught.value.best
+    assert caught.value.gap == best.worst_gap
+    assert 0 <= best.worst_gap < target - other + 1e-6
+    assert best.q[0] == pytest.approx(other, abs=0.02)  # as far as the rod reaches
+
+
+def test_a_rocker_is_not_driven_through_its_toggle():
+    """Crank and coupler in line end the rocker's range; beyond, no state exists."""
+    good = made.four_bar()
+    joints = [j for j in good.joints if j.name in ("rocker_joint", "crank_joint", "elbow", "closing")]
+    joints = [replace(j, active=j.name == "rocker_joint", limits=None) for j in joints]
+    model = ReferenceModel(replace(good, joints=tuple(joints), postures={}))
+    start = model.home()
+    a, b, c, d = made.CRANK, made.COUPLER, made.ROCKER, made.GROUND
+    lowest = np.pi - np.arccos((c * c + d * d - (b - a) ** 2) / (2 * c * d))
+    highest = np.pi - np.arccos((c * c + d * d - (b + a) ** 2) / (2 * c * d))
+    low, high = sorted([lowest, highest])
+    assert low < start.q[0] < high
+    for inside in (low + 1e-3, high - 1e-3):
+        assert model.solve(np.array([inside])).worst_gap < 1e-12
+    for beyond in (low - 0.05, high + 0.05):
+        with pytest.raises(AssemblyError) as caught:
+            model.solve(np.array([beyond]))
+        assert low - 0.06 < caught.value.best.q[0] < high + 0.06
+
+
+def test_a_pose_that_only_another_branch_has_is_not_jumped_to(four_bar):
+    crank = made.CRANK_AT_REST
+    pin_at = made.CRANK * np.array([np.cos(crank), np.sin(crank)])
+    across = np.array([made.GROUND, 0.0]) - pin_at
+    coupler, _ = made.four_bar_angles(crank)
+    flipped = 2 * np.arctan2(across[1], across[0]) - coupler  # mirrored at the line from crank pin to rocker pivot
+    T = made.T_TILT @ spatial.pose(spatial.rotation_z(flipped), [*pin_at, 0])
+    with pytest.raises(AssemblyError) as caught:
+        four_bar.solve_pose(T @ four_bar.mechanism.frame("tool").T_body_frame)
+    poses, _ = made.four_bar_state(caught.value.best.q[0])
+    assert caught.value.best.q.shape == (1,)
+    assert set(caught.value.best.link_poses) == set(poses)
+
+
+def test_a_run_that_leaves_the_reach_between_two_knots_raises():
+    model = ReferenceModel(rod())
+    lifts = np.full(200, 0.45)
+    lifts[100:103] = [0.49, 0.51, 0.49]  # one sample 10 mm beyond the rod's length, knots at 96 and 128
+    with pytest.raises(AssemblyError, match="at sample 101") as caught:
+        model.run(lifts[:, None])
+    assert caught.value.gap == pytest.approx(caught.value.best.worst_gap)
+    assert caught.value.gap > GAP_TOLERANCE
+
+
+def test_a_run_that_ends_out_of_reach_raises():
+    with pytest.raises(AssemblyError, match=r"at sample 67: m: the mechanism cannot be assembled"):
+        ReferenceModel(rod()).run(np.linspace(0.3, 0.6, 100)[:, None])  # sample 66 lifts by 0.5 exactly
+
+
+def test_poses_out_of_reach_raise(sils_model):
+    T = table_pose("home")
+    T[0, 3] += 0.5
+    with pytest.raises(AssemblyError) as caught:
+        sils_model.solve_pose(T)
+    assert np.isfinite(caught.value.best.q).all()
+    with pytest.raises(AssemblyError, match="at sample 1"):
+        sils_model.run_poses(np.stack([table_pose("home"), T]))
+
+
+@pytest.mark.parametrize(
+    ("q", "message"),
+    [
+        (np.zeros(5), r"q has shape \(5,\); expected \(6,\) for q1, q2, q3, q4, q5, q6"),
+        (np.zeros((1, 6)), r"q has shape \(1, 6\); expected \(6,\)"),
+        (np.array([0.1, np.nan, 0, 0, 0, 0]), r"q is not finite: \{'q1': 0\.1, 'q2': nan"),
+        (np.array([np.inf, 0, 0, 0, 0, 0]), r"q is not finite: \{'q1': inf"),
+    ],
+)
+def test_joint_values_of_the_wrong_form_are_refused(sils_model, q, message):
+    with pytest.raises(MechanismError, match=message):
+        sils_model.solve(q)
+
+
+@pytest.mark.parametrize(
+    ("q", "message"),
+    [
+        (np.zeros((3, 5)), r"q has shape \(3, 5\); expected \(k, 6\) for q1, q2, q3, q4, q5, q6"),
+        (np.zeros(6), r"q has shape \(6,\); expected \(k, 6\)"),
+        (np.zeros((0, 6)), r"q has no samples"),
+        (np.array([[0.1] * 6, [0.1] * 6, [0.1, 0.1, np.nan, 0, 0, 0]]), r"q is not finite at sample 2"),
+    ],
+)
+def test_motions_of_the_wrong_form_are_refused(sils_model, q, message):
+    with pytest.raises(MechanismError, match=message):
+        sils_model.run(q)
+
+
+@pytest.mark.parametrize("T", [np.full((4, 4), np.nan), np.diag([1.0, 1, -1, 1]), np.eye(3), np.stack([np.eye(4)] * 2)])
+def test_poses_of_the_wrong_form_are_refused(sils_model, T):
+    with pytest.raises(MechanismError, match=r"the tool pose is not a rigid \(4, 4\) pose"):
+        sils_model.solve_pose(T)
+
+
+@pytest.mark.parametrize("Ts", [np.full((2, 4, 4), np.nan), np.eye(4), np.zeros((0, 4, 4))])
+def test_runs_of_poses_of_the_wrong_form_are_refused(sils_model, Ts):
+    with pytest.raises(MechanismError, match=r"rigid \(k, 4, 4\) poses"):
+        sils_model.run_poses(Ts)
+
+
+def test_a_tool_that_is_not_there_is_refused():
+    with pytest.raises(MechanismError, match=r"there is no frame 'tip'\. Known: tool\."):
+        ReferenceModel(replace(rod(), tool="tip"))
+
+
+# -- what rounding costs -------------------------------------------------------------------------------------
+
+
+def rounded(mechanism_, keep=None):
+    """Store joint frames as UsdPhysics does: float32 position and quaternion."""
+
+    def store(T):
+        q = np.float32(spatial.quat_from_matrix_wxyz(T[:3, :3])).astype(float)
+        return spatial.pose(spatial.matrix_from_quat_wxyz(q), np.float32(T[:3, 3]).astype(float))
+
+    joints = tuple(
+        j
+        if keep is not None and j.name not in keep
+        else replace(j, T_parent_joint=store(j.T_parent_joint), T_child_joint=store(j.T_child_joint))
+        for j in mechanism_.joints
+    )
+    return replace(mechanism_, joints=joints)
+
+
+def tool_error(a, b):
+    return (
+        float(np.linalg.norm(a[:3, 3] - b[:3, 3])),
+        float(spatial.rotation_angle(a[:3, :3].T @ b[:3, :3])),
+    )
+
+
+@pytest.mark.parametrize("posture", SILS_POSTURES)
+def test_rounding_all_frames_costs_what_is_foretold(sils_model, posture):
+    q = sils_model.mechanism.posture(posture)
+    exact = sils_model.solve(q)
+    foretold = sensitivity.of_rounding(sils_model, exact.x)
+    actual = tool_error(exact.T_base_tool, ReferenceModel(rounded(sils_model.mechanism)).solve(q).T_base_tool)
+    for got, expected, bound in zip(actual, foretold.expected, foretold.bound, strict=True):
+        assert got <= bound
+        assert expected / 20 < got < 3 * expected
+    assert foretold.worst_joint in {j.name for j in sils_model.mechanism.joints}
+
+
+def test_rounding_costs_are_of_first_order(sils_model):
+    x = sils_model.home().x
+    fine, coarse = (sensitivity.of_rounding(sils_model, x, 2.0**-n) for n in (30, 24))
+    assert np.array(coarse.bound) == pytest.approx(np.array(fine.bound) * 64, rel=1e-12)
+    assert np.array(coarse.expected) == pytest.approx(np.array(fine.expected) * 64, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["rf1", "q4", "r12", "r23", "s1", "s3"])
+def test_one_moved_frame_moves_the_tool_as_foretold(sils_model, name):
+    """One frame at a time by 0.1 um or 0.1 urad, against the first-order effect that the sum is made of."""
+    mechanism_ = sils_model.mechanism
+    state = sils_model.home()
+    tree = sils_model.tree
+    poses, J = tree.update(state.x[None])
+    A = tree.loops.evaluate(poses, J)[1][0]
+    give = tree.tool_jacobian(poses, J)[0][:, tree.passive] @ np.linalg.pinv(A[:, tree.passive], rcond=1e-9)
+    joint = mechanism_.joint(name)
+    frame = state.link_poses[joint.parent] @ joint.T_parent_joint
+    for axis in range(6):
+        twist = np.zeros(6)
+        twist[axis] = 1e-7
+        effect = sensitivity._effect(sils_model, joint, frame, twist, state.link_poses, state.T_base_tool, give)
+        moved = joint.T_parent_joint @ spatial.pose(spatial.exp_so3(twist[3:]), twist[:3])
+        changed = replace(
+            mechanism_,
+            joints=tuple(replace(j, T_parent_joint=moved) if j.name == name else j for j in mechanism_.joints),
+        )
+        got = ReferenceModel(changed).solve(state.q).T_base_tool
+        motion = np.concatenate(
+            [got[:3, 3] - state.T_base_tool[:3, 3], spatial.log_so3(got[:3, :3] @ state.T_base_tool[:3, :3].T)]
+        )
+        if joint not in mechanism_.loops:
+            assert np.abs(motion - effect).max() < 1e-11
+        else:  # the sign is that of the child's side, which for a loop is the other way round
+            assert np.abs(np.abs(motion) - np.abs(effect)).max() < 1e-11

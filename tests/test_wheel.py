@@ -1,0 +1,157 @@
+"""The built wheel in a clean environment, used from another directory."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.wheel
+
+ROOT = Path(__file__).parents[1]
+UV = shutil.which("uv") or next((str(p) for p in (ROOT / ".venv-uv/bin/uv",) if p.is_file()), None)
+MEGABYTE = 1e6
+
+
+def _run(*argv: object, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    kept = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV", "PYTHONHOME")}
+    return subprocess.run([str(a) for a in argv], cwd=cwd, env=kept | environment, capture_output=True, text=True)
+
+
+def _ok(result: subprocess.CompletedProcess[str]) -> str:
+    assert result.returncode == 0, f"{result.args}\n{result.stdout}\n{result.stderr}"
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory) -> Path:
+    """The wheel, built from a copy: no build leaves anything in the checkout."""
+    copy = tmp_path_factory.mktemp("checkout") / "twin"
+    out = tmp_path_factory.mktemp("dist")
+    skipped = shutil.ignore_patterns(".git", ".venv*", ".*_cache", "twin-out", "__pycache__", "dist")
+    shutil.copytree(ROOT, copy, ignore=skipped)
+    if UV:
+        _ok(_run(UV, "build", "--wheel", "--out-dir", out, cwd=copy))
+    else:
+        _ok(_run(sys.executable, "-m", "pip", "wheel", "--no-deps", "--wheel-dir", out, ".", cwd=copy))
+    return next(out.glob("*.whl"))
+
+
+@pytest.fixture(scope="module")
+def names(wheel) -> set[str]:
+    with zipfile.ZipFile(wheel) as archive:
+        return set(archive.namelist())
+
+
+@pytest.fixture(scope="module")
+def venv(wheel, tmp_path_factory) -> Path:
+    """A new environment with the wheel and what it needs, at the versions of the lock file."""
+    folder = tmp_path_factory.mktemp("clean") / "venv"
+    if UV:
+        pins = folder.parent / "pins.txt"
+        exported = ("--frozen", "--no-dev", "--no-emit-project", "--no-hashes", "-o", pins)
+        _ok(_run(UV, "export", *exported, cwd=ROOT))
+        _ok(_run(UV, "venv", "--python", sys.executable, folder, cwd=folder.parent))
+        _ok(_run(UV, "pip", "install", "--python", folder, "--constraint", pins, wheel, cwd=folder.parent))
+    else:
+        _ok(_run(sys.executable, "-m", "venv", folder, cwd=folder.parent))
+        _ok(_run(folder / "bin/python", "-m", "pip", "install", "--quiet", wheel, cwd=folder.parent))
+    return folder
+
+
+def test_wheel_holds_the_data_of_every_robot(names):
+    committed = {
+        f"twin/_data/{p.relative_to(ROOT)}"
+        for kind in ("cad", "usd", "trajectories")
+        for p in (ROOT / kind).rglob("*")
+        if p.is_file() and p.suffix not in (".py", ".pyc")
+    }
+    packed = {n for n in names if n.startswith("twin/_data/")}
+    assert packed == committed
+    assert {"twin/_data/cad/sils/sils.step", "twin/_data/cad/sils/sils.toml"} <= packed
+    assert {"twin/_data/usd/sils/sils.usda", "twin/_data/trajectories/sils/table2.toml"} <= packed
+
+
+def test_wheel_holds_the_package_and_nothing_else(names):
+    modules = {str(p.relative_to(ROOT)) for p in (ROOT / "twin").rglob("*") if p.is_file() and p.suffix != ".pyc"}
+    assert modules <= names
+    others = {n for n in names if not n.startswith("twin/") and ".dist-info/" not in n}
+    assert others == set()
+    assert not [n for n in names if n.startswith("twin/_data/") and n.endswith(".py")], "CAD sources are not shipped"
+    assert not [n for n in names if "test" in Path(n).name]
+
+
+def test_wheel_is_small(wheel):
+    assert wheel.stat().st_size < 6 * MEGABYTE
+
+
+def test_wheel_names_its_licence_and_command(wheel, names):
+    info = next(n for n in names if n.endswith(".dist-info/entry_points.txt")).rsplit("/", 1)[0]
+    with zipfile.ZipFile(wheel) as archive:
+        assert "twin = twin.cli:main" in archive.read(f"{info}/entry_points.txt").decode()
+        metadata = archive.read(f"{info}/METADATA").decode()
+    assert f"{info}/licenses/LICENSE" in names
+    wanted = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert metadata.count("\nRequires-Dist: ") == len(wanted["dependencies"])
+    assert f"\nVersion: {wanted['version']}\n" in metadata
+
+
+def test_installed_version_is_that_of_the_package(venv, tmp_path):
+    code = "import twin, importlib.metadata as m; print(twin.__version__ == m.version('twin-robotics'))"
+    assert _ok(_run(venv / "bin/python", "-c", code, cwd=tmp_path)).strip() == "True"
+
+
+def test_environment_lacks_the_development_packages(venv, tmp_path):
+    listed = json.loads(_ok(_run(venv / "bin/twin", "doctor", "--json", cwd=tmp_path)))
+    assert listed["missing"] == []
+    assert listed["found"]["build123d"] == listed["found"]["mujoco"] == "-"
+
+
+def test_installed_twin_runs_the_main_job_from_another_directory(venv, tmp_path):
+    # Python's own caches go elsewhere, so that whatever else appears in site-packages was written by twin.
+    cache = {"PYTHONPYCACHEPREFIX": str(tmp_path / "pyc"), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    cache["MPLCONFIGDIR"] = str(tmp_path / "matplotlib")
+    before = _files(venv)
+    there = tmp_path / "elsewhere"
+    there.mkdir()
+    robots = json.loads(_ok(_run(venv / "bin/twin", "list", "--json", cwd=there, **cache)))
+    assert [r["name"] for r in robots] == sorted(p.parent.name for p in (ROOT / "cad").glob("*/dimensions.toml"))
+    _ok(_run(venv / "bin/twin", "doctor", cwd=there, **cache))
+
+    out = _ok(_run(venv / "bin/twin", "run", "sils", "--json", "--out", tmp_path / "out", cwd=there, **cache))
+    report = json.loads(out)
+    assert report["verdict"] == "agree"
+    assert (tmp_path / "out/usd/sils.usda").is_file()
+    assert (tmp_path / "out/table2/report.html").is_file()
+
+    refused = _run(venv / "bin/twin", "build", "sils", "--json", cwd=there, **cache)
+    assert refused.returncode == 2
+    assert "--out" in json.loads(refused.stdout)["message"]
+    assert list(there.iterdir()) == []
+    assert _files(venv) == before, "something was written into the environment"
+
+
+def test_stage_in_the_wheel_is_current(venv, tmp_path):
+    """The installed stage is used as it is; a stale one would be rebuilt on every call."""
+    code = (
+        "from twin import api, assets; from twin.cad.build import fingerprint; from twin.stage.read import made_from\n"
+        "f = assets.files('sils'); print(fingerprint(f.description) in made_from(f.stage))"
+    )
+    assert _ok(_run(venv / "bin/python", "-c", code, cwd=tmp_path)).strip() == "True"
+
+
+def test_pip_install_takes_the_same_back_end():
+    build = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["build-system"]
+    assert build["build-backend"] == "hatchling.build"
+    assert [r for r in build["requires"] if r.startswith("hatchling")] == build["requires"]
+
+
+def _files(folder: Path) -> set[tuple[str, int]]:
+    return {(str(p), p.stat().st_mtime_ns) for p in folder.rglob("*") if p.is_file() and p.suffix != ".pyc"}

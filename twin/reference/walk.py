@@ -1,0 +1,56 @@
+"""How to walk along targets (joint values or tool poses): where to stop, and what to guess between."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin import spatial
+from twin.spatial import Array, Index
+
+_EVERY = 32
+"""Of a dense motion, each such sample is solved from the one before ..."""
+
+_TRAVEL = 0.1
+"""... and each after which the target has moved by this much (m, rad): interpolation must not leave the branch."""
+
+
+def knots(targets: Array) -> Index:
+    """Return the samples to solve one from the other: the first, the last, and enough between."""
+    moved = np.abs(np.diff(targets, axis=0)).reshape(len(targets) - 1, -1).max(axis=1, initial=0.0)
+    way = np.concatenate([[0.0], np.cumsum(moved)])
+    at, last = [0], len(targets) - 1
+    while at[-1] < last:
+        k = at[-1]
+        far = int(np.searchsorted(way, way[k] + _TRAVEL, side="right")) - 1
+        at.append(min(k + _EVERY, max(far, k + 1), last))
+    return np.array(at)
+
+
+def distance(a: Array, b: Array) -> float:
+    """Return how far two targets are apart: joint values, or poses (the larger of metres and radians)."""
+    if a.ndim == 1:
+        return float(np.abs(a - b).max(initial=0.0))
+    turn = float(spatial.rotation_angle(a[:3, :3].T @ b[:3, :3]))
+    return max(float(np.linalg.norm(a[:3, 3] - b[:3, 3])), turn)
+
+
+def between(a: Array, b: Array, s: float) -> Array:
+    """Return the target a fraction s of the way from a to b: joint values, or poses along the screw-free line."""
+    if s == 1:
+        return b
+    if a.ndim == 1:
+        return a + s * (b - a)
+    turn = spatial.log_so3(b[:3, :3] @ a[:3, :3].T)
+    return spatial.pose(spatial.exp_so3(s * turn) @ a[:3, :3], a[:3, 3] + s * (b[:3, 3] - a[:3, 3]))
+
+
+def interpolate(at: Index, knots: Array, slopes: Array, count: int) -> Array:
+    """Return rows for 0..count-1 through knots at integer places with given slopes: cubic Hermite."""
+    if len(at) < 2:
+        return np.tile(knots, (count, 1))
+    where = np.arange(count)
+    i = np.clip(np.searchsorted(at, where, side="right") - 1, 0, len(at) - 2)
+    width = (at[i + 1] - at[i])[:, None].astype(float)
+    s = (where - at[i])[:, None] / width
+    a, b, m, n = knots[i], knots[i + 1], slopes[i] * width, slopes[i + 1] * width
+    return a + s * (m + s * (3 * (b - a) - 2 * m - n + s * (2 * (a - b) + m + n)))
