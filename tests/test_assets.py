@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -242,9 +243,17 @@ def test_asking_whether_a_folder_can_be_written_leaves_nothing(tmp_path):
     assert _tree(tmp_path) == {"file": "x"}
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_read_only_folder_is_named(tmp_path):
-    target = tmp_path / "locked"
-    target.mkdir(mode=0o555)
-    with pytest.raises(OutputError, match=rf"cannot write to {target}: Permission denied"):
-        _write(target, {"a": "new a"})
+def test_read_only_folder_is_named():
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)
+        target = Path(folder) / "locked"
+        target.mkdir(mode=0o555)
+        me = os.geteuid()
+        if me == 0:  # root may write everywhere: be nobody for a moment
+            os.seteuid(65534)
+        try:
+            with pytest.raises(OutputError, match=rf"cannot write to {target}: Permission denied"):
+                _write(target, {"a": "new a"})
+        finally:
+            os.seteuid(me)
+        assert list(target.iterdir()) == []
