@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
-import math
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,7 +10,9 @@ from typing import Any
 
 from twin.findings import Finding, by_severity
 from twin.units import DEG, MM
-from twin.validation.result import Report
+from twin.validation.result import Report, as_json
+
+__all__ = ["as_json", "finding", "info", "progress", "report", "table"]
 
 _MARKS = {"error": "✖", "disagreement": "✖", "warning": "▲", "info": "·"}
 _VERDICTS = {
@@ -40,19 +40,6 @@ def progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
             bar.update(task, description=label, total=1.0 if fraction else None, completed=fraction)
 
         yield update
-
-
-def as_json(data: Any) -> str:
-    """Return data as JSON text; what is not finite becomes null, since JSON has no word for it."""
-
-    def plain(x: Any) -> Any:
-        if isinstance(x, Mapping):
-            return {str(k): plain(v) for k, v in x.items()}
-        if isinstance(x, list | tuple):
-            return [plain(v) for v in x]
-        return None if isinstance(x, float) and not math.isfinite(x) else x
-
-    return json.dumps(plain(data), indent=2, allow_nan=False)
 
 
 def table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), indent: str = "  ", *, fit: bool = False) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
@@ -10,6 +11,20 @@ from typing import Any, Literal
 from twin.findings import EXIT_CODES, Finding, Verdict, by_severity, verdict
 from twin.provenance import Parameter
 from twin.spatial import Array
+
+
+def as_json(data: Any) -> str:
+    """Return plain data as JSON text; what is not finite becomes null, since JSON has no word for it."""
+
+    def plain(x: Any) -> Any:
+        if isinstance(x, Mapping):
+            return {str(k): plain(v) for k, v in x.items()}
+        if isinstance(x, list | tuple):
+            return [plain(v) for v in x]
+        return None if isinstance(x, float) and not math.isfinite(x) else x
+
+    return json.dumps(plain(data), indent=2, allow_nan=False)
+
 
 Quantity = Literal["tool", "point", "driven", "passive", "loop", "speed", "acceleration", "baked", "rcm"]
 
@@ -83,7 +98,8 @@ class Report:
             (k, 3); "angles" (k, 3) rad; "residual_tool" (k,) m, "residual_rotation" (k,) rad;
             "rcm_error" (k,) m (NaN where none is registered); "limit_margin" (k,) m;
             "singularity.<name>" (k,); "reach.<name>" (k,) m; "clearance_t" (j,), "clearance" (j,) m;
-            "residual_driven.<joint>" and "residual_point.<name>" on "t_coarse" (c,).
+            "residual_driven.<joint>" and "residual_point.<name>" on "t_coarse" (c,), as "p_tool_B", "v_tool_B" and
+            "a_tool_B" (c, 3), the tool of the mechanism driven by the equations.
         joint_names: for the second axis of q.
     """
 
@@ -135,5 +151,5 @@ class Report:
         }
 
     def to_json(self) -> str:
-        """Return the report as JSON text."""
-        return json.dumps(self.as_dict(), indent=2, allow_nan=True)
+        """Return the report as JSON text; what is not finite becomes null."""
+        return as_json(self.as_dict())
