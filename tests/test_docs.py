@@ -37,7 +37,10 @@ def folder(tmp_path_factory):
     toml = toml.replace('name = "sils"', 'name = "my_robot"', 1)
     (own / "cad/my_robot.toml").write_text(toml, encoding="utf-8")
     shutil.copy(ROOT / "cad/sils/sils.step", own / "cad")
-    shutil.copytree(ROOT / "trajectories/sils", own / "trajectories")
+    (own / "trajectories").mkdir()
+    for protocol in (ROOT / "trajectories/sils").glob("*.toml"):
+        text = protocol.read_text(encoding="utf-8").replace('robot = "sils"', 'robot = "my_robot"', 1)
+        (own / "trajectories" / protocol.name).write_text(text, encoding="utf-8")
     shutil.copy(ROOT / "twin/robots/sils.py", own / "formula.py")
     return place
 
