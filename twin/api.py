@@ -404,7 +404,7 @@ def _write(cad: CadModel, folder: Path) -> Path:
 def _bake(robot: Robot, mechanism: Mechanism, protocol: str, folder: Path) -> None:
     from twin.reference import ReferenceModel
     from twin.stage.write import Motion, write_motion
-    from twin.validation.judge import key_times
+    from twin.validation.motion import key_times
 
     trajectory = plan(robot, protocol)
     times = key_times(trajectory)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import platform
-import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -19,21 +18,13 @@ from twin.kinematics import Kinematics
 from twin.mechanism import Mechanism
 from twin.protocol import Protocol
 from twin.reference import ReferenceModel
-from twin.spatial import Array
 from twin.trajectory.model import Trajectory
 from twin.units import DEG, MM
+from twin.validation.beside import Beside
 from twin.validation.compare import Comparison, angles_zyx, compare
+from twin.validation.motion import Measured, Samples, baked_rows, clearance_facts, measure, samples
 from twin.validation.result import PhaseSummary, Report
 from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
-
-KEY_RATE = 60.0
-"""Hz of baked motion."""
-
-CLEARANCE_RATE = 5.0
-"""Hz at which distances between parts are measured."""
-
-MIDDLE = 4
-"""Of the intervals between keys every fourth is looked into."""
 
 _PACKAGES = ("numpy", "casadi", "pin", "coal", "usd-core", "cascadio", "toppra")
 
@@ -66,19 +57,20 @@ def judge(case: Case, progress: Progress = lambda label, fraction: None) -> Repo
     model = ReferenceModel(mechanism)
     clock = Clock(trajectory.t, _phases(trajectory))
     out = Comparison()
-    error: AssemblyError | None = None
-    try:
-        out = compare(case.kinematics, model, trajectory, clock, case.tolerances, progress)
-    except AssemblyError as caught:
-        error = caught
-        out.findings.append(_cannot_take(mechanism, caught))
+    looked = samples(trajectory)
+    # What needs no equations is measured on a second core meanwhile.
+    with Beside(measure, mechanism, looked) as beside:
+        try:
+            out = compare(case.kinematics, model, trajectory, clock, case.tolerances, progress)
+        except AssemblyError as error:
+            out.findings.append(_cannot_take(mechanism, error))
+        else:
+            _rcm(case, out, clock)
+            _stage(case, model, out, clock, progress)
+            progress("baked motion, clearance", 0.0)
+            _motion(beside.result(), looked, case, out, clock)
     _curves(out, trajectory)
     out.facts["mechanism"] = _mechanism_facts(model)
-    if error is None:
-        _rcm(case, model, out, clock)
-        _stage(case, model, out, clock, progress)
-        _baked(case, model, out, clock, progress)
-        _clearance(model, out, clock, progress)
     findings = [*case.cad.findings, *trajectory.findings, *out.findings]
     formula = case.kinematics.formula
     return Report(
@@ -170,7 +162,7 @@ def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
     }
 
 
-def _rcm(case: Case, model: ReferenceModel, out: Comparison, clock: Clock) -> None:
+def _rcm(case: Case, out: Comparison, clock: Clock) -> None:
     """Judge the mechanism's own motion about the RCM, from registration to withdrawal."""
     run, trajectory, mechanism = out.driven, case.trajectory, case.cad.mechanism
     if run is None or any(r.consequence_of for r in out.residuals if r.quantity == "tool"):
@@ -261,110 +253,15 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
         out.residuals.append(row("C", "loop", loop, "m", back.gaps[:, i, 0], t.stage_position, at))
 
 
-def _baked(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, progress: Progress) -> None:
-    """D against B: link poses baked into a motion layer, read back at their own time codes and between them."""
-    from twin.stage.read import read_motion
-    from twin.stage.write import Motion, write_motion, write_stage
-
-    progress("baked motion", 0.0)
-    mechanism, trajectory = case.cad.mechanism, case.trajectory
-    times = key_times(trajectory)
-    links = model.link_poses(model.run_poses(trajectory.poses(times)).x)
-    with tempfile.TemporaryDirectory(prefix="twin-motion-") as folder:
-        home = model.home()
-        bare = replace(mechanism, bodies=tuple(replace(b, meshes=()) for b in mechanism.bodies))
-        write_stage(bare, Path(folder), home.link_poses, home.q_full)
-        files = write_motion(bare, Path(folder), Motion(trajectory.protocol, times, links))
-        read_times, read_links = read_motion(files.root)
-    at = Clock(times, clock.phases)
-    if len(read_times) != len(times) or np.abs(read_times - times).max() > 1e-9:
-        out.findings.append(
-            Finding("baked.times", "disagreement", "the baked time codes are not those that were meant")
-        )
-        return
-    middle = (0.5 * (times[1:] + times[:-1]))[::MIDDLE]
-    between = model.link_poses(model.run_poses(trajectory.poses(middle)).x)
-    worst: dict[str, Array] = {}
-    for name, Ts in links.items():
-        back = read_links.get(name, np.tile(Ts[:1], (len(times), 1, 1)))
-        worst = {
-            "m": np.maximum(worst.get("m", 0.0), np.linalg.norm(back[:, :3, 3] - Ts[:, :3, 3], axis=1)),
-            "rad": np.maximum(worst.get("rad", 0.0), np.linalg.norm(rotation_vectors(Ts, back), axis=1)),
-            "mid m": np.maximum(
-                worst.get("mid m", 0.0),
-                np.linalg.norm(0.5 * (back[1:, :3, 3] + back[:-1, :3, 3])[::MIDDLE] - between[name][:, :3, 3], axis=1),
-            ),
-        }
-    t = case.tolerances
-    out.residuals += [
-        row("B-D", "baked", "links at their time codes", "m", worst["m"], t.baked_position, at),
-        row("B-D", "baked", "links at their time codes", "rad", worst["rad"], t.baked_rotation, at),
-        row(
-            "B-D",
-            "baked",
-            "links between keys",
-            "m",
-            worst["mid m"],
-            None,
-            Clock(middle, clock.phases),
-            note=f"what a player that interpolates {KEY_RATE:g} Hz keys shows",
-        ),
-    ]
-    for r in out.residuals[-3:-1]:
-        if not r.agrees:
-            out.findings.append(
-                Finding(
-                    "baked.differs",
-                    "disagreement",
-                    f"a baked link pose is {text(r.worst, r.unit)} off",
-                    where="motion layer",
-                    when=f"t = {r.t:.2f} s",
-                )
-            )
-
-
-def key_times(trajectory: Trajectory) -> Array:
-    """Return the time codes (k,) in s of a baked motion: every 1/60 s, and the end."""
-    count = int(np.floor(trajectory.duration * KEY_RATE + 1e-9))
-    times = np.arange(count + 1) / KEY_RATE
-    return times if trajectory.duration - times[-1] < 1e-9 else np.append(times, trajectory.duration)
-
-
-def _clearance(model: ReferenceModel, out: Comparison, clock: Clock, progress: Progress) -> None:
-    """Judge whether parts run through each other."""
-    from twin.reference.clearance import clearance
-
-    run = out.posed
-    if run is None or not any(b.meshes for b in model.mechanism.bodies):
-        return
-    clock = clock.at(out.coarse)
-    rows = np.unique(np.linspace(0, len(clock.t) - 1, max(2, int(clock.t[-1] * CLEARANCE_RATE))).astype(int))
-    found = clearance(model.mechanism, model.link_poses(run.x[rows]), lambda f: progress("clearance", f))
-    out.series |= {"clearance_t": clock.t[rows], "clearance": found.distance}
-    k = int(np.argmin(found.distance))
-    a, b = found.pair[k]
-    when = f"{clock.phase(float(clock.t[rows[k]]))}, t = {clock.t[rows[k]]:.2f} s"
-    out.facts["clearance"] = {
-        "least distance": f"{found.distance[k] / MM:.2f} mm between {a} and {b}, {when}",
-        "method": f"triangle meshes of the CAD (chord tolerance 0.1 mm), {CLEARANCE_RATE:g} Hz, bodies without a "
-        "common joint; of jointed bodies, parts that do not mate",
-    }
-    contacts = [(float(clock.t[rows[k]]), p, q) for k, p, q in found.contacts]
-    if found.distance[k] <= 0:
-        contacts.insert(0, (float(clock.t[rows[k]]), a, b))
-    for t, p, q in contacts:
-        out.findings.append(
-            Finding(
-                "clearance.contact",
-                "disagreement",
-                f"{p} and {q} run through each other",
-                where=f"{p}, {q}",
-                when=f"{clock.phase(t)}, t = {t:.2f} s",
-                size=0.0,
-                unit="mm",
-                suggestion="change the parts, or the protocol",
-            )
-        )
+def _motion(measured: Measured, looked: Samples, case: Case, out: Comparison, clock: Clock) -> None:
+    """Add what was measured beside the comparison."""
+    rows, findings = baked_rows(measured, looked, clock.phases, case.tolerances)
+    out.residuals += rows
+    out.findings += findings
+    if measured.clearance is not None:
+        out.facts["clearance"], contacts = clearance_facts(measured.clearance, looked.sparse, clock.phases)
+        out.findings += contacts
+        out.series |= {"clearance_t": looked.sparse, "clearance": measured.clearance.distance}
 
 
 def _environment(mechanism: Mechanism) -> dict[str, str]:

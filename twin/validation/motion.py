@@ -1,0 +1,178 @@
+"""What needs no equations: the motion baked into USD and read back, and whether parts run through each other.
+
+`measure` is plain arrays in, plain arrays out, so that it can run beside the comparison with the equations.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from twin.findings import Finding
+from twin.mechanism import Mechanism
+from twin.reference import ReferenceModel
+from twin.reference.clearance import Clearance, clearance
+from twin.spatial import Array
+from twin.stage.read import read_motion
+from twin.stage.write import Motion, write_motion, write_stage
+from twin.trajectory.model import Trajectory
+from twin.units import MM
+from twin.validation.result import PhaseSummary, Residual
+from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
+
+KEY_RATE = 60.0
+"""Hz of baked motion."""
+
+CLEARANCE_RATE = 5.0
+"""Hz at which distances between parts are measured."""
+
+MIDDLE = 4
+"""Of the intervals between keys every fourth is looked into."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """When to look at a motion, and where its tool then is.
+
+    Attributes:
+        name: of the protocol.
+        keys, Ts_keys: time codes (k,) in s of the baked motion, and T_base_tool (k, 4, 4) there.
+        middle, Ts_middle: times between keys.
+        sparse, Ts_sparse: times at which distances are measured.
+    """
+
+    name: str
+    keys: Array
+    Ts_keys: Array
+    middle: Array
+    Ts_middle: Array
+    sparse: Array
+    Ts_sparse: Array
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What `measure` found.
+
+    Attributes:
+        times: time codes read back (k,) in s.
+        position, rotation: largest error (k,) of any baked link at its time codes, m and rad.
+        between: largest error (j,) in m of any link, interpolated linearly between keys.
+        clearance: distances at `Samples.sparse`, or None if no body has a mesh.
+    """
+
+    times: Array
+    position: Array
+    rotation: Array
+    between: Array
+    clearance: Clearance | None
+
+
+def key_times(trajectory: Trajectory) -> Array:
+    """Return the time codes (k,) in s of a baked motion: every 1/60 s, and the end."""
+    count = int(np.floor(trajectory.duration * KEY_RATE + 1e-9))
+    times = np.arange(count + 1) / KEY_RATE
+    return times if trajectory.duration - times[-1] < 1e-9 else np.append(times, trajectory.duration)
+
+
+def samples(trajectory: Trajectory) -> Samples:
+    """Return when and where `measure` is to look."""
+    keys = key_times(trajectory)
+    middle = (0.5 * (keys[1:] + keys[:-1]))[::MIDDLE]
+    sparse = np.linspace(0.0, trajectory.duration, max(2, int(trajectory.duration * CLEARANCE_RATE) + 1))
+    at = trajectory.poses
+    return Samples(trajectory.protocol, keys, at(keys), middle, at(middle), sparse, at(sparse))
+
+
+def measure(mechanism: Mechanism, samples: Samples) -> Measured:
+    """Bake the mechanism's motion, read it back, and measure distances between parts.
+
+    Raises:
+        AssemblyError: the mechanism cannot take the tool poses.
+    """
+    model = ReferenceModel(mechanism)
+    links = model.link_poses(model.run_poses(samples.Ts_keys).x)
+    with tempfile.TemporaryDirectory(prefix="twin-motion-") as folder:
+        home = model.home()
+        bare = replace(mechanism, bodies=tuple(replace(b, meshes=()) for b in mechanism.bodies))
+        write_stage(bare, Path(folder), home.link_poses, home.q_full)
+        files = write_motion(bare, Path(folder), Motion(samples.name, samples.keys, links))
+        times, back = read_motion(files.root)
+    between = model.link_poses(model.run_poses(samples.Ts_middle).x)
+    position, rotation = np.zeros(len(samples.keys)), np.zeros(len(samples.keys))
+    apart = np.zeros(len(samples.middle))
+    if len(times) == len(samples.keys):
+        for name, Ts in links.items():
+            read = back[name]
+            position = np.maximum(position, np.linalg.norm(read[:, :3, 3] - Ts[:, :3, 3], axis=1))
+            rotation = np.maximum(rotation, np.linalg.norm(rotation_vectors(Ts, read), axis=1))
+            blend = 0.5 * (read[1:, :3, 3] + read[:-1, :3, 3])[::MIDDLE]
+            apart = np.maximum(apart, np.linalg.norm(blend - between[name][:, :3, 3], axis=1))
+    found = None
+    if any(b.meshes for b in mechanism.bodies):
+        found = clearance(mechanism, model.link_poses(model.run_poses(samples.Ts_sparse).x))
+    return Measured(times, position, rotation, apart, found)
+
+
+def baked_rows(
+    measured: Measured, samples: Samples, phases: tuple[PhaseSummary, ...], tolerances: Tolerances
+) -> tuple[list[Residual], list[Finding]]:
+    """Return rows and findings on the baked motion (D against B)."""
+    keys, middle = Clock(samples.keys, phases), Clock(samples.middle, phases)
+    if len(measured.times) != len(samples.keys) or np.abs(measured.times - samples.keys).max() > 1e-9:
+        return [], [Finding("baked.times", "disagreement", "the baked time codes are not those that were meant")]
+    name = "links at their time codes"
+    rows = [
+        row("B-D", "baked", name, "m", measured.position, tolerances.baked_position, keys),
+        row("B-D", "baked", name, "rad", measured.rotation, tolerances.baked_rotation, keys),
+    ]
+    findings = [
+        Finding(
+            "baked.differs",
+            "disagreement",
+            f"a baked link pose is {text(r.worst, r.unit)} off",
+            where="motion layer",
+            when=f"t = {r.t:.2f} s",
+        )
+        for r in rows
+        if not r.agrees
+    ]
+    note = f"what a player that interpolates {KEY_RATE:g} Hz keys shows"
+    return [*rows, row("B-D", "baked", "links between keys", "m", measured.between, None, middle, note=note)], findings
+
+
+def clearance_facts(
+    found: Clearance, times: Array, phases: tuple[PhaseSummary, ...]
+) -> tuple[dict[str, str], list[Finding]]:
+    """Return the least distance in words, and a finding for every contact."""
+    clock = Clock(times, phases)
+
+    def when(t: float) -> str:
+        return f"{clock.phase(t)}, t = {t:.2f} s"
+
+    k = int(np.argmin(found.distance))
+    a, b = found.pair[k]
+    facts = {
+        "least distance": f"{found.distance[k] / MM:.2f} mm between {a} and {b}, {when(float(times[k]))}",
+        "method": f"triangle meshes of the CAD (chord tolerance 0.1 mm), {CLEARANCE_RATE:g} Hz, bodies without a "
+        "common joint; of jointed bodies, parts that do not mate",
+    }
+    contacts = [(float(times[i]), p, q) for i, p, q in found.contacts]
+    if found.distance[k] <= 0:
+        contacts.insert(0, (float(times[k]), a, b))
+    return facts, [
+        Finding(
+            "clearance.contact",
+            "disagreement",
+            f"{p} and {q} run through each other",
+            where=f"{p}, {q}",
+            when=when(t),
+            size=0.0,
+            unit="mm",
+            suggestion="change the parts, or the protocol",
+        )
+        for t, p, q in contacts
+    ]
