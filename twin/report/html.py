@@ -114,7 +114,7 @@ def key_figures(report: Report) -> list[dict[str, str]]:
     out = [
         worst("Tool position, A–B", curves.rows(report, "tool", "m", "A-B")),
         worst("Tool rotation, A–B", curves.rows(report, "tool", "rad", "A-B")),
-        worst("Loop gap", curves.rows(report, "loop", "m")),
+        worst("Loop gap, B", curves.rows(report, "loop", "m", "B")),
         worst("RCM error", rcm) if rcm else _rcm_figure(report),
         _clearance_figure(report),
     ]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twin.report.format import power, quantity, seconds
+from twin.units import DEG
 from twin.validation.result import PhaseSummary, Report
 
 if TYPE_CHECKING:
@@ -172,6 +173,10 @@ def legend_beside(ax: Axes) -> None:
         ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1), labelspacing=0.35)
 
 
+_LEAST = 1e-16
+"""Metres or degrees below which no axis goes."""
+
+
 def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float]) -> None:
     """Make y logarithmic around the values and limits, with ticks such as "10 µm"."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
@@ -179,7 +184,7 @@ def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float])
     positive = np.concatenate([v[np.isfinite(v) & (v > 0)] for v in values] + [np.array(limits)])
     step = np.pi / 180 if unit.startswith("rad") else 1.0
     scaled = positive / step if positive.size else np.array([1e-12, 1e-9])
-    low = int(np.floor(np.log10(max(np.percentile(scaled, 0.5), scaled.max() * 1e-16)) - 0.05))
+    low = int(np.floor(np.log10(max(np.percentile(scaled, 0.5), scaled.max() * 1e-16, _LEAST)) - 0.05))
     top = np.log10(scaled.max())
     top += 0.3 + 0.17 * (top - low)  # room for a label above the largest value
     high = int(np.floor(top))
@@ -194,7 +199,9 @@ def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float])
 def _tick(value: float, unit: str) -> str:
     """Return the label of a power of ten, also where it is smaller than anything worth telling in a table."""
     text = quantity(value, unit, 1)
-    return (f"{power(value, 1)} {unit}" if text.startswith("<") else text).removeprefix("1×")
+    if text.startswith("<"):
+        text = f"{power(value / DEG, 1)}°{unit[3:]}" if unit.startswith("rad") else f"{power(value, 1)} {unit}"
+    return text.removeprefix("1×")
 
 
 def limit_line(ax: Axes, value: float | None, label: str, color: str = UNFIT) -> None:
