@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import twin
-from twin.units import MM
+from twin.units import DEG, MM
 
 
 @pytest.fixture(scope="module")
@@ -90,6 +92,19 @@ def test_no_part_runs_through_another(judged):
         assert report.series["clearance"].min() > 2.0 * MM
     # bars 1 and 2 pass each other at B: centre lines 15.6 mm apart, less two radii and the eye
     assert "bar1 and bar2" in judged("table2").facts["clearance"]["least distance"]
+
+
+def test_passive_joints_stay_in_their_limits(judged, robot):
+    for protocol in ("table2", "lowered_patient"):
+        report = judged(protocol)
+        assert not found(report, "limit.passive")
+        assert set(report.facts["limits of passive joints"]) == {"s1", "s2", "s3"}
+    # a cone of 70 degrees is too narrow for s1 and s3 at C, and wide enough for s2
+    other = twin.load("sils")
+    joints = (replace(j, cone=70 * DEG) if j.cone else j for j in other.mechanism.joints)
+    other.cad = replace(other.cad, mechanism=replace(other.mechanism, joints=tuple(joints)))
+    report = twin.validate(other, twin.plan(robot, "table2_printed"))
+    assert {f.where for f in found(report, "limit.passive", "disagreement")} == {"s1", "s3"}
 
 
 def test_q4_outside_the_published_frame_is_a_warning(judged):

@@ -66,6 +66,7 @@ def judge(case: Case, progress: Progress = lambda label, fraction: None) -> Repo
             out.findings.append(_cannot_take(mechanism, error))
         else:
             _rcm(case, out, clock)
+            _passive_limits(model, out, clock)
             _stage(case, model, out, clock, progress)
             progress("baked motion, clearance", 0.0)
             _motion(beside.result(), looked, case, out, clock)
@@ -202,6 +203,47 @@ def _rcm(case: Case, out: Comparison, clock: Clock) -> None:
                     limit=tolerance / MM,
                 )
             )
+
+
+def _passive_limits(model: ReferenceModel, out: Comparison, clock: Clock) -> None:
+    """Judge joints that nobody drives: their ranges, and the cones of spherical joints."""
+    run = out.posed
+    joints = [j for j in model.mechanism.joints if not j.active and (j.cone is not None or j.limits is not None)]
+    if run is None or not joints:
+        return
+    links = model.link_poses(run.x)
+    at = clock.at(out.coarse)
+    left: dict[str, str] = {}
+    for joint in joints:
+        if joint.cone is not None:
+            z0 = (links[joint.parent] @ joint.T_parent_joint)[:, :3, 2]
+            z1 = (links[joint.child] @ joint.T_child_joint)[:, :3, 2]
+            tilt = np.arctan2(np.linalg.norm(np.cross(z0, z1), axis=1), np.sum(z0 * z1, axis=1))
+            margin, unit, scale = joint.cone - tilt, "deg", DEG
+        elif joint.name in run.q_passive and joint.limits is not None:
+            q = run.q_passive[joint.name]
+            margin = np.minimum(q - joint.limits[0], joint.limits[1] - q)
+            unit, scale = ("deg", DEG) if joint.is_angle else ("mm", MM)
+        else:
+            continue
+        k = int(np.argmin(margin))
+        when = f"{at.phase(float(at.t[k]))}, t = {at.t[k]:.2f} s"
+        left[joint.name] = f"{margin[k] / scale:.1f} {unit} left, {when}"
+        if margin[k] < 0:
+            out.findings.append(
+                Finding(
+                    "limit.passive",
+                    "disagreement",
+                    f"passive joint {joint.name} is turned {-margin[k] / scale:.2f} {unit} beyond its limit",
+                    where=joint.name,
+                    when=when,
+                    size=-margin[k] / scale,
+                    unit=unit,
+                    limit=0.0,
+                    suggestion="change the protocol, or the joint",
+                )
+            )
+    out.facts["limits of passive joints"] = left
 
 
 def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, progress: Progress) -> None:
