@@ -28,7 +28,7 @@ cad-check: .venv/.synced-dev  ## redraw the STEP files and compare
 	$(RUN) python tests/redraw.py
 
 usd-check: .venv/.synced-dev  ## are the committed stages current?
-	$(RUN) twin build sils --check --quiet
+	@for robot in usd/*/; do $(RUN) twin build $$(basename $$robot) --check --quiet || exit 1; done
 
 bench: .venv/.synced-dev
 	$(RUN) python tests/benchmarks/run.py

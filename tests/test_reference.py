@@ -95,6 +95,17 @@ def test_the_four_bar_is_planar_so_three_of_its_five_closure_rows_are_redundant(
     for crank in rng.uniform(-3, 3, 5):
         m = four_bar.mobility(four_bar.solve(np.array([crank])).x)
         assert (m.freedom, m.redundancy, m.redundant, m.internal) == (1, 3, {"closing": 3}, 0)
+        # In the plane the loop is not repeated; out of it every pin of the loop locks the same again.
+        assert m.repeated == {"closing": ("offset z", "turn x", "turn y")}
+        assert m.describe() == "closing: 3 of offset z, turn x, turn y"
+
+
+def test_unrelated_states_are_solved_at_once(four_bar, rng):
+    q = rng.uniform(-2, 2, (40, 1))
+    run = four_bar.solve_many(q)
+    assert np.abs(run.q - q).max() == 0 and run.gaps.max() < 1e-13
+    for i in (0, 17, 39):
+        assert np.abs(run.Ts_base_tool[i] - four_bar.solve(q[i]).T_base_tool).max() < 1e-12
 
 
 # -- other closures ------------------------------------------------------------------------------------

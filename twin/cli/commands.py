@@ -74,6 +74,7 @@ def info(args: argparse.Namespace) -> int:
         "source": formula.source if formula else cad.description.source if cad else mechanism.source,
         "degrees_of_freedom": mobility.freedom,
         "redundant_constraints": mobility.redundancy,
+        "redundant": {n: {"count": c, "among": mobility.repeated[n]} for n, c in mobility.redundant.items() if c},
         "joints": [_joint(j, mechanism) for j in mechanism.joints],
         "frames": [f.name for f in mechanism.frames],
         "points": [p.name for p in mechanism.points],

@@ -74,6 +74,7 @@ def info(data: Mapping[str, Any], bodies: int) -> str:
         f"  {bodies} bodies, {len(data['joints'])} joints, {data['degrees_of_freedom']} degrees of freedom, "
         f"{data['redundant_constraints']} redundant constraints; "
         + (f"loops closed by {', '.join(loops)}" if loops else "no loops"),
+        *(f"    redundant at {name}: {r['count']} of {', '.join(r['among'])}" for name, r in data["redundant"].items()),
         f"  frames: {', '.join(data['frames'])}   points: {', '.join(data['points']) or 'none'}",
         "",
     ]

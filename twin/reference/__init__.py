@@ -3,7 +3,8 @@
 Built from a `Mechanism` alone, it shares no code with the equations it judges.
 """
 
+from twin.reference.mobility import Mobility
 from twin.reference.model import ReferenceModel
-from twin.reference.states import Assembly, Mobility, Run
+from twin.reference.states import Assembly, Run
 
 __all__ = ["Assembly", "Mobility", "ReferenceModel", "Run"]

@@ -13,6 +13,9 @@ from twin.spatial import Array
 LENGTH_SCALE = 0.1
 """Metres of misfit that weigh as much as one radian of it."""
 
+AXES = ("offset x", "offset y", "offset z", "turn x", "turn y", "turn z")
+"""What a row of the residual locks, along and about the axes of the loop joint's frame on its parent."""
+
 
 class Loops:
     """Loop closures: the relative pose of a loop joint's two frames must be free motion only.
@@ -23,6 +26,7 @@ class Loops:
     Attributes:
         joints: the loop joints.
         row_loop: number of the loop of each row (m,).
+        row_axis: which of `AXES` each row locks (m,).
         joint_numbers: Pinocchio's numbers of the joints that carry the ends.
     """
 
@@ -39,6 +43,7 @@ class Loops:
         locked = np.array([[axis not in j.free_axes for axis in range(6)] for j in joints], bool)
         self._locked = locked.reshape(-1)
         self.row_loop = np.repeat(np.arange(len(joints)), 6)[self._locked]
+        self.row_axis = np.tile(np.arange(6), len(joints))[self._locked]
 
     def relative(self, poses: Array) -> tuple[Array, Array]:
         """Return the parent joint frames in base and the child joint frames in them, each (k, loops, 4, 4)."""

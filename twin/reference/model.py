@@ -16,10 +16,11 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed bes
 from twin import spatial
 from twin.errors import AssemblyError, MechanismError
 from twin.mechanism import Mechanism
-from twin.reference import walk
+from twin.reference import mobility, walk
 from twin.reference.loops import LENGTH_SCALE, sine_of_rotation
+from twin.reference.mobility import Mobility
 from twin.reference.newton import minimise
-from twin.reference.states import Assembly, Mobility, Run
+from twin.reference.states import Assembly, Run
 from twin.reference.tree import Tree
 from twin.spatial import Array, Index
 from twin.units import MM
@@ -27,11 +28,17 @@ from twin.units import MM
 _STRIDE = 0.02
 """Largest change (m, rad) of a target in one step of continuation."""
 
+_BLOCK = 1000
+"""States that are solved at once: enough to be fast, few enough to be small."""
+
 _JUMP = 0.5
 """Largest change (m, rad) of any coordinate in one step; more is another branch."""
 
 _FLAT = 1e-9
 """Relative size of singular values that count as zero."""
+
+_STRIDES = (0.01, 0.1)
+"""Largest change (m of a slide, rad of a turn) in one step when independent states are solved together."""
 
 GAP_TOLERANCE = 1e-3
 """Loop gap in metres above which an assembly is not closed at all, but out of reach."""
@@ -118,6 +125,35 @@ class ReferenceModel:
             raise MechanismError(f"q is not finite at sample {k}: {dict(zip(names, q[k].tolist(), strict=True))}")
         return self._closed(self.collect(self._along(q, self._move_driven, seed, progress)))
 
+    def solve_many(self, q: Array, seed: Assembly | None = None) -> Run:
+        """Solve for active joints q (k, n) that have nothing to do with one another, all walked from one state.
+
+        Raises:
+            AssemblyError: as `solve`; the message gives the row.
+        """
+        q = np.asarray(q, float)
+        start = self._start(seed)
+        origin = start[self._active_q]
+        scale = np.where([j.is_angle for j in self.mechanism.active], _STRIDES[1], _STRIDES[0])
+        blocks = []
+        for first in range(0, len(q), _BLOCK):
+            goal = q[first : first + _BLOCK]
+            X = np.tile(start, (len(goal), 1))
+            good = np.ones(len(goal), bool)
+            steps = max(1, int(np.ceil(np.max(np.abs(goal - origin) / scale))))
+            for s in np.linspace(0, 1, steps + 1)[1:]:
+                new, converged = self._move_driven(X, goal if s == 1 else origin + s * (goal - origin))
+                jumps = np.array([self._jump(a, b) for a, b in zip(X, new, strict=True)])
+                good &= np.logical_and(converged, jumps < _JUMP)
+                X = new
+            for i in np.flatnonzero(~good):
+                try:
+                    X[i] = self._reach(start, goal[i], self._move_driven)
+                except AssemblyError as error:
+                    raise AssemblyError(f"at row {first + i}: {error}", error.best, error.gap) from error
+            blocks.append(X)
+        return self._closed(self.collect(np.concatenate(blocks)))
+
     def run_poses(self, Ts_base_tool: Array, seed: Assembly | None = None, progress: Progress | None = None) -> Run:
         """Solve for tool poses (k, 4, 4) along a motion; see `run`."""
         Ts = np.asarray(Ts_base_tool, float)
@@ -169,16 +205,7 @@ class ReferenceModel:
 
     def mobility(self, x: Array) -> Mobility:
         """Return degrees of freedom and redundant constraints at configuration x (nq,), by rank."""
-        A = self._jacobians(x[None])[0][0]
-        redundant: dict[str, int] = {}
-        rank = 0
-        rows = self.tree.loops.row_loop
-        for i, joint in enumerate(self.tree.loops.joints):
-            new = _rank(A[rows <= i])
-            redundant[joint.name] = int(np.sum(rows == i)) - (new - rank)
-            rank = new
-        internal = len(self.tree.passive) - _rank(A[:, self.tree.passive])
-        return Mobility(self.tree.model.nv - rank, len(A) - rank, redundant, internal)
+        return mobility.count(self._jacobians(x[None])[0][0], self.tree.loops, self.tree.passive)
 
     # -- inside ---------------------------------------------------------------------------------------
 
@@ -350,10 +377,3 @@ class ReferenceModel:
         """Return loop Jacobians (k, m, nv) and tool Jacobians (k, 6, nv)."""
         poses, J = self.tree.update(X, closing_only=True)
         return self.tree.loops.evaluate(poses, J)[1], self.tree.tool_jacobian(poses, J)
-
-
-def _rank(A: Array) -> int:
-    if not A.size:
-        return 0
-    s = np.linalg.svd(A, compute_uv=False)
-    return int(np.sum(s > s[0] * _FLAT))

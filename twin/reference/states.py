@@ -1,4 +1,4 @@
-"""What the independent model answers: one state, states along samples, degrees of freedom."""
+"""What the independent model answers: one state, or states along samples."""
 
 from __future__ import annotations
 
@@ -56,20 +56,3 @@ class Run:
     points: dict[str, Array]
     gaps: Array
     loop_names: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Mobility:
-    """Degrees of freedom and redundancy at one state, by the rank of the constraint Jacobian.
-
-    Attributes:
-        freedom: degrees of freedom of the whole mechanism.
-        redundancy: constraint rows that add nothing.
-        redundant: rows that add nothing, by loop, counted in file order.
-        internal: freedoms that remain when all active joints are held (a rod that spins between two balls).
-    """
-
-    freedom: int
-    redundancy: int
-    redundant: dict[str, int]
-    internal: int

@@ -22,6 +22,7 @@ from twin.reference import ReferenceModel, Run
 from twin.spatial import Array, Index
 from twin.trajectory.model import Trajectory
 from twin.units import DEG, MM
+from twin.validation.forward import forward
 from twin.validation.result import Quantity, Residual
 from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
 
@@ -82,6 +83,9 @@ def compare(
     out.posed = posed
     blamed = _points(kin, model, posed, Ts[rows], out, coarse, tolerances)
     blamed_joints = _driven(kin, posed, q[rows], blamed, out, coarse, tolerances)
+    rows_forward, found = forward(kin, posed, coarse, tolerances)
+    out.residuals += rows_forward
+    out.findings += found
     _passive(kin, posed, Ts[rows], blamed, out, coarse, tolerances)
     _tool(kin, model, trajectory, q, blamed or blamed_joints, out, clock, tolerances, progress)
     if out.driven is not None and not blamed_joints:
@@ -214,8 +218,8 @@ def _driven(
         if names and all(n in posed.points for n in names):
             alone = kin.joints_from_points({n: posed.points[n] for n in names})
     first = ""
-    equation = _equation_of(kin, kin.joints)
     for i, joint in enumerate(kin.joints):
+        equation = _equation_of(kin, (kin.mode.order[i],))
         if not np.isfinite(q[:, i]).any():
             continue
         unit = "rad" if kin.revolute[i] else "m"
@@ -233,12 +237,12 @@ def _driven(
             _add(
                 out,
                 r,
-                f"carriage {joint}{because} is {text(r.worst, unit)} from where the mechanism has it"
+                f"joint {joint}{because} is {text(r.worst, unit)} from where the mechanism has it"
                 if unit == "m"
                 else f"joint {joint}{because} is {text(r.worst, unit)} off",
             )
     if alone is not None and blamed:
-        out.facts.setdefault("equations by themselves", {})[equation] = (
+        out.facts.setdefault("equations by themselves", {})[_equation_of(kin, kin.joints)] = (
             f"given the CAD's own points it yields the joints to {text(float(np.abs(alone - posed.q).max()), 'm')}"
         )
     return first

@@ -153,12 +153,11 @@ def _curves(out: Comparison, trajectory: Trajectory) -> None:
 def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
     m = model.mechanism
     mobility = model.mobility(model.home().x)
-    redundant = ", ".join(f"{n}: {c}" for n, c in mobility.redundant.items() if c)
     return {
         "bodies, joints": f"{len(m.bodies)} bodies, {len(m.joints)} joints, {len(m.active)} driven",
         "loops closed by": ", ".join(j.name for j in m.loops) or "none: a serial chain",
         "degrees of freedom": f"{mobility.freedom}, from the rank of the constraint Jacobian",
-        "redundant constraints": f"{mobility.redundancy} ({redundant})" if mobility.redundancy else "none",
+        "redundant constraints": f"{mobility.redundancy} ({mobility.describe()})" if mobility.redundancy else "none",
         "read from": m.source,
     }
 
