@@ -1,11 +1,11 @@
-"""Draw the pictures of the SILS robot in docs/pictures/ from its USD stage read back.
+"""Draw the pictures of the robots in docs/pictures/ from their USD stages read back.
 
     python docs/make_pictures.py [--out docs/pictures] [--only C lowered]
 
 Bodies, meshes and colours come from `read_stage`, link poses from `read_motion` at the first sample that
 stands at the waypoint; viser shows them to a headless Chromium (on the PATH; Debian: apt-get install
 chromium), no graphics card needed. Props drawn here alone: floor, trocar (RCM, orange ball and ring), axis of
-the shaft and, in sils_lowered.png, table and abdomen. Three minutes; same bytes again on one machine.
+the shaft and, in sils_lowered.png, table and abdomen. Three minutes for SILS; same bytes again on one machine.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ FLAGS = (
     "disable-background-networking disable-extensions"
 )
 SKY, GROUND, INK, ORANGE = (250, 251, 253), (214, 220, 228), (50, 60, 72), (255, 120, 20)
-FLOOR, OVERSAMPLING, CREASE = -0.42, 2, np.radians(35)  # underside of the feet in m; sharper edges stay edges
+OVERSAMPLING, CREASE = 2, np.radians(35)  # sharper edges stay edges
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,10 @@ class Shot:
     target: tuple[float, ...] = (0.003, 0.302, 0.102)
     size: tuple[int, int] = (770, 880)
     patient: bool = False
+    robot: str = "sils"
+    trocar: float = 0.022  # radius of the ring, in m
+    floor: float = -0.42  # in m
+    distance: float = 3.0  # of the camera from the target, in m
 
 
 SHOTS = (
@@ -105,16 +109,16 @@ def fill(scene: viser.SceneApi, robot: twin.Robot, shot: Shot) -> None:
     scene.add_light_directional("/fill", intensity=0.4, position=(0.6, 2.0, 0.6))
     lines = {"cell_size": 0.1, "section_size": 0.5, "cell_color": (205, 211, 219), "section_color": (186, 194, 204)}
     look = {"fade_distance": 2.4, "fade_from": "origin", "shadow_opacity": 0.35}
-    scene.add_grid("/floor", 6, 6, position=(0.2, 0.3, FLOOR), **lines, **look)
-    scene.add_icosphere("/rcm", 0.007, ORANGE, position=rcm, cast_shadow=False)
-    ring = trimesh.creation.torus(0.022, 0.002)
+    scene.add_grid("/floor", 6, 6, position=(0.2, 0.3, shot.floor), **lines, **look)
+    scene.add_icosphere("/rcm", shot.trocar / 3, ORANGE, position=rcm, cast_shadow=False)
+    ring = trimesh.creation.torus(shot.trocar, shot.trocar / 11)
     scene.add_mesh_simple("/trocar", ring.vertices, ring.faces, color=ORANGE, position=rcm, cast_shadow=False)
-    scene.add_line_segments("/shaft", shaft[None], ORANGE, thickness=0.0025)
+    scene.add_line_segments("/shaft", shaft[None], ORANGE, thickness=shot.trocar / 9)
     if shot.patient:
         x, y, z = rcm
-        under = z - 0.23 - FLOOR
+        under = z - 0.23 - shot.floor
         for i, (*sides, height) in enumerate(((0.42, 0.66, 0.03, under + 0.015), (0.1, 0.2, under, under / 2))):
-            middle = (x, y, FLOOR + height)
+            middle = (x, y, shot.floor + height)
             scene.add_box(f"/table{i}", (160, 174, 186), dimensions=tuple(sides), position=middle, opacity=0.6)
         dome = trimesh.creation.uv_sphere(1.0, count=(64, 96))
         dome.vertices = dome.vertices.clip([-1, -1, 0], 1) * (0.16, 0.24, 0.203) + (x, y, z - 0.203)
@@ -146,11 +150,11 @@ def render(server: viser.ViserServer, client: viser.ClientHandle, robot: twin.Ro
     """Return the picture of one shot."""
     fill(server.scene, robot, shot)
     width, height = (OVERSAMPLING * v for v in shot.size)
-    a, e, fov = np.radians(shot.view)  # the camera: z forward, y down, 3 m from the target
+    a, e, fov = np.radians(shot.view)  # the camera: z forward, y down
     z = -np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     x = np.cross(z, [0.0, 0.0, 1.0]) / np.cos(e)
     wxyz = spatial.quat_from_matrix_wxyz(np.column_stack([x, np.cross(z, x), z]))
-    camera = {"wxyz": wxyz, "position": np.array(shot.target) - 3.0 * z, "fov": fov}
+    camera = {"wxyz": wxyz, "position": np.array(shot.target) - shot.distance * z, "fov": fov}
     for _ in range(2):  # meshes and light map arrive while the first is drawn
         time.sleep(4)
         front = Image.fromarray(client.get_render(height, width, **camera, transport_format="png", timeout=180))

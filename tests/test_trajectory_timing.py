@@ -1,6 +1,7 @@
 """Series, paths and timing, without a robot."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from twin import spatial
 from twin.errors import ProtocolError, TimingError
 from twin.protocol import Insertion, Limits, Pivot, Positioning, Protocol, Retraction, Tolerances, Waypoint
-from twin.trajectory.path import build, rotation_zyx
+from twin.trajectory.path import build, rotation
 from twin.trajectory.smooth import fit
 from twin.trajectory.timing import time_path
 
@@ -131,7 +132,7 @@ def protocol(*phases, waypoints=None, axis=(0, 0, -1)):
     )  # fmt: skip
 
 
-T_TOOL_TIP = spatial.pose(rotation_zyx(np.array([0.3, 0.2, -0.4])), np.array([0.01, -0.02, -0.3]))
+T_TOOL_TIP = spatial.pose(rotation(np.array([0.3, 0.2, -0.4]), "zyx"), np.array([0.01, -0.02, -0.3]))
 INSIDE = (Insertion("in", 0.05), Pivot("turn", "about", "enforced"), Retraction("out"))
 
 
@@ -140,12 +141,14 @@ def test_the_rotation_is_the_product_of_three_written_out():
     z = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
     y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
     x = np.array([[1, 0, 0], [0, np.cos(c), -np.sin(c)], [0, np.sin(c), np.cos(c)]])
-    np.testing.assert_allclose(rotation_zyx(np.array([a, b, c])), z @ y @ x, atol=1e-15)
+    np.testing.assert_allclose(rotation(np.array([a, b, c]), "zyx"), z @ y @ x, atol=1e-15)
+    np.testing.assert_allclose(rotation(np.array([c, b, a]), "xyz"), x @ y @ z, atol=1e-15)
 
 
-def test_derivatives_of_every_phase_agree_with_differences():
+@pytest.mark.parametrize("order", ["zyx", "xyz"])
+def test_derivatives_of_every_phase_agree_with_differences(order):
     h, s = 1e-6, np.linspace(0.1, 0.9, 9)
-    for path in build(protocol(Positioning("go", "b"), *INSIDE), T_TOOL_TIP):
+    for path in build(replace(protocol(Positioning("go", "b"), *INSIDE), rotation=order), T_TOOL_TIP):
         m, ahead, behind = path.motion(s), path.motion(s + h), path.motion(s - h)
         np.testing.assert_allclose(m.p1, (ahead.p - behind.p) / (2 * h), atol=RATE_TOLERANCE)
         np.testing.assert_allclose(m.p2, (ahead.p1 - behind.p1) / (2 * h), atol=RATE_TOLERANCE)

@@ -1,8 +1,9 @@
 """A medical protocol: waypoints, and the phases that lead through them, read from TOML.
 
 A protocol names the frame that it moves (`tool`, `endoscope_tip`, ...). Positions are those of the
-origin of this frame in base; angles are always those of the `tool` frame, R_base_tool = Rz(psi)
-Ry(theta) Rx(phi), so that a table of poses from a paper can be copied whichever point it speaks of.
+origin of this frame in base. Angles are always those of the `tool` frame, about the axes that
+`rotation` names, one after the other ("zyx": R_base_tool = Rz(psi) Ry(theta) Rx(phi)), so that a table
+of poses from a paper can be copied whichever point it speaks of.
 The shaft runs through the origin of the moved frame along `shaft_axis`, which is given in that frame
 and points from the platform to the tip. Depth is counted along the shaft from the RCM to that origin.
 
@@ -26,6 +27,7 @@ from twin.protocol.model import Positioning as Positioning
 from twin.protocol.model import Protocol as Protocol
 from twin.protocol.model import RcmMode as RcmMode
 from twin.protocol.model import Retraction as Retraction
+from twin.protocol.model import RotationOrder as RotationOrder
 from twin.protocol.model import Tolerances as Tolerances
 from twin.protocol.model import Waypoint as Waypoint
 from twin.protocol.tables import ProtocolTable as ProtocolTable

@@ -63,6 +63,7 @@ def load_protocol(path: str | Path) -> Protocol:
         phases=tuple(_phase(p, table) for p in table.phases),
         limits={kind: _limits(limits) for kind, limits in table.limits.items()},
         tolerances=_tolerances(table.tolerances),
+        rotation=table.rotation,
         findings=tuple(_warnings(table, used, str(path))),
     )
     return protocol

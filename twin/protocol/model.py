@@ -13,11 +13,13 @@ from twin.units import DEG, MM
 
 PhaseType = Literal["positioning", "insertion", "pivot", "retraction", "home"]
 RcmMode = Literal["enforced", "monitored"]
+RotationOrder = Literal["zyx", "xyz"]
+"""Axes about which a frame is turned one after the other, each time its own: "zyx" is Rz Ry Rx."""
 
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A pose or an attitude: `angles` (3,) psi, theta, phi in rad, and `position` (3,) or `depth` in m."""
+    """A pose or an attitude: `angles` (3,) in rad about `Protocol.rotation`, `position` (3,) or `depth` in m."""
 
     name: str
     angles: Array
@@ -117,6 +119,7 @@ class Protocol:
         phases: in order.
         limits: by phase type; every type that is used is there.
         tolerances: what the trajectory is judged with.
+        rotation: axes of the waypoints' angles, in their order.
         findings: what reading it had to say (warnings only).
     """
 
@@ -131,6 +134,7 @@ class Protocol:
     phases: tuple[Phase, ...]
     limits: Mapping[PhaseType, Limits]
     tolerances: Tolerances
+    rotation: RotationOrder = "zyx"
     findings: tuple[Finding, ...] = field(default=())
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -141,7 +145,9 @@ class Protocol:
             out.append(Parameter(name, value, unit, value / factor, provenance, note))
 
         for w in self.waypoints.values():
-            for label, angle in zip(("psi", "theta", "phi"), w.angles, strict=True):
+            zyx = self.rotation == "zyx"
+            labels = ("psi", "theta", "phi") if zyx else tuple(f"about_{axis}" for axis in self.rotation)
+            for label, angle in zip(labels, w.angles, strict=True):
                 add(f"{w.name}_{label}", float(angle), "deg", DEG, w.provenance, w.note)
             for label, p in zip("xyz", w.position if w.position is not None else (), strict=False):
                 add(f"{w.name}_{label}", float(p), "mm", MM, w.provenance, w.note)

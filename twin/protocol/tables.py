@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from twin.protocol.model import PhaseType, RcmMode
+from twin.protocol.model import PhaseType, RcmMode, RotationOrder
 from twin.provenance import Provenance
 from twin.schema import Identifier, Table, Vector, at
 
@@ -110,7 +110,7 @@ class ProtocolTable(Table):
     robot: Identifier
     frame: Identifier
     shaft_axis: Vector
-    rotation: Literal["zyx"]
+    rotation: RotationOrder
     start: Identifier
     home: Identifier | None = None
     tolerances: TolerancesTable

@@ -6,7 +6,7 @@ import numpy as np
 
 from twin import spatial
 from twin.findings import Finding
-from twin.protocol import Protocol
+from twin.protocol import Protocol, RotationOrder
 from twin.spatial import Array
 from twin.trajectory.model import PathKinematics, PhaseSpan, Trajectory
 from twin.units import DEG, MM
@@ -248,7 +248,7 @@ def _waypoints(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
     for name, rows in trajectory.waypoints.items():
         waypoint = protocol.waypoints[name]
         for k in rows:
-            R = _rotation(waypoint.angles)
+            R = _rotation(waypoint.angles, protocol.rotation)
             turn = float(spatial.rotation_angle(R.T @ trajectory.Ts_base_tool[k, :3, :3]))
             if waypoint.position is not None:
                 off = float(np.linalg.norm(trajectory.Ts_base_frame[k, :3, 3] - waypoint.position))
@@ -272,8 +272,10 @@ def _depth(trajectory: Trajectory, sample: int) -> float:
     return np.nan if span.rcm is None else float((T[:3, 3] - span.rcm) @ T[:3, :3] @ trajectory.shaft_axis)
 
 
-def _rotation(angles: Array) -> Array:
-    """Return Rz Ry Rx (3, 3) written out, so that the check shares nothing with the path that it judges."""
+def _rotation(angles: Array, order: RotationOrder) -> Array:
+    """Return R (3, 3) written out, so that the check shares nothing with the path that it judges."""
+    if order == "xyz":  # Rx(a) Ry(b) Rz(c) undoes Rz(-c) Ry(-b) Rx(-a)
+        return _rotation(-angles[::-1], "zyx").T
     (cz, cy, cx), (sz, sy, sx) = np.cos(angles), np.sin(angles)
     return np.array(
         [

@@ -14,9 +14,11 @@ import numpy as np
 
 from twin import spatial
 from twin.errors import ProtocolError
-from twin.protocol import Home, Insertion, Phase, Pivot, Positioning, Protocol, RcmMode, Retraction
+from twin.protocol import Home, Insertion, Phase, Pivot, Positioning, Protocol, RcmMode, Retraction, RotationOrder
 from twin.spatial import Array
 from twin.units import DEG, MM
+
+_AXES = {"x": np.array([1.0, 0.0, 0.0]), "y": np.array([0.0, 1.0, 0.0]), "z": np.array([0.0, 0.0, 1.0])}
 
 _NO_LENGTH = 1e-9
 """Metres and rad below which a phase has no length."""
@@ -50,7 +52,8 @@ class PhasePath:
         phase: what it was built from.
         T_tool_frame: (4, 4) pose of the moved frame in the tool.
         n_tool_shaft: (3,) unit vector along the shaft towards the tip, in the tool.
-        angles0, angles1: (3,) psi, theta, phi in rad at both ends.
+        order: axes of the angles.
+        angles0, angles1: (3,) in rad at both ends, about the axes of `order`.
         tip0, tip1: (3,) origin of the moved frame at both ends, in base.
         waypoint: name of the waypoint it should end at, if any.
         rcm: (3,) RCM in base while it is registered, else None.
@@ -61,6 +64,7 @@ class PhasePath:
     phase: Phase
     T_tool_frame: Array
     n_tool_shaft: Array
+    order: RotationOrder
     angles0: Array
     angles1: Array
     tip0: Array
@@ -79,7 +83,7 @@ class PhasePath:
     def motion(self, s: Array) -> Motion:
         """Return the motion at s (k,)."""
         s = np.asarray(s, float)
-        R, w1, w2 = _rotation(self.angles0, self.angles1 - self.angles0, s)
+        R, w1, w2 = _rotation(self.angles0, self.angles1 - self.angles0, s, self.order)
         if self.about_rcm and self.rcm is not None:
             n = R @ self.n_tool_shaft
             n1 = np.cross(w1, n)
@@ -96,7 +100,7 @@ class PhasePath:
         return Motion(spatial.pose(R, p - arm), p, p1, p2, w1, w2, twists)
 
     def angles(self, s: float) -> Array:
-        """Return psi, theta, phi (3,) in rad at s."""
+        """Return the angles (3,) in rad at s, about the axes of `order`."""
         return self.angles0 + s * (self.angles1 - self.angles0)
 
     def depth(self, s: float) -> float:
@@ -104,24 +108,25 @@ class PhasePath:
         return self.depth0 + s * (self.depth1 - self.depth0)
 
 
-def rotation_zyx(angles: Array) -> Array:
-    """Return Rz(psi) Ry(theta) Rx(phi) (..., 3, 3) for angles (..., 3) in rad."""
-    z, y, x = (np.asarray(angles)[..., i, None] * np.eye(3)[2 - i] for i in range(3))
-    return spatial.exp_so3(z) @ spatial.exp_so3(y) @ spatial.exp_so3(x)
+def rotation(angles: Array, order: RotationOrder) -> Array:
+    """Return R (..., 3, 3) of angles (..., 3) in rad about the axes of `order`: "zyx" is Rz Ry Rx."""
+    angles = np.asarray(angles)
+    first, second, third = (spatial.exp_so3(angles[..., i, None] * _AXES[axis]) for i, axis in enumerate(order))
+    return first @ second @ third
 
 
-def _rotation(start: Array, rate: Array, s: Array) -> tuple[Array, Array, Array]:
+def _rotation(start: Array, rate: Array, s: Array, order: RotationOrder) -> tuple[Array, Array, Array]:
     """Return R (k, 3, 3), its rate (k, 3) and the derivative of the rate, all in base, angles linear in s."""
     angles = start + s[:, None] * rate
-    Rz = spatial.exp_so3(angles[:, :1] * [0.0, 0.0, 1.0])
-    y = Rz[:, :, 1]
-    Rzy = Rz @ spatial.exp_so3(angles[:, 1:2] * [0.0, 1.0, 0.0])
-    x = Rzy[:, :, 0]
-    R = Rzy @ spatial.exp_so3(angles[:, 2:] * [1.0, 0.0, 0.0])
-    turn_z = np.broadcast_to([0.0, 0.0, rate[0]], y.shape)
-    turn_zy = turn_z + rate[1] * y
-    w2 = rate[1] * np.cross(turn_z, y) + rate[2] * np.cross(turn_zy, x)
-    return R, turn_zy + rate[2] * x, w2
+    e0, e1, e2 = (_AXES[axis] for axis in order)
+    R = spatial.exp_so3(angles[:, :1] * e0)
+    axis1 = R @ e1
+    R = R @ spatial.exp_so3(angles[:, 1:2] * e1)
+    axis2 = R @ e2
+    R = R @ spatial.exp_so3(angles[:, 2:] * e2)
+    turn0 = np.broadcast_to(rate[0] * e0, axis1.shape)
+    turn1 = turn0 + rate[1] * axis1
+    return R, turn1 + rate[2] * axis2, rate[1] * np.cross(turn0, axis1) + rate[2] * np.cross(turn1, axis2)
 
 
 def build(protocol: Protocol, T_tool_frame: Array) -> tuple[PhasePath, ...]:
@@ -142,7 +147,7 @@ def build(protocol: Protocol, T_tool_frame: Array) -> tuple[PhasePath, ...]:
     rcm: Array | None = None
     paths: list[PhasePath] = []
     for phase in protocol.phases:
-        shaft = rotation_zyx(angles) @ n_tool
+        shaft = rotation(angles, protocol.rotation) @ n_tool
         depth0 = float((tip - rcm) @ shaft) if rcm is not None else np.nan
         goal, waypoint, mode, depth1 = angles, None, None, np.nan
         match phase:
@@ -161,10 +166,10 @@ def build(protocol: Protocol, T_tool_frame: Array) -> tuple[PhasePath, ...]:
                     goal, depth1 = protocol.waypoints[waypoint].angles, protocol.waypoints[waypoint].depth
                     if depth1 is None:
                         raise _refuse(protocol, phase, f"waypoint '{waypoint}' has no depth")
-                    end = rcm + depth1 * (rotation_zyx(goal) @ n_tool)
+                    end = rcm + depth1 * (rotation(goal, protocol.rotation) @ n_tool)
                 else:
                     goal, end = _pose(protocol, waypoint)
-                    depth1 = float((end - rcm) @ rotation_zyx(goal) @ n_tool)
+                    depth1 = float((end - rcm) @ rotation(goal, protocol.rotation) @ n_tool)
             case Retraction():
                 mode, depth1 = "enforced", phase.depth
                 if rcm is None:
@@ -190,6 +195,7 @@ def build(protocol: Protocol, T_tool_frame: Array) -> tuple[PhasePath, ...]:
                 phase,
                 np.asarray(T_tool_frame, float),
                 n_tool,
+                protocol.rotation,
                 angles,
                 goal,
                 tip,

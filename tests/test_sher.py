@@ -1,0 +1,156 @@
+"""SHER 3.0 from its CAD: five freedoms, six constraints too many, and equations that agree over every stroke."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twin
+from twin import spatial
+from twin.units import DEG, MM
+
+ROOT = Path(__file__).parents[1]
+REACH = 30 * MM
+"""Lateral radius of the platform: beyond 25 mm nothing is published, at 41.78 mm a rod is horizontal."""
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return twin.load("sher")
+
+
+@pytest.fixture(scope="module")
+def model(robot):
+    return robot.reference()
+
+
+def postures(robot, count, seed=3):
+    """Random joint values over the full strokes at which the delta stage has its platform within REACH."""
+    rng, kin = np.random.default_rng(seed), robot.kinematics()
+    limits = np.array([j.limits for j in robot.mechanism.active])
+    found = np.zeros((0, 5))
+    while len(found) < count:
+        q = rng.uniform(limits[:, 0], limits[:, 1], (20 * count, 5))
+        centre = kin.points_many(Ts=kin.forward_many(q), qs=q)["platform"]
+        found = np.concatenate([found, q[np.hypot(centre[:, 0], centre[:, 1]) < REACH]])
+    return found[:count]
+
+
+def agree(robot, model, q):
+    """Compare equations and mechanism at unrelated joint values q (k, 5)."""
+    kin, run = robot.kinematics(), model.solve_many(q)
+    Ts = kin.forward_many(q)
+    assert np.abs(run.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3]).max() <= 1e-9
+    turn = np.swapaxes(Ts[:, :3, :3], 1, 2) @ run.Ts_base_tool[:, :3, :3]
+    assert spatial.rotation_angle(turn).max() <= 1e-9
+    assert run.gaps[..., 0].max() <= 1e-11
+    back = kin.inverse_many(run.Ts_base_tool)
+    assert np.abs(back - q).max() <= 1e-9
+    for name, value in kin.passive_many(Ts=Ts, qs=q).items():
+        assert np.abs(np.angle(np.exp(1j * (value - run.q_passive[name])))).max() <= 1e-9, name
+    for name, value in kin.points_many(Ts=Ts, qs=q).items():
+        assert np.abs(value - run.points[name]).max() <= 1e-9, name
+    return run
+
+
+def test_equations_and_mechanism_agree_at_random_postures(robot, model):
+    q = postures(robot, 300)
+    agree(robot, model, q)
+    limits = np.array([j.limits for j in robot.mechanism.active])
+    covered = (q.max(axis=0) - q.min(axis=0)) / (limits[:, 1] - limits[:, 0])
+    assert covered.min() > 0.9
+
+
+@pytest.mark.slow
+def test_equations_and_mechanism_agree_at_ten_thousand_random_postures(robot, model):
+    agree(robot, model, postures(robot, 10_000))
+
+
+def test_five_freedoms_and_six_redundant_constraints_everywhere(robot, model):
+    run = model.solve_many(postures(robot, 1000, seed=5))
+    for x in run.x:
+        m = model.mobility(x)
+        assert (m.freedom, m.redundancy, m.internal) == (5, 6, 0)
+        assert {n: c for n, c in m.redundant.items() if c} == {"e_c": 3, "pin_q": 3}
+        assert m.repeated["e_c"] == m.repeated["pin_q"] == ("offset z", "turn x", "turn y")
+        assert not any(m.repeated[n] for n in m.repeated if n.startswith("s"))
+
+
+def test_drawn_home_is_the_posture(robot, model):
+    assert np.abs(model.home().q - robot.mechanism.posture("home")).max() < 1e-9
+    assert model.home().worst_gap < 1e-13
+
+
+@pytest.mark.parametrize("protocol", ["sclerotomy", "phantom"])
+def test_protocol_agrees(robot, protocol):
+    report = twin.validate(robot, protocol=protocol)
+    assert report.exit_code == 0, [f.message for f in report.findings if f.severity == "disagreement"]
+    tool = [r.worst for r in report.residuals if r.source == "A-B" and r.quantity == "tool" and r.unit == "m"]
+    assert len(tool) == 2 and max(tool) < 1e-9  # the inverse by driving the mechanism, the forward at its joints
+    rcm = [r.worst for r in report.residuals if r.quantity == "rcm"]
+    assert rcm and max(rcm) < 1e-9
+    assert not any(f.code.startswith("limit") and f.severity != "info" for f in report.findings)
+
+
+def test_holes_of_the_phantom_are_where_the_protocol_goes(robot, model):
+    """The protocol's waypoints against the holes as measured on the STEP: on the axis of each, to a micrometre."""
+    home, protocol = model.home(), robot.protocol("phantom")
+    eye = home.link_poses["eye_phantom"] @ robot.mechanism.frame("eye").T_body_frame
+    trajectory = twin.plan(robot, protocol)
+    inside = [p for p in trajectory.phases if p.type == "insertion"]
+    assert len(inside) == 5
+    for i, phase in enumerate(inside, 1):
+        hole = home.points[f"hole{i}"]
+        axis = (hole - eye[:3, 3]) / np.linalg.norm(hole - eye[:3, 3])
+        for k in (phase.start, phase.stop):
+            tip = trajectory.Ts_base_frame[k]
+            assert np.linalg.norm(np.cross(tip[:3, 3] - hole, axis)) < 1e-6
+            assert np.linalg.norm(np.cross(tip[:3, :3] @ trajectory.shaft_axis, axis)) < 1e-6
+        depth = 12 * MM - (trajectory.Ts_base_frame[phase.stop, :3, 3] - eye[:3, 3]) @ axis
+        assert depth > 1.5 * MM  # through a wall of 1 mm, and 0.5 mm below it
+
+
+@pytest.mark.parametrize("equations", ["tilt_forward", "tilt_inverse"])
+def test_rail_as_drawn_in_the_derivation_disagrees(robot, equations):
+    report = twin.validate(robot, protocol="sclerotomy", variants={equations: "drawn"})
+    assert report.exit_code == 1
+
+
+@pytest.mark.slow
+def test_a_pin_twenty_micrometres_off_is_found_on_its_link(tmp_path):
+    (tmp_path / "cad").mkdir()
+    shutil.copy(ROOT / "cad/sher/sher.toml", tmp_path / "cad")
+    shutil.copytree(ROOT / "trajectories/sher", tmp_path / "trajectories")
+    shutil.copy(ROOT / "twin/robots/sher.py", tmp_path / "formula.py")
+    nominal = (ROOT / "cad/sher/dimensions.toml").read_text(encoding="utf-8")
+    (tmp_path / "dimensions.toml").write_text(f"{nominal}\n[part.l2]\nlength_mm = 78.52\n", encoding="utf-8")
+    command = [sys.executable, ROOT / "cad/sher/model.py", "--dimensions", tmp_path / "dimensions.toml"]
+    subprocess.run([*command, "--out", tmp_path / "cad/sher.step"], check=True, capture_output=True)
+    report = twin.validate(twin.load(tmp_path), protocol="sclerotomy")
+    assert report.exit_code == 1
+    wrong = {(f.code, f.where) for f in report.findings if f.severity == "disagreement"}
+    assert ("cad.meeting", "e_c") in wrong
+    lengths = [r for r in report.residuals if r.quantity == "length" and not r.agrees]
+    assert [r.name for r in lengths] == ["BC on l2"]
+    assert lengths[0].worst == pytest.approx(20e-6, abs=1e-9)
+
+
+def test_published_rcm_point_can_be_held_over_the_whole_tilt(robot):
+    """Facts: P held at home while roll runs over +-30 deg and the tilt over its stroke; q stays in its rails."""
+    kin = robot.kinematics()
+    home = kin.forward(robot.mechanism.posture("home"))
+    to_pose = kin.program.pose_of_coordinates
+    tilts = kin.forward_many(np.column_stack([np.full((51, 3), 50 * MM), np.zeros(51), np.linspace(0, 50, 51) * MM]))
+    theta = np.arctan2(tilts[:, 0, 0], -tilts[:, 0, 1]) - np.pi / 2
+    qs = []
+    for psi in np.linspace(-30, 30, 13) * DEG:
+        x = np.column_stack([np.tile(home[:3, 3], (51, 1)), np.full(51, psi), -theta])
+        qs.append(kin.inverse_many(to_pose.many(x)))
+    q = np.concatenate(qs)[:, :3] / MM
+    assert np.isfinite(q).all()
+    assert q[:, [0, 2]].min() > 29 and q[:, [0, 2]].max() < 52 and q[:, 1].min() > 35 and q[:, 1].max() < 59.1

@@ -1,0 +1,379 @@
+"""SHER 3.0, the Steady-Hand Eye Robot: delta stage q1..q3, roll q4 = psi, four-bar tilt driven by the stroke q5 = s.
+
+The paper (eqs (1)-(3)) prints the chain T_t^b = T_p^b T_r^p T_a^r T_t^a and no length. Lengths and the two
+linkages are those of the published derivation, github.com/zhaob5/sher3-kinematics (MIT), "[A]" below, written
+here in closed form.
+
+Frames: {b} base, z up along the slides, origin at the centre of the base joint circle at q = 0. {p} centre of
+the platform joint circle, never turns. {r} on the roll axis, x along it. {a} at pin A, linkage plane x-y.
+{t} at P, the intended RCM, y along the tool towards its handle: the tool points along -y. {t} is the tool
+frame. Five joints hold five freedoms: position of P and direction of the tool. The spin about the tool follows.
+"""
+
+from __future__ import annotations
+
+from casadi import acos, atan2, cos, cross, dot, norm_2, pi, sin, sqrt, vertcat
+
+from twin.kinematics import symbolic
+from twin.kinematics.contract import ActiveJoint, Aspect, Coordinates, Equation, Formula, Measure
+from twin.provenance import Parameter
+from twin.robots._sher_geometry import branches
+from twin.units import DEG, MM
+
+_A = "sher3-kinematics (MIT, JHU LCSR 2025)"
+_PAPER = "paper on the SHER 3.0 simulation"
+
+
+def hypot(a, b):
+    """Return the length of (a, b)."""
+    return sqrt(a**2 + b**2)
+
+
+_AZIMUTHS = (60 * DEG, 180 * DEG, 300 * DEG)
+
+
+def _legs(r_x, r_y, r_z, r_b, r_p, heights):
+    """Return l_i = r - c_i of the three legs: from lower to upper joint centre of the rods' middle line."""
+    rho = r_b - r_p
+    r = vertcat(r_x, r_y, r_z)
+    return [r - vertcat(rho * cos(a), rho * sin(a), q) for a, q in zip(_AZIMUTHS, heights, strict=True)]
+
+
+# ------------------------------------------------------------------- forward: joints -> pose
+
+
+def delta_forward(q1, q2, q3, r_b, r_p, l):  # noqa: E741 - the symbol of the source
+    """Platform centre from the slides: the upper of the two points at distance l from three centres."""
+    rho = r_b - r_p
+    c1, c2, c3 = (vertcat(rho * cos(a), rho * sin(a), q) for a, q in zip(_AZIMUTHS, (q1, q2, q3), strict=True))
+    d = norm_2(c2 - c1)
+    e_x = (c2 - c1) / d
+    i = dot(e_x, c3 - c1)
+    e_y = (c3 - c1 - i * e_x) / norm_2(c3 - c1 - i * e_x)
+    j = dot(e_y, c3 - c1)
+    X = d / 2
+    Y = (i**2 + j**2 - 2 * i * X) / (2 * j)
+    H = sqrt(l**2 - X**2 - Y**2)
+    r = c1 + X * e_x + Y * e_y + H * cross(e_x, e_y)
+    return r[0], r[1], r[2]
+
+
+def _crank(x_AR, y_AR, AQ, QR):
+    """Return al, the angle of A->Q above -x; th1 = pi - phi2 - al is then the direction A->D."""
+    L_AR = hypot(x_AR, y_AR)
+    return acos((L_AR**2 + AQ**2 - QR**2) / (2 * L_AR * AQ)) + atan2(y_AR, x_AR)
+
+
+def tilt_forward(q5, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, y_AR):
+    """Tilt angle and P in {a} from the stroke: slider-crank R-Q-A, then four-bar A-B-C-D."""
+    al = _crank(x_max - q5, y_AR, AQ, QR)
+    th1 = pi - phi2 - al
+    BD = sqrt(AB**2 + DA**2 - 2 * AB * DA * cos(phi1 - th1))
+    b1 = acos((AB**2 + BD**2 - DA**2) / (2 * AB * BD))
+    de = acos((CD**2 + BD**2 - BC**2) / (2 * CD * BD))
+    th2 = phi1 + b1 - de
+    P_x = DA * cos(th1) + DP * cos(th2 - phi3)
+    P_y = DA * sin(th1) + DP * sin(th2 - phi3)
+    return pi / 2 - phi4 - phi3 + th2, P_x, P_y
+
+
+def tilt_forward_drawn(q5, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, y_AR):
+    """Read the rail of R above A, as the drawing of [A] shows it; all else the same."""
+    return tilt_forward(q5, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, -y_AR)
+
+
+def eq1(r_x, r_y, r_z):
+    """T_p^b: the platform never turns."""
+    return symbolic.pose(symbolic.rotation_x(0), vertcat(r_x, r_y, r_z))
+
+
+def eq2(q4, d1):
+    """T_r^p = Trans(z, d1) Rot(x, psi)."""
+    return symbolic.pose(symbolic.rotation_x(q4), vertcat(0, 0, d1))
+
+
+def eq3_printed(d2, d3):
+    """T_a^r = Trans(x, d2) Trans(z, d3), as printed."""
+    return symbolic.pose(symbolic.rotation_x(0), vertcat(d2, 0, d3))
+
+
+def eq3_corrected(d2, d3):
+    """T_a^r = Trans(x, d2) Trans(z, d3) Rot(x, 90 deg)."""
+    return symbolic.pose(symbolic.rotation_x(pi / 2), vertcat(d2, 0, d3))
+
+
+def chain(T_b_p, T_p_r, T_r_a, th, P_x, P_y):
+    """T_t^b = T_p^b T_r^p T_a^r T_t^a with T_t^a = Trans(P) Rot(z, th)."""
+    return T_b_p @ T_p_r @ T_r_a @ symbolic.pose(symbolic.rotation_z(th), vertcat(P_x, P_y, 0))
+
+
+# ------------------------------------------------------------------- inverse: pose -> joints
+
+
+def tilt_inverse(theta, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, y_AR):
+    """Stroke and P in {a} from the tilt angle: four-bar backwards, then the slider-crank."""
+    th2 = theta - pi / 2 + phi4 + phi3
+    a = CD * cos(th2) - AB * cos(phi1)
+    b = AB * sin(phi1) - CD * sin(th2)
+    L = hypot(a, b)
+    th1 = pi / 2 - acos((DA**2 + L**2 - BC**2) / (2 * DA * L)) + atan2(a, b)
+    al = pi - th1 - phi2
+    x_AR = AQ * cos(al) + sqrt(QR**2 - (AQ * sin(al) - y_AR) ** 2)
+    P_x = DA * cos(th1) + DP * cos(th2 - phi3)
+    P_y = DA * sin(th1) + DP * sin(th2 - phi3)
+    return x_max - x_AR, P_x, P_y
+
+
+def tilt_inverse_drawn(theta, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, y_AR):
+    """Read the rail of R above A, as the drawing of [A] shows it; all else the same."""
+    return tilt_inverse(theta, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, -y_AR)
+
+
+def roll_inverse(x, y, z, psi, P_x, P_y, d1, d2, d3):
+    """Roll and platform centre: the chain undone from the tool backwards."""
+    return psi, x - P_x - d2, y + sin(psi) * (P_y + d3), z - cos(psi) * (P_y + d3) - d1
+
+
+def delta_inverse(r_x, r_y, r_z, r_b, r_p, l):  # noqa: E741
+    """Slides from the platform centre, platform above the carriages."""
+    rho = r_b - r_p
+    return tuple(r_z - sqrt(l**2 - (r_x - rho * cos(a)) ** 2 - (r_y - rho * sin(a)) ** 2) for a in _AZIMUTHS)
+
+
+# ------------------------------------------------------------------- what no printed equation names
+
+
+def tilt_angles(theta, AB, CD, DA, DP, AQ, phi2, phi3, phi4, phi1, BC):
+    """Return th1, th2, al from the tilt angle, for points, passive joints and margins."""
+    th2 = theta - pi / 2 + phi4 + phi3
+    a = CD * cos(th2) - AB * cos(phi1)
+    b = AB * sin(phi1) - CD * sin(th2)
+    L = hypot(a, b)
+    th1 = pi / 2 - acos((DA**2 + L**2 - BC**2) / (2 * DA * L)) + atan2(a, b)
+    return th1, th2, pi - th1 - phi2
+
+
+def _in_plane(th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR):
+    """Return B, C, D, Q, R in {a}, each (x, y)."""
+    D = (DA * cos(th1), DA * sin(th1))
+    Q = (-AQ * cos(al), AQ * sin(al))
+    return {
+        "b": (AB * cos(phi1), AB * sin(phi1)),
+        "c": (D[0] + CD * cos(th2), D[1] + CD * sin(th2)),
+        "d": D,
+        "q": Q,
+        "r": (Q[0] - sqrt(QR**2 - (Q[1] - y_AR) ** 2), y_AR),
+    }
+
+
+def points(T_base_tool, psi, r_x, r_y, r_z, th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR, d1, d2, d3):
+    """P, the platform centre, and the pins in {b}, all in the plane of the tool."""
+    T_b_a = eq1(r_x, r_y, r_z) @ eq2(psi, d1) @ eq3_corrected(d2, d3)
+    pins = {"a": (0, 0), **_in_plane(th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR)}
+    placed = [(T_b_a @ vertcat(x, y, 0, 1))[0:3] for x, y in pins.values()]
+    return T_base_tool[0:3, 3], vertcat(r_x, r_y, r_z), *placed
+
+
+def passive_joints(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR):
+    """Cross and rod of each leg (both rods of a pair alike), then the pins of the tilt linkage."""
+    out = []
+    for a, leg in zip(_AZIMUTHS, _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3)), strict=True):
+        out_, along = cos(a) * leg[0] + sin(a) * leg[1], -sin(a) * leg[0] + cos(a) * leg[1]
+        out += 2 * [atan2(out_, leg[2]), atan2(-along, hypot(out_, leg[2]))]
+    p = _in_plane(th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR)
+    bc = atan2(p["c"][1] - p["b"][1], p["c"][0] - p["b"][0])
+    rq = atan2(p["q"][1] - p["r"][1], p["q"][0] - p["r"][0])
+    qa = atan2(-p["q"][1], -p["q"][0])
+    turn = qa - rq - pi
+    return *out, rq, th1, bc, th2 - th1, th2 - bc, atan2(sin(turn), cos(turn))
+
+
+def margins(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, l, th1, al, AB, BC, CD, DA, AQ, QR, phi1, y_AR):  # noqa: E741
+    """Reach of rods, four-bar and slider-crank in m, and the measures that vanish at a singularity."""
+    rho = r_b - r_p
+    lateral = [l - hypot(r_x - rho * cos(a), r_y - rho * sin(a)) for a in _AZIMUTHS]
+    legs = _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3))
+    volume = dot(legs[0], cross(legs[1], legs[2])) / l**3
+    BD = sqrt(AB**2 + DA**2 - 2 * AB * DA * cos(phi1 - th1))
+    across = AQ * sin(al) - y_AR
+    # BC against CD: where they are in line, the coupler turns with the crank held.
+    cosine = (BC**2 + CD**2 - BD**2) / (2 * BC * CD)
+    # AQ against QR: where QR is square to its rail the slider stands still while the crank turns.
+    return (
+        *lateral,
+        BC + CD - BD,
+        QR - across,
+        volume,
+        sqrt(1 - cosine**2),
+        sqrt(QR**2 - across**2) / QR,
+        *(leg[2] / l for leg in legs),
+    )
+
+
+# ------------------------------------------------------------------- the formula
+
+
+def _mm(name: str, mm: float, note: str) -> Parameter:
+    return Parameter(name, mm * MM, "mm", mm, "CITED", f"{_A}: {note}")
+
+
+def _deg(name: str, deg: float, note: str) -> Parameter:
+    return Parameter(name, deg * DEG, "deg", deg, "CITED", f"{_A}: {note}")
+
+
+_LEGS = tuple(f"u{i}{k}{n}" for i in (1, 2, 3) for k in "ab" for n in (1, 2))
+_PINS = ("pin_r", "e_a", "e_b", "e_d", "e_c", "pin_q")
+_ALARM = "alarm ASSUMED: no published threshold"
+_DRAWN = "R runs 10 mm above A, as the drawing of [A] shows it. At s = 0 P is then (160.1, -45.9) mm in {a}."
+_BELOW = "R runs 10 mm below A (y_AR = -10). Only so is P (145.2, -45.4) mm at s = 0, as [A] publishes."
+
+FORMULA = Formula(
+    name="sher",
+    title="SHER 3.0, Steady-Hand Eye Robot: delta stage, roll, four-bar tilt",
+    source=f"{_PAPER}, eqs (1)-(7); lengths and linkages: {_A}, github.com/zhaob5/sher3-kinematics",
+    parameters=(
+        _mm("r_b", 60.6927, "radius of the base joint circle; only r_b - r_p enters"),
+        _mm("r_p", 34.4773, "radius of the platform joint circle"),
+        _mm("l", 68.0, "rod between its joint centres"),
+        _mm("d1", 56.01, "{p} -> {r} along z, l1 of the paper"),
+        _mm("d2", 192.7, "{r} -> {a} along x"),
+        _mm("d3", 25.5, "{r} -> {a} along z"),
+        _mm("AB", 28.0, "ground link of the four-bar"),
+        _mm("BC", 78.5, "link B to C"),
+        _mm("CD", 15.0, "coupler, carries the tool holder"),
+        _mm("DA", 73.5, "input link, one bell crank with AQ"),
+        _mm("DP", 94.49, "D to P, rigid with CD"),
+        _mm("AQ", 32.5, "arm of the bell crank towards the slider"),
+        _mm("QR", 42.0, "link from the slider"),
+        _mm("x_max", 60.48, "distance of R behind A at s = 0"),
+        _mm("y_AR", -10.0, "height of R over A; its sign is drawn otherwise, see tilt_forward"),
+        _deg("phi1", 90.0, "direction of A->B from x_a"),
+        _deg("phi2", 138.0, "between AD and AQ"),
+        _deg("phi3", 103.93, "at D, from P to C"),
+        _deg("phi4", 31.06, "at P, between tool axis and PD"),
+    ),
+    joints=(
+        *(ActiveJoint(f"q{i}", "prismatic") for i in (1, 2, 3)),
+        ActiveJoint("q4", "revolute"),
+        ActiveJoint("q5", "prismatic"),
+    ),
+    coordinates=Coordinates(
+        names=("x", "y", "z", "psi", "theta"),
+        units=("m", "m", "m", "rad", "rad"),
+        to_pose=lambda x, y, z, psi, theta: symbolic.pose(
+            symbolic.rotation_x(psi + pi / 2) @ symbolic.rotation_z(theta), vertcat(x, y, z)
+        ),
+        from_pose=lambda T: (T[0, 3], T[1, 3], T[2, 3], atan2(-T[2, 2], -T[1, 2]), atan2(-T[0, 1], T[0, 0])),
+    ),
+    equations=(
+        Equation(
+            "tilt_inverse",
+            "tilt angle -> stroke q5, P in {a}",
+            f"{_A}, inverse of the tilt linkage",
+            "inverse",
+            ("q5", "P_x", "P_y"),
+            {"corrected": tilt_inverse, "drawn": tilt_inverse_drawn},
+            {"corrected": _BELOW, "drawn": _DRAWN},
+        ),
+        Equation(
+            "roll_inverse",
+            "pose -> roll q4, platform centre r",
+            f"{_PAPER}, eqs (1)-(3) undone",
+            "inverse",
+            ("q4", "r_x", "r_y", "r_z"),
+            {"corrected": roll_inverse},
+        ),
+        Equation(
+            "delta_inverse",
+            "platform centre -> slides q1..q3",
+            f"{_A}, geometry of the delta stage",
+            "inverse",
+            ("q1", "q2", "q3"),
+            {"corrected": delta_inverse},
+        ),
+        Equation(
+            "delta_forward",
+            "slides -> platform centre, upper solution",
+            f"DERIVED from the geometry of {_A}: its elimination divides by differences that can vanish",
+            "forward",
+            ("r_x", "r_y", "r_z"),
+            {"corrected": delta_forward},
+        ),
+        Equation(
+            "tilt_forward",
+            "stroke -> tilt angle, P in {a}",
+            f"{_A}, forward of the tilt linkage",
+            "forward",
+            ("th", "P_x", "P_y"),
+            {"corrected": tilt_forward, "drawn": tilt_forward_drawn},
+            {"corrected": _BELOW, "drawn": _DRAWN},
+        ),
+        Equation("eq1", "T_p^b", f"{_PAPER}, eq. (1)", "forward", ("T_b_p",), {"corrected": eq1}),
+        Equation("eq2", "T_r^p", f"{_PAPER}, eq. (2)", "forward", ("T_p_r",), {"corrected": eq2}),
+        Equation(
+            "eq3",
+            "T_a^r",
+            f"{_PAPER}, eq. (3)",
+            "forward",
+            ("T_r_a",),
+            {"corrected": eq3_corrected, "printed": eq3_printed},
+            {
+                "printed": "As printed: without a rotation, which the paper leaves to its drawn frame {a}. The linkage "
+                "then lies flat in x-y.",
+                "corrected": "Rot(x, 90 deg) at its end, as [A] has it: only so does the linkage stand upright at "
+                "psi = 0, as every figure shows.",
+            },
+        ),
+        Equation("chain", "T_t^b", f"{_PAPER}, eq. (1)", "forward", ("T_base_tool",), {"corrected": chain}),
+        Equation(
+            "tilt_angles",
+            "tilt angle -> angles of the links",
+            "DERIVED",
+            "helper",
+            ("th1", "th2", "al"),
+            {"corrected": tilt_angles},
+        ),
+        Equation(
+            "points",
+            "pins, P and platform centre in base",
+            "DERIVED",
+            "helper",
+            ("at_p", "at_platform", *(f"at_{k}" for k in "abcdqr")),
+            {"corrected": points},
+        ),
+        Equation(
+            "passive", "angles of rods and pins", "DERIVED", "helper", (*_LEGS, *_PINS), {"corrected": passive_joints}
+        ),
+        Equation(
+            "margins",
+            "reach and singularity",
+            "DERIVED",
+            "helper",
+            ("leg1", "leg2", "leg3", "toggle", "slide", "volume", "sin_c", "cos_r", "up1", "up2", "up3"),
+            {"corrected": margins},
+        ),
+    ),
+    characteristic_length=lambda DP: DP,
+    points={"p": "at_p", "platform": "at_platform", **{f"pin_{k}": f"at_{k}" for k in "abcdqr"}},
+    passive=(*_LEGS, *_PINS),
+    reach={"rod 1": "leg1", "rod 2": "leg2", "rod 3": "leg3", "four-bar": "toggle", "slider-crank": "slide"},
+    measures=(
+        Measure("delta_flat", "volume", "type2", 0.1, f"the rods lie in one plane: the platform is loose; {_ALARM}"),
+        Measure("four_bar_toggle", "sin_c", "type2", 0.15, f"BC and CD in line: the tool turns by itself; {_ALARM}"),
+        Measure("slider_across", "cos_r", "type1", 0.05, f"QR square to its rail: no effect of the slider; {_ALARM}"),
+        *(
+            Measure(f"rod_level_{i}", f"up{i}", "type1", 0.3, f"rod level: its slide has no effect; {_ALARM}")
+            for i in (1, 2, 3)
+        ),
+    ),
+    aspects=(Aspect("volume", 1, "upper solution: the platform is above its carriages"),),
+    branches=branches,
+    seeds=tuple(
+        (x * MM, y * MM, z * MM, psi * DEG, theta * DEG)
+        for x, y, z, psi, theta in (
+            (353.965, 0.0, 148.288, 0.0, 40.0),
+            (349.913, 9.999, 151.434, 30.0, 31.334),
+            (351.212, -7.269, 156.164, -30.0, 56.458),
+        )
+    ),
+)
