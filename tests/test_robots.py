@@ -106,8 +106,12 @@ def test_path_is_followed_from_one_seed(kin, rng):
 def test_inverse_jacobian_by_finite_differences(kin, rng):
     if not kin.closed_inverse:
         pytest.skip("no closed inverse")
-    Ts, _ = states(kin, 50, rng)
+    Ts, qs = states(kin, 50, rng)
     J = kin.inverse_jacobian_many(Ts)
+    if len(kin.joints) < 6:  # most twists are out of reach: it is a left inverse on those that are not
+        forward = kin.jacobian_many(Ts, qs)
+        assert np.abs(J @ forward - np.eye(len(kin.joints))).max() < 1e-9
+        return
     h, want = 1e-5, np.zeros_like(J)
     for i in range(6):
         xi = h * np.eye(6)[i]
@@ -136,6 +140,11 @@ def test_points_alone_lead_to_the_joints(kin, rng):
     if not kin.closed_inverse:
         pytest.skip("no closed inverse")
     Ts, qs = states(kin, 30, rng)
+    printed = {o for e in kin.formula.equations if e.stage == "inverse" for o in e.outputs}
+    if not any({s} & printed if isinstance(s, str) else set(s) <= printed for s in kin.formula.points.values()):
+        with pytest.raises(KinematicsError, match="needs"):  # its points are helpers, and lead nowhere
+            kin.joints_from_points(kin.points_many(Ts))
+        return
     np.testing.assert_allclose(kin.joints_from_points(kin.points_many(Ts)), qs, rtol=0, atol=1e-12)
 
 

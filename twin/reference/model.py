@@ -344,12 +344,13 @@ class ReferenceModel:
         """
         if targets.ndim == 3 or len(at) < 2:
             slopes = np.gradient(knots, at.astype(float), axis=0) if len(at) > 1 else np.zeros_like(knots)
-            return walk.interpolate(at, knots, slopes, len(targets))
+            return self.tree.normalise(walk.interpolate(at, knots, slopes, len(targets)))
         gain = self._gains(knots)
         rate = np.einsum("kij,kj->ki", gain, np.gradient(targets, axis=0)[at])
         tiny = 1e-3
         ahead, behind = self.tree.integrate(knots, tiny * rate), self.tree.integrate(knots, -tiny * rate)
         states = walk.interpolate(at, knots, (ahead - behind) / (2 * tiny), len(targets))
+        states = self.tree.normalise(states)
         nearest = np.searchsorted(0.5 * (at[1:] + at[:-1]), np.arange(len(targets)))
         missed = targets - states[:, self._active_q]
         return self.tree.integrate(states, np.einsum("kij,kj->ki", gain[nearest], missed))

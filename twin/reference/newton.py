@@ -21,6 +21,9 @@ _FLOOR = 1e-13
 """Damping relative to the mean diagonal that is always there: it picks the short step where a freedom is
 internal (a rod that spins between two balls), and costs nothing elsewhere."""
 
+_FLOOR_REACHED = 1e-9
+"""Damping relative to the mean diagonal that no longer shortens a step noticeably."""
+
 Residual = Callable[[Array, Index], tuple[Array, Array]]
 """(X (k, nq), sample numbers (k,)) -> residuals (k, m), Jacobians (k, m, nv)."""
 
@@ -52,7 +55,9 @@ def minimise(tree: Tree, X: Array, residual: Residual, columns: Index) -> tuple[
         weight = (damping[todo] + _FLOOR * size)[:, None, None]
         steps[:, columns] = -np.linalg.solve(normal + weight * eye, At @ r[..., None])[..., 0]
         new = tree.integrate(X[todo], steps)
-        last = np.abs(steps).max(axis=1) < _STEP_LAST
+        # A damped step is short for another reason: it says nothing about what is left.
+        free = damping[todo] <= _FLOOR_REACHED * size
+        last = (np.abs(steps).max(axis=1) < _STEP_LAST) & free
         X[todo[last]], done[todo[last]] = new[last], True
         todo, new, size = todo[~last], new[~last], size[~last]
         if not len(todo):

@@ -114,6 +114,10 @@ class Tree:
         """Return configurations (k, nq) after tangent steps (k, nv)."""
         return np.array([pin.integrate(self.model, x, v) for x, v in zip(X, steps, strict=True)])
 
+    def normalise(self, X: Array) -> Array:
+        """Return configurations (k, nq) with quaternions of length 1, which interpolation shortens."""
+        return np.array([pin.normalize(self.model, x) for x in X])
+
     def tool(self, poses: Array) -> Array:
         """Return T_base_tool (k, 4, 4) for the joint poses of `update`."""
         return poses[:, self.tool_joint] @ self.T_joint_tool
