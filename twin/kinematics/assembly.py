@@ -69,12 +69,14 @@ def forward_many(kin: Kinematics, qs: Array, seed: Array | None) -> Array:
 
 def branches(kin: Kinematics, q: Array) -> list[Array]:
     """Return all assemblies at q (n,); see `Kinematics.branches`."""
-    if kin.closed_forward:
+    if kin.closed_forward and kin.formula.branches is None:
         return [forward(kin, q, None)]
     if kin.formula.branches is None:
         raise KinematicsError(f"{kin.formula.name}: the formula has no enumeration of its assemblies.")
     symbols = dict(zip(kin.mode.order, q, strict=True))
     ordered = np.array([symbols[j] for j in kin.joints])
+    if kin.closed_forward:  # both answers are closed: nothing to polish, and the formula names its preferred one first
+        return kin.formula.branches(ordered, kin.parameters, kin.variants)
     found: list[Array] = []
     for T in kin.formula.branches(ordered, kin.parameters, kin.variants):
         polished, error, _, _ = _newton(kin, q, T)
