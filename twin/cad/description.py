@@ -170,6 +170,14 @@ class PairGap(Table):
     note: str = Field(min_length=1)
 
 
+class LengthSpec(Table):
+    """A length between two features of one body that the equations know as `parameter`."""
+
+    body: Identifier
+    between: tuple[Identifier, Identifier]
+    parameter: str = Field(min_length=1)
+
+
 class Tolerance(Table):
     """How far a face may be from where the file expects it, and how well parts must meet."""
 
@@ -197,6 +205,7 @@ class Description(Table):
     limit: list[LimitSpec] = Field(default_factory=list)
     drive: list[DriveSpec] = Field(default_factory=list)
     gap: list[PairGap] = Field(default_factory=list)
+    length: list[LengthSpec] = Field(default_factory=list)
     frame: dict[Identifier, NamedFrame]
     point: dict[Identifier, NamedPoint] = Field(default_factory=dict)
     posture: dict[Identifier, dict[str, float]] = Field(default_factory=dict)

@@ -26,6 +26,7 @@ def _bodies(d: Description) -> Iterator[tuple[Keys, str]]:
     named += [(("feature", body), body) for body in d.feature]
     named += [(("frame", n, "body"), f.body) for n, f in d.frame.items()]
     named += [(("point", n, "body"), p.body) for n, p in d.point.items()]
+    named += [(("length", i, "body"), spec.body) for i, spec in enumerate(d.length)]
     for keys, body in named:
         if body not in d.body:
             yield keys, unknown("body", body, d.body)
@@ -56,6 +57,8 @@ def _features(d: Description) -> Iterator[tuple[Keys, str]]:
     for n, p in d.point.items():
         yield from names(("point", n, "origin"), p.body, p.origin)
         yield from names(("point", n, "at"), p.body, p.at)
+    for i, length in enumerate(d.length):
+        yield from names(("length", i, "between"), length.body, list(length.between))
 
 
 def _limits(d: Description) -> Iterator[tuple[Keys, str]]:

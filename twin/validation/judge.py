@@ -22,6 +22,7 @@ from twin.trajectory.model import Trajectory
 from twin.units import DEG, MM
 from twin.validation.beside import Beside
 from twin.validation.compare import Comparison, angles_zyx, compare
+from twin.validation.lengths import lengths
 from twin.validation.motion import Measured, Samples, baked_rows, clearance_facts, measure, samples
 from twin.validation.result import PhaseSummary, Report
 from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
@@ -65,6 +66,8 @@ def judge(case: Case, progress: Progress = lambda label, fraction: None) -> Repo
         except AssemblyError as error:
             out.findings.append(_cannot_take(mechanism, error))
         else:
+            rows, found = lengths(case.kinematics, case.cad, clock, case.tolerances)
+            out.residuals[:0], out.findings[:0] = rows, found
             _rcm(case, out, clock)
             _passive_limits(model, out, clock)
             _stage(case, model, out, clock, progress)

@@ -26,7 +26,7 @@ def as_json(data: Any) -> str:
     return json.dumps(plain(data), indent=2, allow_nan=False)
 
 
-Quantity = Literal["tool", "point", "driven", "passive", "loop", "speed", "acceleration", "baked", "rcm"]
+Quantity = Literal["length", "tool", "point", "driven", "passive", "loop", "speed", "acceleration", "baked", "rcm"]
 
 
 @dataclass(frozen=True)

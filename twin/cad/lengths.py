@@ -1,0 +1,66 @@
+"""Lengths of single parts that the equations know by name, measured between two faces of one body.
+
+A pin that is off shows at the joint where two bodies do not meet; which of the two has it, its lengths say.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin import spatial
+from twin.cad.build import CadModel
+from twin.cad.features import Measured
+from twin.errors import CadError
+
+_PARALLEL = 1e-3
+"""Sine of the angle up to which two axes have one distance: a bore that is further off is no link of a plane."""
+
+
+@dataclass(frozen=True)
+class Length:
+    """A measured length.
+
+    Attributes:
+        body: the body that both faces are on.
+        between: the two features.
+        parameter: the name that the equations give it.
+        value: in m.
+    """
+
+    body: str
+    between: tuple[str, str]
+    parameter: str
+    value: float
+
+
+def measure(cad: CadModel) -> tuple[Length, ...]:
+    """Return the lengths that the description declares.
+
+    Raises:
+        CadError: two axes are not parallel, so that their distance says nothing.
+    """
+    out = []
+    for spec in cad.description.length:
+        a, b = (cad.measured[spec.body][name] for name in spec.between)
+        out.append(Length(spec.body, spec.between, spec.parameter, _distance(spec.body, a, b)))
+    return tuple(out)
+
+
+def _distance(body: str, a: Measured, b: Measured) -> float:
+    """Return the distance in m of two faces: of points (spheres), axes (cylinders) or planes."""
+    if b.face.kind == "plane" and a.face.kind != "plane":
+        a, b = b, a
+    offset = b.face.point - a.face.point
+    if "sphere" not in (a.face.kind, b.face.kind):
+        aligned = a.face.kind == b.face.kind  # two axes, or two normals; an axis lies in its plane otherwise
+        sine = float(np.linalg.norm(np.cross(a.direction, b.direction)))
+        if (sine if aligned else abs(float(a.direction @ b.direction))) > _PARALLEL:
+            raise CadError(f"length on '{body}': '{a.name}' and '{b.name}' are not parallel")
+    if a.face.kind == "plane":
+        return abs(float(offset @ a.direction))
+    if a.face.kind == "sphere" and b.face.kind == "sphere":
+        return float(np.linalg.norm(offset))
+    line, point = (a, b) if a.face.kind == "cylinder" else (b, a)
+    return float(spatial.point_to_line(point.face.point, line.face.point, line.direction))
