@@ -178,6 +178,14 @@ class LengthSpec(Table):
     parameter: str = Field(min_length=1)
 
 
+class RequirementSpec(Table):
+    """How well the tool must be placed, for the sweeps to be measured by."""
+
+    tool_um: float = Field(gt=0)
+    provenance: Provenance
+    note: str = Field(min_length=1)
+
+
 class Tolerance(Table):
     """How far a face may be from where the file expects it, and how well parts must meet."""
 
@@ -206,6 +214,7 @@ class Description(Table):
     drive: list[DriveSpec] = Field(default_factory=list)
     gap: list[PairGap] = Field(default_factory=list)
     length: list[LengthSpec] = Field(default_factory=list)
+    requirement: RequirementSpec | None = None
     frame: dict[Identifier, NamedFrame]
     point: dict[Identifier, NamedPoint] = Field(default_factory=dict)
     posture: dict[Identifier, dict[str, float]] = Field(default_factory=dict)

@@ -170,7 +170,9 @@ def _parser() -> argparse.ArgumentParser:
     sub = add(
         "validate",
         "judge the equations against the mechanism",
-        "  twin validate sils\n  twin validate sils --variant eq1=printed\n  twin validate sils --all-protocols --json",
+        "  twin validate sils\n  twin validate sils --variant eq1=printed\n"
+        "  twin validate sils --all-protocols --json\n"
+        "  twin validate sher --sweep q5 --compare serial,mimic      over the stroke instead of a protocol",
     )
     robot(sub)
     out(sub, "./twin-out/<robot>/<protocol>/")
@@ -181,6 +183,18 @@ def _parser() -> argparse.ArgumentParser:
         type=float,
         metavar="UM",
         help="how well the CAD is known: differences up to this many micrometres agree (default 0.001)",
+    )
+    sub.add_argument(
+        "--sweep",
+        metavar="JOINTS",
+        nargs="?",
+        const="all",
+        help="judge over the whole stroke of these joints (default all) instead of along a protocol",
+    )
+    sub.add_argument(
+        "--compare",
+        metavar="NAMES",
+        help="with a sweep: what stand-ins for the loops would have cost; of serial,mimic",
     )
 
     sub = add(

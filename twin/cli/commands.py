@@ -198,6 +198,10 @@ def validate(args: argparse.Namespace) -> int:
             raise TwinError(f"--tolerance-um {args.tolerance_um:g}: give a positive number of micrometres")
         tolerances = Tolerances().widened(args.tolerance_um * 1e-6)
     robot = api.load(args.robot)
+    if args.sweep or args.compare:
+        from twin.cli.sweep import run as run_sweep
+
+        return run_sweep(robot, args)
     jobs = [(p, v) for p in _protocols(robot, args) for v in _variants(robot, args.variant)]
     root = Path(args.out) if args.out else Path("twin-out") / robot.name
     for protocol, variants in jobs:

@@ -16,6 +16,8 @@ _TRAVEL = 0.1
 
 def knots(targets: Array) -> Index:
     """Return the samples to solve one from the other: the first, the last, and enough between."""
+    if len(targets) < 2:
+        return np.zeros(len(targets), np.intp)
     moved = np.abs(np.diff(targets, axis=0)).reshape(len(targets) - 1, -1).max(axis=1, initial=0.0)
     way = np.concatenate([[0.0], np.cumsum(moved)])
     at, last = [0], len(targets) - 1
