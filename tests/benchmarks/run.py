@@ -15,6 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 import twin
+from twin.control.velocity import Limits, pose_error, step
 
 ROUNDS = 7
 
@@ -71,6 +72,33 @@ def main() -> None:
     run, single = model.run(motion), model.solve(motion[-1])
     print(f"  largest gap {run.gaps[..., 0].max():.1e} m, runs differ by "
           f"{np.abs(run.Ts_base_tool[-1] - single.T_base_tool).max():.1e} m")  # fmt: skip
+    control()
+
+
+def control() -> None:
+    """Race the solvers of a control tick on SHER: Algorithm 2.1's SLSQP against damped least squares."""
+    robot = twin.load("sher")
+    kin, active = robot.kinematics(), robot.mechanism.active
+    low, high = np.array([j.limits for j in active]).T
+    limits = Limits(low, high, np.array([j.max_speed for j in active]))
+    home = robot.mechanism.posture("home")
+    near, far = home + [1e-5, -1e-5, 2e-5, 1e-3, 1e-5], home + [4e-3, -3e-3, 2e-3, 0.15, 5e-3]
+    for title, goal in (("free, 10 um away", near), ("rates at their bounds, 5 mm away", far)):
+        T = kin.forward(goal)
+        race(
+            f"one control tick of SHER at 1 kHz, {title}",
+            {
+                "damped least squares, bounded": lambda T=T: [step(kin, home, T, 1e-3, limits, "damped") for _ in range(50)],
+                "SLSQP (Algorithm 2.1)": lambda T=T: [step(kin, home, T, 1e-3, limits, "slsqp") for _ in range(50)],
+            },
+            per=50,
+        )  # fmt: skip
+        for solver in ("damped", "slsqp"):
+            q, ticks, left = home, 0, 1.0
+            while left > 1e-9 and ticks < 5000:
+                q, ticks = step(kin, q, T, 1e-3, limits, solver).q, ticks + 1
+                left = float(np.linalg.norm(pose_error(kin.forward(q), T)))
+            print(f"  {solver:8s} {ticks} ticks to an error of {left:.1e} (m, rad)")
 
 
 if __name__ == "__main__":
