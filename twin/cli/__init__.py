@@ -31,7 +31,7 @@ examples:
 exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 """
 
-NAMES = ("list", "info", "build", "plan", "validate", "run", "doctor")
+NAMES = ("list", "info", "build", "plan", "validate", "run", "study", "doctor")
 """Every command."""
 
 
@@ -205,6 +205,13 @@ def _parser() -> argparse.ArgumentParser:
     robot(sub)
     out(sub, "./twin-out/<robot>/")
     chosen(sub)
+
+    sub = add(
+        "study",
+        "recompute a published user study from its own rows",
+        "  twin study sher\n  twin study my_study.toml --json",
+    )
+    sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or of a study file")
 
     add("doctor", "show what can be checked on this machine", "  twin doctor")
     return parser

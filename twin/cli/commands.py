@@ -246,6 +246,13 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
+def study(args: argparse.Namespace) -> int:
+    """Recompute a published user study."""
+    from twin.cli.study import study as run_study
+
+    return run_study(args)
+
+
 def doctor(args: argparse.Namespace) -> int:
     """Print what is installed and what that allows."""
     packages = (
@@ -367,5 +374,6 @@ COMMANDS = {
     "plan": plan,
     "validate": validate,
     "run": run,
+    "study": study,
     "doctor": doctor,
 }

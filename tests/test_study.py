@@ -1,0 +1,97 @@
+"""The paper's user study against its own rows: what does not fit is found, not listed by hand."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from twin.cli import main
+from twin.errors import DescriptionError
+from twin.study import load, recompute
+
+FILE = Path(__file__).parents[1] / "trajectories/sher/study/insertion.toml"
+
+
+@pytest.fixture(scope="module")
+def recomputed():
+    rows, findings = recompute(load(FILE))
+    return {r.name: r for r in rows}, findings
+
+
+@pytest.mark.parametrize(
+    ("name", "paired", "welch", "student"),
+    [
+        ("completion time", 0.726, 0.686, 0.683),
+        ("clutch presses", 0.174, 0.250, 0.242),
+        ("path length", 0.998, 0.998, 0.998),
+    ],
+)
+def test_p_values_of_the_five_rows(recomputed, name, paired, welch, student):
+    tests = recomputed[0][name].tests
+    assert tests["paired t"] == pytest.approx(paired, abs=6e-4)
+    assert tests["Welch t"] == pytest.approx(welch, abs=6e-4)
+    assert tests["Student t"] == pytest.approx(student, abs=6e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "population", "sample"),
+    [
+        ("mental demand", 0.206, 0.162),
+        ("physical demand", 0.475, 0.426),
+        ("temporal demand", 0.727, 0.697),
+        ("performance", 0.907, 0.896),
+        ("effort", 0.498, 0.450),
+        ("frustration", 0.162, 0.123),
+    ],
+)
+def test_questionnaire_is_reproduced_by_population_deviations(recomputed, name, population, sample):
+    row = recomputed[0][name]
+    assert row.tests["Student t, +- as population std"] == pytest.approx(population, abs=6e-4)
+    assert row.tests["Student t, +- as sample std"] == pytest.approx(sample, abs=6e-4)
+    assert row.test()
+
+
+def test_the_row_of_all_users_is_not_the_mean_of_its_rows(recomputed):
+    wrong = {(f.where, f.message.split(",")[1].split(":")[0].strip()) for f in recomputed[1] if f.code == "study.mean"}
+    assert ("path length", "physical") in wrong
+    assert ("clutch presses", "simulation") in wrong
+    assert ("completion time", "physical") not in wrong  # 41.622 rounds to what is printed
+    assert ("clutch presses", "physical") not in wrong
+
+
+def test_claims_of_the_prose_are_checked(recomputed):
+    claims = [f.message for f in recomputed[1] if f.code == "study.claim"]
+    assert any("not so for physical demand" in c for c in claims)
+    assert any("the sign should be >=" in c for c in claims)
+
+
+def test_a_study_that_fits_agrees(tmp_path, capsys):
+    """Rows whose printed means and p follow from them: nothing is said."""
+    file = tmp_path / "fits.toml"
+    file.write_text(
+        'title = "t"\nsource = "s"\nusers = 3\n[[measure]]\nname = "time"\nunit = "s"\nphysical = [1.0, 2.0, 3.0]\n'
+        "simulation = [2.0, 3.0, 5.0]\nprinted_mean = [2.0, 3.33]\nprinted_p = 0.06\n"
+    )
+    assert main(["study", str(file)]) == 0
+    assert "paired t" in capsys.readouterr().out
+
+
+def test_command(capsys):
+    assert main(["study", "sher"]) == 1
+    printed = capsys.readouterr().out
+    assert "reproduces the print" in printed
+    assert main(["study", "sher", "--json"]) == 1
+    data = json.loads(capsys.readouterr().out)
+    assert data["verdict"] == "disagree"
+    assert len(data["studies"][0]["rows"]) == 9
+
+
+def test_bad_files_are_told_with_their_line(tmp_path, capsys):
+    file = tmp_path / "bad.toml"
+    file.write_text(FILE.read_text().replace("[46.65, 38.11, 40.92, 36.80, 45.63]", "[46.65, 38.11]"))
+    with pytest.raises(DescriptionError, match=r"bad\.toml:\d+.*5 users, but `physical` has 2"):
+        load(file)
+    assert main(["study", "sils"]) == 2
+    assert "sils has no study" in capsys.readouterr().err
