@@ -20,6 +20,7 @@ EXIT_1 = (
     "--protocol table2_printed",
     "tilt_inverse=drawn",
     "eq3=printed",
+    "study sher",
 )
 """Commands of which the documentation says that they disagree."""
 
