@@ -16,7 +16,8 @@ import pytest
 pytestmark = pytest.mark.wheel
 
 ROOT = Path(__file__).parents[1]
-UV = shutil.which("uv") or next((str(p) for p in (ROOT / ".venv-uv/bin/uv",) if p.is_file()), None)
+OWN_UV = ROOT / ".venv-uv/bin/uv"
+UV = shutil.which(os.environ.get("UV", "uv")) or (str(OWN_UV) if OWN_UV.is_file() else None)
 MEGABYTE = 1e6
 
 

@@ -31,7 +31,7 @@ examples:
 exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 """
 
-NAMES = ("list", "info", "build", "plan", "validate", "run", "study", "doctor")
+NAMES = ("list", "info", "build", "plan", "validate", "run", "operate", "study", "doctor")
 """Every command."""
 
 
@@ -205,6 +205,32 @@ def _parser() -> argparse.ArgumentParser:
     robot(sub)
     out(sub, "./twin-out/<robot>/")
     chosen(sub)
+
+    sub = add(
+        "operate",
+        "let a scripted hand work a protocol by handle and pedal, and measure it",
+        "  twin operate sher phantom\n  twin operate sher phantom --trials 5 --seed 10 --json\n"
+        "  twin operate sher phantom --clutch printed      the published clutch, which jumps\n"
+        "  twin operate sils lowered_patient --scale 0.5",
+    )
+    robot(sub)
+    sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
+    out(sub, "./twin-out/<robot>/<protocol>-operator/")
+    sub.add_argument("--seed", type=int, default=0, help="of the hand's chance (default 0); the next trial adds 1")
+    sub.add_argument("--trials", type=int, default=1, metavar="N", help="how many (default 1)")
+    sub.add_argument(
+        "--scale",
+        type=float,
+        default=0.1,
+        metavar="S",
+        help="tool motion for each hand motion (default 0.1, ASSUMED: the paper prints none); turns go one to one",
+    )
+    sub.add_argument(
+        "--clutch", choices=("corrected", "printed"), default="corrected", help="eq. (7) (default corrected)"
+    )
+    sub.add_argument(
+        "--solver", choices=("damped", "slsqp"), default="damped", help="of the joint steps (default damped)"
+    )
 
     sub = add(
         "study",

@@ -246,6 +246,13 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
+def operate(args: argparse.Namespace) -> int:
+    """Let a scripted hand work a protocol."""
+    from twin.cli.operate import operate as run_operate
+
+    return run_operate(args)
+
+
 def study(args: argparse.Namespace) -> int:
     """Recompute a published user study."""
     from twin.cli.study import study as run_study
@@ -374,6 +381,7 @@ COMMANDS = {
     "plan": plan,
     "validate": validate,
     "run": run,
+    "operate": operate,
     "study": study,
     "doctor": doctor,
 }

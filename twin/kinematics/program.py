@@ -104,6 +104,13 @@ class Program:
         return Evaluator("pose_of_coordinates", x, T, (4, 4))
 
     @cached_property
+    def coordinates_of_pose(self) -> Evaluator:
+        """Pose (16 numbers) -> coordinates of the paper."""
+        z = ca.SX.sym("z", 16)
+        values = self.formula.coordinates.from_pose(symbolic.unflat(z, 4, 4))
+        return Evaluator("coordinates_of_pose", z, ca.vertcat(*values))
+
+    @cached_property
     def newton(self) -> Evaluator:
         """(q, start pose) -> pose (16), joint error, travel, aspects: Newton's method from the start pose.
 
