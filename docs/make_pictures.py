@@ -35,6 +35,7 @@ from twin.api import tool_frame
 from twin.mechanism import Mechanism
 from twin.spatial import Array
 from twin.stage.read import read_motion, read_stage
+from twin.trajectory.path import rotation
 
 FLAGS = (
     "headless no-sandbox use-angle=swiftshader enable-unsafe-swiftshader disable-dev-shm-usage no-first-run "
@@ -62,6 +63,11 @@ class Shot:
     floor: float = -0.42  # in m
     distance: float = 3.0  # of the camera from the target, in m
 
+    @property
+    def file(self) -> str:
+        """Name of the picture's file."""
+        return f"{self.robot}.png" if self.name == self.robot else f"{self.robot}_{self.name}.png"
+
 
 SHOTS = (
     Shot("C", "C  current location", "table2", "c", "b"),
@@ -69,7 +75,15 @@ SHOTS = (
     Shot("I", "I  inserted by 40 mm", "table2", "i", "b"),
     Shot("T", "T′  turned about the RCM", "table2", "t_prime", "b"),
     Shot("lowered", "", "lowered_patient", "far", "port", (-42, 19, 26.8), (0.119, 0.411, 0.075), (1600, 1000), True),
-)
+    Shot(
+        "sher", "", "sclerotomy", "nasal", "entry", (-52, 16, 30), (0.21, 0.0, 0.135), (1600, 1000),
+        robot="sher", trocar=0.0035, floor=-0.115, distance=1.35,
+    ),
+    Shot(
+        "tilt", "", "sclerotomy", "nasal", "entry", (-62, 14, 21), (0.29, 0.0, 0.185), (1600, 1000),
+        robot="sher", trocar=0.0025, floor=-0.115, distance=0.75,
+    ),
+)  # fmt: skip
 
 
 def stand(robot: twin.Robot, shot: Shot) -> tuple[Mechanism, dict[str, Array], Array, Array]:
@@ -79,7 +93,7 @@ def stand(robot: twin.Robot, shot: Shot) -> tuple[Mechanism, dict[str, Array], A
     tool, T_tool_moved = mechanism.frame(mechanism.tool), tool_frame(mechanism, protocol.frame)
     Ts_tool = poses[tool.body] @ tool.T_body_frame
     way, rcm = protocol.waypoints[shot.waypoint], protocol.waypoints[shot.rcm].position
-    R = np.linalg.multi_dot(spatial.exp_so3(np.diag(way.angles)[:, ::-1]))  # Rz(psi) Ry(theta) Rx(phi)
+    R = rotation(way.angles, protocol.rotation)
     axis = T_tool_moved[:3, :3] @ protocol.shaft_axis
     p = rcm + way.depth * R @ axis if way.position is None else way.position
     miss = np.linalg.norm((Ts_tool @ T_tool_moved)[:, :3, 3] - p, axis=1)
@@ -191,8 +205,8 @@ def main() -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     shots = [s for s in SHOTS if not args.only or s.name in args.only]
     with viewer(*(OVERSAMPLING * max(s.size[i] for s in shots) + 200 for i in (0, 1))) as (server, client):
-        images = {s: render(server, client, twin.load("sils"), s) for s in shots}
-    pictures = {f"sils_{s.name}.png": image for s, image in images.items()}
+        images = {s: render(server, client, twin.load(s.robot), s) for s in shots}
+    pictures = {s.file: image for s, image in images.items()}
     if not args.only:
         pictures["sils_table2.png"] = strip({s: i for s, i in images.items() if s.caption})
     for name, image in pictures.items():

@@ -292,7 +292,7 @@ def arm(d, err):
     for x in (start + 24, start + 50):
         beam -= box(x - 8, x + 8, -33, -17, -20, 20)
     link = box(d.side_start, d.beam_end, d.side_bottom, d.side_top, w, d.side_high)
-    side = box(d.beam_end, d.end_front, d.side_bottom, d.side_top, d.side_low, d.side_high)
+    side = box(d.beam_end, d.end_back, d.side_bottom, d.side_top, d.side_low, d.side_high)
     for x in (-64, -44, -24):
         side -= cyl((x, -9, 0), Z, 6.5, 50)
     low, far = d.end_low, d.end_front
