@@ -155,6 +155,8 @@ def phase_bands(axes: list[list[Axes]], phases: tuple[PhaseSummary, ...]) -> Non
                     fits = int((phase.t1 - phase.t0) * inches / 0.078)
                     name = phase.name.replace("_", " ")
                     text = name if len(name) <= fits else f"{name[: fits - 1]}…" if fits > 3 else str(i + 1)
+                    if fits < len(text):  # a number would run into its neighbours
+                        continue
                     middle = (phase.t0 + phase.t1) / 2
                     ax.annotate(
                         text, (middle, 1), (0, 3), xycoords=("data", "axes fraction"),
