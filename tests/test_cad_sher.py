@@ -235,17 +235,18 @@ from pathlib import Path
 spec = importlib.util.spec_from_file_location("model", sys.argv[1])
 model = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(model)
+cad = model.cad
 out, defects = Path(sys.argv[2]), json.loads(sys.argv[3])
-d = model.Dimensions(Path(sys.argv[1]).with_name("dimensions.toml"))
+d = model.dimensions(Path(sys.argv[1]).with_name("dimensions.toml"))
 where, parts = model.drawn(d), model.drawing()
-tree, _ = model.build(d, where)
-model.write_step(tree, out / "nominal.step")
+tree, _ = cad.build(model.BODIES, model.draw(d), where, parts.MATERIALS)
+cad.write_step(tree, out / "nominal.step", "sher")
 for label, (body, error) in defects.items():
     # Only the body with the error is drawn anew, by the same function as model.draw.
     assert set(error) <= model.ERRORS[body]
     again = model.draw_body(d, body, lambda key, value: error.get(key, value))
-    entries = [(f"{body}_{p}", model.bake(s, where[body])[0], parts.MATERIALS[m][0]) for p, s, m in again]
-    model.write_step({**tree, body: entries}, out / f"{label}.step")
+    entries = [(f"{body}_{p}", cad.bake(s, where[body])[0], parts.MATERIALS[m][0]) for p, s, m in again]
+    cad.write_step({**tree, body: entries}, out / f"{label}.step", "sher")
 """
 
 DEFECTS = {

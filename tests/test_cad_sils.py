@@ -202,12 +202,13 @@ from pathlib import Path
 spec = importlib.util.spec_from_file_location("model", sys.argv[1])
 model = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(model)
+cad = model.cad
 out, defects = Path(sys.argv[2]), json.loads(sys.argv[3])
-d = model.Dimensions(Path(sys.argv[1]).with_name("dimensions.toml"))
+d = model.dimensions(Path(sys.argv[1]).with_name("dimensions.toml"))
 where = model.placements(d, d.pose_position, d.pose_angles)
 parts, nominal = model.drawing(), model.draw(d)
-tree, total = model.build(d, where)
-model.write_step(tree, out / "nominal.step")
+tree, total = cad.build(model.BODIES, nominal, where, parts.MATERIALS)
+cad.write_step(tree, out / "nominal.step", "sils")
 for label, (body, error) in defects.items():
     # Only the body with the error is drawn anew, by the same functions as model.draw.
     e = lambda key, value: error.get(key, value)
@@ -222,8 +223,8 @@ for label, (body, error) in defects.items():
     entries = []
     for part, solid, material in again:
         rgb, _ = parts.MATERIALS[material]
-        entries.append((f"{body}_{part}", model.bake(solid, where[body])[0], rgb))
-    model.write_step({**tree, body: entries}, out / f"{label}.step")
+        entries.append((f"{body}_{part}", cad.bake(solid, where[body])[0], rgb))
+    cad.write_step({**tree, body: entries}, out / f"{label}.step", "sils")
 
 from OCP.BRepGProp import BRepGProp
 from OCP.GProp import GProp_GProps
