@@ -84,10 +84,10 @@ def _imports(path: Path) -> Iterator[str]:
                 yield f"<{name}>"
 
 
-@pytest.mark.parametrize("path", sorted(ROOT.glob("cad/*/*.py")), ids=lambda p: f"{p.parent.name}/{p.name}")
+@pytest.mark.parametrize("path", sorted(ROOT.glob("cad/**/*.py")), ids=lambda p: f"{p.parent.name}/{p.name}")
 def test_drawing_imports_neither_twin_nor_equations(path):
     imported = set(_imports(path))
-    beside = {p.stem for p in path.parent.glob("*.py")}
+    beside = {p.stem for p in (*path.parent.glob("*.py"), *(ROOT / "cad").glob("*.py"))}
     wrong = {n for n in imported if n.split(".")[0] in ("twin", "casadi", "formula") or n.startswith(("..", "<"))}
     assert not wrong, f"{path}: {sorted(wrong)}"
     ours = {n for n in imported if n.lstrip(".").split(".")[0] in beside}
