@@ -13,7 +13,7 @@ import pytest
 
 from twin import spatial
 from twin.errors import AssemblyError, MechanismError
-from twin.mechanism import Body, Frame, Joint, Mechanism
+from twin.mechanism import Body, Coupling, Frame, Joint, Mechanism
 from twin.reference import ReferenceModel, sensitivity
 from twin.reference.model import GAP_TOLERANCE
 from twin.units import DEG, MM
@@ -376,7 +376,7 @@ def test_loop_jacobians_are_derivatives_for_every_joint_type(kind, scatter, rng)
         T_child = T_child @ spatial.pose(spatial.exp_so3(scatter * rng.normal(size=3)), scatter * rng.normal(size=3))
         loop = Joint("loop", kind, parent, child, T_parent, T_child)
         tree = ReferenceModel(mechanism(*joints, loop, tool="a2")).tree
-        r, A = tree.loops.evaluate(*tree.update(x[None]))
+        r, A = tree.loops.evaluate(x[None], *tree.update(x[None]))
         assert r.shape == (1, 6 - len(loop.free_axes))
         assert A.shape == (1, r.shape[1], tree.model.nv)
         if not scatter:
@@ -384,7 +384,7 @@ def test_loop_jacobians_are_derivatives_for_every_joint_type(kind, scatter, rng)
         h = 1e-6
         for i, unit in enumerate(np.eye(tree.model.nv)):
             ends = [pin.integrate(tree.model, x, s * h * unit) for s in (1, -1)]
-            plus, minus = (tree.loops.evaluate(*tree.update(e[None]))[0] for e in ends)
+            plus, minus = (tree.loops.evaluate(e[None], *tree.update(e[None]))[0] for e in ends)
             assert np.abs((plus - minus) / (2 * h) - A[..., i]).max(initial=0.0) < 1e-9
 
 
@@ -600,7 +600,7 @@ def test_one_moved_frame_moves_the_tool_as_foretold(sils_model, name):
     state = sils_model.home()
     tree = sils_model.tree
     poses, J = tree.update(state.x[None])
-    A = tree.loops.evaluate(poses, J)[1][0]
+    A = tree.loops.evaluate(state.x[None], poses, J)[1][0]
     give = tree.tool_jacobian(poses, J)[0][:, tree.passive] @ np.linalg.pinv(A[:, tree.passive], rcond=1e-9)
     joint = mechanism_.joint(name)
     frame = state.link_poses[joint.parent] @ joint.T_parent_joint
@@ -621,3 +621,91 @@ def test_one_moved_frame_moves_the_tool_as_foretold(sils_model, name):
             assert np.abs(motion - effect).max() < 1e-11
         else:  # the sign is that of the child's side, which for a loop is the other way round
             assert np.abs(np.abs(motion) - np.abs(effect)).max() < 1e-11
+
+
+# -- belts and trocars ---------------------------------------------------------------------------------
+
+
+def two_links(*couplings, **more):
+    """Two links of 0.3 and 0.2 m and a hand, all about z; a belt may keep the hand's direction."""
+    joints = (
+        Joint("a", "revolute", "base", "upper", active=True),
+        Joint("b", "revolute", "upper", "fore", spatial.pose(p=[0.3, 0, 0]), active=True),
+        Joint("c", "revolute", "fore", "hand", spatial.pose(p=[0.2, 0, 0])),
+    )
+    return mechanism(*joints, tool="hand", couplings=couplings, **more)
+
+
+def test_a_belt_keeps_the_sum_of_its_joints(rng):
+    model = ReferenceModel(two_links(Coupling("belt", ("a", "b", "c"), (1.0, 1.0, 1.0), 0.3)))
+    m = model.mobility(model.home().x)
+    assert (m.freedom, m.redundancy, m.internal) == (2, 0, 0)
+    q = rng.uniform(-2, 2, (50, 2))
+    run = model.solve_many(q)
+    np.testing.assert_allclose(q.sum(axis=1) + run.q_passive["c"], 0.3, atol=1e-12)
+    np.testing.assert_allclose(spatial.rotation_angle(run.Ts_base_tool[:, :3, :3]), 0.3, atol=1e-12)
+    assert run.loop_names == ("belt",)
+    assert np.abs(run.gaps).max() < 1e-12
+    back = model.solve_pose(run.Ts_base_tool[7], model.solve(q[7] + 0.01))
+    assert back.q == pytest.approx(q[7], abs=1e-10)
+
+
+def test_rates_of_a_belt_are_derivatives():
+    model = ReferenceModel(two_links(Coupling("gear", ("b", "c"), (2.0, -1.0))))
+    x, h = model.solve(np.array([0.3, 0.4])).x[None], 1e-5
+    qd = np.array([[0.7, -0.5]])
+    twist, _ = model.rates(x, qd, np.zeros((1, 2)))
+    ends = [model.solve(np.array([0.3, 0.4]) + s * h * qd[0]).T_base_tool for s in (1, -1)]
+    np.testing.assert_allclose(twist[0, :3], (ends[0] - ends[1])[:3, 3] / (2 * h), atol=1e-8)
+    assert twist[0, 5] == pytest.approx(0.7 - 0.5 + 2 * -0.5)
+
+
+def test_a_belt_on_what_it_cannot_drive_is_named():
+    with pytest.raises(MechanismError, match="coupling 'belt': there is no joint with one coordinate 'd'"):
+        two_links(Coupling("belt", ("a", "d"), (1.0, 1.0)))
+    with pytest.raises(MechanismError, match="coupling 'belt' needs one ratio"):
+        two_links(Coupling("belt", ("a", "c"), (1.0, 0.0)))
+    with pytest.raises(MechanismError, match="joint 'c' must be one that holds to the base"):
+        two_links(trocar="c")
+
+
+def through_a_trocar():
+    """A shaft on a ball at the end of a slide, through a tube that pivots in the base."""
+    joints = (
+        Joint("x", "prismatic", "base", "slide", ALONG_X, ALONG_X, active=True),
+        Joint("ball", "spherical", "slide", "shaft", spatial.pose(p=[0, 0, 0.5])),
+        Joint("port", "spherical", "base", "tube", spatial.pose(p=[0, 0, 0.3])),
+        Joint("through", "prismatic", "tube", "shaft"),
+    )
+    return mechanism(*joints, tool="shaft", T_tool=spatial.pose(p=[0, 0, -0.4]), trocar="port")
+
+
+def test_a_shaft_stays_in_its_trocar_wherever_that_is():
+    m = through_a_trocar()
+    for place in ([0, 0, 0.3], [0.05, -0.04, 0.25]):
+        model = ReferenceModel(m.with_trocar(np.array(place)))
+        assert np.allclose(model.mechanism.trocar_at, place)
+        for x in (-0.1, 0.0, 0.12):
+            T = model.solve(np.array([x])).T_base_tool
+            assert spatial.point_to_line(np.array(place), T[None, :3, 3], T[None, :3, 2])[0] < 1e-12
+    with pytest.raises(MechanismError, match="no joint is a trocar"):
+        _ = two_links().trocar_at
+
+
+def test_a_robot_with_freedoms_to_spare_takes_a_pose_from_where_it_is(rng):
+    """Four joints in a plane, three freedoms of the hand: near the given joints, and exactly at the pose."""
+    z = [Joint(n, "revolute", a, b, spatial.pose(p=[0.2, 0, 0]), active=True) for n, a, b in
+         (("a", "base", "k"), ("b", "k", "l"), ("c", "l", "m"), ("d", "m", "n"))]  # fmt: skip
+    planar = ReferenceModel(mechanism(*z, tool="n", T_tool=spatial.pose(p=[0.2, 0, 0])))
+    assert not planar.redundant
+    lift = [Joint(f"lift{i}", "prismatic", a, b, T, active=True) for i, (a, b, T) in enumerate(
+        (("n", "o", np.eye(4)), ("o", "p", ALONG_X), ("p", "q", np.eye(4))))]  # fmt: skip
+    spare = ReferenceModel(mechanism(*z, *lift, tool="q"))
+    assert spare.redundant
+    q = 0.3 * rng.uniform(-1, 1, (30, 7)) + 0.4
+    Ts = spare.solve_many(q).Ts_base_tool
+    back = spare.run_poses(Ts, near=q)
+    np.testing.assert_allclose(back.q, q, atol=1e-9)
+    moved = spare.run_poses(Ts, near=q + 1e-3)
+    np.testing.assert_allclose(moved.Ts_base_tool, Ts, atol=1e-9)
+    assert np.abs(moved.q - q).max() < 5e-3

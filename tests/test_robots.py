@@ -38,6 +38,8 @@ def states(kin, k, rng):
     else:
         qs = homes + np.where(kin.revolute, 0.3, 0.005) * rng.uniform(-1, 1, homes.shape)
         Ts = kin.forward_many(qs)
+        if len(kin.joints) > 6:  # of all that take the pose, those that the equations choose
+            qs = kin.inverse_many(Ts)
     good = np.isfinite(qs).all(axis=1) & np.isfinite(Ts).all(axis=(1, 2))
     Ts, qs = Ts[good], qs[good]
     state = (Ts, None) if kin.closed_inverse else (None, qs)
@@ -98,7 +100,10 @@ def test_path_is_followed_from_one_seed(kin, rng):
     path = np.linspace(qs[0], qs[1], 60)
     start = kin.forward(qs[0])
     Ts = kin.forward_many(path, seed=start)
-    assert np.abs(kin.inverse_many(Ts) - path).max() <= ROUND_TRIP if kin.closed_inverse else True
+    if kin.closed_inverse:
+        back = kin.inverse_many(Ts)  # where there are freedoms to spare, other joints may take the same pose
+        off = back - path if len(kin.joints) <= 6 else kin.forward_many(back) - Ts
+        assert np.abs(off).max() <= ROUND_TRIP
     assert np.abs(np.diff(Ts, axis=0)).max() < 0.1
     np.testing.assert_allclose(kin.forward_many(path), Ts, atol=ROUND_TRIP)
 
@@ -155,7 +160,7 @@ def test_solver_agrees_with_the_equations(kin, rng):
         np.testing.assert_allclose(found.T_base_tool, T, rtol=0, atol=1e-10)
         assert found.branch == kin.preferred_branch
         assert found.residual < 1e-10
-        if kin.closed_inverse:
+        if kin.closed_inverse and len(kin.joints) <= 6:
             np.testing.assert_allclose(found.q, q, rtol=0, atol=1e-9)
 
 

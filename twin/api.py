@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -197,6 +198,29 @@ class Robot:
             raise error_at(path, ("robot",), f"the protocol is written for '{protocol.robot}', not for '{self.name}'")
         return protocol
 
+    def bound(self, protocol: Protocol) -> Robot:
+        """Return the robot with its trocar where the protocol has it; itself if the protocol says nothing of it.
+
+        Equations know it as parameters trocar_x, trocar_y, trocar_z.
+
+        Raises:
+            TwinError: the mechanism has no trocar.
+        """
+        if protocol.trocar is None:
+            return self
+        if not self.mechanism.trocar:
+            raise TwinError(
+                f"protocol '{protocol.name}' places a trocar (trocar_mm), but the mechanism of {self.name} has none: "
+                "its RCM is where an insertion begins; leave trocar_mm out"
+            )
+        at = dict(zip(("trocar_x", "trocar_y", "trocar_z"), map(float, protocol.trocar), strict=True))
+        out = Robot(self.files, self._stage, self._variants, {**(self._parameters or {}), **at})
+        mechanism = self.mechanism.with_trocar(protocol.trocar)
+        if self.files is not None:
+            out.cad = replace(self.cad, mechanism=mechanism)
+        out.mechanism = mechanism
+        return out
+
     def path_kinematics(self) -> PathKinematics:
         """Return what planning needs: the equations, with the limits that the description owns."""
         from twin.trajectory.model import Gap, PathKinematics
@@ -264,6 +288,7 @@ def plan(robot: Robot, protocol: str | Path | Protocol | None = None, progress: 
     from twin.trajectory.plan import plan as plan_
 
     chosen = protocol if _is_protocol(protocol) else robot.protocol(protocol)  # type: ignore[arg-type]
+    robot = robot.bound(chosen)  # type: ignore[arg-type]
     return plan_(
         chosen,  # type: ignore[arg-type]
         robot.path_kinematics(),
@@ -326,6 +351,8 @@ def validate(
         tolerances = Tolerances().widened(10 * lost * UM) if lost else Tolerances()
     name = protocol or (trajectory.protocol if trajectory is not None else None)
     chosen = robot.protocol(name)
+    robot = robot.bound(chosen)
+    cad = robot.cad
     if trajectory is None:
         trajectory = plan(robot, chosen, progress)
     with contextlib.nullcontext(stage) if stage is not None else fresh_stage(robot) as root:
@@ -384,6 +411,7 @@ def build(
     chosen = tuple(robot.files.protocols()) if protocols is None else protocols
     with assets.atomic_folder(folder) as work:
         root = _write(cad, work)
+        robot.mechanism = cad.mechanism
         for i, name in enumerate(chosen):
             progress(f"bake {name}", i / len(chosen))
             _bake(robot, cad.mechanism, name, work)
@@ -406,10 +434,11 @@ def _bake(robot: Robot, mechanism: Mechanism, protocol: str, folder: Path) -> No
     from twin.stage.write import Motion, write_motion
     from twin.validation.motion import key_times
 
-    trajectory = plan(robot, protocol)
+    chosen = robot.protocol(protocol)
+    trajectory = plan(robot, chosen)
     times = key_times(trajectory)
-    model = ReferenceModel(mechanism)
-    run = model.run_poses(trajectory.poses(times))
+    model = ReferenceModel(robot.bound(chosen).mechanism)
+    run = model.run_poses(trajectory.poses(times), near=trajectory.joints(times))
     values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
     write_motion(mechanism, folder, Motion(trajectory.protocol, times, _rounded(model.link_poses(run.x)), values))
 

@@ -163,6 +163,23 @@ class Point:
 
 
 @dataclass(frozen=True)
+class Coupling:
+    """A belt, gear or cable: the sum of ratio times coordinate of some joints of the tree is constant.
+
+    Attributes:
+        name: identifier.
+        joints: names of joints with one coordinate, all angles or all lengths.
+        ratios: one for each.
+        total: the sum, in rad or m.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    ratios: tuple[float, ...]
+    total: float = 0.0
+
+
+@dataclass(frozen=True)
 class Mechanism:
     """Bodies, joints and loops of one robot.
 
@@ -174,6 +191,8 @@ class Mechanism:
         postures: named values of the active joints in m or rad.
         tool: name of the frame that inverse and forward kinematics speak of.
         parameters: numbers with provenance that the description adds (limits, drives, densities).
+        couplings: belts and gears between joints.
+        trocar: name of the joint that holds a trocar to the base, if there is one; see `with_trocar`.
         source: the file it came from, for messages.
     """
 
@@ -187,6 +206,8 @@ class Mechanism:
     postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     tool: str = "tool"
     parameters: tuple[Parameter, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
+    trocar: str = ""
     source: str = ""
 
     def __post_init__(self) -> None:
@@ -259,6 +280,20 @@ class Mechanism:
         """Return the same mechanism resting in other poses."""
         return replace(self, rest=dict(rest))
 
+    @property
+    def trocar_at(self) -> Array:
+        """Where the trocar is, (3,) in base, or raise `MechanismError` if the mechanism has none."""
+        if not self.trocar:
+            raise MechanismError(f"{self.name}: no joint is a trocar")
+        return self.joint(self.trocar).T_parent_joint[:3, 3]
+
+    def with_trocar(self, p_base: Array) -> Mechanism:
+        """Return the same mechanism with its trocar at p_base (3,) in m, turned as it was."""
+        T = self.joint(self.trocar).T_parent_joint.copy()
+        T[:3, 3] += np.asarray(p_base, float) - self.trocar_at
+        moved = tuple(replace(j, T_parent_joint=T) if j.name == self.trocar else j for j in self.joints)
+        return replace(self, joints=moved)
+
 
 def _find(kind: str, items, name: str):
     for item in items:
@@ -289,7 +324,13 @@ def _check(m: Mechanism) -> None:
     def fail(text: str) -> None:
         raise MechanismError(f"{m.name or 'mechanism'}: {text}")
 
-    for kind, items in (("body", m.bodies), ("joint", m.joints), ("frame", m.frames), ("point", m.points)):
+    for kind, items in (
+        ("body", m.bodies),
+        ("joint", m.joints),
+        ("frame", m.frames),
+        ("point", m.points),
+        ("coupling", m.couplings),
+    ):
         seen: set[str] = set()
         for item in items:
             if not _IDENTIFIER.fullmatch(item.name):
@@ -316,6 +357,17 @@ def _check(m: Mechanism) -> None:
                 fail(f"joint '{joint.name}': {label} {limits[0]:g} .. {limits[1]:g} are not ordered")
         if joint.active and len(joint.free_axes) != 1:
             fail(f"joint '{joint.name}' is active, but a {joint.type} joint has no single coordinate to drive")
+    single = {j.name: j for j in m.joints if len(j.free_axes) == 1}
+    for coupling in m.couplings:
+        for name in coupling.joints:
+            if name not in single:
+                fail(f"coupling '{coupling.name}': {unknown('joint with one coordinate', name, single)}")
+        if len({single[n].is_angle for n in coupling.joints}) > 1:
+            fail(f"coupling '{coupling.name}' joins angles and lengths: their sum has no unit")
+        if len(coupling.ratios) != len(coupling.joints) or not all(coupling.ratios):
+            fail(f"coupling '{coupling.name}' needs one ratio, not zero, for each of its joints")
+    if m.trocar and next((j.parent for j in m.joints if j.name == m.trocar), None) != m.base:
+        fail(f"trocar: joint '{m.trocar}' must be one that holds to the base '{m.base}'")
     for item in (*m.frames, *m.points):
         if item.body not in names:
             fail(f"'{item.name}': {unknown('body', item.body, names)}")

@@ -17,7 +17,7 @@ from twin.cad.features import Measured
 from twin.cad.step import MASS_TOLERANCE, Part, StepModel, read_step
 from twin.errors import CadError, unknown
 from twin.findings import Finding
-from twin.mechanism import Body, Drive, Frame, Inertia, Joint, Mechanism, Mesh, Point
+from twin.mechanism import Body, Coupling, Drive, Frame, Inertia, Joint, Mechanism, Mesh, Point
 from twin.provenance import Parameter
 from twin.spatial import Array
 from twin.units import DEG, MM, UM
@@ -114,6 +114,11 @@ def read_mechanism(description_path: Path, *, with_mass: bool = True) -> CadMode
         postures={n: _posture(values) for n, values in d.posture.items()},
         tool=d.tool,
         parameters=tuple(_parameters(d)),
+        couplings=tuple(
+            Coupling(c.name, tuple(c.joints), tuple(c.ratios), (c.sum_deg or 0.0) * DEG + (c.sum_mm or 0.0) * MM)
+            for c in d.coupling
+        ),
+        trocar=d.trocar or "",
         source=f"{description_path.name} {fingerprint(description_path)}",
     )
     gaps = tuple((g.lower, g.upper, g.min_gap_mm * MM) for g in d.gap)
@@ -397,4 +402,10 @@ def _parameters(d: Description) -> list[Parameter]:
     for gap in d.gap:
         label = f"gap {gap.lower}-{gap.upper}"
         out.append(Parameter(label, gap.min_gap_mm * MM, "mm", gap.min_gap_mm, gap.provenance, gap.note))
+    for c in d.coupling:
+        label = f"coupling {c.name}: " + " + ".join(f"{r:g} {j}" for r, j in zip(c.ratios, c.joints, strict=False))
+        if c.sum_deg is not None:
+            out.append(Parameter(label, c.sum_deg * DEG, "deg", c.sum_deg, c.provenance, c.note))
+        elif c.sum_mm is not None:
+            out.append(Parameter(label, c.sum_mm * MM, "mm", c.sum_mm, c.provenance, c.note))
     return out

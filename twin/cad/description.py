@@ -160,6 +160,24 @@ class NamedPoint(Table):
     at: str | None = None
 
 
+class CouplingSpec(Table):
+    """A belt, gear or cable: the sum of ratio times coordinate of the joints is `sum_deg` or `sum_mm`."""
+
+    name: Identifier
+    joints: list[Identifier] = Field(min_length=2)
+    ratios: list[float]
+    sum_deg: float | None = None
+    sum_mm: float | None = None
+    provenance: Provenance
+    note: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _one_unit(self) -> CouplingSpec:
+        if (self.sum_deg is None) == (self.sum_mm is None):
+            raise at((), "a coupling needs either `sum_deg` or `sum_mm`")
+        return self
+
+
 class PairGap(Table):
     """Least distance along a common rail between two prismatic joints, `upper` minus `lower`."""
 
@@ -213,6 +231,8 @@ class Description(Table):
     limit: list[LimitSpec] = Field(default_factory=list)
     drive: list[DriveSpec] = Field(default_factory=list)
     gap: list[PairGap] = Field(default_factory=list)
+    coupling: list[CouplingSpec] = Field(default_factory=list)
+    trocar: Identifier | None = None
     length: list[LengthSpec] = Field(default_factory=list)
     requirement: RequirementSpec | None = None
     frame: dict[Identifier, NamedFrame]

@@ -12,11 +12,13 @@ Phases:
     insertion     straight along the shaft by a depth; registers the RCM where it starts
     pivot         about the RCM: "enforced" goes to angles and a depth, the tip follows from them;
                   "monitored" goes to a waypoint as it stands, and the missed RCM is reported
+    circle        full circles of the tip; about the RCM if there is one, without spin, else with the attitude kept
     retraction    straight back along the shaft to a depth; at 0 the RCM is given up
     home          positioning to the home waypoint
 """
 
 from twin.protocol.load import load_protocol as load_protocol
+from twin.protocol.model import Circle as Circle
 from twin.protocol.model import Home as Home
 from twin.protocol.model import Insertion as Insertion
 from twin.protocol.model import Limits as Limits

@@ -10,6 +10,7 @@ import numpy as np
 from twin.errors import DescriptionError, unknown
 from twin.findings import Finding
 from twin.protocol.model import (
+    Circle,
     Home,
     Insertion,
     Limits,
@@ -22,6 +23,7 @@ from twin.protocol.model import (
     Waypoint,
 )
 from twin.protocol.tables import (
+    CircleTable,
     HomeTable,
     InsertionTable,
     LimitsTable,
@@ -64,6 +66,7 @@ def load_protocol(path: str | Path) -> Protocol:
         limits={kind: _limits(limits) for kind, limits in table.limits.items()},
         tolerances=_tolerances(table.tolerances),
         rotation=table.rotation,
+        trocar=None if table.trocar_mm is None else np.array(table.trocar_mm) * MM,
         findings=tuple(_warnings(table, used, str(path))),
     )
     return protocol
@@ -99,6 +102,9 @@ def _phase(p: PhaseTable, table: ProtocolTable) -> Phase:
             return Insertion(p.name, p.depth_mm * MM, p.to)
         case PivotTable():
             return Pivot(p.name, p.to, p.rcm)
+        case CircleTable():
+            normal = np.array(p.normal, float)
+            return Circle(p.name, np.array(p.centre_mm) * MM, normal / np.linalg.norm(normal), p.turns)
         case RetractionTable():
             return Retraction(p.name, p.depth_mm * MM)
         case HomeTable():
@@ -160,6 +166,8 @@ def _check_phases(table: ProtocolTable, path: str | Path) -> set[str]:
                 inside, goal = True, p.to
                 if goal is not None:
                     target(goal, (*keys, "to"), "position_mm", "an insertion")
+            case CircleTable():
+                goal = None  # it ends where it began
             case RetractionTable():
                 inside = p.depth_mm > 0
         if goal is not None:
@@ -169,7 +177,7 @@ def _check_phases(table: ProtocolTable, path: str | Path) -> set[str]:
                     (*keys, "to" if p.type != "home" else "type"),
                     f"the phase has no length: it begins at '{goal}' already; remove it",
                 )
-        here = goal
+        here = here if p.type == "circle" else goal
     return used
 
 
@@ -185,8 +193,8 @@ def _warnings(table: ProtocolTable, used: set[str], path: str) -> list[Finding]:
         for name in table.waypoints
         if name not in used
     ]
-    last = [p for p in table.phases if p.type in ("insertion", "pivot", "retraction")]
-    if last and not (last[-1].type == "retraction" and last[-1].depth_mm == 0):
+    last = [p for p in table.phases if p.type in ("insertion", "pivot", "circle", "retraction")]
+    if any(p.type == "insertion" for p in last) and not (last[-1].type == "retraction" and last[-1].depth_mm == 0):
         out.append(
             Finding(
                 "protocol.ends_inside",

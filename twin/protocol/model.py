@@ -11,7 +11,7 @@ from twin.provenance import Parameter, Provenance
 from twin.spatial import Array
 from twin.units import DEG, MM
 
-PhaseType = Literal["positioning", "insertion", "pivot", "retraction", "home"]
+PhaseType = Literal["positioning", "insertion", "pivot", "circle", "retraction", "home"]
 RcmMode = Literal["enforced", "monitored"]
 RotationOrder = Literal["zyx", "xyz"]
 """Axes about which a frame is turned one after the other, each time its own: "zyx" is Rz Ry Rx."""
@@ -85,6 +85,20 @@ class Pivot:
 
 
 @dataclass(frozen=True)
+class Circle:
+    """A full circle of the tip about the axis `normal` (3,) through `centre` (3,) in m, counter-clockwise.
+
+    With an RCM the shaft stays on it, without spin; without one the attitude stays.
+    """
+
+    name: str
+    centre: Array
+    normal: Array
+    turns: int = 1
+    type: ClassVar[PhaseType] = "circle"
+
+
+@dataclass(frozen=True)
 class Retraction:
     """Back along the shaft until `depth` in m is left."""
 
@@ -102,7 +116,7 @@ class Home:
     type: ClassVar[PhaseType] = "home"
 
 
-Phase = Positioning | Insertion | Pivot | Retraction | Home
+Phase = Positioning | Insertion | Pivot | Circle | Retraction | Home
 
 
 @dataclass(frozen=True)
@@ -120,6 +134,7 @@ class Protocol:
         limits: by phase type; every type that is used is there.
         tolerances: what the trajectory is judged with.
         rotation: axes of the waypoints' angles, in their order.
+        trocar: (3,) in base in m, where a mechanism with a trocar has it; None: as drawn.
         findings: what reading it had to say (warnings only).
     """
 
@@ -135,6 +150,7 @@ class Protocol:
     limits: Mapping[PhaseType, Limits]
     tolerances: Tolerances
     rotation: RotationOrder = "zyx"
+    trocar: Array | None = None
     findings: tuple[Finding, ...] = field(default=())
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -153,6 +169,11 @@ class Protocol:
                 add(f"{w.name}_{label}", float(p), "mm", MM, w.provenance, w.note)
             if w.depth is not None:
                 add(f"{w.name}_depth", w.depth, "mm", MM, w.provenance, w.note)
+        for c in (p for p in self.phases if isinstance(p, Circle)):
+            for label, p in zip("xyz", c.centre, strict=True):
+                add(f"{c.name}_centre_{label}", float(p), "mm", MM, "ASSUMED", "centre of the circle; see the file")
+        for label, p in zip("xyz", self.trocar if self.trocar is not None else (), strict=False):
+            add(f"trocar_{label}", float(p), "mm", MM, "ASSUMED", "where the patient is; see the file")
         for kind, l in self.limits.items():  # noqa: E741
             add(f"{kind}_tip_speed", l.tip_speed, "mm/s", MM, l.provenance, l.note)
             add(f"{kind}_tip_acceleration", l.tip_acceleration, "mm/s2", MM, l.provenance, l.note)

@@ -82,6 +82,21 @@ class PivotTable(_PhaseTable):
     rcm: RcmMode
 
 
+class CircleTable(_PhaseTable):
+    """Full circles of the tip; the shaft stays on the RCM if there is one."""
+
+    type: Literal["circle"]
+    centre_mm: Vector
+    normal: Vector = (0.0, 0.0, 1.0)
+    turns: Annotated[int, Field(ge=1)] = 1
+
+    @model_validator(mode="after")
+    def _has_an_axis(self) -> CircleTable:
+        if not any(self.normal):
+            raise at("normal", "the axis of a circle is not zero")
+        return self
+
+
 class RetractionTable(_PhaseTable):
     """Straight back along the shaft until `depth_mm` is left inside."""
 
@@ -96,7 +111,7 @@ class HomeTable(_PhaseTable):
 
 
 PhaseTable = Annotated[
-    PositioningTable | InsertionTable | PivotTable | RetractionTable | HomeTable,
+    PositioningTable | InsertionTable | PivotTable | CircleTable | RetractionTable | HomeTable,
     Field(discriminator="type"),
 ]
 
@@ -113,6 +128,7 @@ class ProtocolTable(Table):
     rotation: RotationOrder
     start: Identifier
     home: Identifier | None = None
+    trocar_mm: Vector | None = None
     tolerances: TolerancesTable
     limits: dict[PhaseType, LimitsTable]
     waypoints: Annotated[dict[Identifier, WaypointTable], Field(min_length=1)]

@@ -3,35 +3,56 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from twin import spatial
 from twin.mechanism import Joint
-from twin.spatial import Array
+from twin.spatial import Array, Index
 
 LENGTH_SCALE = 0.1
 """Metres of misfit that weigh as much as one radian of it."""
 
-AXES = ("offset x", "offset y", "offset z", "turn x", "turn y", "turn z")
+AXES = ("offset x", "offset y", "offset z", "turn x", "turn y", "turn z", "sum")
 """What a row of the residual locks, along and about the axes of the loop joint's frame on its parent."""
 
 
+@dataclass(frozen=True)
+class Coupled:
+    """A coupling in terms of the tree: `places` in the configuration, `columns` in the velocity."""
+
+    name: str
+    places: Index
+    columns: Index
+    ratios: Array
+    total: float
+    angle: bool
+
+
 class Loops:
-    """Loop closures: the relative pose of a loop joint's two frames must be free motion only.
+    """Loop closures: the relative pose of a loop joint's two frames must be free motion only; and couplings.
 
     Rows of the residual, in file order of the loops: offset in m along the locked translations, then the
-    locked rotations in rad times `LENGTH_SCALE`.
+    locked rotations in rad times `LENGTH_SCALE`. Last one row for each coupling.
 
     Attributes:
         joints: the loop joints.
+        names: of loop joints and couplings, as numbered in `row_loop`.
         row_loop: number of the loop of each row (m,).
         row_axis: which of `AXES` each row locks (m,).
         joint_numbers: Pinocchio's numbers of the joints that carry the ends.
     """
 
-    def __init__(self, joints: tuple[Joint, ...], body: Mapping[str, tuple[int, Array]], mask: Array) -> None:
-        self.joints = joints
+    def __init__(
+        self,
+        joints: tuple[Joint, ...],
+        body: Mapping[str, tuple[int, Array]],
+        mask: Array,
+        couplings: tuple[Coupled, ...] = (),
+    ) -> None:
+        self.joints, self.couplings = joints, couplings
+        self.names = (*(j.name for j in joints), *(c.name for c in couplings))
         ends = [(body[j.parent], body[j.child]) for j in joints]
         self._ids = np.array([[a[0], b[0]] for a, b in ends], int).reshape(-1, 2)
         self.joint_numbers = set(self._ids.reshape(-1).tolist())
@@ -42,16 +63,17 @@ class Loops:
         self._full = np.array([j.type in ("fixed", "prismatic") for j in joints], bool)
         locked = np.array([[axis not in j.free_axes for axis in range(6)] for j in joints], bool)
         self._locked = locked.reshape(-1)
-        self.row_loop = np.repeat(np.arange(len(joints)), 6)[self._locked]
-        self.row_axis = np.tile(np.arange(6), len(joints))[self._locked]
+        extra = np.arange(len(joints), len(self.names))
+        self.row_loop = np.concatenate([np.repeat(np.arange(len(joints)), 6)[self._locked], extra])
+        self.row_axis = np.concatenate([np.tile(np.arange(6), len(joints))[self._locked], np.full(len(extra), 6)])
 
     def relative(self, poses: Array) -> tuple[Array, Array]:
         """Return the parent joint frames in base and the child joint frames in them, each (k, loops, 4, 4)."""
         T_base_0 = poses[:, self._ids[:, 0]] @ self._T0
         return T_base_0, spatial.inverse(T_base_0) @ (poses[:, self._ids[:, 1]] @ self._T1)
 
-    def evaluate(self, poses: Array, J: Array) -> tuple[Array, Array]:
-        """Return residuals (k, m) and Jacobians (k, m, nv) for the poses and Jacobians of the tree."""
+    def evaluate(self, X: Array, poses: Array, J: Array) -> tuple[Array, Array]:
+        """Return residuals (k, m) and Jacobians (k, m, nv) at configurations X, for the tree's poses and Jacobians."""
         T0, T = self.relative(poses)
         residual, turn = self._residual(T)
         k, count = T.shape[:2]
@@ -62,7 +84,19 @@ class Loops:
         rows[..., :3, 3:] = -(R0t @ spatial.hat(p0)) - spatial.hat(T[..., :3, 3]) @ R0t
         rows[..., 3:, 3:] = LENGTH_SCALE * (turn @ R0t)
         A = rows @ (J[:, None] * self._mask)
-        return residual.reshape(k, 6 * count)[:, self._locked], A.reshape(k, 6 * count, J.shape[-1])[:, self._locked]
+        r, A = residual.reshape(k, 6 * count)[:, self._locked], A.reshape(k, 6 * count, J.shape[-1])[:, self._locked]
+        if not self.couplings:
+            return r, A
+        rows = np.zeros((k, len(self.couplings), J.shape[-1]))
+        for i, c in enumerate(self.couplings):
+            rows[:, i, c.columns] = c.ratios * (LENGTH_SCALE if c.angle else 1.0)
+        scale = np.array([LENGTH_SCALE if c.angle else 1.0 for c in self.couplings])
+        return np.concatenate([r, self._sums(X) * scale], axis=1), np.concatenate([A, rows], axis=1)
+
+    def _sums(self, X: Array) -> Array:
+        """Return how far the sums of the couplings are off, (k, couplings), in rad or m."""
+        off = [X[:, c.places] @ c.ratios - c.total for c in self.couplings]
+        return np.stack(off, axis=1) if off else np.zeros((len(X), 0))
 
     def _residual(self, T: Array) -> tuple[Array, Array]:
         """Return residuals (k, loops, 6) and the derivative (k, loops, 3, 3) of the locked rotations.
@@ -82,12 +116,17 @@ class Loops:
         residual[..., 3:] *= LENGTH_SCALE
         return residual, turn
 
-    def gaps(self, poses: Array) -> Array:
-        """Return (k, loops, 2): offset in m and misalignment in rad in the locked directions."""
+    def gaps(self, X: Array, poses: Array) -> Array:
+        """Return (k, names, 2): offset in m and misalignment in rad in the locked directions; couplings last."""
         residual, _ = self._residual(self.relative(poses)[1])
         residual = residual * self._locked.reshape(-1, 6)
         offset = np.linalg.norm(residual[..., :3], axis=-1)
-        return np.stack([offset, np.linalg.norm(residual[..., 3:], axis=-1) / LENGTH_SCALE], axis=-1)
+        out = np.stack([offset, np.linalg.norm(residual[..., 3:], axis=-1) / LENGTH_SCALE], axis=-1)
+        if not self.couplings:
+            return out
+        off = np.abs(self._sums(X))
+        angle = np.array([c.angle for c in self.couplings])
+        return np.concatenate([out, np.stack([off * ~angle, off * angle], axis=-1)], axis=1)
 
     def coordinates(self, poses: Array) -> dict[str, Array]:
         """Return the coordinate (k,) in m or rad of each loop joint that has one."""

@@ -54,15 +54,15 @@ def count(A: Array, loops: Loops, passive: Index) -> Mobility:
     """
     redundant: dict[str, int] = {}
     rank = 0
-    for i, joint in enumerate(loops.joints):
+    for i, name in enumerate(loops.names):
         new = _rank(A[loops.row_loop <= i])
-        redundant[joint.name] = int(np.sum(loops.row_loop == i)) - (new - rank)
+        redundant[name] = int(np.sum(loops.row_loop == i)) - (new - rank)
         rank = new
     # A row that takes part in a dependency (the left null space) is locked by others as well.
     repeats = np.linalg.norm(np.linalg.svd(A)[0][:, rank:], axis=1) > _SHARE if len(A) else np.zeros(0, bool)
     repeated = {
-        joint.name: tuple(AXES[a] for a in loops.row_axis[repeats & (loops.row_loop == i)])
-        for i, joint in enumerate(loops.joints)
+        name: tuple(AXES[a] for a in loops.row_axis[repeats & (loops.row_loop == i)])
+        for i, name in enumerate(loops.names)
     }
     internal = len(passive) - _rank(A[:, passive])
     return Mobility(A.shape[1] - rank, len(A) - rank, redundant, repeated, internal)

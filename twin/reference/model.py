@@ -154,12 +154,32 @@ class ReferenceModel:
             blocks.append(X)
         return self._closed(self.collect(np.concatenate(blocks)))
 
-    def run_poses(self, Ts_base_tool: Array, seed: Assembly | None = None, progress: Progress | None = None) -> Run:
-        """Solve for tool poses (k, 4, 4) along a motion; see `run`."""
+    def run_poses(
+        self,
+        Ts_base_tool: Array,
+        seed: Assembly | None = None,
+        progress: Progress | None = None,
+        near: Array | None = None,
+    ) -> Run:
+        """Solve for tool poses (k, 4, 4) along a motion; see `run`.
+
+        `near` (k, n) are active joints: a mechanism with freedoms to spare (`redundant`) takes each pose in many
+        ways; it then takes it by the least motion from there.
+        """
         Ts = np.asarray(Ts_base_tool, float)
         if Ts.ndim != 3 or not len(Ts) or not spatial.is_pose(Ts, 1e-6):
             raise MechanismError(f"the tool poses, of shape {Ts.shape}, are not rigid (k, 4, 4) poses")
-        return self._closed(self.collect(self._along(Ts, self._move_posed, seed, progress)), Ts)
+        if near is None or not self.redundant:
+            return self._closed(self.collect(self._along(Ts, self._move_posed, seed, progress)), Ts)
+        states = self._along(np.asarray(near, float), self._move_driven, seed, progress)
+        for block in np.array_split(np.arange(len(Ts)), max(1, len(Ts) // _BLOCK)):
+            states[block] = self._move_posed(states[block], Ts[block])[0]
+        return self._closed(self.collect(states), Ts)
+
+    @cached_property
+    def redundant(self) -> bool:
+        """Whether the mechanism has more degrees of freedom than a tool pose takes."""
+        return self.mobility(self._home).freedom > 6
 
     def collect(self, states: Array) -> Run:
         """Return what the configurations (k, nq) mean."""
@@ -170,9 +190,10 @@ class ReferenceModel:
             i = self.tree.configuration.get(joint.name)
             passive[joint.name] = states[:, i] if i is not None else loop_values[joint.name]
         points = {p.name: (self._link(poses, p.body) @ np.append(p.p_body, 1.0))[:, :3] for p in self.mechanism.points}
-        names = tuple(j.name for j in self.tree.loops.joints)
-        gaps = self.tree.loops.gaps(poses)
-        return Run(states, states[:, self._active_q], self.tree.tool(poses), passive, points, gaps, names)
+        gaps = self.tree.loops.gaps(states, poses)
+        return Run(
+            states, states[:, self._active_q], self.tree.tool(poses), passive, points, gaps, self.tree.loops.names
+        )
 
     def link_poses(self, states: Array) -> dict[str, Array]:
         """Return T_base_body (k, 4, 4) of every body for configurations (k, nq)."""
@@ -242,7 +263,7 @@ class ReferenceModel:
         return minimise(self.tree, X, self._loops_only, self.tree.passive)[0][0]
 
     def _loops_only(self, X: Array, _: Index) -> tuple[Array, Array]:
-        return self.tree.loops.evaluate(*self.tree.update(X, closing_only=True))
+        return self.tree.loops.evaluate(X, *self.tree.update(X, closing_only=True))
 
     def _move_driven(self, X: Array, q: Array) -> tuple[Array, Array]:
         """Return states near X (k, nq) whose active joints have values q (k, n), and which converged."""
@@ -257,7 +278,7 @@ class ReferenceModel:
 
         def residual(X: Array, rows: Index) -> tuple[Array, Array]:
             poses, J = tree.update(X, closing_only=True)
-            r, A = tree.loops.evaluate(poses, J)
+            r, A = tree.loops.evaluate(X, poses, J)
             T, J_tool = tree.tool(poses), tree.tool_jacobian(poses, J)
             sine, turn = sine_of_rotation(T[:, :3, :3] @ Rt[rows])
             r = np.concatenate([r, T[:, :3, 3] - Ts[rows, :3, 3], LENGTH_SCALE * sine], axis=1)
@@ -293,7 +314,7 @@ class ReferenceModel:
     def _misfit(self, x: Array, target: Array) -> float:
         """Return the largest loop gap in m or, for a tool pose, also how far the tool is from it."""
         poses, _ = self.tree.update(x[None], closing_only=True)
-        gap = float(self.tree.loops.gaps(poses)[..., 0].max(initial=0.0))
+        gap = float(self.tree.loops.gaps(x[None], poses)[..., 0].max(initial=0.0))
         if target.ndim == 2:
             gap = max(gap, walk.distance(self.tree.tool(poses)[0], target))
         return gap
@@ -357,11 +378,11 @@ class ReferenceModel:
 
     def _gains(self, states: Array, A: Array | None = None) -> Array:
         """Return the rates of the tree (k, nv, n) per rate of each active joint, least squares for the passive."""
-        tree = self.tree
         A = self._jacobians(states)[0] if A is None else A
-        gain = np.zeros((len(A), tree.model.nv, len(tree.active)))
-        gain[:, tree.active] = np.eye(len(tree.active))
-        gain[:, tree.passive] = -self._give(A) @ A[:, :, tree.active]
+        active = self.tree.active
+        gain = np.zeros((len(A), self.tree.model.nv, len(active)))
+        gain[:, active] = np.eye(len(active))
+        gain[:, self.tree.passive] = -self._give(A) @ A[:, :, active]
         return gain
 
     def _give(self, A: Array) -> Array:
@@ -377,4 +398,4 @@ class ReferenceModel:
     def _jacobians(self, X: Array) -> tuple[Array, Array]:
         """Return loop Jacobians (k, m, nv) and tool Jacobians (k, 6, nv)."""
         poses, J = self.tree.update(X, closing_only=True)
-        return self.tree.loops.evaluate(poses, J)[1], self.tree.tool_jacobian(poses, J)
+        return self.tree.loops.evaluate(X, poses, J)[1], self.tree.tool_jacobian(poses, J)

@@ -36,7 +36,7 @@ def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> S
     """
     tree = model.tree
     poses, J = tree.update(x[None])
-    A = tree.loops.evaluate(poses, J)[1][0]
+    A = tree.loops.evaluate(x[None], poses, J)[1][0]
     J_tool = tree.tool_jacobian(poses, J)[0]
     T_tool = tree.tool(poses)[0]
     links = {b.name: poses[0, i] @ T for b in model.mechanism.bodies for i, T in [tree.body(b.name)]}
@@ -88,9 +88,9 @@ def _effect(
     outboard = _outboard(model, joint)
     moved = model.mechanism.frame(model.mechanism.tool).body in outboard
     direct = np.concatenate([v + np.cross(w, T_tool[:3, 3] - frame[:3, 3]), w]) if moved else np.zeros(6)
-    if not loops.joints:
+    if not loops.names:
         return direct
-    rows = []
+    rows = [np.zeros(0)]
     for loop in loops.joints:
         sign = (loop.child in outboard) - (loop.parent in outboard) if loop is not joint else 1
         T0 = links[loop.parent] @ loop.T_parent_joint
@@ -99,7 +99,7 @@ def _effect(
         offset, turn = R0t @ (v + np.cross(w, p1 - frame[:3, 3])), R0t @ w
         row = sign * np.concatenate([offset, LENGTH_SCALE * turn])
         rows.append(row[[axis for axis in range(6) if axis not in loop.free_axes]])
-    return direct - give @ np.concatenate(rows)
+    return direct - give @ np.concatenate([*rows, np.zeros(len(loops.couplings))])  # a belt knows no frames
 
 
 def _outboard(model: ReferenceModel, joint: Joint) -> set[str]:

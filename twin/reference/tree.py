@@ -10,7 +10,7 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed bes
 from twin import spatial
 from twin.errors import MechanismError
 from twin.mechanism import Joint, Mechanism
-from twin.reference.loops import Loops, about_z
+from twin.reference.loops import Coupled, Loops, about_z
 from twin.spatial import Array
 
 _JOINT_MODELS = {
@@ -51,7 +51,7 @@ class Tree:
         tool = mechanism.frame(mechanism.tool)
         self.tool_joint, T_joint_body = self._body[tool.body]
         self.T_joint_tool = T_joint_body @ tool.T_body_frame
-        self.loops = Loops(mechanism.loops, self._body, self._mask)
+        self.loops = Loops(mechanism.loops, self._body, self._mask, self._coupled())
         self._all = sorted({number for number, _ in self._body.values()} - {0})
         with_points = {self._body[p.body][0] for p in mechanism.points}
         self._closing = sorted({*self.loops.joint_numbers, *with_points, self.tool_joint} - {0})
@@ -74,6 +74,21 @@ class Tree:
         number = self.model.addJoint(parent_id, kind(), pin.SE3(placement), joint.name)
         self.joint_id[joint.name] = number
         self._body[joint.child] = (number, T_joint_child)
+
+    def _coupled(self) -> tuple[Coupled, ...]:
+        out = []
+        for coupling in self.mechanism.couplings:
+            for name in coupling.joints:
+                if name not in self.coordinate:
+                    raise MechanismError(
+                        f"coupling '{coupling.name}': joint '{name}' closes a loop and has no coordinate of its own; "
+                        "list it before the joint that should close the loop"
+                    )
+            columns = np.array([self.coordinate[n] for n in coupling.joints], int)
+            places = np.array([self.configuration[n] for n in coupling.joints], int)
+            angle = self.mechanism.joint(coupling.joints[0]).is_angle
+            out.append(Coupled(coupling.name, places, columns, np.array(coupling.ratios), coupling.total, angle))
+        return tuple(out)
 
     def _support_masks(self) -> Array:
         """Return (joints, nv): 1 where a velocity moves a Pinocchio joint."""

@@ -199,6 +199,10 @@ class Trajectory:
         turn = spatial.log_so3(np.swapaxes(a[:, :3, :3], 1, 2) @ b[:, :3, :3])
         return spatial.pose(a[:, :3, :3] @ spatial.exp_so3(f * turn), (1 - f) * a[:, :3, 3] + f * b[:, :3, 3])
 
+    def joints(self, times: Array) -> Array:
+        """Return q (k, n) at times (k,) in s, blended linearly between samples."""
+        return np.stack([np.interp(times, self.t, column) for column in self.q.T], axis=1)
+
     def as_dict(self, arrays: bool = True) -> dict[str, Any]:
         """Return plain data for JSON, SI; NaN becomes None. `arrays` adds every sample."""
         out: dict[str, Any] = {

@@ -1,8 +1,9 @@
 """Task-space paths of the phases: exact poses and exact derivatives in the path parameter s in [0, 1].
 
-Two shapes are enough. A line: position and angles linear in s. About the RCM P: angles and depth l
+Three shapes are enough. A line: position and angles linear in s. About the RCM P: angles and depth l
 linear in s, and the tip derived from them, tip(s) = P + l(s) R(s) n with the shaft n fixed in the
-tool, so that the shaft passes through P at every s by construction, not by correction.
+tool, so that the shaft passes through P at every s by construction, not by correction. A circle of the tip:
+the shaft turned from its direction at the start to that from P to the tip, by the least rotation.
 """
 
 from __future__ import annotations
@@ -14,7 +15,18 @@ import numpy as np
 
 from twin import spatial
 from twin.errors import ProtocolError
-from twin.protocol import Home, Insertion, Phase, Pivot, Positioning, Protocol, RcmMode, Retraction, RotationOrder
+from twin.protocol import (
+    Circle,
+    Home,
+    Insertion,
+    Phase,
+    Pivot,
+    Positioning,
+    Protocol,
+    RcmMode,
+    Retraction,
+    RotationOrder,
+)
 from twin.spatial import Array
 from twin.units import DEG, MM
 
@@ -83,6 +95,8 @@ class PhasePath:
     def motion(self, s: Array) -> Motion:
         """Return the motion at s (k,)."""
         s = np.asarray(s, float)
+        if isinstance(self.phase, Circle):
+            return self._circle(self.phase, s)
         R, w1, w2 = _rotation(self.angles0, self.angles1 - self.angles0, s, self.order)
         if self.about_rcm and self.rcm is not None:
             n = R @ self.n_tool_shaft
@@ -95,9 +109,41 @@ class PhasePath:
             step = self.tip1 - self.tip0
             p, p1 = self.tip0 + s[:, None] * step, np.broadcast_to(step, (len(s), 3))
             p2 = np.zeros((len(s), 3))
+        return self._motion(R, p, p1, p2, w1, w2)
+
+    def _motion(self, R: Array, p: Array, p1: Array, p2: Array, w1: Array, w2: Array) -> Motion:
         arm = R @ self.T_tool_frame[:3, 3]  # from the tool to the moved frame
         twists = np.concatenate([p1 - np.cross(w1, arm), w1], axis=1)
         return Motion(spatial.pose(R, p - arm), p, p1, p2, w1, w2, twists)
+
+    def _circle(self, circle: Circle, s: Array) -> Motion:
+        R0 = rotation(self.angles0, self.order)
+        out = self.tip0 - circle.centre
+        out, along = out - (out @ circle.normal) * circle.normal, (out @ circle.normal) * circle.normal
+        across = np.cross(circle.normal, out)
+        full = 2 * np.pi * circle.turns
+        c, sn = np.cos(full * s)[:, None], np.sin(full * s)[:, None]
+        p = circle.centre + along + c * out + sn * across
+        p1, p2 = full * (c * across - sn * out), -(full**2) * (c * out + sn * across)
+        if self.rcm is None:
+            still = np.zeros((len(s), 3))
+            return self._motion(np.tile(R0, (len(s), 1, 1)), p, p1, p2, still, still)
+        # Direction n of the shaft from the RCM to the tip, and the least rotation from n0 to n.
+        w = p - self.rcm
+        l = np.linalg.norm(w, axis=1)[:, None]  # noqa: E741
+        n = w / l
+        l1 = np.sum(n * p1, axis=1)[:, None]
+        n1 = (p1 - l1 * n) / l
+        l2 = (np.sum(n1 * p1, axis=1) + np.sum(n * p2, axis=1))[:, None]
+        n2 = (p2 - l2 * n - 2 * l1 * n1) / l
+        n0 = R0 @ self.n_tool_shaft
+        v, share = np.cross(n0, n), 1 / (1 + n @ n0)
+        hat = spatial.hat(v)
+        R = (np.eye(3) + hat + share[:, None, None] * (hat @ hat)) @ R0
+        share = share[:, None]
+        w1 = np.cross(n0 + n, n1) * share
+        w2 = np.cross(n0 + n, n2) * share - w1 * (n1 @ n0)[:, None] * share
+        return self._motion(R, p, p1, p2, w1, w2)
 
     def angles(self, s: float) -> Array:
         """Return the angles (3,) in rad at s, about the axes of `order`."""
@@ -105,6 +151,8 @@ class PhasePath:
 
     def depth(self, s: float) -> float:
         """Return the depth in m at s (NaN without RCM)."""
+        if isinstance(self.phase, Circle) and self.rcm is not None:
+            return float(np.linalg.norm(self.motion(np.array([s])).p[0] - self.rcm))
         return self.depth0 + s * (self.depth1 - self.depth0)
 
 
@@ -170,6 +218,15 @@ def build(protocol: Protocol, T_tool_frame: Array) -> tuple[PhasePath, ...]:
                 else:
                     goal, end = _pose(protocol, waypoint)
                     depth1 = float((end - rcm) @ rotation(goal, protocol.rotation) @ n_tool)
+            case Circle():
+                end = tip
+                if np.linalg.norm(np.cross(tip - phase.centre, phase.normal)) < _NO_LENGTH:
+                    raise _refuse(protocol, phase, "it begins on its own axis: its radius is 0")
+                if rcm is not None:
+                    mode, depth1 = "enforced", depth0
+                    missed = spatial.point_to_line(rcm, tip, shaft)
+                    if missed > protocol.tolerances.rcm:
+                        raise _refuse(protocol, phase, f"the shaft begins {missed / MM:.3f} mm beside the RCM")
             case Retraction():
                 mode, depth1 = "enforced", phase.depth
                 if rcm is None:
@@ -180,7 +237,8 @@ def build(protocol: Protocol, T_tool_frame: Array) -> tuple[PhasePath, ...]:
                 end = tip + (depth1 - depth0) * shaft
             case _:
                 assert_never(phase)
-        if np.linalg.norm(end - tip) < _NO_LENGTH and np.linalg.norm(goal - angles) < _NO_LENGTH:
+        still = not isinstance(phase, Circle) and np.linalg.norm(end - tip) < _NO_LENGTH
+        if still and np.linalg.norm(goal - angles) < _NO_LENGTH:
             at = ", ".join(f"{x / MM:.3f}" for x in tip)
             turn = ", ".join(f"{x / DEG:.3f}" for x in angles)
             raise _refuse(

@@ -79,7 +79,9 @@ def compare(
             )
         )
 
-    posed = model.run_poses(Ts[rows], progress=lambda f: progress("mechanism at the tool poses", f))
+    posed = model.run_poses(
+        Ts[rows], progress=lambda f: progress("mechanism at the tool poses", f), near=trajectory.q[rows]
+    )
     out.posed = posed
     blamed = _points(kin, model, posed, Ts[rows], out, coarse, tolerances)
     blamed_joints = _driven(kin, posed, q[rows], blamed, out, coarse, tolerances)

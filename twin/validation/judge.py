@@ -259,7 +259,8 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
         return
     try:
         out.findings += [*check_stage(case.stage), *run_usd_validators(case.stage)]
-        other = ReferenceModel(read_stage(case.stage))
+        stage = read_stage(case.stage)
+        other = ReferenceModel(stage if case.protocol.trocar is None else stage.with_trocar(case.protocol.trocar))
         back = other.run(run.q, progress=lambda f: progress("stage read back", f))
     except (StageError, AssemblyError) as error:
         out.findings.append(Finding("stage.unreadable", "disagreement", f"stage: {error}", where=str(case.stage.name)))

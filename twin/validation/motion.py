@@ -39,18 +39,21 @@ class Samples:
 
     Attributes:
         name: of the protocol.
-        keys, Ts_keys: time codes (k,) in s of the baked motion, and T_base_tool (k, 4, 4) there.
-        middle, Ts_middle: times between keys.
-        sparse, Ts_sparse: times at which distances are measured.
+        keys, Ts_keys, q_keys: time codes (k,) in s of the baked motion, T_base_tool (k, 4, 4) and joints (k, n) there.
+        middle, Ts_middle, q_middle: times between keys.
+        sparse, Ts_sparse, q_sparse: times at which distances are measured.
     """
 
     name: str
     keys: Array
     Ts_keys: Array
+    q_keys: Array
     middle: Array
     Ts_middle: Array
+    q_middle: Array
     sparse: Array
     Ts_sparse: Array
+    q_sparse: Array
 
 
 @dataclass(frozen=True)
@@ -83,8 +86,11 @@ def samples(trajectory: Trajectory) -> Samples:
     keys = key_times(trajectory)
     middle = (0.5 * (keys[1:] + keys[:-1]))[::MIDDLE]
     sparse = np.linspace(0.0, trajectory.duration, max(2, int(trajectory.duration * CLEARANCE_RATE) + 1))
-    at = trajectory.poses
-    return Samples(trajectory.protocol, keys, at(keys), middle, at(middle), sparse, at(sparse))
+
+    def at(times: Array) -> tuple[Array, Array, Array]:
+        return times, trajectory.poses(times), trajectory.joints(times)
+
+    return Samples(trajectory.protocol, *at(keys), *at(middle), *at(sparse))
 
 
 def measure(mechanism: Mechanism, samples: Samples) -> Measured:
@@ -94,14 +100,14 @@ def measure(mechanism: Mechanism, samples: Samples) -> Measured:
         AssemblyError: the mechanism cannot take the tool poses.
     """
     model = ReferenceModel(mechanism)
-    links = model.link_poses(model.run_poses(samples.Ts_keys).x)
+    links = model.link_poses(model.run_poses(samples.Ts_keys, near=samples.q_keys).x)
     with tempfile.TemporaryDirectory(prefix="twin-motion-") as folder:
         home = model.home()
         bare = replace(mechanism, bodies=tuple(replace(b, meshes=()) for b in mechanism.bodies))
         write_stage(bare, Path(folder), home.link_poses, home.q_full)
         files = write_motion(bare, Path(folder), Motion(samples.name, samples.keys, links))
         times, back = read_motion(files.root)
-    between = model.link_poses(model.run_poses(samples.Ts_middle).x)
+    between = model.link_poses(model.run_poses(samples.Ts_middle, near=samples.q_middle).x)
     position, rotation = np.zeros(len(samples.keys)), np.zeros(len(samples.keys))
     apart = np.zeros(len(samples.middle))
     if len(times) == len(samples.keys):
@@ -113,7 +119,7 @@ def measure(mechanism: Mechanism, samples: Samples) -> Measured:
             apart = np.maximum(apart, np.linalg.norm(blend - between[name][:, :3, 3], axis=1))
     found = None
     if any(b.meshes for b in mechanism.bodies):
-        found = clearance(mechanism, model.link_poses(model.run_poses(samples.Ts_sparse).x))
+        found = clearance(mechanism, model.link_poses(model.run_poses(samples.Ts_sparse, near=samples.q_sparse).x))
     return Measured(times, position, rotation, apart, found)
 
 

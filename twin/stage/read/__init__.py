@@ -20,7 +20,7 @@ from pxr import UsdGeom
 from twin import spatial
 from twin.errors import MechanismError, StageError
 from twin.findings import Finding
-from twin.mechanism import Body, Frame, Mechanism, Point
+from twin.mechanism import Body, Coupling, Frame, Mechanism, Point
 from twin.provenance import Parameter
 from twin.spatial import Array
 from twin.stage.read.bodies import below, original_name, read_inertia, read_marks, read_meshes, refuse_scale
@@ -108,6 +108,8 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
             postures=told["postures"],
             tool=told["tool"],
             parameters=told["parameters"],
+            couplings=told["couplings"],
+            trocar=told["trocar"],
             source=scene.path,
         )
     except MechanismError as error:
@@ -136,11 +138,20 @@ def _robot_name(scene: Scene, chosen: Selection, root: str | None) -> str:
 
 def _told(scene: Scene, chosen: Selection) -> dict[str, Any]:
     """Return what only twin authors: tool, postures and parameters; empty for a foreign stage."""
-    out: dict[str, Any] = {"tool": "tool", "postures": {}, "parameters": ()}
+    out: dict[str, Any] = {"tool": "tool", "postures": {}, "parameters": (), "couplings": (), "trocar": ""}
     parent = scene.bodies[chosen.bodies[0]].GetParent()
     tool = parent.GetAttribute("twin:tool")
     if tool and tool.Get():
         out["tool"] = str(tool.Get())
+    trocar = parent.GetAttribute("twin:trocar")
+    if trocar and trocar.Get():
+        out["trocar"] = str(trocar.Get())
+    if couplings := parent.GetCustomDataByKey("twin:couplings"):
+        rows = sorted(couplings.items(), key=lambda item: item[1]["index"])
+        out["couplings"] = tuple(
+            Coupling(name, tuple(c["ratios"]), tuple(map(float, c["ratios"].values())), float(c["total"]))
+            for name, c in rows
+        )
     if postures := parent.GetCustomDataByKey("twin:postures"):
         out["postures"] = {k: {n: float(q) for n, q in v.items()} for k, v in postures.items()}
     if parameters := parent.GetCustomDataByKey("twin:parameters"):

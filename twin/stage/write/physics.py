@@ -114,7 +114,13 @@ def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
         }
         for i, p in enumerate(mechanism.parameters)
     }
-    for key, value in (("postures", postures), ("parameters", parameters)):
+    couplings = {
+        c.name: {"index": i, "total": float(c.total), "ratios": dict(zip(c.joints, map(float, c.ratios), strict=True))}
+        for i, c in enumerate(mechanism.couplings)
+    }
+    if mechanism.trocar:
+        _attribute(root, "twin:trocar", Sdf.ValueTypeNames.Token, mechanism.trocar)
+    for key, value in (("postures", postures), ("parameters", parameters), ("couplings", couplings)):
         if value:
             root.SetCustomDataByKey(f"twin:{key}", value)
 

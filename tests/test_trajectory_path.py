@@ -1,0 +1,56 @@
+"""Circles as paths: their derivatives, their RCM, their refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twin import spatial
+from twin.errors import ProtocolError
+from twin.protocol import load_protocol
+from twin.trajectory.path import build
+
+CIRCLE = Path(__file__).parents[1] / "trajectories/pa10/circle.toml"
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_a_circle_has_the_derivatives_it_says(inside):
+    """Central differences of pose and rates; with a frame that is not the tool's."""
+    T_tool_frame = spatial.pose(spatial.exp_so3([0.0, 0.0, 0.4]), [0.01, -0.02, 0.3])
+    protocol = load_protocol(CIRCLE)
+    if not inside:
+        protocol = replace(protocol, phases=(protocol.phases[0], replace(protocol.phases[2], centre=np.full(3, 0.2))))
+    path = build(protocol, T_tool_frame)[-3 if inside else -1]
+    s, h = np.linspace(0.02, 0.98, 25), 1e-5
+    at, ahead, behind = path.motion(s), path.motion(s + h), path.motion(s - h)
+    np.testing.assert_allclose((ahead.p - behind.p) / (2 * h), at.p1, atol=1e-8)
+    np.testing.assert_allclose((ahead.p1 - behind.p1) / (2 * h), at.p2, atol=1e-7)
+    R1, R0 = ahead.Ts_base_tool[:, :3, :3], behind.Ts_base_tool[:, :3, :3]
+    np.testing.assert_allclose(spatial.log_so3(R1 @ np.swapaxes(R0, 1, 2)) / (2 * h), at.w1, atol=1e-8)
+    np.testing.assert_allclose((ahead.w1 - behind.w1) / (2 * h), at.w2, atol=1e-7)
+    v = (ahead.Ts_base_tool - behind.Ts_base_tool)[:, :3, 3] / (2 * h)
+    np.testing.assert_allclose(v, at.twists[:, :3], atol=1e-8)
+
+
+def test_a_circle_keeps_radius_plane_and_rcm_and_closes_without_spin():
+    *_, path, _, _ = build(load_protocol(CIRCLE), np.eye(4))
+    m = path.motion(np.linspace(0, 1, 200))
+    centre = np.array([0.32, 0.48, 0.0])
+    np.testing.assert_allclose(np.linalg.norm(m.p - centre, axis=1), 0.02, atol=1e-9)
+    np.testing.assert_allclose(m.p[:, 2], m.p[0, 2], atol=1e-15)
+    assert spatial.point_to_line(path.rcm, m.p, m.Ts_base_tool[:, :3, 2]).max() < 1e-15
+    np.testing.assert_allclose(m.Ts_base_tool[0], m.Ts_base_tool[-1], atol=1e-14)
+    n0 = m.Ts_base_tool[0, :3, 2]  # least rotation from the start: its axis is square to the shaft there
+    turn = spatial.log_so3(m.Ts_base_tool[:, :3, :3] @ m.Ts_base_tool[0, :3, :3].T)
+    assert np.abs(turn @ n0).max() < 1e-14
+    assert path.depth(0.5) == pytest.approx(np.hypot(0.02, 0.1), abs=1e-9)
+
+
+def test_a_circle_without_radius_is_refused():
+    protocol = load_protocol(CIRCLE)
+    circle = replace(protocol.phases[2], centre=np.array([0.34, 0.48, 0.3]))
+    with pytest.raises(ProtocolError, match="phase 'circle'.*its radius is 0"):
+        build(replace(protocol, phases=(*protocol.phases[:2], circle)), np.eye(4))

@@ -1,0 +1,198 @@
+"""Mitsubishi PA10-7C with an instrument along its last axis: S-R-S arm in modified Denavit-Hartenberg form.
+
+Table 1 of the paper on the virtual surgery robot gives the chain in Khalil and Kleinfinger's form,
+T = Rx(alpha) Tx(d) Rz(theta) Tz(r), and no length. Lengths are those of the INRIA model of the arm. Frame 0 lies
+at the shoulder, z up; all joints zero: straight up. {tool} is frame 8, at the tip, z out of it.
+
+Seven joints for six freedoms: the elbow swivels about the line from shoulder to wrist. The inverse takes the
+swivel as a parameter (0: elbow up, in the vertical plane through that line) and one posture of the eight.
+"""
+
+from __future__ import annotations
+
+from casadi import atan2, cos, cross, dot, if_else, norm_2, pi, sin, sqrt, vertcat
+
+from twin.kinematics import symbolic
+from twin.kinematics.contract import ActiveJoint, Aspect, Coordinates, Equation, Formula, Measure
+from twin.provenance import Parameter
+from twin.units import DEG, MM
+
+_PAPER = "Design and Modeling of PA-10 Virtual Surgery Robot"
+_INRIA = "siconos HuMAns_pa10 (INRIA)"
+
+
+def _link(alpha, theta, r):
+    """Return Rx(alpha) Rz(theta) Tz(r), (4, 4): a row of Table 1; every d is 0."""
+    R = symbolic.rotation_x(alpha) @ symbolic.rotation_z(theta)
+    return symbolic.pose(R, R @ vertcat(0, 0, r))
+
+
+def table1(q1, q2, q3, q4, q5, q6, q7, RL3, RL5, RL7, RL8):
+    """Chain of the modified DH table, frames 1 to 8."""
+    T = _link(0, q1, 0) @ _link(-pi / 2, q2, 0) @ _link(pi / 2, q3, RL3) @ _link(-pi / 2, q4, 0)
+    return T @ _link(pi / 2, q5, RL5) @ _link(-pi / 2, q6, 0) @ _link(pi / 2, q7, RL7) @ _link(0, 0, RL8)
+
+
+def wrist(T_base_tool, RL7, RL8):
+    """Wrist P_m, on the shaft behind the tip."""
+    return T_base_tool[0:3, 3] - (RL7 + RL8) * T_base_tool[0:3, 2]
+
+
+def elbow(P_m, RL3, RL5, swivel):
+    """Elbow P_c on its circle about the line from shoulder to wrist; swivel 0 is the upper one."""
+    D = norm_2(P_m)
+    n = P_m / D
+    a = (RL3**2 - RL5**2 + D**2) / (2 * D)
+    up = vertcat(0, 0, 1)
+    e1 = up - dot(up, n) * n
+    e1 = e1 / norm_2(e1)
+    return a * n + sqrt(RL3**2 - a**2) * (cos(swivel) * e1 + sin(swivel) * cross(n, e1))
+
+
+def arm_angles(P_c, P_m, RL3, RL5):
+    """q1..q4 from elbow and wrist, with q1 on the wrist's side and q4 not negative."""
+    side = if_else(P_c[0] * P_m[0] + P_c[1] * P_m[1] < 0, -1, 1)
+    q1 = atan2(side * P_c[1], side * P_c[0])
+    q2 = atan2(side * sqrt(P_c[0] ** 2 + P_c[1] ** 2), P_c[2])
+    w = (symbolic.rotation_z(q1) @ symbolic.rotation_y(q2)).T @ (P_m - P_c) / RL5
+    return q1, q2, atan2(w[1], w[0]), atan2(sqrt(w[0] ** 2 + w[1] ** 2), w[2])
+
+
+def wrist_angles(T_base_tool, q1, q2, q3, q4):
+    """q5..q7 from the direction of the shaft and the turn about it, with q6 not negative."""
+    R04 = symbolic.rotation_z(q1) @ symbolic.rotation_y(q2) @ symbolic.rotation_z(q3) @ symbolic.rotation_y(q4)
+    R = R04.T @ T_base_tool[0:3, 0:3]  # = Rz(q5) Ry(q6) Rz(q7)
+    q5, q6 = atan2(R[1, 2], R[0, 2]), atan2(sqrt(R[0, 2] ** 2 + R[1, 2] ** 2), R[2, 2])
+    left = (symbolic.rotation_z(q5) @ symbolic.rotation_y(q6)).T @ R
+    return q5, q6, atan2(left[1, 0], left[0, 0])
+
+
+def places(T_base_tool, P_c, P_m, RL8):
+    """Shoulder, elbow, wrist, flange and tip in base."""
+    tip = T_base_tool[0:3, 3]
+    return vertcat(0, 0, 0), P_c, P_m, tip - RL8 * T_base_tool[0:3, 2], tip
+
+
+def margins(q2, q4, q6, P_m, RL3, RL5):
+    """Reach in m, sines that vanish at singularities, and how far the wrist is beside the vertical."""
+    D = norm_2(P_m)
+    aside = sqrt(P_m[0] ** 2 + P_m[1] ** 2)
+    return RL3 + RL5 - D, D - sqrt((RL3 - RL5) ** 2), sin(q2), sin(q4), sin(q6), aside / (RL3 + RL5)
+
+
+def _mm(name: str, mm: float, provenance, note: str) -> Parameter:
+    return Parameter(name, mm * MM, "mm", mm, provenance, note)
+
+
+_ALARM = "alarm ASSUMED: no published threshold"
+_POINTS = ("shoulder", "elbow", "wrist", "flange", "tip")
+
+FORMULA = Formula(
+    name="pa10",
+    title="Mitsubishi PA10-7C with an instrument through a trocar",
+    source=f"{_PAPER}, Table 1; lengths: {_INRIA}",
+    parameters=(
+        _mm("RL3", 450.0, "CITED", f"{_INRIA}: shoulder to elbow"),
+        _mm("RL5", 480.0, "CITED", f"{_INRIA}: elbow to wrist, PA10-7C; the older PA-10 has 500"),
+        _mm("RL7", 70.0, "CITED", "OpenBionics modelMitsubishiPA10: wrist to flange, PA10-7C; the older has 80"),
+        _mm("RL8", 330.0, "ASSUMED", "instrument beyond the flange: in the paper's table without a value"),
+        Parameter(
+            "swivel",
+            0.0,
+            "deg",
+            0.0,
+            "ASSUMED",
+            "elbow in the vertical plane through shoulder and wrist, above them; the paper leaves it open",
+        ),
+    ),
+    joints=tuple(ActiveJoint(f"q{i}", "revolute") for i in range(1, 8)),
+    coordinates=Coordinates(
+        names=("x", "y", "z", "psi", "theta", "phi"),
+        units=("m", "m", "m", "rad", "rad", "rad"),
+        to_pose=lambda x, y, z, psi, theta, phi: symbolic.pose(
+            symbolic.rotation_zyx(psi, theta, phi), vertcat(x, y, z)
+        ),
+        from_pose=lambda T: (T[0, 3], T[1, 3], T[2, 3], *symbolic.angles_zyx(T)),
+    ),
+    equations=(
+        Equation(
+            "wrist",
+            "pose -> wrist P_m",
+            f"{_PAPER}, trocar model",
+            "inverse",
+            ("P_m",),
+            {"published": wrist},
+            default="published",
+        ),
+        Equation(
+            "elbow",
+            "wrist and swivel -> elbow P_c",
+            "DERIVED: |P_c| = RL3, |P_m - P_c| = RL5",
+            "inverse",
+            ("P_c",),
+            {"derived": elbow},
+            default="derived",
+        ),
+        Equation(
+            "arm_angles",
+            "elbow and wrist -> q1..q4",
+            "DERIVED from Table 1",
+            "inverse",
+            ("q1", "q2", "q3", "q4"),
+            {"derived": arm_angles},
+            default="derived",
+        ),
+        Equation(
+            "wrist_angles",
+            "shaft -> q5..q7",
+            "DERIVED from Table 1",
+            "inverse",
+            ("q5", "q6", "q7"),
+            {"derived": wrist_angles},
+            default="derived",
+        ),
+        Equation(
+            "table1",
+            "joints -> pose",
+            f"{_PAPER}, Table 1",
+            "forward",
+            ("T_base_tool",),
+            {"published": table1},
+            default="published",
+        ),
+        Equation(
+            "places",
+            "points of the arm in base",
+            "DERIVED",
+            "helper",
+            tuple(f"at_{n}" for n in _POINTS),
+            {"corrected": places},
+        ),
+        Equation(
+            "margins",
+            "reach and singularity",
+            "DERIVED",
+            "helper",
+            ("stretch", "fold", "s2", "s4", "s6", "aside"),
+            {"corrected": margins},
+        ),
+    ),
+    characteristic_length=lambda RL5: RL5,
+    points={n: f"at_{n}" for n in _POINTS},
+    reach={"arm": "stretch", "arm, folded": "fold"},
+    measures=(
+        Measure("shoulder", "s2", "type1", 0.03, f"upper arm upright: q1 and q3 turn alike; {_ALARM}"),
+        Measure("elbow", "s4", "type1", 0.1, f"arm stretched; {_ALARM}"),
+        Measure("wrist", "s6", "type1", 0.1, f"q5 and q7 in line; {_ALARM}"),
+        Measure("swivel_zero", "aside", "type1", 0.05, f"wrist above the shoulder: the swivel has no zero; {_ALARM}"),
+    ),
+    aspects=(
+        Aspect("s4", 1, "q4 positive: elbow as drawn"),
+        Aspect("s6", 1, "q6 positive: wrist as drawn"),
+    ),
+    seeds=(
+        (0.55, 0.40, 0.0, 0.0, 175 * DEG, 0.0),
+        (0.75, 0.10, 0.15, 0.0, 150 * DEG, 0.0),
+        (0.75, -0.45, 0.20, -35 * DEG, 130 * DEG, 0.0),
+    ),
+)
