@@ -52,5 +52,5 @@ def test_a_circle_keeps_radius_plane_and_rcm_and_closes_without_spin():
 def test_a_circle_without_radius_is_refused():
     protocol = load_protocol(CIRCLE)
     circle = replace(protocol.phases[2], centre=np.array([0.34, 0.48, 0.3]))
-    with pytest.raises(ProtocolError, match="phase 'circle'.*its radius is 0"):
+    with pytest.raises(ProtocolError, match=r"phase 'circle'.*its radius is 0"):
         build(replace(protocol, phases=(*protocol.phases[:2], circle)), np.eye(4))
