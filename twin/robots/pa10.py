@@ -13,24 +13,18 @@ from __future__ import annotations
 from casadi import atan2, cos, cross, dot, if_else, norm_2, pi, sin, sqrt, vertcat
 
 from twin.kinematics import symbolic
-from twin.kinematics.contract import ActiveJoint, Aspect, Coordinates, Equation, Formula, Measure
+from twin.kinematics.contract import ActiveJoint, Aspect, Equation, Formula, Measure
 from twin.provenance import Parameter
-from twin.units import DEG, MM
+from twin.robots._khalil import PAPER, ZYX, mm, row
+from twin.units import DEG
 
-_PAPER = "Design and Modeling of PA-10 Virtual Surgery Robot"
 _INRIA = "siconos HuMAns_pa10 (INRIA)"
-
-
-def _link(alpha, theta, r):
-    """Return Rx(alpha) Rz(theta) Tz(r), (4, 4): a row of Table 1; every d is 0."""
-    R = symbolic.rotation_x(alpha) @ symbolic.rotation_z(theta)
-    return symbolic.pose(R, R @ vertcat(0, 0, r))
 
 
 def table1(q1, q2, q3, q4, q5, q6, q7, RL3, RL5, RL7, RL8):
     """Chain of the modified DH table, frames 1 to 8."""
-    T = _link(0, q1, 0) @ _link(-pi / 2, q2, 0) @ _link(pi / 2, q3, RL3) @ _link(-pi / 2, q4, 0)
-    return T @ _link(pi / 2, q5, RL5) @ _link(-pi / 2, q6, 0) @ _link(pi / 2, q7, RL7) @ _link(0, 0, RL8)
+    T = row(0, 0, q1, 0) @ row(-pi / 2, 0, q2, 0) @ row(pi / 2, 0, q3, RL3) @ row(-pi / 2, 0, q4, 0)
+    return T @ row(pi / 2, 0, q5, RL5) @ row(-pi / 2, 0, q6, 0) @ row(pi / 2, 0, q7, RL7) @ row(0, 0, 0, RL8)
 
 
 def wrist(T_base_tool, RL7, RL8):
@@ -80,22 +74,18 @@ def margins(q2, q4, q6, P_m, RL3, RL5):
     return RL3 + RL5 - D, D - sqrt((RL3 - RL5) ** 2), sin(q2), sin(q4), sin(q6), aside / (RL3 + RL5)
 
 
-def _mm(name: str, mm: float, provenance, note: str) -> Parameter:
-    return Parameter(name, mm * MM, "mm", mm, provenance, note)
-
-
 _ALARM = "alarm ASSUMED: no published threshold"
 _POINTS = ("shoulder", "elbow", "wrist", "flange", "tip")
 
 FORMULA = Formula(
     name="pa10",
     title="Mitsubishi PA10-7C with an instrument through a trocar",
-    source=f"{_PAPER}, Table 1; lengths: {_INRIA}",
+    source=f"{PAPER}, Table 1; lengths: {_INRIA}",
     parameters=(
-        _mm("RL3", 450.0, "CITED", f"{_INRIA}: shoulder to elbow"),
-        _mm("RL5", 480.0, "CITED", f"{_INRIA}: elbow to wrist, PA10-7C; the older PA-10 has 500"),
-        _mm("RL7", 70.0, "CITED", "OpenBionics modelMitsubishiPA10: wrist to flange, PA10-7C; the older has 80"),
-        _mm("RL8", 330.0, "ASSUMED", "instrument beyond the flange: in the paper's table without a value"),
+        mm("RL3", 450.0, "CITED", f"{_INRIA}: shoulder to elbow"),
+        mm("RL5", 480.0, "CITED", f"{_INRIA}: elbow to wrist, PA10-7C; the older PA-10 has 500"),
+        mm("RL7", 70.0, "CITED", "OpenBionics modelMitsubishiPA10: wrist to flange, PA10-7C; the older has 80"),
+        mm("RL8", 330.0, "ASSUMED", "instrument beyond the flange: in the paper's table without a value"),
         Parameter(
             "swivel",
             0.0,
@@ -106,19 +96,12 @@ FORMULA = Formula(
         ),
     ),
     joints=tuple(ActiveJoint(f"q{i}", "revolute") for i in range(1, 8)),
-    coordinates=Coordinates(
-        names=("x", "y", "z", "psi", "theta", "phi"),
-        units=("m", "m", "m", "rad", "rad", "rad"),
-        to_pose=lambda x, y, z, psi, theta, phi: symbolic.pose(
-            symbolic.rotation_zyx(psi, theta, phi), vertcat(x, y, z)
-        ),
-        from_pose=lambda T: (T[0, 3], T[1, 3], T[2, 3], *symbolic.angles_zyx(T)),
-    ),
+    coordinates=ZYX,
     equations=(
         Equation(
             "wrist",
             "pose -> wrist P_m",
-            f"{_PAPER}, trocar model",
+            f"{PAPER}, trocar model",
             "inverse",
             ("P_m",),
             {"published": wrist},
@@ -154,7 +137,7 @@ FORMULA = Formula(
         Equation(
             "table1",
             "joints -> pose",
-            f"{_PAPER}, Table 1",
+            f"{PAPER}, Table 1",
             "forward",
             ("T_base_tool",),
             {"published": table1},

@@ -1,0 +1,148 @@
+"""Lapbot and Hibou on their ASSUMED tables: closed forms, trocar, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from twin import spatial
+from twin.errors import KinematicsError
+from twin.kinematics import compile_formula
+from twin.robots import load_formula
+from twin.units import DEG
+
+TROCAR = np.array([0.40, 0.0, 0.30])
+
+
+def row(alpha, d, theta, r):
+    """One row of the table, written apart from the equations."""
+    Rx = spatial.pose(spatial.exp_so3([np.radians(alpha), 0, 0]))
+    Rz = spatial.pose(spatial.exp_so3([0, 0, theta]), [0, 0, r])
+    return Rx @ spatial.pose(p=[d, 0, 0]) @ Rz
+
+
+def lapbot_chain(q):
+    q1, q2, q3, q4, q5, q6, q7, q8, q9 = q
+    T = row(0, 0, 0, q1) @ row(0, 0, q2, 0) @ row(0, 0.3, q3, 0) @ row(0, 0.3, q4, 0)
+    T = T @ row(90, 0, np.pi / 2 + q5, 0) @ row(90, 0, -np.pi / 2 + q6, 0) @ row(90, 0, q7, 0.35)
+    return T @ row(90, 0, np.pi / 2 + q8, 0) @ row(90, 0, np.pi / 2 + q9, 0) @ row(90, 0, 0, 0.02), T
+
+
+def hibou_chain(q):
+    q1, q2, q3, q4, q5, q6, q7 = q
+    T = row(0, 0, q1, 0.35) @ row(-90, 0, q2, 0) @ row(0, 0.3, q3, 0) @ row(0, 0.3, q4, 0)
+    T = T @ row(90, 0, np.pi / 2 + q5, 0) @ row(90, 0, q6, 0.30)
+    return T @ row(-90, 0, q7, 0) @ row(90, 0, 0, 0.03), T
+
+
+def targets(count, seed, depth, tilt=0.0):
+    """Shaft ends about the trocar, and tools tilted from the shaft by up to `tilt`."""
+    rng = np.random.default_rng(seed)
+    inner = TROCAR + np.column_stack([rng.uniform(-0.08, 0.08, (count, 2)), -rng.uniform(*depth, count)])
+    u = (TROCAR - inner) / np.linalg.norm(TROCAR - inner, axis=1)[:, None]
+    return rng, inner, u
+
+
+def test_published_zero_poses():
+    """facts: Lapbot W (0.6, 0, 0.6), P_in (0.6, 0, 0.25), tip (0.6, 0, 0.23); Hibou camera (0.93, 0, 0.35)."""
+    tool, inner = lapbot_chain([0.6, 0, 0, 0, 0, 0, 0, 0, 0])
+    np.testing.assert_allclose(inner[:3, 3], [0.6, 0, 0.25], atol=1e-15)
+    np.testing.assert_allclose(tool[:3, 3], [0.6, 0, 0.23], atol=1e-15)
+    np.testing.assert_allclose(tool[:3, 2], [0, 0, -1], atol=1e-15)
+    tool, end = hibou_chain(np.zeros(7))
+    np.testing.assert_allclose(end[:3, 3], [0.9, 0, 0.35], atol=1e-15)
+    np.testing.assert_allclose(tool[:3, 3], [0.93, 0, 0.35], atol=1e-15)
+
+
+def lapbot_poses(count, seed):
+    """As the fact sheet: +-80 mm beside, 60 to 200 mm below the trocar, tool up to 40 deg off the shaft."""
+    rng, inner, u = targets(count, seed, (0.06, 0.20))
+    Ts = np.zeros((count, 4, 4))
+    for i in range(count):
+        axis = np.cross(u[i], rng.normal(size=3))
+        R = spatial.exp_so3(rng.uniform(0, 40 * DEG) * axis / np.linalg.norm(axis))
+        z = R @ -u[i]
+        x = np.cross(rng.normal(size=3), z)
+        x /= np.linalg.norm(x)
+        Ts[i] = spatial.pose(np.column_stack([x, np.cross(z, x), z]), inner[i] + 0.02 * z)
+    return Ts
+
+
+@pytest.mark.parametrize("count", [400, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_lapbot_reaches_what_is_within_its_arm(count):
+    kin = compile_formula(load_formula("lapbot"))
+    Ts = lapbot_poses(count, 3)
+    q = kin.inverse_many(Ts)
+    fine = np.isfinite(q).all(axis=1)
+    assert fine.mean() > 0.98
+    reach = kin.reach(Ts=Ts)
+    assert (np.stack(list(reach.values()))[:, ~fine] < 0).any(axis=0).all()  # refused for a reason that is named
+    passive = kin.passive_many(Ts=Ts[fine])
+    for k, i in enumerate(np.flatnonzero(fine)):
+        full = [*q[i, :3], *(passive[n][k] for n in ("q4", "q5", "q6")), *q[i, 3:]]
+        tool, shaft = lapbot_chain(full)
+        assert np.abs(tool - Ts[i]).max() < 1e-12
+        assert spatial.point_to_line(TROCAR, shaft[None, :3, 3], shaft[None, :3, 2])[0] < 1e-12
+        assert abs(full[1] + full[2] + full[3]) < 1e-14
+    np.testing.assert_allclose(kin.forward_many(q[fine]), Ts[fine], atol=1e-11)
+
+
+@pytest.mark.parametrize("count", [400, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_hibou_reaches_every_point_below_its_trocar(count):
+    kin = compile_formula(load_formula("hibou"))
+    rng, inner, u = targets(count, 4, (0.05, 0.18))
+    W = inner + 0.30 * u
+    rr, zz = np.hypot(W[:, 0], W[:, 1]), W[:, 2] - 0.35
+    q3 = np.arccos((rr**2 + zz**2 - 0.18) / 0.18)
+    q2 = np.arctan2(-zz, rr) - np.arctan2(0.3 * np.sin(q3), 0.3 + 0.3 * np.cos(q3))
+    tip = rng.uniform([-3, -0.7], [3, 0.7], (count, 2))
+    want = np.column_stack([np.arctan2(W[:, 1], W[:, 0]), q2, q3, tip])
+    Ts = kin.forward_many(want)
+    assert np.isfinite(Ts).all()
+    q = kin.inverse_many(Ts)
+    np.testing.assert_allclose(q, want, atol=1e-11)
+    passive = kin.passive_many(Ts=Ts)
+    for i in range(count):
+        full = [*q[i, :3], passive["q4"][i], passive["q5"][i], *q[i, 3:]]
+        tool, shaft = hibou_chain(full)
+        assert np.abs(tool - Ts[i]).max() < 1e-12
+        np.testing.assert_allclose(shaft[:3, 3], inner[i], atol=1e-12)
+        assert spatial.point_to_line(TROCAR, shaft[None, :3, 3], shaft[None, :3, 2])[0] < 1e-12
+
+
+def test_hibou_refuses_a_turn_that_it_has_no_joint_for():
+    kin = compile_formula(load_formula("hibou"))
+    T = kin.forward(np.array([0.1, -1.0, 1.5, 0.2, 0.3]))
+    R = spatial.exp_so3(0.01 * T[:3, 0])
+    with pytest.raises(KinematicsError, match="five joints"):
+        kin.inverse(spatial.pose(R @ T[:3, :3], T[:3, 3] + 0.03 * (R - np.eye(3)) @ T[:3, 2]))
+
+
+@pytest.mark.parametrize("name", ["lapbot", "hibou"])
+def test_a_trocar_beyond_the_shaft_is_refused(name):
+    kin = compile_formula(load_formula(name))
+    T = kin.program.pose_of_coordinates.one(np.array(kin.formula.seeds[0]))
+    far = spatial.pose(T[:3, :3], T[:3, 3] - np.array([0, 0, 0.25]))
+    with pytest.raises(KinematicsError, match="shaft"):
+        kin.inverse(far)
+
+
+@pytest.mark.parametrize("name", ["lapbot", "hibou"])
+def test_the_trocar_is_a_parameter(name):
+    formula = load_formula(name)
+    kin = compile_formula(formula, parameters={"trocar_x": 0.42, "trocar_y": 0.02})
+    T = kin.program.pose_of_coordinates.one(np.array(formula.seeds[0]))
+    if name == "hibou":  # its direction follows from the trocar
+        T = kin.forward(np.array([0.05, -1.05, 1.6, 0.0, 0.0]))
+    points = kin.points_many(Ts=T[None])
+    outer, inner = points["outer"][0], points["inner"][0]
+    assert spatial.point_to_line(np.array([0.42, 0.02, 0.30]), inner[None], (outer - inner)[None])[0] < 1e-12
+
+
+def test_tip_to_the_right_is_outer_point_to_the_left():
+    kin = compile_formula(load_formula("lapbot"))
+    T = kin.program.pose_of_coordinates.one(np.array([0.40, 0.0, 0.13, 0.0, np.pi, 0.0]))
+    right = T.copy()
+    right[1, 3] += 0.02
+    W = kin.points_many(Ts=np.stack([T, right]))["outer"]
+    assert W[1, 1] < W[0, 1] - 0.01

@@ -1,0 +1,38 @@
+"""What the robots of the virtual surgery paper share: Khalil and Kleinfinger's form, and parameters in mm."""
+
+from __future__ import annotations
+
+from casadi import vertcat
+
+from twin.kinematics import symbolic
+from twin.kinematics.contract import Coordinates
+from twin.provenance import Parameter, Provenance
+from twin.units import MM
+
+PAPER = "Design and Modeling of PA-10 Virtual Surgery Robot"
+
+
+def row(alpha, d, theta, r):
+    """Return Rx(alpha) Tx(d) Rz(theta) Tz(r), (4, 4): one row of a modified Denavit-Hartenberg table."""
+    R = symbolic.rotation_x(alpha) @ symbolic.rotation_z(theta)
+    return symbolic.pose(R, vertcat(d, 0, 0) + R @ vertcat(0, 0, r))
+
+
+def mm(name: str, mm: float, provenance: Provenance, note: str) -> Parameter:
+    """Return a length with its provenance."""
+    return Parameter(name, mm * MM, "mm", mm, provenance, note)
+
+
+def trocar(x: float, y: float, z: float) -> tuple[Parameter, ...]:
+    """Return where the trocar is, in mm in frame 0; a protocol may place it elsewhere."""
+    note = "trocar in frame 0, as drawn; a protocol binds it (trocar_mm)"
+    return tuple(mm(f"trocar_{a}", v, "ASSUMED", note) for a, v in zip("xyz", (x, y, z), strict=True))
+
+
+ZYX = Coordinates(
+    names=("x", "y", "z", "psi", "theta", "phi"),
+    units=("m", "m", "m", "rad", "rad", "rad"),
+    to_pose=lambda x, y, z, psi, theta, phi: symbolic.pose(symbolic.rotation_zyx(psi, theta, phi), vertcat(x, y, z)),
+    from_pose=lambda T: (T[0, 3], T[1, 3], T[2, 3], *symbolic.angles_zyx(T)),
+)
+"""Position of the tool in frame 0 and R_base_tool = Rz(psi) Ry(theta) Rx(phi)."""

@@ -1,0 +1,145 @@
+"""Hibou: turret and two-link arm in a vertical plane, two passive joints, endoscope through the trocar, tilting tip.
+
+The paper gives the structure (7 revolute joints, 5 driven and 2 passive, trocar between 5 and 6) and no dimension.
+Everything else is ASSUMED: the table below in Khalil and Kleinfinger's form.
+
+Five joints hold the end of the scope's shaft P_7, the roll of the image and the tilt of the tip; the direction of the
+shaft follows from the trocar. Poses that ask for another are refused.
+"""
+
+from __future__ import annotations
+
+from casadi import acos, asin, atan2, cos, fabs, if_else, norm_2, pi, sin, sqrt, vertcat
+
+from twin.kinematics import symbolic
+from twin.kinematics.contract import ActiveJoint, Aspect, Equation, Formula, Measure
+from twin.robots._khalil import PAPER, ZYX, mm, row, trocar
+from twin.units import DEG
+
+_OFF = 1e-6
+"""Largest entry of a rotation matrix by which a pose may be off what five joints can take."""
+
+
+def _trocar(trocar_x, trocar_y, trocar_z):
+    return vertcat(trocar_x, trocar_y, trocar_z)
+
+
+def shaft(T_base_tool, r6, r8, trocar_x, trocar_y, trocar_z):
+    """End of the shaft, direction from it to the trocar, outer point; NaN where the trocar is beyond the shaft."""
+    P_7 = T_base_tool[0:3, 3] - r8 * T_base_tool[0:3, 2]
+    to = _trocar(trocar_x, trocar_y, trocar_z) - P_7
+    length = norm_2(to)
+    u = to / if_else(length < r6, length, float("nan"))
+    return P_7, u, P_7 + r6 * u
+
+
+def arm(W, a, b, h):
+    """Turret, shoulder and elbow, with the elbow up (q3 positive)."""
+    rr, zz = sqrt(W[0] ** 2 + W[1] ** 2), W[2] - h
+    q3 = acos((rr**2 + zz**2 - a**2 - b**2) / (2 * a * b))
+    return atan2(W[1], W[0]), atan2(-zz, rr) - atan2(b * sin(q3), a + b * cos(q3)), q3
+
+
+def _to_elbow(q1, q2, q3, a, h):
+    return row(0, 0, q1, h) @ row(-pi / 2, 0, q2, 0) @ row(0, a, q3, 0)
+
+
+def gimbal(u, q1, q2, q3, a, h):
+    """Passive joints that lead the shaft through the trocar."""
+    s = _to_elbow(q1, q2, q3, a, h)[0:3, 0:3].T @ -u
+    return atan2(s[1], s[0]), asin(s[2])
+
+
+def _to_outer(q1, q2, q3, q4, q5, a, b, h):
+    return _to_elbow(q1, q2, q3, a, h) @ row(0, b, q4, 0) @ row(pi / 2, 0, pi / 2 + q5, 0)
+
+
+def scope(T_base_tool, q1, q2, q3, q4, q5, a, b, h):
+    """Roll and tilt; NaN if the pose has a turn about the third axis, which no joint can make."""
+    R = _to_outer(q1, q2, q3, q4, q5, a, b, h)[0:3, 0:3] @ symbolic.rotation_x(pi / 2)
+    N = R.T @ T_base_tool[0:3, 0:3]  # = Rz(q6) Ry(q7)
+    q7 = atan2(-N[2, 0], N[2, 2])
+    return atan2(-N[0, 1], N[1, 1]), if_else(fabs(N[2, 1]) < _OFF, q7, float("nan")), _OFF - fabs(N[2, 1])
+
+
+def outer(q1, q2, q3, a, b, h, r6, trocar_x, trocar_y, trocar_z):
+    """Direction from the trocar to the outer point W of the driven arm; NaN if the shaft is too short."""
+    W = (_to_elbow(q1, q2, q3, a, h) @ vertcat(b, 0, 0, 1))[0:3]
+    u = W - _trocar(trocar_x, trocar_y, trocar_z)
+    length = norm_2(u)
+    return u / if_else(length < r6, length, float("nan"))
+
+
+def chain(q1, q2, q3, q6, q7, u_out, a, b, h, r6, r8):
+    """Multiply the whole table, with the passive joints that the trocar leaves."""
+    T = _to_outer(q1, q2, q3, *gimbal(u_out, q1, q2, q3, a, h), a, b, h)
+    return T @ row(pi / 2, 0, q6, r6) @ row(-pi / 2, 0, q7, 0) @ row(pi / 2, 0, 0, r8)
+
+
+def places(T_base_tool, P_7, W, trocar_x, trocar_y, trocar_z):
+    """Outer point, end of the shaft, tip, and the trocar."""
+    return W, P_7, T_base_tool[0:3, 3], _trocar(trocar_x, trocar_y, trocar_z)
+
+
+def margins(W, P_7, q3, q5, a, b, h, r6, trocar_x, trocar_y, trocar_z):
+    """Reach of the arm and length of the shaft left in m; what vanishes at singularities."""
+    D = norm_2(W - vertcat(0, 0, h))
+    left = r6 - norm_2(_trocar(trocar_x, trocar_y, trocar_z) - P_7)
+    aside = sqrt(W[0] ** 2 + W[1] ** 2) / (a + b)
+    return a + b - D, D - sqrt((a - b) ** 2), left, sin(q3), cos(q5), aside
+
+
+_ASSUMED = "ASSUMED: nothing is published"
+_ALARM = f"alarm {_ASSUMED}"
+_POINTS = ("outer", "inner", "tip", "trocar")
+
+
+def _equation(name, title, stage, outputs, rows):
+    key = "corrected" if stage == "helper" else "derived"
+    return Equation(name, title, f"DERIVED for the table {_ASSUMED}", stage, outputs, {key: rows}, default=key)
+
+
+FORMULA = Formula(
+    name="hibou",
+    title="Hibou: five driven and two passive joints, endoscope through a trocar",
+    source=f"{PAPER}, figure 2: structure; dimensions {_ASSUMED}",
+    parameters=(
+        mm("h", 350, "ASSUMED", "shoulder over the base"),
+        mm("a", 300, "ASSUMED", "upper arm: reaches over half a table"),
+        mm("b", 300, "ASSUMED", "forearm, as the upper arm"),
+        mm("r6", 300, "ASSUMED", "shaft between outer point and tip joint, as common laparoscopes"),
+        mm("r8", 30, "ASSUMED", "tip joint to camera"),
+        *trocar(400, 0, 300),
+    ),
+    joints=tuple(ActiveJoint(f"q{i}", "revolute") for i in (1, 2, 3, 6, 7)),
+    coordinates=ZYX,
+    equations=(
+        _equation(
+            "shaft",
+            "pose and trocar -> end of the shaft, its direction, outer point W",
+            "inverse",
+            ("P_7", "u", "W"),
+            shaft,
+        ),
+        _equation("arm", "W -> q1, q2, q3", "inverse", ("q1", "q2", "q3"), arm),
+        _equation("gimbal", "shaft -> passive q4, q5", "inverse", ("q4", "q5"), gimbal),
+        _equation("scope", "pose behind the shaft -> q6, q7", "inverse", ("q6", "q7", "within"), scope),
+        _equation("outer", "driven arm and trocar -> shaft", "forward", ("u_out",), outer),
+        _equation("chain", "joints -> pose", "forward", ("T_base_tool",), chain),
+        _equation("places", "points in base", "helper", tuple(f"at_{n}" for n in _POINTS), places),
+        _equation(
+            "margins", "reach and singularity", "helper", ("stretch", "fold", "rest", "s3", "c5", "aside"), margins
+        ),
+    ),
+    characteristic_length=lambda r6: r6,
+    points={n: f"at_{n}" for n in _POINTS},
+    passive=("q4", "q5"),
+    reach={"arm": "stretch", "arm, folded": "fold", "shaft": "rest", "five joints": "within"},
+    measures=(
+        Measure("elbow", "s3", "type1", 0.1, f"arm stretched or folded; {_ALARM}"),
+        Measure("gimbal", "c5", "type2", 0.2, f"two passive axes in line; {_ALARM}"),
+        Measure("turret", "aside", "type1", 0.05, f"outer point above the turret; {_ALARM}"),
+    ),
+    aspects=(Aspect("s3", 1, "elbow up"),),
+    seeds=((0.40, 0.0, 0.13, 90 * DEG, 0.0, 180 * DEG),),
+)

@@ -1,0 +1,134 @@
+"""Lapbot: lift, two-link horizontal arm, three passive joints, instrument through the trocar, two-axis wrist.
+
+The paper gives the structure (9 joints: the first prismatic, 6 driven and 3 passive, trocar between 7 and 8) and no
+dimension. Everything else is ASSUMED: the table below in Khalil and Kleinfinger's form, and a belt that keeps the
+azimuth of the passive joints, q2 + q3 + q4 = 0; without it one freedom would stay idle.
+
+The trocar P_tr fixes the shaft: u leads from the inner wrist P_in to it, and the outer point W lies r7 along it.
+"""
+
+from __future__ import annotations
+
+from casadi import acos, asin, atan2, cos, if_else, norm_2, pi, sin, sqrt, vertcat
+
+from twin.kinematics.contract import ActiveJoint, Aspect, Equation, Formula, Measure
+from twin.robots._khalil import PAPER, ZYX, mm, row, trocar
+from twin.units import DEG
+
+
+def _trocar(trocar_x, trocar_y, trocar_z):
+    return vertcat(trocar_x, trocar_y, trocar_z)
+
+
+def shaft(T_base_tool, r7, r10, trocar_x, trocar_y, trocar_z):
+    """Inner wrist, direction from it to the trocar, outer point; NaN where the trocar is beyond the shaft."""
+    P_in = T_base_tool[0:3, 3] - r10 * T_base_tool[0:3, 2]
+    to = _trocar(trocar_x, trocar_y, trocar_z) - P_in
+    length = norm_2(to)
+    u = to / if_else(length < r7, length, float("nan"))
+    return P_in, u, P_in + r7 * u
+
+
+def arm(W, a, b):
+    """Lift, and the horizontal arm with its elbow to the right of the line to W (q3 positive)."""
+    q3 = acos((W[0] ** 2 + W[1] ** 2 - a**2 - b**2) / (2 * a * b))
+    return W[2], atan2(W[1], W[0]) - atan2(b * sin(q3), a + b * cos(q3)), q3
+
+
+def gimbal(u, q2, q3):
+    """Passive joints: the belt keeps q4, the trocar sets q5 and q6."""
+    return -(q2 + q3), atan2(-u[0], u[2]), asin(-u[1])
+
+
+def _to_shaft(q1, q2, q3, q4, q5, q6, q7, a, b, r7):
+    """Return frame 7: at the inner wrist, z along the shaft."""
+    T = row(0, 0, 0, q1) @ row(0, 0, q2, 0) @ row(0, a, q3, 0) @ row(0, b, q4, 0)
+    return T @ row(pi / 2, 0, pi / 2 + q5, 0) @ row(pi / 2, 0, -pi / 2 + q6, 0) @ row(pi / 2, 0, q7, r7)
+
+
+def instrument(T_base_tool, q1, q2, q3, q4, q5, q6, a, b, r7):
+    """Roll and wrist from what is left of the tool's rotation behind the shaft."""
+    M = _to_shaft(q1, q2, q3, q4, q5, q6, 0, a, b, r7)[0:3, 0:3].T @ T_base_tool[0:3, 0:3]
+    return atan2(M[1, 1], M[0, 1]), asin(M[2, 1]), atan2(-M[2, 0], M[2, 2])
+
+
+def outer(q1, q2, q3, a, b, r7, trocar_x, trocar_y, trocar_z):
+    """Outer point W from the driven arm, and the direction from the trocar to it; NaN if the shaft is too short."""
+    W = vertcat(a * cos(q2) + b * cos(q2 + q3), a * sin(q2) + b * sin(q2 + q3), q1)
+    u = W - _trocar(trocar_x, trocar_y, trocar_z)
+    length = norm_2(u)
+    return u / if_else(length < r7, length, float("nan"))
+
+
+def chain(q1, q2, q3, q7, q8, q9, u_out, a, b, r7, r10):
+    """Multiply the whole table, with the passive joints that belt and trocar leave."""
+    T = _to_shaft(q1, q2, q3, *gimbal(u_out, q2, q3), q7, a, b, r7)
+    return T @ row(pi / 2, 0, pi / 2 + q8, 0) @ row(pi / 2, 0, pi / 2 + q9, 0) @ row(pi / 2, 0, 0, r10)
+
+
+def places(T_base_tool, P_in, W, trocar_x, trocar_y, trocar_z):
+    """Outer point, inner wrist, tip, and the trocar."""
+    return W, P_in, T_base_tool[0:3, 3], _trocar(trocar_x, trocar_y, trocar_z)
+
+
+def margins(W, P_in, q3, q6, q8, a, b, r7, trocar_x, trocar_y, trocar_z):
+    """Reach of the arm and length of the shaft left in m; what vanishes at singularities."""
+    D = sqrt(W[0] ** 2 + W[1] ** 2)
+    left = r7 - norm_2(_trocar(trocar_x, trocar_y, trocar_z) - P_in)
+    return a + b - D, D - sqrt((a - b) ** 2), left, sin(q3), cos(q6), cos(q8)
+
+
+_ASSUMED = "ASSUMED: nothing is published"
+_ALARM = f"alarm {_ASSUMED}"
+_POINTS = ("outer", "inner", "tip", "trocar")
+
+
+def _equation(name, title, stage, outputs, rows):
+    key = "corrected" if stage == "helper" else "derived"
+    return Equation(name, title, f"DERIVED for the table {_ASSUMED}", stage, outputs, {key: rows}, default=key)
+
+
+FORMULA = Formula(
+    name="lapbot",
+    title="Lapbot: six driven and three passive joints, instrument through a trocar",
+    source=f"{PAPER}, figure 1: structure; dimensions {_ASSUMED}",
+    parameters=(
+        mm("a", 300, "ASSUMED", "upper arm: reaches over half a table"),
+        mm("b", 300, "ASSUMED", "forearm, as the upper arm"),
+        mm("r7", 350, "ASSUMED", "shaft between outer point and inner wrist, as common instruments"),
+        mm("r10", 20, "ASSUMED", "inner wrist to tip"),
+        *trocar(400, 0, 300),
+    ),
+    joints=(
+        ActiveJoint("q1", "prismatic"),
+        *(ActiveJoint(f"q{i}", "revolute") for i in (2, 3, 7, 8, 9)),
+    ),
+    coordinates=ZYX,
+    equations=(
+        _equation(
+            "shaft", "pose and trocar -> inner wrist, shaft, outer point W", "inverse", ("P_in", "u", "W"), shaft
+        ),
+        _equation("arm", "W -> q1, q2, q3", "inverse", ("q1", "q2", "q3"), arm),
+        _equation("gimbal", "shaft -> passive q4, q5, q6", "inverse", ("q4", "q5", "q6"), gimbal),
+        _equation("instrument", "pose behind the shaft -> q7, q8, q9", "inverse", ("q7", "q8", "q9"), instrument),
+        _equation("outer", "driven arm and trocar -> shaft", "forward", ("u_out",), outer),
+        _equation("chain", "joints -> pose", "forward", ("T_base_tool",), chain),
+        _equation("places", "points in base", "helper", tuple(f"at_{n}" for n in _POINTS), places),
+        _equation("margins", "reach and singularity", "helper", ("stretch", "fold", "rest", "s3", "c6", "c8"), margins),
+    ),
+    characteristic_length=lambda r7: r7,
+    points={n: f"at_{n}" for n in _POINTS},
+    passive=("q4", "q5", "q6"),
+    reach={"arm": "stretch", "arm, folded": "fold", "shaft": "rest"},
+    measures=(
+        Measure("elbow", "s3", "type1", 0.1, f"arm stretched or folded; {_ALARM}"),
+        Measure("gimbal", "c6", "type2", 0.2, f"two passive axes in line; {_ALARM}"),
+        Measure("wrist", "c8", "type1", 0.1, f"q7 and q9 in line; {_ALARM}"),
+    ),
+    aspects=(Aspect("s3", 1, "elbow as drawn"), Aspect("c8", 1, "wrist within a quarter turn")),
+    seeds=(
+        (0.40, 0.0, 0.13, 0.0, 180 * DEG, 0.0),
+        (0.44, 0.03, 0.16, 10 * DEG, 165 * DEG, 5 * DEG),
+        (0.36, -0.04, 0.12, -10 * DEG, 195 * DEG, -10 * DEG),
+    ),
+)
