@@ -67,6 +67,7 @@ def load_protocol(path: str | Path) -> Protocol:
         tolerances=_tolerances(table.tolerances),
         rotation=table.rotation,
         trocar=None if table.trocar_mm is None else np.array(table.trocar_mm) * MM,
+        rcm=None if table.rcm_mm is None else np.array(table.rcm_mm) * MM,
         findings=tuple(_warnings(table, used, str(path))),
     )
     return protocol
@@ -134,7 +135,7 @@ def _check_phases(table: ProtocolTable, path: str | Path) -> set[str]:
         target(table.home, ("home",), "position_mm", "home")
 
     here: str | None = table.start
-    used, names, inside = {table.start, table.home or table.start}, set[str](), False
+    used, names, inside = {table.start, table.home or table.start}, set[str](), table.rcm_mm is not None
     for k, p in enumerate(table.phases):
         keys = ("phases", k)
         if p.name in names:
@@ -194,7 +195,8 @@ def _warnings(table: ProtocolTable, used: set[str], path: str) -> list[Finding]:
         if name not in used
     ]
     last = [p for p in table.phases if p.type in ("insertion", "pivot", "circle", "retraction")]
-    if any(p.type == "insertion" for p in last) and not (last[-1].type == "retraction" and last[-1].depth_mm == 0):
+    outside = table.rcm_mm is None and any(p.type == "insertion" for p in last)
+    if outside and not (last[-1].type == "retraction" and last[-1].depth_mm == 0):
         out.append(
             Finding(
                 "protocol.ends_inside",

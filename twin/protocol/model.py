@@ -135,6 +135,7 @@ class Protocol:
         tolerances: what the trajectory is judged with.
         rotation: axes of the waypoints' angles, in their order.
         trocar: (3,) in base in m, where a mechanism with a trocar has it; None: as drawn.
+        rcm: (3,) in base in m, if one is registered from the start: the instrument is in the patient already.
         findings: what reading it had to say (warnings only).
     """
 
@@ -151,6 +152,7 @@ class Protocol:
     tolerances: Tolerances
     rotation: RotationOrder = "zyx"
     trocar: Array | None = None
+    rcm: Array | None = None
     findings: tuple[Finding, ...] = field(default=())
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -172,6 +174,8 @@ class Protocol:
         for c in (p for p in self.phases if isinstance(p, Circle)):
             for label, p in zip("xyz", c.centre, strict=True):
                 add(f"{c.name}_centre_{label}", float(p), "mm", MM, "ASSUMED", "centre of the circle; see the file")
+        for label, p in zip("xyz", self.rcm if self.rcm is not None else (), strict=False):
+            add(f"rcm_{label}", float(p), "mm", MM, "ASSUMED", "RCM from the start; see the file")
         for label, p in zip("xyz", self.trocar if self.trocar is not None else (), strict=False):
             add(f"trocar_{label}", float(p), "mm", MM, "ASSUMED", "where the patient is; see the file")
         for kind, l in self.limits.items():  # noqa: E741

@@ -129,6 +129,7 @@ class ProtocolTable(Table):
     start: Identifier
     home: Identifier | None = None
     trocar_mm: Vector | None = None
+    rcm_mm: Vector | None = None
     tolerances: TolerancesTable
     limits: dict[PhaseType, LimitsTable]
     waypoints: Annotated[dict[Identifier, WaypointTable], Field(min_length=1)]

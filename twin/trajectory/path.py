@@ -192,7 +192,14 @@ def build(protocol: Protocol, T_tool_frame: Array) -> tuple[PhasePath, ...]:
         raise ProtocolError(f"{protocol.name}: the start '{first.name}' has no position")
     n_tool = T_tool_frame[:3, :3] @ protocol.shaft_axis
     angles, tip = first.angles, first.position
-    rcm: Array | None = None
+    rcm = protocol.rcm
+    if rcm is not None:
+        missed = spatial.point_to_line(rcm, tip, rotation(angles, protocol.rotation) @ n_tool)
+        if missed > protocol.tolerances.rcm:
+            raise ProtocolError(
+                f"{protocol.name}: rcm_mm is registered from the start, but the shaft of '{first.name}' passes it at "
+                f"{missed / MM:.3f} mm (allowed: {protocol.tolerances.rcm / MM:g} mm)"
+            )
     paths: list[PhasePath] = []
     for phase in protocol.phases:
         shaft = rotation(angles, protocol.rotation) @ n_tool
