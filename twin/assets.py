@@ -16,6 +16,9 @@ from pathlib import Path
 
 from twin.errors import OutputError, TwinError, unknown
 
+_BESIDE = ("dimensions", "inertia", "exhibit", "scene")
+"""What may lie beside a description in a robot's cad/ folder."""
+
 _PACKAGE = Path(__file__).resolve().parent
 
 
@@ -89,7 +92,7 @@ def files(robot: str | Path) -> RobotFiles:
     folder = Path(robot)
     if folder.is_dir():
         folder = folder.resolve()
-        descriptions = [p for p in (folder / "cad").glob("*.toml") if p.stem != "dimensions"]
+        descriptions = [p for p in (folder / "cad").glob("*.toml") if p.stem not in _BESIDE]
         if len(descriptions) != 1:
             raise TwinError(
                 f"robot folder {folder}: expected one robot description in {folder / 'cad'}, found "

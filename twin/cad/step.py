@@ -235,10 +235,12 @@ def _welded(points: np.ndarray, triangles: np.ndarray) -> tuple[Array, np.ndarra
     return unique.astype(float), triangles[(a != b) & (b != c) & (c != a)]
 
 
-def _faces(records: Sequence[dict], T: Array) -> list[Face]:
+def _faces(records: Sequence[dict | None], T: Array) -> list[Face]:
     R, p = T[:3, :3], T[:3, 3]
     faces = []
     for record in records:
+        if record is None:  # a face of another kind (B-spline): it is shown, not measured
+            continue
         if record["type"] == "plane":
             point, direction = np.array(record["origin"]), np.array(record["normal"])
             # The origin is a corner of the face's parameter range; its middle says where the face is.

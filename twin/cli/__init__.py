@@ -31,7 +31,7 @@ examples:
 exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 """
 
-NAMES = ("list", "info", "build", "plan", "validate", "run", "operate", "study", "doctor")
+NAMES = ("list", "info", "build", "plan", "validate", "run", "operate", "track", "study", "doctor")
 """Every command."""
 
 
@@ -233,9 +233,30 @@ def _parser() -> argparse.ArgumentParser:
     )
 
     sub = add(
+        "track",
+        "control the arm along a protocol by computed torque; what a wrong model costs at the tip",
+        "  twin track pa10\n  twin track pa10 circle --mismatch 10 --curve\n  twin track pa10 --plant pinocchio --json",
+    )
+    robot(sub)
+    sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
+    out(sub, "./twin-out/<robot>/<protocol>-track/")
+    sub.add_argument(
+        "--mismatch",
+        type=float,
+        default=5.0,
+        metavar="PERCENT",
+        help="how wrong masses and tensors of the controller's model are (default 5)",
+    )
+    sub.add_argument(
+        "--plant", choices=("mujoco", "pinocchio"), default="mujoco", help="what moves the arm (default mujoco)"
+    )
+    sub.add_argument("--curve", action="store_true", help="also over errors of -20..20 %%")
+
+    sub = add(
         "study",
-        "recompute a published user study from its own rows",
-        "  twin study sher\n  twin study my_study.toml --json",
+        "recompute published tables from their own rows",
+        "  twin study sher\n  twin study pa10                 inertia tables: can bodies have them?\n"
+        "  twin study my_study.toml --json",
     )
     sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or of a study file")
 

@@ -227,7 +227,11 @@ def validate(args: argparse.Namespace) -> int:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Build, plan and validate."""
+    """Build, plan and validate; a scene: play it."""
+    from twin.cli import scene
+
+    if (file := scene.find(args.robot)) is not None:
+        return scene.run(file, args)
     robot = api.load(args.robot)
     root = Path(args.out) if args.out else Path("twin-out") / robot.name
     chosen = _protocols(robot, args)
@@ -251,6 +255,13 @@ def operate(args: argparse.Namespace) -> int:
     from twin.cli.operate import operate as run_operate
 
     return run_operate(args)
+
+
+def track(args: argparse.Namespace) -> int:
+    """Control an arm along a protocol by computed torque."""
+    from twin.cli.track import track as run_track
+
+    return run_track(args)
 
 
 def study(args: argparse.Namespace) -> int:
@@ -382,6 +393,7 @@ COMMANDS = {
     "validate": validate,
     "run": run,
     "operate": operate,
+    "track": track,
     "study": study,
     "doctor": doctor,
 }

@@ -1,4 +1,4 @@
-"""`twin study`: a published user study recomputed from its own rows."""
+"""`twin study`: published tables recomputed from their own rows: user studies, and inertia tables."""
 
 from __future__ import annotations
 
@@ -21,8 +21,11 @@ def study(args: argparse.Namespace) -> int:
     else:
         robot = api.load(args.robot)
         paths = sorted((robot.files.trajectories / "study").glob("*.toml")) if robot.files is not None else []
-        if not paths:
-            raise TwinError(f"{robot.name} has no study; give the path of a study file")
+        exhibit = robot.files is not None and (robot.files.cad / "exhibit.toml").is_file()
+        if not paths and not exhibit:
+            raise TwinError(f"{robot.name} has no study and no exhibit; give the path of a study file")
+        if exhibit and not paths:
+            return _inertias(robot, args)
     data, findings = [], []
     for file in paths:
         tables = load(file)
@@ -44,4 +47,37 @@ def study(args: argparse.Namespace) -> int:
     else:
         for f in by_severity(findings):
             print(show.finding(f))
+    return EXIT_CODES[verdict(findings)]
+
+
+def _inertias(robot: api.Robot, args: argparse.Namespace) -> int:
+    """Print what the published inertia tables of a robot imply; exit 1 if they cannot be used as printed."""
+    from twin.dynamics.audit import audit_report
+
+    exhibit, rows, findings = audit_report(robot)
+    if exhibit is None:  # the caller has looked
+        raise TwinError(f"{robot.name} has no exhibit")
+    if args.json:
+        said = [f.as_dict() for f in findings]
+        data = {"verdict": verdict(findings), "title": exhibit.title, "source": exhibit.source}
+        print(show.as_json({**data, "rows": [r.as_dict() for r in rows], "findings": said}))
+        return EXIT_CODES[verdict(findings)]
+    print(f"{exhibit.title}\n  {exhibit.source}\n")
+    lines = [
+        (
+            r.name,
+            "yes" if r.definite else "NO",
+            f"{r.slack:.2g}",
+            f"{r.mass_printed:.3f}",
+            f"{r.mass_negated:.3f}",
+        )
+        for r in rows
+    ]
+    lines.append(
+        ("sum", "", "", *(f"{sum(getattr(r, m) for r in rows):.2f}" for m in ("mass_printed", "mass_negated")))
+    )
+    head = ("row", "positive definite", "triangle slack", "least mass, as printed [kg]", "products negated [kg]")
+    print(show.table(lines, head), "\n")
+    for f in by_severity(findings):
+        print(show.finding(f))
     return EXIT_CODES[verdict(findings)]

@@ -75,6 +75,35 @@ def clearance(
     return Clearance(distance, pair, _contacts(mechanism, jointed, link_poses))
 
 
+def between(
+    mechanisms: Mapping[str, Mechanism],
+    link_poses: Mapping[str, Mapping[str, Array]],
+    touching: frozenset[frozenset[str]] = frozenset(),
+) -> tuple[Clearance, dict[tuple[str, str], Array]]:
+    """Return least distances between the bodies of different owners, and those of each pair of owners.
+
+    Args:
+        mechanisms: by owner.
+        link_poses: T_world_body (k, 4, 4) by owner and body.
+        touching: pairs of "owner/body" that touch by design.
+    """
+    shapes = {
+        n: [_Shape(f"{n}/{b.name}", f"{n}/{b.name}", b.meshes) for b in m.bodies if b.meshes]
+        for n, m in mechanisms.items()
+    }
+    poses = {f"{n}/{b}": T for n, links in link_poses.items() for b, T in links.items()}
+    found: dict[tuple[str, str], tuple[Array, tuple[tuple[str, str], ...]]] = {}
+    for m, n in combinations(mechanisms, 2):
+        pairs = [(a, b) for a, b in product(shapes[m], shapes[n]) if frozenset((a.name, b.name)) not in touching]
+        found[m, n] = _track(pairs, poses, None)
+    distances = {pair: d for pair, (d, _) in found.items()}
+    table = np.stack(list(distances.values()))
+    nearest = np.argmin(table, axis=0)
+    names = [pairs for _, pairs in found.values()]
+    rows = tuple(names[i][k] for k, i in enumerate(nearest))
+    return Clearance(table.min(axis=0), rows, ()), distances
+
+
 def _contacts(
     mechanism: Mechanism, jointed: set[frozenset[str]], link_poses: Mapping[str, Array]
 ) -> tuple[tuple[int, str, str], ...]:

@@ -1,0 +1,47 @@
+"""Draw the PA-10 with an instrument and write it as a STEP assembly.
+
+    python cad/pa10/model.py [--dimensions FILE] [--out pa10.step]
+
+All joints are drawn at zero: the arm stands straight up, frame 0 at its shoulder.  Each rigid body is one
+sub-assembly; its parts are named <body>_<part>.
+"""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+import drawing as cad
+
+BODIES = ["base", *(f"link{j}" for j in range(1, 8)), "instrument"]
+ERRORS = {  # which manufacturing errors each body knows
+    "base": {"bore1_offset_mm"},
+    **{f"link{j}": {f"journal{j}_offset_mm", f"bore{j + 1}_offset_mm"} for j in range(1, 7)},
+    "link7": {"journal7_offset_mm"},
+    "instrument": {"tip_mm"},
+}
+
+
+def drawing():
+    """Load parts.py beside this file; late, because build123d takes seconds."""
+    if "pa10_parts" not in sys.modules:
+        spec = importlib.util.spec_from_file_location("pa10_parts", HERE / "parts.py")
+        sys.modules["pa10_parts"] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules["pa10_parts"])
+    return sys.modules["pa10_parts"]
+
+
+def assembly(path):
+    """Return the drawn robot of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
+    d, parts = cad.Dimensions(path, ERRORS), drawing()
+    d.elbow, d.wrist = d.upper_arm, d.upper_arm + d.forearm
+    d.flange_high = d.wrist + d.wrist_flange
+    solids = {body: getattr(parts, body)(d, d.error(body)) for body in BODIES}
+    return cad.build(BODIES, solids, dict.fromkeys(BODIES, np.eye(4)), parts.MATERIALS)
+
+
+if __name__ == "__main__":
+    cad.command("pa10", HERE, assembly)

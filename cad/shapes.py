@@ -1,0 +1,97 @@
+"""Shapes that several robots are drawn with, and the seats of their revolute joints.
+
+Joint seats: the parent has a bore, a shoulder face across it and a flat towards a key direction; the child a journal,
+a flange face and a flat.
+"""
+
+from math import cos, hypot, sin, sqrt
+
+import numpy as np
+from build123d import Axis, Edge, Face, Location, Plane, Solid, Vector, Wire
+
+X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+
+
+def cyl(at, axis, r, h):
+    """Cylinder of radius r from `at`, length h along `axis`."""
+    return Solid.make_cylinder(r, h, Plane(origin=at, z_dir=axis))
+
+
+def cone(at, axis, r0, r1, h):
+    """Cone of radius r0 at its foot and r1 at its end."""
+    return Solid.make_cone(r0, r1, h, Plane(origin=at, z_dir=axis))
+
+
+def hull(circles, plane, height, chamfer=0.0):
+    """Outline of two circles (x, y, r) in a plane, extruded along its normal."""
+    (xa, ya, ra), (xb, yb, rb) = circles
+    dx, dy = xb - xa, yb - ya
+    d = hypot(dx, dy)
+    u, s = (dx / d, dy / d), (ra - rb) / d
+    c = sqrt(1 - s * s)
+    right, left = (u[0] * s + u[1] * c, u[1] * s - u[0] * c), (u[0] * s - u[1] * c, u[1] * s + u[0] * c)
+    edges = []
+    for (x, y, r), (x2, y2, r2), before, after in (
+        ((xa, ya, ra), (xb, yb, rb), left, right),
+        ((xb, yb, rb), (xa, ya, ra), right, left),
+    ):
+        a = np.arctan2(before[1], before[0])
+        b = a + (np.arctan2(after[1], after[0]) - a) % (2 * np.pi)
+        arc = [Vector(x + r * cos(w), y + r * sin(w), 0) for w in (a, (a + b) / 2, b)]
+        edges += [
+            Edge.make_three_point_arc(*arc),
+            Edge.make_line(arc[2], Vector(x2 + r2 * after[0], y2 + r2 * after[1], 0)),
+        ]
+    solid = Solid.extrude(Face(Wire(edges)), Vector(0, 0, height))
+    if chamfer:
+        rims = solid.edges().group_by(Axis.Z)
+        solid = solid.chamfer(chamfer, None, list(rims[0]) + list(rims[-1]))
+    return solid.moved(Location(plane))
+
+
+def soft(solid, axis, radius, end=-1):
+    """Round the rim at one end of a solid along an axis."""
+    return solid.fillet(radius, solid.edges().group_by(axis)[end])
+
+
+def flat(solid, at, axis, r, h, key=X):
+    """Cut the flat of a flange of radius r: a face square to `key` at 0.9 r, over the height h of the flange."""
+    along, k = Vector(*axis), Vector(*key)
+    corner = Vector(*at) + k * 0.9 * r - along.cross(k) * r - along * 0.5
+    tool = Solid.make_box(0.2 * r, 2 * r, h + 1, Plane(origin=corner, x_dir=k, z_dir=along))
+    return solid - tool
+
+
+def seat(at, axis, r, journal, h, error=(0.0, 0.0), key=X):
+    """Ring of the parent below the shoulder face at `at`: bore, face towards `axis`, flat towards `key`."""
+    low = Vector(*at) - Vector(*axis) * h
+    ring = cyl(low, axis, r, h)
+    shift = Vector(*key) * error[0] + Vector(*axis).cross(Vector(*key)) * error[1]
+    ring -= cyl(low - Vector(*axis) + shift, axis, journal + 0.02, h + 2)
+    return flat(ring, low, axis, r, h, key)
+
+
+def flange(at, axis, r, journal, h, deep, error=(0.0, 0.0), key=X):
+    """Flange of the child above the face at `at`, with its journal below it and its flat towards `key`."""
+    disc = flat(cyl(at, axis, r, h), at, axis, r, h, key)
+    shift = Vector(*key) * error[0] + Vector(*axis).cross(Vector(*key)) * error[1]
+    start = Vector(*at) - Vector(*axis) * deep + shift
+    return disc + cyl(start, axis, journal, deep + h / 2)
+
+
+def bolts(at, axis, r, count, size, h):
+    """Bolt heads on a circle, one solid each."""
+    out = []
+    a, b = Vector(*X), Vector(*axis).cross(Vector(*X))
+    for k in range(count):
+        w = 2 * np.pi * (k + 0.5) / count
+        p = Vector(*at) + a * (r * cos(w)) + b * (r * sin(w))
+        out.append(cyl(p, axis, size, h))
+    return out
+
+
+def cap(at, axis, r, h):
+    """Cover of a joint motor: a domed disc."""
+    solid = cyl(at, axis, r, h)
+    group = Axis.Y if axis in (Y, (0, -1, 0)) else Axis.Z
+    return soft(solid, group, min(h, r) * 0.6, -1 if axis in (Y, Z) else 0)

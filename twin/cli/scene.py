@@ -1,0 +1,124 @@
+"""`twin run <scene>`: all robots of a scene at once, distances between them, one USD stage."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from twin import api, assets
+from twin.cli import show
+from twin.errors import TwinError
+from twin.findings import EXIT_CODES, by_severity, verdict
+from twin.units import MM
+
+
+def names() -> list[str]:
+    """Return the names of the built-in scenes: every cad/<name>/scene.toml."""
+    return sorted(p.parent.name for p in assets.data_folder().glob("cad/*/scene.toml"))
+
+
+def find(name: str) -> Path | None:
+    """Return the scene file of a built-in scene, or of a path to one or to its folder; None if it is no scene."""
+    if name in names():
+        return assets.data_folder() / "cad" / name / "scene.toml"
+    path = Path(name)
+    path = path / "scene.toml" if path.is_dir() else path
+    return path if path.name == "scene.toml" and path.is_file() else None
+
+
+def run(file: Path, args: argparse.Namespace) -> int:
+    """Plan every robot's protocol, play them together, write stage, table and picture; exit 1 if they meet."""
+    from twin.cad.build import read_mechanism
+    from twin.report.scene import figure
+    from twin.report.style import png
+    from twin.scene.load import load_scene
+    from twin.scene.play import Actor, play, trocar_of
+    from twin.scene.stage import write_scene
+
+    scene = load_scene(file)
+    root = Path(args.out) if args.out else Path("twin-out") / scene.name
+    assets.require_writable(root)
+    with show.progress(args.quiet or args.json) as progress:
+        actors, robots = [], {}
+        for i, place in enumerate(scene.places):
+            progress(f"plan {place.name}", i / (2 * len(scene.places)))
+            robot = api.load(place.name)
+            protocol = robot.protocol(place.protocol)
+            trajectory = api.plan(robot, protocol)
+            mechanism = robot.bound(protocol).mechanism
+            trocar = trocar_of(mechanism, trajectory)
+            if trocar is None:
+                raise TwinError(f"{place.name}: protocol '{place.protocol}' registers no RCM: it works through no port")
+            robots[place.name] = robot
+            actors.append(Actor(place, mechanism, trajectory, trocar))
+        props = None if scene.props is None else read_mechanism(scene.props).mechanism
+        played = play(scene, actors, props, lambda label, f: progress(label, 0.5 + f / 2))
+        with assets.atomic_folder(root) as work:
+            stages = {}
+            for a in actors:
+                own = robots[a.place.name].files.usd
+                if not (own / f"{a.place.name}_{a.place.protocol}.usda").is_file():
+                    raise TwinError(f"{a.place.name} has no stage with its motion: `twin build {a.place.name}` first")
+                shutil.copytree(own, work / "usd" / a.place.name)
+                stages[a.place.name] = Path("..") / a.place.name / f"{a.place.name}_{a.place.protocol}.usda"
+            duration = max(a.trajectory.duration for a in actors)
+            mechanisms = {a.place.name: a.mechanism for a in actors}
+            write_scene(scene, work / "usd" / scene.name, stages, mechanisms, props, duration)
+            data = _data(scene, actors, played, root)
+            (work / "scene.json").write_text(show.as_json(data) + "\n", encoding="utf-8")
+            (work / "scene.png").write_bytes(png(figure(scene, actors, played)))
+            pairs = list(played.by_pair)
+            head = ",".join(["t_s", *(f"{a}_{b}_mm" for a, b in pairs)])
+            body = np.column_stack([played.t, *(played.by_pair[p] / MM for p in pairs)])
+            np.savetxt(work / "scene.csv", body, "%.6g", ",", header=head, comments="")
+    if args.json:
+        print(show.as_json(data))
+    else:
+        print(f"{scene.name} · {scene.title}\n")
+        rows = [(a.place.name, a.place.protocol, a.place.port, f"{a.trajectory.duration:.1f} s") for a in actors]
+        print(show.table(rows, ("robot", "protocol", "port", "takes")), "\n")
+        lines = []
+        for (a, b), d in played.by_pair.items():
+            k = int(np.argmin(d))
+            lines.append(
+                (f"{a} - {b}", f"{d[k] / MM:.1f} mm" if np.isfinite(d[k]) else "-", f"t = {played.t[k]:.1f} s")
+            )
+        print(show.table(lines, ("pair", "least distance", "")), "\n")
+        for f in by_severity(played.findings):
+            print(show.finding(f))
+        if not played.findings:
+            least = float(played.clearance.distance.min())
+            print(f"  no collision: {least / MM:.1f} mm at least, {scene.clearance / MM:g} mm to keep")
+        print(f"\n  {root / 'scene.png'}\n  stage: {root / 'usd' / scene.name / (scene.name + '.usda')}")
+    return EXIT_CODES[verdict(played.findings)]
+
+
+def _data(scene, actors, played, root: Path) -> dict:
+    pairs = {}
+    for (a, b), d in played.by_pair.items():
+        k = int(np.argmin(d))
+        pairs[f"{a}-{b}"] = {"least_mm": d[k] / MM, "t_s": float(played.t[k])}
+    return {
+        "verdict": verdict(played.findings),
+        "scene": scene.name,
+        "robots": [
+            {
+                "name": a.place.name,
+                "protocol": a.place.protocol,
+                "port": a.place.port,
+                "duration_s": a.trajectory.duration,
+            }
+            for a in actors
+        ],
+        "clearance_mm": scene.clearance / MM,
+        "pairs": pairs,
+        "parameters": [
+            {"name": p.name, "value": p.shown, "unit": p.unit, "provenance": p.provenance} for p in scene.parameters
+        ],
+        "findings": [f.as_dict() for f in played.findings],
+        "folder": os.fspath(root),
+    }

@@ -1,0 +1,124 @@
+"""All robots of a scene at once: where their links are, how near they come, whether each stays in its port."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.findings import Finding
+from twin.mechanism import Mechanism
+from twin.reference import ReferenceModel
+from twin.reference.clearance import Clearance, between
+from twin.scene.load import Place, Scene
+from twin.spatial import Array
+from twin.trajectory.model import Trajectory
+from twin.units import MM
+
+RATE = 10.0
+"""Hz at which distances are measured."""
+
+PORT_TOLERANCE = 0.1e-3
+"""How far in m a robot's RCM may lie from the port that it is said to work through."""
+
+
+@dataclass(frozen=True)
+class Actor:
+    """A robot of the scene with what it is and does; `trocar` (3,) in its base."""
+
+    place: Place
+    mechanism: Mechanism
+    trajectory: Trajectory
+    trocar: Array
+
+
+@dataclass(frozen=True)
+class Played:
+    """What playing a scene gave.
+
+    Attributes:
+        t: (k,) s.
+        clearance: least distance between bodies of different owners.
+        by_pair: (k,) m, the least distance of each pair of owners.
+        findings: collisions, and ports that are missed.
+    """
+
+    t: Array
+    clearance: Clearance
+    by_pair: Mapping[tuple[str, str], Array]
+    findings: tuple[Finding, ...]
+
+
+def trocar_of(mechanism: Mechanism, trajectory: Trajectory) -> Array | None:
+    """Return where a robot's trocar is, (3,) in its base: the mechanism's, else the first RCM of its motion."""
+    if mechanism.trocar:
+        return mechanism.trocar_at
+    return next((p.rcm for p in trajectory.phases if p.rcm is not None), None)
+
+
+def play(
+    scene: Scene,
+    actors: list[Actor],
+    props: Mechanism | None,
+    progress: Callable[[str, float], None] = lambda label, fraction: None,
+) -> Played:
+    """Move all robots at once from t = 0, each resting when it is done, and measure."""
+    duration = max(a.trajectory.duration for a in actors)
+    t = np.linspace(0.0, duration, int(duration * RATE) + 1)
+    mechanisms: dict[str, Mechanism] = {}
+    poses: dict[str, dict[str, Array]] = {}
+    findings = []
+    for i, a in enumerate(actors):
+        progress(f"move {a.place.name}", i / (len(actors) + 2))
+        at = np.minimum(t, a.trajectory.duration)
+        model = ReferenceModel(a.mechanism)
+        run = model.run_poses(a.trajectory.poses(at), near=a.trajectory.joints(at))
+        mechanisms[a.place.name] = a.mechanism
+        poses[a.place.name] = {n: a.place.T_world_base @ T for n, T in model.link_poses(run.x).items()}
+        findings += _port(a)
+    if props is not None:
+        still = ReferenceModel(props).home().link_poses
+        mechanisms[props.name] = props
+        poses[props.name] = {n: np.broadcast_to(T, (len(t), 4, 4)) for n, T in still.items()}
+    progress("distances between the robots", len(actors) / (len(actors) + 2))
+    found, by_pair = between(mechanisms, poses, scene.touching)
+    k = int(np.argmin(found.distance))
+    least = float(found.distance[k])
+    if least < scene.clearance:
+        a, b = found.pair[k]
+        what = "run through each other" if least <= 0 else f"come within {least / MM:.1f} mm"
+        findings.append(
+            Finding(
+                "scene.collision" if least <= 0 else "scene.near",
+                "disagreement",
+                f"{a} and {b} {what}; {scene.clearance / MM:g} mm must be kept",
+                where=f"{a}, {b}",
+                when=f"t = {t[k]:.1f} s",
+                size=least / MM,
+                unit="mm",
+                limit=scene.clearance / MM,
+                suggestion="move a base in scene.toml, or change a protocol",
+            )
+        )
+    return Played(t, found, by_pair, tuple(findings))
+
+
+def _port(a: Actor) -> list[Finding]:
+    at = (a.place.T_world_base @ np.append(a.trocar, 1.0))[:3]
+    missed = float(np.linalg.norm(at - a.place.p_world_port))
+    if missed <= PORT_TOLERANCE:
+        return []
+    shift = a.place.p_world_port - at
+    return [
+        Finding(
+            "scene.port",
+            "disagreement",
+            f"{a.place.name} works {missed / MM:.1f} mm beside its port '{a.place.port}'",
+            where=a.place.name,
+            size=missed / MM,
+            unit="mm",
+            limit=PORT_TOLERANCE / MM,
+            suggestion="move its base by (" + ", ".join(f"{x / MM:.2f}" for x in shift) + ") mm",
+        )
+    ]

@@ -1,0 +1,82 @@
+"""One USD stage for a scene: the robots' own stages by reference, each at its place, and cameras."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom
+
+from twin import spatial
+from twin.mechanism import Mechanism
+from twin.reference import ReferenceModel
+from twin.scene.load import CameraTable, Scene
+from twin.spatial import Array
+from twin.stage import gf
+from twin.stage.write import write_stage
+from twin.stage.write.layers import describe, new_layer, save
+from twin.units import DEG
+
+APERTURE_MM = 20.955
+"""Width of the picture in a USD camera, its default; the focal length follows from the angle of view."""
+
+LOOK = spatial.pose(np.diag([1.0, -1.0, -1.0]))
+"""USD cameras look along -z with +y up; a scope looks along z."""
+
+
+def write_scene(
+    scene: Scene,
+    folder: Path,
+    stages: Mapping[str, Path],
+    mechanisms: Mapping[str, Mechanism],
+    props: Mechanism | None,
+    duration: float,
+) -> Path:
+    """Write the scene's root layer, and what stands around beside it; return the root.
+
+    Args:
+        scene: who stands where.
+        folder: made if missing.
+        stages: by robot, the layer to reference (with its motion); paths are stored relative to `final`.
+        mechanisms: by robot, to find the bodies that carry cameras.
+        props: what stands around, or None.
+        duration: of the longest motion in s.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{scene.name}.usda"
+    layer = new_layer(path)
+    describe(layer, scene.name, round(duration * 60.0))
+    layer.comment = f"{scene.title}. Robots are references to their own stages. Z up, metres."
+    stage = Usd.Stage.Open(layer)
+    UsdGeom.Xform.Define(stage, f"/{scene.name}")
+    if props is not None:
+        home = ReferenceModel(props).home()
+        root = write_stage(props, folder / props.name, home.link_poses, home.q_full).root
+        prim = UsdGeom.Xform.Define(stage, f"/{scene.name}/{props.name}").GetPrim()
+        prim.GetReferences().AddReference(f"./{props.name}/{root.name}")
+    for place in scene.places:
+        out = UsdGeom.Xform.Define(stage, f"/{scene.name}/{place.name}")
+        out.GetPrim().GetReferences().AddReference(os.fspath(stages[place.name]))
+        _pose(out, place.T_world_base)
+    for name, camera in scene.cameras.items():
+        _camera(stage, scene, name, camera, mechanisms[camera.robot])
+    return save(layer, path)
+
+
+def _pose(prim: UsdGeom.Xform | UsdGeom.Camera, T: Array) -> None:
+    prim.ClearXformOpOrder()
+    prim.AddTranslateOp().Set(Gf.Vec3d(*map(float, T[:3, 3])))
+    prim.AddOrientOp(UsdGeom.XformOp.PrecisionDouble).Set(gf.quatd(T[:3, :3]))
+
+
+def _camera(stage: Usd.Stage, scene: Scene, name: str, camera: CameraTable, mechanism: Mechanism) -> None:
+    frame = mechanism.frame(camera.frame)
+    out = UsdGeom.Camera.Define(stage, f"/{scene.name}/{camera.robot}/{frame.body}/{name}")
+    _pose(out, frame.T_body_frame @ LOOK)
+    out.CreateHorizontalApertureAttr(APERTURE_MM)
+    out.CreateVerticalApertureAttr(APERTURE_MM)
+    out.CreateFocalLengthAttr(float(APERTURE_MM / 2 / np.tan(camera.view_deg * DEG / 2)))
+    out.CreateClippingRangeAttr(Gf.Vec2f(0.001, 10.0))
+    stage.GetPrimAtPath(out.GetPath().GetParentPath()).SetSpecifier(Sdf.SpecifierOver)
