@@ -95,3 +95,8 @@ def cap(at, axis, r, h):
     solid = cyl(at, axis, r, h)
     group = Axis.Y if axis in (Y, (0, -1, 0)) else Axis.Z
     return soft(solid, group, min(h, r) * 0.6, -1 if axis in (Y, Z) else 0)
+
+
+def location(matrix):
+    """Location of a 4x4 matrix."""
+    return Location(Plane(origin=tuple(matrix[:3, 3]), x_dir=tuple(matrix[:3, 0]), z_dir=tuple(matrix[:3, 2])))

@@ -73,9 +73,8 @@ def _inertias(robot: api.Robot, args: argparse.Namespace) -> int:
         )
         for r in rows
     ]
-    lines.append(
-        ("sum", "", "", *(f"{sum(getattr(r, m) for r in rows):.2f}" for m in ("mass_printed", "mass_negated")))
-    )
+    plain, negated = sum(r.mass_printed for r in rows), sum(r.mass_negated for r in rows)
+    lines.append(("sum", "", "", f"{plain:.2f}", f"{negated:.2f}"))
     head = ("row", "positive definite", "triangle slack", "least mass, as printed [kg]", "products negated [kg]")
     print(show.table(lines, head), "\n")
     for f in by_severity(findings):

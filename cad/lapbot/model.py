@@ -1,0 +1,92 @@
+"""Draw Lapbot and write it as a STEP assembly.
+
+    python cad/lapbot/model.py [--dimensions FILE] [--out lapbot.step]
+
+The robot stands with its instrument straight down through the trocar.  Each rigid body is one sub-assembly; its parts
+are named <body>_<part>.  All shapes are written in world coordinates: no instance carries a placement.
+"""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+import drawing as cad
+
+BODIES = ["base", "lift", "upper_arm", "forearm", "bracket", "yoke", "carrier", "shaft", "wrist", "jaw", "cannula"]
+
+
+def row(alpha, d, theta, r):
+    """Rx(alpha) Tx(d) Rz(theta) Tz(r): a row of the table; mm and degrees."""
+    (ca, ct), (sa, st) = np.cos(np.radians([alpha, theta])), np.sin(np.radians([alpha, theta]))
+    return np.array([[ct, -st, 0, d], [ca * st, ca * ct, -sa, -r * sa], [sa * st, sa * ct, ca, r * ca], [0, 0, 0, 1.0]])
+
+
+def table(d):
+    """Constant part of each row: from frame j - 1 to where joint j stands at zero."""
+    return {
+        2: row(0, 0, 0, 0),
+        3: row(0, d.arm, 0, 0),
+        4: row(0, d.arm, 0, 0),
+        5: row(90, 0, 90, 0),
+        6: row(90, 0, -90, 0),
+        7: row(90, 0, 0, 0),
+        8: row(0, 0, 0, d.length) @ row(90, 0, 90, 0),
+        9: row(90, 0, 90, 0),
+        10: row(90, 0, 0, d.tool),
+    }
+
+
+def placements(d):
+    """World placement (4x4, mm) of every body with the shaft straight down through the trocar."""
+    x, _, z = d.trocar
+    top = z - d.depth + d.length  # height of the outer point
+    bend = 2 * np.degrees(np.arccos(x / (2 * d.arm)))  # elbow of two equal links over the distance x
+    q = {2: -bend / 2, 3: bend, 4: -bend / 2}
+    T, out = row(0, 0, 0, top), {"base": np.eye(4)}
+    out["lift"] = T
+    for j, body in enumerate(BODIES[2:10], 2):
+        T = T @ table(d)[j] @ row(0, 0, q.get(j, 0.0), 0)
+        out[body] = T
+    out["cannula"] = out["shaft"].copy()
+    out["cannula"][:3, 3] = d.trocar
+    return out
+
+
+def drawing():
+    """Load parts.py beside this file; late, because build123d takes seconds."""
+    if "lapbot_parts" not in sys.modules:
+        spec = importlib.util.spec_from_file_location("lapbot_parts", HERE / "parts.py")
+        sys.modules["lapbot_parts"] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules["lapbot_parts"])
+    return sys.modules["lapbot_parts"]
+
+
+def assembly(path):
+    """Return the drawn robot of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
+    from shapes import location
+
+    d, parts = cad.Dimensions(path, {}), drawing()
+    at = {j: location(T) for j, T in table(d).items()}
+    solids = {}
+    for body in BODIES:
+        carries = {
+            "lift": 2,
+            "upper_arm": 3,
+            "forearm": 4,
+            "bracket": 5,
+            "yoke": 6,
+            "carrier": 7,
+            "shaft": 8,
+            "wrist": 9,
+        }
+        draw = getattr(parts, body)
+        solids[body] = draw(d, at[carries[body]]) if body in carries else draw(d)
+    return cad.build(BODIES, solids, placements(d), parts.MATERIALS)
+
+
+if __name__ == "__main__":
+    cad.command("lapbot", HERE, assembly)

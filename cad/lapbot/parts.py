@@ -1,0 +1,215 @@
+"""Parts of Lapbot, each body drawn in its own frame (mm).
+
+Body frames are those of the table in Khalil and Kleinfinger's form: `lift` frame 1, `upper_arm` 2, `forearm` 3,
+`bracket` 4, `yoke` 5, `carrier` 6, `wrist` 8, `jaw` 9; `shaft` is frame 7 moved back to the outer point. In each the
+joint that carries the body turns about z, with the flat of its flange towards x. `base` is the world, `cannula` has
+its ball at the origin and its bore along z.
+
+Every function returns a list of ``(part name, solid, material)``.
+"""
+
+from build123d import Axis, Plane, Solid
+from shapes import X, Y, Z, cap, cone, cyl, flange, hull, seat, soft
+
+DOWN = (0, 0, -1)
+MATERIALS = {  # sRGB, density in kg/m3
+    "cast": ((0.86, 0.88, 0.90), 2000),
+    "cover": ((0.18, 0.45, 0.50), 1300),
+    "dark": ((0.20, 0.22, 0.25), 2700),
+    "steel": ((0.70, 0.72, 0.75), 7850),
+    "belt": ((0.12, 0.12, 0.13), 1300),
+    "plastic": ((0.80, 0.83, 0.86), 1200),
+}
+
+
+def box(x0, x1, y0, y1, z0, z1, radius=0.0, axis=Axis.Z):
+    """Box between two corners, edges along an axis rounded."""
+    solid = Solid.make_box(x1 - x0, y1 - y0, z1 - z0, Plane(origin=(x0, y0, z0)))
+    return solid.fillet(radius, solid.edges().filter_by(axis)) if radius else solid
+
+
+def base(d):
+    """Foot with castors, column at the back, two rails, the motor of the lift on top."""
+    foot = box(-d.back - 60, 130, -150, 150, 30, 70, 40)
+    foot = foot.chamfer(12, None, foot.edges().group_by(Axis.Z)[-1])
+    castors = [
+        Solid.make_cylinder(28, 24, Plane(origin=(x, y - 12, 28), z_dir=Y))
+        for x in (-d.back - 25, 95)
+        for y in (-105, 105)
+    ]
+    column = box(-d.back - 45, -d.back, -60, 60, 70, d.column_high, 18)
+    rails = [cyl((-d.back + d.rail_gap, s * d.rail_apart, 70), Z, d.rail, d.column_high - 90) for s in (1, -1)]
+    head = box(-d.back - 45, -d.back + 40, -60, 60, d.column_high - 20, d.column_high, 14)
+    motor = cap((-d.back - 15, 0, d.column_high), Z, 26, 60)
+    datum = box(-d.back, -d.back + 6, -40, 40, 76, d.column_high - 24)
+    return [
+        ("foot", foot, "cast"),
+        *((f"castor{i}", c, "dark") for i, c in enumerate(castors, 1)),
+        ("column", column, "cast"),
+        ("rail1", rails[0], "steel"),
+        ("rail2", rails[1], "steel"),
+        ("head", head, "cover"),
+        ("motor", motor, "dark"),
+        ("strip", datum, "dark"),
+        ("pad", cyl((20, 0, 0), Z, 22, 30), "dark"),
+    ]
+
+
+def lift(d, seat2):
+    """Carriage on both rails, boss with the seat of joint 2, first pulley of the belt."""
+    x = -d.back + d.rail_gap
+    block = box(x - 14, x + 26, -62, 62, -45, 25, 10)
+    for s in (1, -1):
+        block -= cyl((x, s * d.rail_apart, -60), Z, d.rail + 0.02, 120)
+    neck = hull([(x + 20, 0, 34), (0, 0, d.r2)], Plane(origin=(0, 0, -30)), d.o2 - d.seat + 30, 4)
+    ring = seat((0, 0, d.o2), Z, d.r2, d.j2, d.seat)
+    neck -= cyl((0, 0, d.o2 - d.seat - d.deep), Z, d.j2 + 1, d.deep + 1)
+    mark = box(x + 26, x + 30, -56, -40, -8, 0)  # its upper face is the height of the outer point
+    return [
+        ("mark", mark, "cover"),
+        ("block", block, "dark"),
+        ("boss", neck - box(x - 14, x + 26, -62, 62, -45, 25), "cast"),
+        ("seat2", ring, "dark"),
+    ]
+
+
+def upper_arm(d, seat3):
+    """Flange, tapered arm, cover, belt run to the elbow, seat of joint 3."""
+    foot = flange((0, 0, d.o2), Z, d.r2, d.j2, d.seat, d.deep)
+    low = d.o2 + d.seat
+    arm = hull([(0, 0, d.r2), (d.arm, 0, d.r3)], Plane(origin=(0, 0, low)), d.thick2, 5)
+    arm -= cyl((d.arm, 0, low + d.thick2 - d.deep + d.seat), Z, d.j3 + 1, d.deep)
+    ring = seat((d.arm, 0, d.o3), Z, d.r3, d.j3, d.seat)
+    cover = hull([(70, 0, 24), (d.arm - 80, 0, 18)], Plane(origin=(0, 0, low + d.thick2)), 6, 2)
+    runs = [
+        hull([(d.r2 + 18, s * 16, 1.5), (d.arm - d.r3 - 18, s * 12, 1.5)], Plane(origin=(0, 0, low - 9)), 9)
+        for s in (1, -1)
+    ]
+    return [
+        ("flange2", foot, "dark"),
+        ("arm", arm, "cast"),
+        ("cover", cover, "cover"),
+        ("belt1", runs[0], "belt"),
+        ("belt2", runs[1], "belt"),
+        ("seat3", ring, "dark"),
+    ]
+
+
+def forearm(d, seat4):
+    """Flange, tapered arm, belt run to the bracket, seat of joint 4 below its end."""
+    foot = flange((0, 0, d.o3), Z, d.r3, d.j3, d.seat, d.deep)
+    low = d.o3 + d.seat
+    arm = hull([(0, 0, d.r3), (d.arm, 0, d.r4)], Plane(origin=(0, 0, low)), d.thick3, 5)
+    arm -= cyl((d.arm, 0, low - 1), Z, d.j4 + 1, d.deep - d.seat + 2)
+    ring = seat((d.arm, 0, low - d.seat), DOWN, d.r4, d.j4, d.seat)
+    cover = hull([(60, 0, 20), (d.arm - 60, 0, 15)], Plane(origin=(0, 0, low + d.thick3)), 6, 2)
+    runs = [
+        hull([(d.r3 + 16, s * 12, 1.5), (d.arm - d.r4 - 16, s * 10, 1.5)], Plane(origin=(0, 0, low - 9)), 9)
+        for s in (1, -1)
+    ]
+    return [
+        ("flange3", foot, "dark"),
+        ("arm", arm, "cast"),
+        ("cover", cover, "cover"),
+        ("belt1", runs[0], "belt"),
+        ("belt2", runs[1], "belt"),
+        ("seat4", ring, "dark"),
+    ]
+
+
+def bracket(d, seat5):
+    """Flange under the forearm, arm down beside the outer point, seat of joint 5."""
+    top = d.o3
+    foot = flange((0, 0, top), DOWN, d.r4, d.j4, d.seat, d.deep)
+    y = -d.o5
+    lid = hull([(0, 0, d.r4), (0, y + 9, 11)], Plane(origin=(0, 0, top - d.seat - 12)), 12, 2)
+    arm = hull(
+        [(0, 0, d.r5), (0, -(top - d.seat - 20), 14)], Plane(origin=(0, y + d.seat5, 0), x_dir=X, z_dir=Y), 14, 2
+    )
+    ring = seat((0, 0, d.o5), Z, d.r5, d.j5, d.seat5).moved(seat5)
+    arm -= cyl((0, y + d.seat5 - 1, 0), Y, d.j5 + 1, d.deep5 - d.seat5 + 2)
+    return [("flange4", foot, "dark"), ("arm", lid + arm, "cast"), ("seat5", ring, "dark")]
+
+
+def yoke(d, seat6):
+    """Angle between the two passive axes."""
+    foot = flange((0, 0, d.o5), Z, d.r5, d.j5, d.seat5, d.deep5)
+    low = d.o5 + d.seat5
+    reach = -d.o6 + d.seat5
+    plate = hull([(0, 0, d.r5), (0, reach + 4, 12)], Plane(origin=(0, 0, low)), 8, 1.5)
+    side = box(-12, 12, reach, reach + 10, low, 12, 0)
+    side = side.fillet(4, side.edges().filter_by(Axis.Y))
+    ring = seat((0, 0, d.o6), Z, d.r6, d.j6, d.seat5).moved(seat6)
+    side -= Solid.make_cylinder(d.j6 + 1, 30, Plane(origin=(0, reach - 1, 0), z_dir=Y))
+    return [("flange5", foot, "dark"), ("angle", plate + side, "cast"), ("seat6", ring, "dark")]
+
+
+def carrier(d, seat7):
+    """Housing of the roll motor about the outer point, seat of joint 7."""
+    foot = flange((0, 0, d.o6), Z, d.r6, d.j6, d.seat5, d.deep5)
+    stub = cyl((0, 0, d.o6 + d.seat5), Z, d.r6 - 2, -d.o6 - d.seat5)
+    house = Solid.make_cylinder(
+        d.house, d.o7 - d.seat5 + d.house_top, Plane(origin=(0, d.house_top, 0), z_dir=(0, -1, 0))
+    )
+    ring = seat((0, 0, d.o7), Z, d.r7, d.j7, d.seat5).moved(seat7)
+    house -= Solid.make_cylinder(d.j7 + 1, 20, Plane(origin=(0, -d.o7 + d.seat5 - 1 + 12, 0), z_dir=(0, -1, 0)))
+    return [("flange6", foot, "dark"), ("housing", house + stub, "cover"), ("seat7", ring, "dark")]
+
+
+def shaft(d, seat8):
+    """Roll flange, straight shaft, tongue with the seat of joint 8."""
+    foot = flange((0, 0, d.o7), Z, d.r7, d.j7, d.seat5, d.deep5)
+    hub = cone((0, 0, d.o7 + d.seat5), Z, d.r7 - 1, 7, 26)
+    start = d.o7 + d.seat5 + 26
+    tube = cyl((0, 0, start), Z, d.tube, d.length - 18 - start)
+    collar = cyl((0, 0, d.length - 18), Z, d.tube + 1.5, 5)
+    tongue = hull([(0, 0, d.r8), (-16, 0, d.r8 - 0.5)], Plane(origin=(0, 0, d.o8 - d.seat8)), d.seat8)
+    tongue -= cyl((0, 0, d.o8 - 2 * d.seat8), Z, d.j8 + 1, 3 * d.seat8)
+    ring = seat((0, 0, d.o8), Z, d.r8, d.j8, d.seat8)
+    bridge = box(-16 - d.r8, -11, -3, 3, d.o8 - d.seat8, 3)
+    return [
+        ("flange7", foot, "dark"),
+        ("hub", hub, "cover"),
+        ("tube", tube, "steel"),
+        ("collar", collar, "steel"),
+        ("fork", (bridge - cyl((0, 0, -20), Z, d.r8, 40)).moved(seat8), "steel"),
+        ("seat8", ring.moved(seat8), "steel"),
+    ]
+
+
+def wrist(d, seat9):
+    """Angle between the two axes of the wrist."""
+    foot = flange((0, 0, d.o8), Z, d.r8, d.j8, d.seat8, d.deep8)
+    low = d.o8 + d.seat8
+    y = -d.o9
+    corner = box(-2.6, 2.6, 0, y + d.seat8, d.o8 + 0.2, low)
+    side = box(-2.6, 2.6, y + 0.2, y + d.seat8, d.o8 + 0.2, 0)
+    ring = seat((0, 0, d.o9), Z, d.r8, d.j8, d.seat8).moved(seat9)
+    hole = Solid.make_cylinder(d.r8 - 0.3, 30, Plane(origin=(0, -1, 0), z_dir=Y))
+    return [("flange8", foot, "steel"), ("angle", corner + side - hole, "steel"), ("seat9", ring, "steel")]
+
+
+def jaw(d):
+    """Flange and a closed grasper across the last axis."""
+    foot = flange((0, 0, d.o9), Z, d.r8, d.j8, d.seat8, d.deep8)
+    low = d.o9 + d.seat8
+    arm = hull([(0, 0, d.r8 - 0.2), (0, -9, 2.4)], Plane(origin=(0, 0, low)), 2, 0)
+    root = box(-2.2, 2.2, -11, -6.6, low, 2.2)
+    tip = cone((0, -8, 0), (0, -1, 0), 2.2, 0.5, d.tool - 8)
+    return [("flange9", foot, "steel"), ("arm", arm + root, "steel"), ("grasper", tip, "steel")]
+
+
+def cannula(d):
+    """Trocar: tube with a ball in the abdominal wall, head with a tap above."""
+    ball = Solid.make_sphere(d.ball, Plane.XY)
+    tube = cyl((0, 0, -d.tube_out), Z, d.cannula, d.tube_out + d.tube_in)
+    head = cyl((0, 0, -d.tube_out - 26), Z, 11, 26)
+    head = soft(head, Axis.Z, 3, 0)
+    tap = cyl((9, 0, -d.tube_out - 13), X, 3.5, 14)
+    bore = cyl((0, 0, -200), Z, d.tube + 0.25, 400)
+    key = box(9.5, 20, -20, 20, -d.tube_out - 4, -d.tube_out)
+    return [
+        ("ball", ball - cyl((0, 0, -200), Z, d.cannula, 400), "plastic"),
+        ("tube", tube - bore, "plastic"),
+        ("head", head + tap - bore - key, "cover"),
+    ]
