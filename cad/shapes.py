@@ -100,3 +100,25 @@ def cap(at, axis, r, h):
 def location(matrix):
     """Location of a 4x4 matrix."""
     return Location(Plane(origin=tuple(matrix[:3, 3]), x_dir=tuple(matrix[:3, 0]), z_dir=tuple(matrix[:3, 2])))
+
+
+def box(x0, x1, y0, y1, z0, z1, radius=0.0, axis=Axis.Z):
+    """Box between two corners, edges along an axis rounded."""
+    solid = Solid.make_box(x1 - x0, y1 - y0, z1 - z0, Plane(origin=(x0, y0, z0)))
+    return solid.fillet(radius, solid.edges().filter_by(axis)) if radius else solid
+
+
+def cannula(d):
+    """Trocar: tube with a ball in the abdominal wall, head with a tap above."""
+    ball = Solid.make_sphere(d.ball, Plane.XY)
+    tube = cyl((0, 0, -d.tube_out), Z, d.cannula, d.tube_out + d.tube_in)
+    head = cyl((0, 0, -d.tube_out - 26), Z, 11, 26)
+    head = soft(head, Axis.Z, 3, 0)
+    tap = cyl((9, 0, -d.tube_out - 13), X, 3.5, 14)
+    bore = cyl((0, 0, -200), Z, d.tube + 0.25, 400)
+    key = box(9.5, 20, -20, 20, -d.tube_out - 4, -d.tube_out)
+    return [
+        ("ball", ball - cyl((0, 0, -200), Z, d.cannula, 400), "plastic"),
+        ("tube", tube - bore, "plastic"),
+        ("head", head + tap - bore - key, "cover"),
+    ]

@@ -73,7 +73,7 @@ def run(file: Path, args: argparse.Namespace) -> int:
             (work / "scene.png").write_bytes(png(figure(scene, actors, played)))
             pairs = list(played.by_pair)
             head = ",".join(["t_s", *(f"{a}_{b}_mm" for a, b in pairs)])
-            body = np.column_stack([played.t, *(played.by_pair[p] / MM for p in pairs)])
+            body = np.column_stack([played.t, *(played.by_pair[p].distance / MM for p in pairs)])
             np.savetxt(work / "scene.csv", body, "%.6g", ",", header=head, comments="")
     if args.json:
         print(show.as_json(data))
@@ -82,16 +82,15 @@ def run(file: Path, args: argparse.Namespace) -> int:
         rows = [(a.place.name, a.place.protocol, a.place.port, f"{a.trajectory.duration:.1f} s") for a in actors]
         print(show.table(rows, ("robot", "protocol", "port", "takes")), "\n")
         lines = []
-        for (a, b), d in played.by_pair.items():
-            k = int(np.argmin(d))
-            lines.append(
-                (f"{a} - {b}", f"{d[k] / MM:.1f} mm" if np.isfinite(d[k]) else "-", f"t = {played.t[k]:.1f} s")
-            )
-        print(show.table(lines, ("pair", "least distance", "")), "\n")
+        for (a, b), c in played.by_pair.items():
+            k = int(np.argmin(c.distance))
+            near = " - ".join(name.split("/")[1] for name in c.pair[k])
+            lines.append((f"{a} - {b}", f"{c.distance[k] / MM:.1f} mm", near, f"t = {played.t[k]:.1f} s"))
+        print(show.table(lines, ("pair", "least distance", "between", "")), "\n")
         for f in by_severity(played.findings):
             print(show.finding(f))
         if not played.findings:
-            least = float(played.clearance.distance.min())
+            least = min(float(c.distance.min()) for c in played.by_pair.values())
             print(f"  no collision: {least / MM:.1f} mm at least, {scene.clearance / MM:g} mm to keep")
         print(f"\n  {root / 'scene.png'}\n  stage: {root / 'usd' / scene.name / (scene.name + '.usda')}")
     return EXIT_CODES[verdict(played.findings)]
@@ -99,9 +98,9 @@ def run(file: Path, args: argparse.Namespace) -> int:
 
 def _data(scene, actors, played, root: Path) -> dict:
     pairs = {}
-    for (a, b), d in played.by_pair.items():
-        k = int(np.argmin(d))
-        pairs[f"{a}-{b}"] = {"least_mm": d[k] / MM, "t_s": float(played.t[k])}
+    for (a, b), c in played.by_pair.items():
+        k = int(np.argmin(c.distance))
+        pairs[f"{a}-{b}"] = {"least_mm": c.distance[k] / MM, "between": list(c.pair[k]), "t_s": float(played.t[k])}
     return {
         "verdict": verdict(played.findings),
         "scene": scene.name,

@@ -79,8 +79,8 @@ def between(
     mechanisms: Mapping[str, Mechanism],
     link_poses: Mapping[str, Mapping[str, Array]],
     touching: frozenset[frozenset[str]] = frozenset(),
-) -> tuple[Clearance, dict[tuple[str, str], Array]]:
-    """Return least distances between the bodies of different owners, and those of each pair of owners.
+) -> dict[tuple[str, str], Clearance]:
+    """Return least distances between the bodies of each two owners; bodies are named "owner/body".
 
     Args:
         mechanisms: by owner.
@@ -92,16 +92,11 @@ def between(
         for n, m in mechanisms.items()
     }
     poses = {f"{n}/{b}": T for n, links in link_poses.items() for b, T in links.items()}
-    found: dict[tuple[str, str], tuple[Array, tuple[tuple[str, str], ...]]] = {}
+    out = {}
     for m, n in combinations(mechanisms, 2):
         pairs = [(a, b) for a, b in product(shapes[m], shapes[n]) if frozenset((a.name, b.name)) not in touching]
-        found[m, n] = _track(pairs, poses, None)
-    distances = {pair: d for pair, (d, _) in found.items()}
-    table = np.stack(list(distances.values()))
-    nearest = np.argmin(table, axis=0)
-    names = [pairs for _, pairs in found.values()]
-    rows = tuple(names[i][k] for k, i in enumerate(nearest))
-    return Clearance(table.min(axis=0), rows, ()), distances
+        out[m, n] = Clearance(*_track(pairs, poses, None), ())
+    return out
 
 
 def _contacts(

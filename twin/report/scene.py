@@ -33,7 +33,7 @@ def figure(scene: Scene, actors: list[Actor], played: Played) -> Figure:
             0.012, 1 - 0.24 / height, f"{scene.title}: least distances", fontsize=11, fontweight="bold", va="center"
         )
         for color, ((a, b), d) in zip(PALETTE, played.by_pair.items(), strict=False):
-            top.plot(played.t, np.maximum(d / MM, _LEAST), color=color, label=f"{a} - {b}")
+            top.plot(played.t, np.maximum(d.distance / MM, _LEAST), color=color, label=f"{a} - {b}")
         top.axhline(scene.clearance / MM, color=UNFIT, linestyle="--", linewidth=0.9)
         top.annotate(
             f"to keep: {scene.clearance / MM:g} mm", (0, scene.clearance / MM), (3, 3), textcoords="offset points",

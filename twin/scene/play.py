@@ -39,14 +39,12 @@ class Played:
 
     Attributes:
         t: (k,) s.
-        clearance: least distance between bodies of different owners.
-        by_pair: (k,) m, the least distance of each pair of owners.
+        by_pair: least distances of each pair of owners.
         findings: collisions, and ports that are missed.
     """
 
     t: Array
-    clearance: Clearance
-    by_pair: Mapping[tuple[str, str], Array]
+    by_pair: Mapping[tuple[str, str], Clearance]
     findings: tuple[Finding, ...]
 
 
@@ -82,10 +80,12 @@ def play(
         mechanisms[props.name] = props
         poses[props.name] = {n: np.broadcast_to(T, (len(t), 4, 4)) for n, T in still.items()}
     progress("distances between the robots", len(actors) / (len(actors) + 2))
-    found, by_pair = between(mechanisms, poses, scene.touching)
-    k = int(np.argmin(found.distance))
-    least = float(found.distance[k])
-    if least < scene.clearance:
+    by_pair = between(mechanisms, poses, scene.touching)
+    for found in by_pair.values():
+        k = int(np.argmin(found.distance))
+        least = float(found.distance[k])
+        if least >= scene.clearance:
+            continue
         a, b = found.pair[k]
         what = "run through each other" if least <= 0 else f"come within {least / MM:.1f} mm"
         findings.append(
@@ -101,7 +101,7 @@ def play(
                 suggestion="move a base in scene.toml, or change a protocol",
             )
         )
-    return Played(t, found, by_pair, tuple(findings))
+    return Played(t, by_pair, tuple(findings))
 
 
 def _port(a: Actor) -> list[Finding]:

@@ -1,0 +1,82 @@
+"""Draw Hibou and write it as a STEP assembly.
+
+    python cad/hibou/model.py [--dimensions FILE] [--out hibou.step]
+
+The robot stands with its endoscope straight down through the trocar.  Each rigid body is one sub-assembly; its parts
+are named <body>_<part>.  All shapes are written in world coordinates: no instance carries a placement.
+"""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+import drawing as cad
+
+BODIES = ["base", "turret", "upper_arm", "forearm", "bracket", "yoke", "scope", "camera", "cannula"]
+
+
+def row(alpha, d, theta, r):
+    """Rx(alpha) Tx(d) Rz(theta) Tz(r): a row of the table; mm and degrees."""
+    (ca, ct), (sa, st) = np.cos(np.radians([alpha, theta])), np.sin(np.radians([alpha, theta]))
+    return np.array([[ct, -st, 0, d], [ca * st, ca * ct, -sa, -r * sa], [sa * st, sa * ct, ca, r * ca], [0, 0, 0, 1.0]])
+
+
+def table(d):
+    """Constant part of each row: from frame j - 1 to where joint j stands at zero."""
+    return {
+        1: row(0, 0, 0, d.h),
+        2: row(-90, 0, 0, 0),
+        3: row(0, d.arm, 0, 0),
+        4: row(0, d.arm, 0, 0),
+        5: row(90, 0, 90, 0),
+        6: row(90, 0, 0, 0),
+        7: row(0, 0, 0, d.length) @ row(-90, 0, 0, 0),
+        8: row(90, 0, 0, d.tip),
+    }
+
+
+def placements(d):
+    """World placement (4x4, mm) of every body with the scope straight down through the trocar."""
+    x, _, z = d.trocar
+    rise = z - d.depth + d.length - d.h  # of the outer point over the shoulder
+    reach = np.hypot(x, rise)
+    bend = 2 * np.degrees(np.arccos(reach / (2 * d.arm)))  # elbow of two equal links
+    lean = -np.degrees(np.arctan2(rise, x)) - bend / 2  # elbow up
+    q = {2: lean, 3: bend, 4: 90 - lean - bend}
+    T, out = np.eye(4), {"base": np.eye(4)}
+    for j, body in enumerate(BODIES[1:8], 1):
+        T = T @ table(d)[j] @ row(0, 0, q.get(j, 0.0), 0)
+        out[body] = T
+    out["cannula"] = out["scope"].copy()
+    out["cannula"][:3, 3] = d.trocar
+    return out
+
+
+def drawing():
+    """Load parts.py beside this file; late, because build123d takes seconds."""
+    if "hibou_parts" not in sys.modules:
+        spec = importlib.util.spec_from_file_location("hibou_parts", HERE / "parts.py")
+        sys.modules["hibou_parts"] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules["hibou_parts"])
+    return sys.modules["hibou_parts"]
+
+
+def assembly(path):
+    """Return the drawn robot of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
+    from shapes import location
+
+    d, parts = cad.Dimensions(path, {}), drawing()
+    at = {j: location(T) for j, T in table(d).items()}
+    solids = {}
+    for k, body in enumerate(BODIES, 1):
+        draw = getattr(parts, body)
+        solids[body] = draw(d, at[k]) if k <= 7 else draw(d)
+    return cad.build(BODIES, solids, placements(d), parts.MATERIALS)
+
+
+if __name__ == "__main__":
+    cad.command("hibou", HERE, assembly)
