@@ -42,14 +42,14 @@ def base(d, seat1):
 def turret(d, seat2):
     """Flange, neck, housing of the shoulder motor, seat of joint 2."""
     foot = flange((0, 0, d.o1), Z, d.r1, d.j1, d.seat, d.deep)
-    neck = cyl((0, 0, d.o1 + d.seat), Z, d.r1 - 4, -d.o1 - d.seat)
+    neck = cyl((0, 0, d.o1 + d.seat), Z, d.r1 - 4, -d.o1 - d.seat) - box(-90, 90, d.o2 - d.seat, 120, -200, 100)
     house = Solid.make_cylinder(d.r2, d.o2 - d.seat + d.back2, Plane(origin=(0, -d.back2, 0), z_dir=Y))
-    house -= cyl((0, d.o2 - d.seat - d.deep, 0), Y, d.j2 + 1, d.deep + 1)
+    house = neck + house - cyl((0, d.o2 - d.seat - d.deep, 0), Y, d.j2 + 1, d.deep + 1)
     ring = seat((0, 0, d.o2), Z, d.r2, d.j2, d.seat).moved(seat2)
     cover = cap((0, -d.back2, 0), (0, -1, 0), d.r2 - 5, 20)
     return [
         ("flange1", foot, "dark"),
-        ("housing", neck + house, "cast"),
+        ("housing", house, "cast"),
         ("seat2", ring, "dark"),
         ("cover", cover, "cover"),
     ]
@@ -108,7 +108,7 @@ def scope(d, seat7):
     neck = cone((0, 0, start + 22), Z, d.r6 - 1, d.tube + 2, 14)
     tube = cyl((0, 0, start + 36), Z, d.tube, d.length - 18 - start - 36)
     collar = cyl((0, 0, d.length - 18), Z, d.tube + 1, 5)
-    bridge = box(-3, 3, 11, 16 + d.r7, d.o7 - d.seat7, 4) - cyl((0, 0, -20), Z, d.r7, 40)
+    bridge = box(-3, 3, 8, 13, d.o7 - d.seat7, 4) - cyl((0, 0, -20), Z, d.r7, 40)
     tongue = box(-3, 3, 0, 16 + d.r7, d.o7 - 2 * d.seat7, d.o7 - d.seat7) - cyl((0, 0, -20), Z, d.j7 + 1, 40)
     ring = seat((0, 0, d.o7), Z, d.r7, d.j7, d.seat7)
     return [

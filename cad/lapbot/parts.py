@@ -9,8 +9,9 @@ Every function returns a list of ``(part name, solid, material)``.
 """
 
 from build123d import Axis, Plane, Solid
-from shapes import X, Y, Z, cap, cone, cyl, flange, hull, seat, soft
+from shapes import X, Y, Z, box, cannula, cap, cone, cyl, flange, hull, seat
 
+__all__ = ["cannula"]  # drawn as in shapes.py
 DOWN = (0, 0, -1)
 MATERIALS = {  # sRGB, density in kg/m3
     "cast": ((0.86, 0.88, 0.90), 2000),
@@ -22,22 +23,16 @@ MATERIALS = {  # sRGB, density in kg/m3
 }
 
 
-def box(x0, x1, y0, y1, z0, z1, radius=0.0, axis=Axis.Z):
-    """Box between two corners, edges along an axis rounded."""
-    solid = Solid.make_box(x1 - x0, y1 - y0, z1 - z0, Plane(origin=(x0, y0, z0)))
-    return solid.fillet(radius, solid.edges().filter_by(axis)) if radius else solid
-
-
 def base(d):
     """Foot with castors, column at the back, two rails, the motor of the lift on top."""
     foot = box(-d.back - 60, 130, -150, 150, 30, 70, 40)
     foot = foot.chamfer(12, None, foot.edges().group_by(Axis.Z)[-1])
     castors = [
-        Solid.make_cylinder(28, 24, Plane(origin=(x, y - 12, 28), z_dir=Y))
+        Solid.make_cylinder(15, 24, Plane(origin=(x, y - 12, 15), z_dir=Y))
         for x in (-d.back - 25, 95)
         for y in (-105, 105)
     ]
-    column = box(-d.back - 45, -d.back, -60, 60, 70, d.column_high, 18)
+    column = box(-d.back - 45, -d.back, -60, 60, 70, d.column_high - 20, 18)
     rails = [cyl((-d.back + d.rail_gap, s * d.rail_apart, 70), Z, d.rail, d.column_high - 90) for s in (1, -1)]
     head = box(-d.back - 45, -d.back + 40, -60, 60, d.column_high - 20, d.column_high, 14)
     motor = cap((-d.back - 15, 0, d.column_high), Z, 26, 60)
@@ -58,17 +53,17 @@ def base(d):
 def lift(d, seat2):
     """Carriage on both rails, boss with the seat of joint 2, first pulley of the belt."""
     x = -d.back + d.rail_gap
-    block = box(x - 14, x + 26, -62, 62, -45, 25, 10)
+    block = box(x - 14, x + 24, -62, 62, -45, 25, 10)
     for s in (1, -1):
         block -= cyl((x, s * d.rail_apart, -60), Z, d.rail + 0.02, 120)
     neck = hull([(x + 20, 0, 34), (0, 0, d.r2)], Plane(origin=(0, 0, -30)), d.o2 - d.seat + 30, 4)
     ring = seat((0, 0, d.o2), Z, d.r2, d.j2, d.seat)
     neck -= cyl((0, 0, d.o2 - d.seat - d.deep), Z, d.j2 + 1, d.deep + 1)
-    mark = box(x + 26, x + 30, -56, -40, -8, 0)  # its upper face is the height of the outer point
+    mark = box(x + 24, x + 28, -56, -40, -8, 0)  # its upper face is the height of the outer point
     return [
         ("mark", mark, "cover"),
         ("block", block, "dark"),
-        ("boss", neck - box(x - 14, x + 26, -62, 62, -45, 25), "cast"),
+        ("boss", neck - box(x - 14, x + 24, -62, 62, -45, 25), "cast"),
         ("seat2", ring, "dark"),
     ]
 
@@ -166,7 +161,7 @@ def shaft(d, seat8):
     tongue = hull([(0, 0, d.r8), (-16, 0, d.r8 - 0.5)], Plane(origin=(0, 0, d.o8 - d.seat8)), d.seat8)
     tongue -= cyl((0, 0, d.o8 - 2 * d.seat8), Z, d.j8 + 1, 3 * d.seat8)
     ring = seat((0, 0, d.o8), Z, d.r8, d.j8, d.seat8)
-    bridge = box(-16 - d.r8, -11, -3, 3, d.o8 - d.seat8, 3)
+    bridge = box(-13, -8, -3, 3, d.o8 - d.seat8, 3)
     return [
         ("flange7", foot, "dark"),
         ("hub", hub, "cover"),
@@ -182,10 +177,10 @@ def wrist(d, seat9):
     foot = flange((0, 0, d.o8), Z, d.r8, d.j8, d.seat8, d.deep8)
     low = d.o8 + d.seat8
     y = -d.o9
-    corner = box(-2.6, 2.6, 0, y + d.seat8, d.o8 + 0.2, low)
+    corner = box(-2.6, 2.6, 3, y + d.seat8, d.o8 + 0.2, low) - cyl((0, 0, -20), Z, d.r8, 40)
     side = box(-2.6, 2.6, y + 0.2, y + d.seat8, d.o8 + 0.2, 0)
     ring = seat((0, 0, d.o9), Z, d.r8, d.j8, d.seat8).moved(seat9)
-    hole = Solid.make_cylinder(d.r8 - 0.3, 30, Plane(origin=(0, -1, 0), z_dir=Y))
+    hole = Solid.make_cylinder(d.r8, 30, Plane(origin=(0, -1, 0), z_dir=Y))
     return [("flange8", foot, "steel"), ("angle", corner + side - hole, "steel"), ("seat9", ring, "steel")]
 
 
@@ -194,22 +189,6 @@ def jaw(d):
     foot = flange((0, 0, d.o9), Z, d.r8, d.j8, d.seat8, d.deep8)
     low = d.o9 + d.seat8
     arm = hull([(0, 0, d.r8 - 0.2), (0, -9, 2.4)], Plane(origin=(0, 0, low)), 2, 0)
-    root = box(-2.2, 2.2, -11, -6.6, low, 2.2)
-    tip = cone((0, -8, 0), (0, -1, 0), 2.2, 0.5, d.tool - 8)
+    root = box(-2.2, 2.2, -11.4, -6.6, low, 2.2)
+    tip = cone((0, -11.4, 0), (0, -1, 0), 2.2, 0.5, d.tool - 11.4)
     return [("flange9", foot, "steel"), ("arm", arm + root, "steel"), ("grasper", tip, "steel")]
-
-
-def cannula(d):
-    """Trocar: tube with a ball in the abdominal wall, head with a tap above."""
-    ball = Solid.make_sphere(d.ball, Plane.XY)
-    tube = cyl((0, 0, -d.tube_out), Z, d.cannula, d.tube_out + d.tube_in)
-    head = cyl((0, 0, -d.tube_out - 26), Z, 11, 26)
-    head = soft(head, Axis.Z, 3, 0)
-    tap = cyl((9, 0, -d.tube_out - 13), X, 3.5, 14)
-    bore = cyl((0, 0, -200), Z, d.tube + 0.25, 400)
-    key = box(9.5, 20, -20, 20, -d.tube_out - 4, -d.tube_out)
-    return [
-        ("ball", ball - cyl((0, 0, -200), Z, d.cannula, 400), "plastic"),
-        ("tube", tube - bore, "plastic"),
-        ("head", head + tap - bore - key, "cover"),
-    ]

@@ -1,182 +1,257 @@
 """Parts of the PA-10, each body drawn where it stands with all joints at zero: arm straight up, world = frame 0.
 
-The seat of a joint lies on its axis, away from the joint's origin where links must pass each other.
+Roll joints (1, 3, 5, 7) have their seat across the middle line. A pitch joint (2, 4, 6) is a fork of the link before,
+with a drum of the link behind between its cheeks; the cheek on the side of -y locates the drum.
 
 Every function returns a list of ``(part name, solid, material)``.
 """
 
-from build123d import Axis, Plane
-from shapes import X, Y, Z, bolts, cap, cone, cyl, flange, flat, hull, seat, soft
+from math import cos, radians, sin
 
+from build123d import Axis, Plane, Solid
+from shapes import X, Y, Z, bolts, cone, cyl, flange, flat, hull, seat
+
+BACK = (0, -1, 0)
 MATERIALS = {  # sRGB, density in kg/m3
-    "cast": ((0.88, 0.88, 0.85), 1500),
-    "cap": ((0.20, 0.22, 0.25), 1300),
-    "trim": ((0.16, 0.36, 0.62), 1300),
+    "cast": ((0.88, 0.88, 0.85), 1700),
+    "grey": ((0.66, 0.68, 0.69), 1700),
+    "cap": ((0.20, 0.22, 0.25), 1700),
     "steel": ((0.70, 0.72, 0.75), 7850),
-    "flange": ((0.13, 0.14, 0.16), 2700),
+    "flange": ((0.11, 0.12, 0.13), 7850),
+    "trim": ((0.16, 0.36, 0.62), 3300),
 }
+
+
+# ---- shapes -----------------------------------------------------------------
+def rims(solid, axis, end, radius):
+    """Round all edges at one end of a solid along an axis."""
+    return solid.fillet(radius, solid.edges().group_by(axis)[end])
+
+
+def slot(half, low, high, long, radius):
+    """Gap of a fork: half width along y, from low to high, rounded at its two lower edges along x."""
+    block = Solid.make_box(2 * long, 2 * half, high - low, Plane(origin=(-long, -half, low)))
+    return block.fillet(radius, block.edges().filter_by(Axis.X).group_by(Axis.Z)[0])
+
+
+def fork(d, n, z, foot, r_foot, height, deep):
+    """Fork of joint n at height z, grown out of a round stem, bored and recessed for the seat.
+
+    foot, r_foot: height and radius of the stem's end.  height: seat and flange.  deep: journal in its bore.
+    """
+    half, thick, r = getattr(d, f"gap{n}"), getattr(d, f"cheek{n}"), getattr(d, f"fork{n}")
+    waist, low = getattr(d, f"waist{n}"), z - getattr(d, f"crotch{n}")
+    wide = half + thick
+    block = hull([(0, 0, r), (0, z - foot, waist)], Plane(origin=(0, -wide, z), x_dir=X, z_dir=Y), 2 * wide)
+    for end in (0, -1):
+        block = rims(block, Axis.Y, end, thick / 4)
+    grown, rise = 1.45 * wide, 0.8 * (low - foot) + 0.35 * thick
+    block &= cone((0, 0, foot), Z, r_foot, grown, rise) + cyl((0, 0, foot + rise), Z, grown, z + r + 1 - foot - rise)
+    block -= slot(half, low, z + r + 1, wide + r, thick / 2)
+    journal = getattr(d, f"j{n}")
+    block -= cyl((0, -half - height, z), Y, getattr(d, f"r{n}"), height + 1)
+    block -= cyl((0, -half - deep - 0.5, z), Y, journal + 0.5, deep)
+    return block - cyl((0, half - 1, z), Y, journal + 0.5, deep + 1.5)
+
+
+def drum(d, n, z, tube, height, deep, err):
+    """Drum of joint n at height z with the tube on it, in three: journal with its disc; casting; disc opposite.
+
+    The discs turn in hollows of the tube where that is wider than the drum is long.
+    """
+    half, r, journal = getattr(d, f"gap{n}"), getattr(d, f"r{n}"), getattr(d, f"j{n}")
+    foot = flange((0, -half, z), Y, r, journal, height, deep, err(f"journal{n}_offset_mm", (0, 0)))
+    end = half - d.gap
+    body = cyl((0, height - half, z), Y, getattr(d, f"drum{n}"), end - 2 * height + half)
+    body = body.chamfer(2, None, [*body.edges().group_by(Axis.Y)[0], *body.edges().group_by(Axis.Y)[-1]])
+    for at, way in ((height - half, BACK), (end - height, Y)):
+        tube -= cyl((0, at, z), way, r + d.gap, 2 * height)
+    disc = cyl((0, end - height, z), Y, r, height) + cyl((0, end - 1, z), Y, journal, deep)
+    return (f"flange{n}", foot, "cap"), body + tube, (f"disc{n}", disc, "cap")
+
+
+def cover(name, at, axis, r, h):
+    """Motor cover of a joint on the outside of a cheek: disc, dome, ring of six bolts; the parts."""
+    disc = cyl(at, axis, r, 0.3 * h)
+    dome = rims(cyl(at, axis, 0.78 * r, h), Axis.Y, -1 if axis == Y else 0, 0.55 * h)
+    top = [at[i] + 0.3 * h * axis[i] for i in range(3)]
+    heads = bolts(top, axis, 0.89 * r, 6, 0.055 * r, 0.05 * r)
+    return [(name, disc + dome, "cap"), *((f"{name}_bolt{k}", b, "steel") for k, b in enumerate(heads, 1))]
+
+
+def covers(d, n, z, h):
+    """Covers of both cheeks of a fork."""
+    wide, r = getattr(d, f"gap{n}") + getattr(d, f"cheek{n}"), 0.86 * getattr(d, f"fork{n}")
+    return [*cover(f"cover{n}_left", (0, wide, z), Y, r, h), *cover(f"cover{n}_right", (0, -wide, z), BACK, r, h)]
+
+
+def stem(low, high, r0, r1, collar):
+    """Tube along the middle line on the flange of a roll joint: a collar narrows from that radius first."""
+    rise = 1.2 * (collar - r0)
+    return cone((0, 0, low), Z, collar, r0, rise) + cone((0, 0, low + rise), Z, r0, r1, high - low - rise)
+
+
+def polar(r, degrees, z):
+    """Point at a radius and an angle about the middle line."""
+    return (r * cos(radians(degrees)), r * sin(radians(degrees)), z)
+
+
+def roll_seat(d, n, height, err):
+    """Seat of roll joint n on the middle line."""
+    at = (0, 0, getattr(d, f"hub{n}"))
+    return seat(at, Z, getattr(d, f"r{n}"), getattr(d, f"j{n}"), height, err(f"bore{n}_offset_mm", (0, 0)))
+
+
+def pitch_seat(d, n, z, height, err):
+    """Seat of pitch joint n in its cheek."""
+    at = (0, -getattr(d, f"gap{n}"), z)
+    return seat(at, Y, getattr(d, f"r{n}"), getattr(d, f"j{n}"), height, err(f"bore{n}_offset_mm", (0, 0)))
+
+
+def roll_flange(d, n, height, deep, err):
+    """Flange and journal of roll joint n."""
+    at = (0, 0, getattr(d, f"hub{n}"))
+    return flange(at, Z, getattr(d, f"r{n}"), getattr(d, f"j{n}"), height, deep, err(f"journal{n}_offset_mm", (0, 0)))
 
 
 # ---- bodies -----------------------------------------------------------------
 def base(d, err):
-    """Mounting plate, conical column, seat of joint 1."""
-    low, high = -d.shoulder_high, -d.hub1
-    plate = cyl((0, 0, low), Z, d.base_radius, d.plate)
-    plate = plate.chamfer(4, None, plate.edges().group_by(Axis.Z)[-1])
-    body = cone((0, 0, low + d.plate), Z, d.base_radius - 14, d.r1 + 8, high - low - d.plate - d.seat)
-    ring = seat((0, 0, high), Z, d.r1, d.j1, d.seat, err("bore1_offset_mm", (0, 0)))
+    """Mounting plate with bolts, conical column with a cable socket, seat of joint 1."""
+    low, high = -d.shoulder_high, d.hub1
+    plate = rims(cyl((0, 0, low), Z, d.base_radius, d.plate), Axis.Z, -1, 4)
+    foot, collar = low + d.plate, high - d.seat - d.rib
+    body = cone((0, 0, foot), Z, d.column, d.r1 - 4, collar - foot) + cyl((0, 0, collar), Z, d.r1 - 4, d.rib)
+    z = foot + d.plug_high
+    body += cyl((0, 0, z), (-1, 0, 0), d.plug + 5, d.column + 4)
     body -= cyl((0, 0, high - d.seat - d.deep), Z, d.j1 + 1, d.deep + 2)
-    heads = bolts((0, 0, low + d.plate), Z, d.base_radius - 8, 8, 5, 5)
+    plug = rims(cyl((-d.column - 4, 0, z), (-1, 0, 0), d.plug, 12), Axis.X, 0, 3)
+    heads = bolts((0, 0, foot), Z, (d.column + d.base_radius) / 2 - 1, 8, 5, 5)
     return [
-        ("plate", plate, "cast"),
+        ("plate", plate, "grey"),
         ("column", body, "cast"),
-        ("seat1", ring, "cap"),
+        ("seat1", roll_seat(d, 1, d.seat, err), "cap"),
+        ("plug", plug, "cap"),
         *((f"bolt{k}", b, "steel") for k, b in enumerate(heads, 1)),
     ]
 
 
 def link1(d, err):
-    """Shoulder: flange on joint 1, neck, housing of joint 2 across it."""
-    foot = flange((0, 0, -d.hub1), Z, d.r1, d.j1, d.seat, d.deep, err("journal1_offset_mm", (0, 0)))
-    neck = cyl((0, 0, -d.hub1 + d.seat), Z, d.r1 - 4, d.hub1 - d.seat)
-    house = cyl((0, -d.back2, 0), Y, d.r2, d.back2 + d.hub2 - d.seat)
-    ring = seat((0, d.hub2, 0), Y, d.r2, d.j2, d.seat, err("bore2_offset_mm", (0, 0)))
-    house -= cyl((0, d.hub2 - d.seat - d.deep, 0), Y, d.j2 + 1, d.deep + 1)
-    cover = cap((0, -d.back2, 0), (0, -1, 0), d.r2 - 6, 22)
+    """Shoulder: flange on joint 1 and the fork of joint 2."""
+    body = fork(d, 2, 0.0, d.hub1 + d.seat, d.r1 - 3, d.seat, d.deep)
     return [
-        ("flange1", foot, "cap"),
-        ("housing2", house + neck, "cast"),
-        ("seat2", ring, "cap"),
-        ("cover2", cover, "trim"),
+        ("flange1", roll_flange(d, 1, d.seat, d.deep, err), "grey"),
+        ("shoulder", body, "cast"),
+        ("seat2", pitch_seat(d, 2, 0.0, d.seat, err), "cap"),
+        *covers(d, 2, 0.0, 22),
     ]
 
 
-def _side(d, z, hub, r, journal, thick, reach, tip, near, far, centre, errors):
-    """Flange on a pitch joint at height z, side plate, bracket back to the middle line.
-
-    hub: y of the face. reach: length of the side plate, tip: its radius there. near..far: the bracket along z, with
-    radius `centre` about the middle line.
-    """
-    foot = flange((0, hub, z), Y, r, journal, d.seat, d.deep, errors)
-    inner = hub + d.seat
-    plane = Plane(origin=(0, inner, z), x_dir=X, z_dir=Y)  # its y is -z of the world
-    plate = hull([(0, 0, r - 3), (0, -reach, tip)], plane, thick, 6)
-    middle = hub + d.seat + thick / 2
-    bracket = hull([(0, middle, thick / 2 - 1), (0, 0, centre)], Plane(origin=(0, 0, z + near)), far - near, 3)
-    cover = cap((0, inner + thick, z), Y, r - 12, 16)
-    return foot, plate + bracket, cover
-
-
 def link2(d, err):
-    """Upper arm, lower half."""
-    foot, arm, cover = _side(
-        d, 0, d.hub2, d.r2, d.j2, d.thick2, d.reach2, d.tip2, d.near2, d.far2, d.r3, err("journal2_offset_mm", (0, 0))
-    )
-    ring = seat((0, 0, d.hub3), Z, d.r3, d.j3, d.seat, err("bore3_offset_mm", (0, 0)))
-    arm -= cyl((0, 0, d.hub3 - d.seat - d.deep), Z, d.j3 + 1, d.deep + 1)
-    return [("flange2", foot, "cap"), ("arm", arm, "cast"), ("cover2", cover, "trim"), ("seat3", ring, "cap")]
+    """Upper arm, lower half: drum of joint 2 and tube up to joint 3."""
+    tube = cone((0, 0, 0), Z, d.tube2, d.tube2 - 3, d.hub3 - d.seat)
+    foot, body, disc = drum(d, 2, 0.0, tube, d.seat, d.deep, err)
+    body -= cyl((0, 0, d.hub3 - d.seat - d.deep), Z, d.j3 + 1, d.deep + 1)
+    return [
+        foot,
+        ("arm", body, "cast"),
+        disc,
+        ("seat3", roll_seat(d, 3, d.seat, err), "cap"),
+    ]
 
 
 def link3(d, err):
-    """Upper arm, upper half, with the elbow housing."""
-    foot = flange((0, 0, d.hub3), Z, d.r3, d.j3, d.seat, d.deep, err("journal3_offset_mm", (0, 0)))
-    z = d.elbow
-    tube = cone((0, 0, d.hub3 + d.seat), Z, d.r3 - 4, d.tube3, z - d.hub3 - d.seat)
-    house = cyl((0, -d.back4, z), Y, d.r4, d.back4 + d.hub4 - d.seat)
-    ring = seat((0, d.hub4, z), Y, d.r4, d.j4, d.seat, err("bore4_offset_mm", (0, 0)))
-    house -= cyl((0, d.hub4 - d.seat - d.deep, z), Y, d.j4 + 1, d.deep + 1)
-    cover = cap((0, -d.back4, z), (0, -1, 0), d.r4 - 6, 18)
+    """Upper arm, upper half: flange on joint 3, tube, fork of joint 4."""
+    z, low = d.elbow, d.elbow - d.foot4
+    body = fork(d, 4, z, low, d.waist4 - 1, d.seat, d.deep)
+    body += stem(d.hub3 + d.seat, low, d.tube3, d.waist4 - 1, d.r3 - 2)
     return [
-        ("flange3", foot, "cap"),
-        ("upper_arm", house + tube, "cast"),
-        ("seat4", ring, "cap"),
-        ("cover4", cover, "trim"),
+        ("flange3", roll_flange(d, 3, d.seat, d.deep, err), "grey"),
+        ("upper_arm", body, "cast"),
+        ("seat4", pitch_seat(d, 4, z, d.seat, err), "cap"),
+        *covers(d, 4, z, 18),
     ]
 
 
 def link4(d, err):
-    """Forearm, lower half."""
-    foot, arm, cover = _side(
-        d,
-        d.elbow,
-        d.hub4,
-        d.r4,
-        d.j4,
-        d.thick4,
-        d.reach4,
-        d.tip4,
-        d.near4,
-        d.far4,
-        d.r5,
-        err("journal4_offset_mm", (0, 0)),
-    )
-    ring = seat((0, 0, d.hub5), Z, d.r5, d.j5, d.seat, err("bore5_offset_mm", (0, 0)))
-    arm -= cyl((0, 0, d.hub5 - d.seat - d.deep), Z, d.j5 + 1, d.deep + 1)
-    return [("flange4", foot, "cap"), ("arm", arm, "cast"), ("cover4", cover, "trim"), ("seat5", ring, "cap")]
+    """Forearm, lower half: drum of joint 4 and tube up to joint 5."""
+    tube = cyl((0, 0, d.elbow), Z, d.tube4, d.hub5 - d.seat - d.elbow)
+    foot, body, disc = drum(d, 4, d.elbow, tube, d.seat, d.deep, err)
+    body -= cyl((0, 0, d.hub5 - d.seat - d.deep), Z, d.j5 + 1, d.deep + 1)
+    return [
+        foot,
+        ("arm", body, "cast"),
+        disc,
+        ("seat5", roll_seat(d, 5, d.seat, err), "cap"),
+    ]
 
 
 def link5(d, err):
-    """Forearm, upper half, with the wrist housing."""
-    foot = flange((0, 0, d.hub5), Z, d.r5, d.j5, d.seat, d.deep, err("journal5_offset_mm", (0, 0)))
-    z = d.wrist
-    tube = cone((0, 0, d.hub5 + d.seat), Z, d.r5 - 4, d.tube5, z - d.hub5 - d.seat)
-    house = cyl((0, -d.back6, z), Y, d.r6, d.back6 + d.hub6 - d.seat6)
-    ring = seat((0, d.hub6, z), Y, d.r6, d.j6, d.seat6, err("bore6_offset_mm", (0, 0)))
-    house -= cyl((0, d.hub6 - d.seat6 - d.deep6, z), Y, d.j6 + 1, d.deep6 + 1)
-    cover = cap((0, -d.back6, z), (0, -1, 0), d.r6 - 5, 10)
+    """Forearm, upper half: flange on joint 5, tube, fork of joint 6."""
+    z, low = d.wrist, d.wrist - d.foot6
+    body = fork(d, 6, z, low, d.waist6 - 1, d.seat6, d.deep6)
+    body += stem(d.hub5 + d.seat, low, d.tube5, d.waist6 - 1, d.r5 - 2)
     return [
-        ("flange5", foot, "cap"),
-        ("forearm", house + tube, "cast"),
-        ("seat6", ring, "cap"),
-        ("cover6", cover, "trim"),
+        ("flange5", roll_flange(d, 5, d.seat, d.deep, err), "grey"),
+        ("forearm", body, "cast"),
+        ("seat6", pitch_seat(d, 6, z, d.seat6, err), "cap"),
+        *covers(d, 6, z, 9),
     ]
 
 
 def link6(d, err):
-    """Wrist: side plate and bracket to joint 7."""
-    z, inner = d.wrist, d.hub6 + d.seat6
-    foot = flange((0, d.hub6, z), Y, d.r6, d.j6, d.seat6, d.deep6, err("journal6_offset_mm", (0, 0)))
-    plane = Plane(origin=(0, inner, z), x_dir=X, z_dir=Y)
-    plate = hull([(0, 0, d.r6 - 3), (0, -d.near6 - 4, d.tip6)], plane, d.thick6, 2)
-    middle = inner + d.thick6 / 2
-    bracket = hull(
-        [(0, middle, d.thick6 / 2 - 1), (0, 0, d.r7)],
-        Plane(origin=(0, 0, z + d.near6)),
-        d.hub7 - z - d.near6 - d.seat6,
-        0,
-    )
-    ring = seat((0, 0, d.hub7), Z, d.r7, d.j7, d.seat6, err("bore7_offset_mm", (0, 0)))
-    bracket -= cyl((0, 0, d.hub7 - d.seat6 - d.deep6), Z, d.j7 + 1, d.deep6 + 1)
-    cover = cap((0, inner + d.thick6, z), Y, d.r6 - 10, 8)
+    """Wrist: drum of joint 6 with the neck of joint 7."""
+    tube = cyl((0, 0, d.wrist), Z, d.r7 - 3, d.hub7 - d.seat6 - d.wrist)
+    foot, body, disc = drum(d, 6, d.wrist, tube, d.seat6, d.deep6, err)
+    body -= cyl((0, 0, d.hub7 - d.seat6 - d.deep6), Z, d.j7 + 1, d.deep6 + 1)
     return [
-        ("flange6", foot, "cap"),
-        ("wrist", plate + bracket, "cast"),
-        ("cover6", cover, "trim"),
-        ("seat7", ring, "cap"),
+        foot,
+        ("wrist", body, "cast"),
+        disc,
+        ("seat7", roll_seat(d, 7, d.seat6, err), "cap"),
     ]
 
 
 def link7(d, err):
-    """Tool flange: journal, disc, centring pin and face for the instrument."""
-    disc = flange((0, 0, d.hub7), Z, d.r7, d.j7, d.flange_high - d.hub7, d.deep6, err("journal7_offset_mm", (0, 0)))
-    pin = cyl((0, 0, d.flange_high - 1), Z, d.pin, d.pin_high + 1)
-    return [("flange7", disc + pin, "flange")]
+    """Last link: journal, disc with its flat, neck, tool flange with centring pin."""
+    disc = roll_flange(d, 7, d.seat6, d.deep6, err)
+    top = d.flange_high - d.flange_height
+    disc += cyl((0, 0, d.hub7 + d.seat6), Z, d.groove7, top - d.hub7 - d.seat6)
+    disc += cyl((0, 0, top), Z, d.r7, d.flange_height) + cyl((0, 0, top), Z, d.pin, d.flange_height + d.pin_high)
+    return [("flange7", disc, "flange")]
 
 
 def instrument(d, err):
-    """Adapter, handle, shaft and a closed grasper along the last axis."""
+    """Adapter, drive of the jaws, turning ring, nose, shaft and a grasper along the last axis."""
     z, tip = d.flange_high, d.flange_high + d.tool_length + err("tip_mm", 0.0)
-    adapter = cyl((0, 0, z), Z, d.r7, d.adapter)
+    adapter = rims(cyl((0, 0, z), Z, d.adapter_radius, d.adapter), Axis.Z, -1, 3)
     adapter -= cyl((0, 0, z - 1), Z, d.pin + 0.02, d.pin_high + 3)
-    adapter = flat(adapter, (0, 0, z), Z, d.r7, d.adapter)
-    handle = cone((0, 0, z + d.adapter), Z, d.r7 - 4, 9, d.handle)
-    handle = soft(handle, Axis.Z, 3)
-    start = z + d.adapter + d.handle
-    shaft = cyl((0, 0, start), Z, d.shaft, tip - d.jaw - start)
-    jaw = cone((0, 0, tip - d.jaw), Z, d.shaft, d.jaw_end, d.jaw)
+    adapter = flat(adapter, (0, 0, z), Z, d.adapter_radius, d.adapter)
+    foot = z + d.adapter
+    heads = bolts((0, 0, foot), Z, (d.adapter_radius + d.housing) / 2 - 1, 6, 2.2, 2.2)
+    ring = foot + d.housing_long
+    housing = rims(cyl((0, 0, foot), Z, d.housing, d.housing_long), Axis.Z, 0, 2)
+    knob = cyl((0, 0, ring), Z, d.knob, d.knob_long)
+    knob = knob.chamfer(2, None, [*knob.edges().group_by(Axis.Z)[0], *knob.edges().group_by(Axis.Z)[-1]])
+    for k in range(12):
+        knob -= cyl(polar(d.knob + 1.5, 30 * k, ring - 1), Z, 3, d.knob_long + 2)
+    nose = ring + d.knob_long
+    cap = cone((0, 0, nose), Z, d.housing - 3, 2.2 * d.shaft, d.nose)
+    start, hinge = nose + d.nose, tip - d.jaw - d.clevis
+    shaft = cyl((0, 0, start), Z, d.shaft, hinge - start)
+    clevis = rims(cyl((0, 0, hinge), Z, d.shaft, d.clevis), Axis.Z, 0, 0.4)
+    both = cone((0, 0, tip - d.jaw), Z, d.shaft - 0.2, d.jaw_end, d.jaw)
+    jaws = [
+        both & Solid.make_box(10, 5, 2 * d.jaw, Plane(origin=(-5, side, tip - 1.5 * d.jaw)))
+        for side in (d.jaw_gap / 2, -d.jaw_gap / 2 - 5)
+    ]
     return [
         ("adapter", adapter, "flange"),
-        ("handle", handle, "trim"),
+        *((f"bolt{k}", b, "steel") for k, b in enumerate(heads, 1)),
+        ("housing", housing, "cast"),
+        ("knob", knob, "cap"),
+        ("nose", cap, "trim"),
         ("shaft", shaft, "steel"),
-        ("jaw", jaw, "steel"),
+        ("clevis", clevis, "steel"),
+        ("jaw_upper", jaws[0], "steel"),
+        ("jaw_lower", jaws[1], "steel"),
     ]
