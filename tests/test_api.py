@@ -95,6 +95,7 @@ TWICE = {
     "solve": lambda r, T: r.solve(Pose(T)),
     "reference": lambda r, T: r.reference().solve(Q_HOME).T_base_tool,
     "protocol": lambda r, T: r.protocol(),
+    "bound": lambda r, T: r.bound(r.protocol()).mechanism.rest["platform"],
     "path_kinematics": lambda r, T: r.path_kinematics().lower,
     "plan": lambda r, T: twin.plan(r, SHORT),
 }

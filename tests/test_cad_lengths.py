@@ -36,7 +36,9 @@ def copied(tmp_path):
 def test_every_declared_length_is_that_of_the_equations(robot):
     loaded = twin.load(robot)
     found = measure(loaded.cad)
-    assert len(found) >= 12
+    declared = len(loaded.cad.description.length)
+    assert len(found) == declared
+    assert declared >= 12 or robot in ("pa10", "lapbot", "hibou")  # their lengths span more than one part
     for length in found:
         assert length.value == pytest.approx(loaded.kinematics().parameters[length.parameter], abs=1e-10)
 

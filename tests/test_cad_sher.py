@@ -221,7 +221,13 @@ def test_the_drawing_knows_neither_twin_nor_the_equations(file):
     tree = ast.parse(text)
     imported = {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
     imported |= {n.module or "" for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
-    assert {name.split(".")[0] for name in imported} <= {*sys.stdlib_module_names, "numpy", "build123d", "OCP"}
+    assert {name.split(".")[0] for name in imported} <= {
+        *sys.stdlib_module_names,
+        "numpy",
+        "build123d",
+        "OCP",
+        "drawing",
+    }
     assert "robots/" not in text
     assert "casadi" not in text
 

@@ -21,6 +21,7 @@ EXIT_1 = (
     "tilt_inverse=drawn",
     "eq3=printed",
     "study sher",
+    "study pa10",
     "--clutch printed",
 )
 """Commands of which the documentation says that they disagree."""

@@ -35,6 +35,70 @@ def race(title: str, contenders: Mapping[str, Callable[[], object]], per: int = 
         print(f"  {name:45s} {median:10.2f} µs   x {median / first:6.2f}")
 
 
+def trocar_race() -> None:
+    """Tip and trocar of the PA-10 from random starts: time per success, not per try."""
+    from scipy.optimize import least_squares
+
+    from twin.kinematics import Tip, Trocar, compile_formula, solve
+    from twin.kinematics.solve import _JointProblem
+    from twin.kinematics.srs import SrsArm
+    from twin.robots import load_formula
+
+    kin = compile_formula(load_formula("pa10"))
+    half = np.radians([177, 94, 174, 137, 255, 165, 255])
+    limits = np.stack([-half, half], axis=1)
+    arm = SrsArm(0.45, 0.48, 0.40, limits[:6])
+    rng = np.random.default_rng(0)
+    Ts = kin.forward_many(rng.uniform(-half, half, (60, 7)))
+    problems = [(T[:3, 3], T[:3, 3] - d * T[:3, 2]) for T, d in zip(Ts, rng.uniform(0.05, 0.35, 60), strict=True)]
+    starts = rng.uniform(-half, half, (60, 7))
+
+    def closed() -> int:
+        return sum(arm.solve(tip, trocar).margin > 0 for tip, trocar in problems)
+
+    def general() -> int:
+        good = 0
+        for i, (tip, trocar) in enumerate(problems):
+            found = solve(kin, Tip(tip) + Trocar(trocar, axis=(0, 0, 1)), limits=limits, any_branch=True, rng=i)
+            good += found.residual < 1e-9
+        return good
+
+    def scipy_lm(exact: bool) -> int:
+        good = 0
+        for (tip, trocar), q0 in zip(problems, starts, strict=True):
+            problem = _JointProblem(kin, Tip(tip) + Trocar(trocar, axis=(0, 0, 1)), None, None)
+
+            def padded(q: np.ndarray, problem=problem) -> np.ndarray:
+                return np.append(problem.at(q)[0], 0.0)  # 'lm' wants at least as many rows as unknowns
+
+            def jacobian(q: np.ndarray, problem=problem) -> np.ndarray:
+                return np.vstack([problem.at(q)[1] * problem.joint_scale, np.zeros((1, 7))])
+
+            found = least_squares(padded, q0, jacobian if exact else "2-point", method="lm", xtol=1e-14, ftol=1e-14)
+            q = np.angle(np.exp(1j * found.x))  # a turn more or less is the same posture
+            good += bool(np.linalg.norm(found.fun) < 1e-9 and (np.abs(q) <= half).all())
+        return good
+
+    contenders: dict[str, Callable[[], int]] = {
+        "closed form, with its scan and limits": closed,
+        "general solver (Levenberg-Marquardt), multi-start": general,
+        "scipy least_squares('lm'), exact Jacobian, one start": lambda: scipy_lm(True),
+        "scipy least_squares('lm'), finite differences": lambda: scipy_lm(False),
+    }
+    times: dict[str, list[float]] = {name: [] for name in contenders}
+    good = dict.fromkeys(contenders, 0)
+    for _ in range(ROUNDS):
+        for name, run in contenders.items():
+            start = time.perf_counter()
+            good[name] = run()
+            times[name].append(time.perf_counter() - start)
+    print("tip and trocar of the PA-10, random starts: time per success within the limits")
+    each = {n: float(np.median(v)) / max(good[n], 1) * 1e6 for n, v in times.items()}
+    for name, us in each.items():
+        ratio = us / each["closed form, with its scan and limits"]
+        print(f"  {name:52s} {us:10.1f} µs   x {ratio:7.1f}   {good[name]} of {len(problems)}")
+
+
 def main() -> None:
     """Run all races on SILS."""
     robot = twin.load("sils")
@@ -101,6 +165,8 @@ def control() -> None:
                 q, count = step(kin, q, T, 1e-3, limits, solver).q, count + 1  # type: ignore[arg-type]
                 left = float(np.linalg.norm(pose_error(kin.forward(q), T)))
             print(f"  {solver:8s} {count} ticks to an error of {left:.1e} (m, rad)")
+
+    trocar_race()
 
 
 if __name__ == "__main__":

@@ -11,9 +11,10 @@ import numpy as np
 
 from twin import spatial
 from twin.cad import features, mesh, references
-from twin.cad.description import BodySpec, Description, DriveSpec, FrameSpec, JointSpec, LimitSpec, load
+from twin.cad.description import BodySpec, Description, FrameSpec, JointSpec, load
 from twin.cad.dimensions import read_dimensions
 from twin.cad.features import Measured
+from twin.cad.parameters import SCALES, parameters
 from twin.cad.step import MASS_TOLERANCE, Part, StepModel, read_step
 from twin.errors import CadError, unknown
 from twin.findings import Finding
@@ -21,8 +22,6 @@ from twin.mechanism import Body, Coupling, Drive, Frame, Inertia, Joint, Mechani
 from twin.provenance import Parameter
 from twin.spatial import Array
 from twin.units import DEG, MM, UM
-
-_SCALES = {"mm": MM, "deg": DEG, "mm/s": MM, "deg/s": DEG, "mm/s2": MM, "deg/s2": DEG, "kg/m3": 1.0}
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,7 @@ def read_mechanism(description_path: Path, *, with_mass: bool = True) -> CadMode
         rest={n: T_base_drawn @ T for n, T in drawn.items()},
         postures={n: _posture(values) for n, values in d.posture.items()},
         tool=d.tool,
-        parameters=tuple(_parameters(d)),
+        parameters=tuple(parameters(d)),
         couplings=tuple(
             Coupling(c.name, tuple(c.joints), tuple(c.ratios), (c.sum_deg or 0.0) * DEG + (c.sum_mm or 0.0) * MM)
             for c in d.coupling
@@ -274,7 +273,7 @@ def _joint(
         for key, rate in (("limits", ""), ("soft_limits", ""), ("max_speed", "_s"), ("max_acceleration", "_s2")):
             value = getattr(limit, f"{key}_{unit}{rate}")
             if value is not None:
-                scale = _SCALES[unit]
+                scale = SCALES[unit]
                 values[key] = tuple(v * scale for v in value) if isinstance(value, tuple) else value * scale
         if limit.cone_deg is not None:
             values["cone"] = limit.cone_deg * DEG
@@ -309,7 +308,7 @@ def _names(spec: FrameSpec) -> list[str]:
 
 def _posture(values: dict[str, float]) -> dict[str, float]:
     split = {key: key.rpartition("_") for key in values}
-    return {joint: values[key] * _SCALES[unit] for key, (joint, _, unit) in split.items()}
+    return {joint: values[key] * SCALES[unit] for key, (joint, _, unit) in split.items()}
 
 
 def _meetings(d: Description, on: dict[str, tuple[Array, Array]]) -> list[Finding]:
@@ -367,45 +366,3 @@ def _placement_finding(step: StepModel) -> Finding:
         unit="um",
         suggestion="bake placements into the shapes to measure exactly",
     )
-
-
-def _parameters(d: Description) -> list[Parameter]:
-    out = []
-
-    def add(name: str, unit: str, shown: float, spec: LimitSpec | DriveSpec) -> None:
-        out.append(Parameter(name, shown * _SCALES.get(unit, 1.0), unit, shown, spec.provenance, spec.note))
-
-    for limit in d.limit:
-        label = ",".join(limit.joints)
-        for key in type(limit).model_fields:
-            value = getattr(limit, key)
-            if key in ("joints", "provenance", "note") or value is None:
-                continue
-            name, _, unit = key.partition("_mm") if "_mm" in key else key.partition("_deg")
-            unit = ("mm" if "_mm" in key else "deg") + unit.replace("_s2", "/s2").replace("_s", "/s")
-            if isinstance(value, tuple):
-                add(f"{label} {name} from", unit, value[0], limit)
-                add(f"{label} {name} to", unit, value[1], limit)
-            else:
-                add(f"{label} {name}", unit, value, limit)
-    angular = {j.name for j in d.joint if j.type == "revolute"}
-    for drive in d.drive:
-        label = ",".join(drive.joints)
-        turns = drive.joints[0] in angular
-        add(f"{label} drive stiffness", "N m/rad" if turns else "N/m", drive.stiffness, drive)
-        add(f"{label} drive damping", "N m s/rad" if turns else "N s/m", drive.damping, drive)
-        if drive.max_effort is not None:
-            add(f"{label} drive max_effort", "N m" if turns else "N", drive.max_effort, drive)
-    for name, material in d.material.items():
-        density = material.density_kg_m3
-        out.append(Parameter(f"density {name}", density, "kg/m3", density, material.provenance, material.note))
-    for gap in d.gap:
-        label = f"gap {gap.lower}-{gap.upper}"
-        out.append(Parameter(label, gap.min_gap_mm * MM, "mm", gap.min_gap_mm, gap.provenance, gap.note))
-    for c in d.coupling:
-        label = f"coupling {c.name}: " + " + ".join(f"{r:g} {j}" for r, j in zip(c.ratios, c.joints, strict=False))
-        if c.sum_deg is not None:
-            out.append(Parameter(label, c.sum_deg * DEG, "deg", c.sum_deg, c.provenance, c.note))
-        elif c.sum_mm is not None:
-            out.append(Parameter(label, c.sum_mm * MM, "mm", c.sum_mm, c.provenance, c.note))
-    return out

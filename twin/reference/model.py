@@ -92,8 +92,7 @@ class ReferenceModel:
 
     def state(self, x: Array) -> Assembly:
         """Return the assembly at configuration x (nq,), whether or not its loops close."""
-        run = self.collect(x[None])
-        poses, _ = self.tree.update(x[None])
+        run, (poses, _) = self.collect(x[None]), self.tree.update(x[None])
         q_full = {n: float(x[i]) for n, i in self.tree.configuration.items()}
         q_full |= {n: float(v[0]) for n, v in self.tree.loops.coordinates(poses).items()}
         return Assembly(

@@ -22,6 +22,7 @@ def figure(scene: Scene, actors: list[Actor], played: Played) -> Figure:
     """Return distances over time, one line a pair of owners, above the phases of each robot."""
     with styled():
         from matplotlib.figure import Figure
+        from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
         height = 4.6 + 0.32 * len(actors)
         out = Figure(figsize=(WIDTH, height))
@@ -40,6 +41,9 @@ def figure(scene: Scene, actors: list[Actor], played: Played) -> Figure:
             color=UNFIT, fontsize=8,
         )  # fmt: skip
         top.set_yscale("log")
+        top.yaxis.set_major_locator(FixedLocator([0.1, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]))
+        top.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+        top.yaxis.set_minor_locator(NullLocator())
         top.set_ylabel("distance [mm]")
         top.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
         for i, a in enumerate(actors):

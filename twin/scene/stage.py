@@ -39,7 +39,7 @@ def write_scene(
     Args:
         scene: who stands where.
         folder: made if missing.
-        stages: by robot, the layer to reference (with its motion); paths are stored relative to `final`.
+        stages: by robot, the layer to reference (with its motion); as the layer is to name it.
         mechanisms: by robot, to find the bodies that carry cameras.
         props: what stands around, or None.
         duration: of the longest motion in s.
@@ -50,18 +50,22 @@ def write_scene(
     describe(layer, scene.name, round(duration * 60.0))
     layer.comment = f"{scene.title}. Robots are references to their own stages. Z up, metres."
     stage = Usd.Stage.Open(layer)
+    references: dict[str, str] = {}
     UsdGeom.Xform.Define(stage, f"/{scene.name}")
     if props is not None:
         home = ReferenceModel(props).home()
         root = write_stage(props, folder / props.name, home.link_poses, home.q_full).root
-        prim = UsdGeom.Xform.Define(stage, f"/{scene.name}/{props.name}").GetPrim()
-        prim.GetReferences().AddReference(f"./{props.name}/{root.name}")
+        UsdGeom.Xform.Define(stage, f"/{scene.name}/{props.name}")
+        references[f"/{scene.name}/{props.name}"] = f"./{props.name}/{root.name}"
     for place in scene.places:
         out = UsdGeom.Xform.Define(stage, f"/{scene.name}/{place.name}")
-        out.GetPrim().GetReferences().AddReference(os.fspath(stages[place.name]))
+        references[f"/{scene.name}/{place.name}"] = os.fspath(stages[place.name])
         _pose(out, place.T_world_base)
     for name, camera in scene.cameras.items():
         _camera(stage, scene, name, camera, mechanisms[camera.robot])
+    del stage  # it would look for the references before the layer has a place
+    for prim, asset in references.items():
+        layer.GetPrimAtPath(prim).referenceList.Prepend(Sdf.Reference(asset))
     return save(layer, path)
 
 

@@ -1,0 +1,114 @@
+"""The operating scene: ports, distances against hand-made cases, one stage of references, and its refusals."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Usd, UsdGeom
+
+from twin import spatial
+from twin.cli import main
+from twin.errors import DescriptionError
+from twin.mechanism import Body, Frame, Joint, Mechanism, Mesh
+from twin.reference.clearance import between
+from twin.scene.load import load_scene
+
+ROOT = Path(__file__).parents[1]
+VSRS = ROOT / "cad/vsrs/scene.toml"
+MM = 1e-3
+
+
+def cube(name, half=0.05):
+    corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
+             [0, 6, 4], [1, 5, 7], [1, 7, 3]]  # fmt: skip
+    mesh = Mesh(f"{name}_cube", corners, np.array(faces, np.int32), (0.5, 0.5, 0.5, 1.0))
+    bodies = (Body("base", (mesh,)), Body("top"))
+    joint = Joint("j", "revolute", "base", "top", active=True)
+    return Mechanism(name, "base", bodies, (joint,), (Frame("tool", "top", np.eye(4)),))
+
+
+def test_distances_between_owners_are_those_of_the_shapes():
+    x = np.array([0.5, 0.3, 0.12, 0.08])
+    still, moving = np.tile(np.eye(4), (4, 1, 1)), np.array([spatial.pose(p=[v, 0, 0]) for v in x])
+    mechanisms = {"a": cube("a"), "b": cube("b")}
+    poses = {"a": {"base": still, "top": still}, "b": {"base": moving, "top": moving}}
+    found = between(mechanisms, poses)
+    assert list(found) == [("a", "b")]
+    np.testing.assert_allclose(found["a", "b"].distance, np.maximum(x - 0.1, 0), atol=1e-12)
+    assert found["a", "b"].pair[0] == ("a/base", "b/base")
+    free = between(mechanisms, poses, frozenset({frozenset(("a/base", "b/base"))}))
+    assert np.isinf(free["a", "b"].distance).all()
+
+
+def test_the_scene_stands_as_its_file_says():
+    scene = load_scene(VSRS)
+    assert [p.name for p in scene.places] == ["pa10", "lapbot", "hibou"]
+    trocars = {"pa10": [0.32, 0.48, 0.10], "lapbot": [0.40, 0, 0.30], "hibou": [0.40, 0, 0.30]}
+    for place in scene.places:
+        at = (place.T_world_base @ [*trocars[place.name], 1])[:3]
+        np.testing.assert_allclose(at, place.p_world_port, atol=1e-6)
+    assert {p.provenance for p in scene.parameters} == {"ASSUMED"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ('port = "left"', 'port = "lefd"', "there is no port 'lefd'. Did you mean 'left'?"),
+        ('robot = "hibou"', 'robot = "hibu"', "there is no robot 'hibu'. Did you mean 'hibou'?"),
+        ('name = "lapbot"', 'name = "pa10"', "'pa10' stands there twice"),
+        ("clearance_mm = 5.0", "clearance_mm = -5.0", "clearance_mm"),
+        ('props = "theatre.toml"', 'props = "theater.toml"', "there is no file theater.toml beside it"),
+    ],
+)
+def test_a_wrong_scene_is_named(tmp_path, old, new, text):
+    shutil.copy(VSRS.with_name("theatre.toml"), tmp_path)
+    body = VSRS.read_text(encoding="utf-8")
+    assert old in body
+    (tmp_path / "scene.toml").write_text(body.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(DescriptionError, match=text.replace("?", r"\?")):
+        load_scene(tmp_path / "scene.toml")
+
+
+@pytest.mark.slow
+def test_three_robots_work_without_meeting(tmp_path, capsys):
+    assert main(["run", "vsrs", "--json", "--out", str(tmp_path / "vsrs")]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert len(data["pairs"]) == 6
+    assert min(p["least_mm"] for p in data["pairs"].values()) >= data["clearance_mm"]
+    stage = Usd.Stage.Open(str(tmp_path / "vsrs/usd/vsrs/vsrs.usda"))
+    robots = [stage.GetPrimAtPath(f"/vsrs/{n}") for n in ("pa10", "lapbot", "hibou")]
+    assert all(p.HasAuthoredReferences() for p in robots)
+    cache = UsdGeom.XformCache(Usd.TimeCode(400))
+    ball = cache.GetLocalToWorldTransform(stage.GetPrimAtPath("/vsrs/hibou/cannula")).ExtractTranslation()
+    port = next(p.p_world_port for p in load_scene(VSRS).places if p.name == "hibou")
+    np.testing.assert_allclose(np.array(ball), port, atol=1e-5)
+    camera = stage.GetPrimAtPath("/vsrs/hibou/camera/endoscope")
+    assert camera.IsA(UsdGeom.Camera)
+    look = np.array(cache.GetLocalToWorldTransform(camera)).T @ [0, 0, -1, 0]
+    assert look[2] < -0.9  # into the patient
+    assert (tmp_path / "vsrs/scene.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_a_base_beside_its_place_and_robots_that_meet_are_found(tmp_path, capsys):
+    """Seeded: Hibou moved by 150 mm towards Lapbot runs into it and misses its port by as much."""
+    for file in ("theatre.toml", "vsrs.step"):
+        shutil.copy(VSRS.with_name(file), tmp_path)
+    body = VSRS.read_text(encoding="utf-8")
+    hibou = next(p for p in load_scene(VSRS).places if p.name == "hibou")
+    x, y, z = hibou.T_world_base[:3, 3] / MM
+    (head, tail) = body.split('name = "hibou"\n', 1)
+    start = tail.index("position_mm")
+    line = tail[start : tail.index("\n", start)]
+    tail = tail.replace(line, f"position_mm = [{x - 60}, {y + 150}, {z}]", 1)
+    (tmp_path / "scene.toml").write_text(head + 'name = "hibou"\n' + tail, encoding="utf-8")
+    assert main(["run", str(tmp_path), "--json", "--out", str(tmp_path / "out")]) == 1
+    found = {f["code"]: f for f in json.loads(capsys.readouterr().out)["findings"]}
+    assert found["scene.port"]["size"] == pytest.approx(np.hypot(60, 150), abs=0.1)
+    assert "move its base by (60.00, -150.00" in found["scene.port"]["suggestion"]
+    assert {"scene.collision", "scene.near"} & set(found)
