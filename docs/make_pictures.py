@@ -32,7 +32,10 @@ from trimesh.visual.color import linear_to_srgb
 import twin
 from twin import assets, spatial
 from twin.api import tool_frame
+from twin.cad.build import read_mechanism
 from twin.mechanism import Mechanism
+from twin.reference import ReferenceModel
+from twin.scene.load import load_scene
 from twin.spatial import Array
 from twin.stage.read import read_motion, read_stage
 from twin.trajectory.path import rotation
@@ -62,6 +65,8 @@ class Shot:
     trocar: float = 0.022  # radius of the ring, in m
     floor: float = -0.42  # in m
     distance: float = 3.0  # of the camera from the target, in m
+    scene: str = ""  # instead of one robot: a scene, at `time` in s
+    time: float = 0.0
 
     @property
     def file(self) -> str:
@@ -82,6 +87,10 @@ SHOTS = (
     Shot(
         "tilt", "", "sclerotomy", "nasal", "entry", (-62, 14, 21), (0.29, 0.0, 0.185), (1600, 1000),
         robot="sher", trocar=0.0025, floor=-0.115, distance=0.75,
+    ),
+    Shot(
+        "vsrs", "", "", "", "", (-62, 22, 30), (0.08, -0.02, 0.98), (1600, 1000),
+        robot="vsrs", floor=0.0, distance=4.2, scene="vsrs", time=9.0,
     ),
 )  # fmt: skip
 
@@ -105,18 +114,62 @@ def stand(robot: twin.Robot, shot: Shot) -> tuple[Mechanism, dict[str, Array], A
     return mechanism, {name: T[k] for name, T in poses.items()}, rcm, shaft
 
 
-def fill(scene: viser.SceneApi, robot: twin.Robot, shot: Shot) -> None:
+def fill(scene: viser.SceneApi, robot: twin.Robot | None, shot: Shot) -> None:
     """Show the robot at the waypoint, floor, lights, trocar, shaft axis and, if asked for, table and abdomen."""
     scene.reset()
+    if shot.scene:
+        for owner, mechanism, poses in actors(shot):
+            add_bodies(scene, mechanism, poses, f"/{owner}", {"patient_abdomen": 0.35})
+        light(scene, shot)
+        return
+    assert robot is not None
     mechanism, poses, rcm, shaft = stand(robot, shot)
+    add_bodies(scene, mechanism, poses, "")
+    light(scene, shot)
+    scene.add_icosphere("/rcm", shot.trocar / 3, ORANGE, position=rcm, cast_shadow=False)
+    ring = trimesh.creation.torus(shot.trocar, shot.trocar / 11)
+    scene.add_mesh_simple("/trocar", ring.vertices, ring.faces, color=ORANGE, position=rcm, cast_shadow=False)
+    scene.add_line_segments("/shaft", shaft[None], ORANGE, thickness=shot.trocar / 9)
+    if shot.patient:
+        add_patient(scene, shot, rcm)
+
+
+def add_bodies(
+    scene: viser.SceneApi,
+    mechanism: Mechanism,
+    poses: dict[str, Array],
+    under: str,
+    clear: dict[str, float] | None = None,
+) -> None:
+    """Show the meshes of a mechanism at its link poses; `clear` gives some of them an opacity."""
     for body in mechanism.bodies:
         R, p = poses[body.name][:3, :3], poses[body.name][:3, 3]
-        scene.add_frame(f"/{body.name}", show_axes=False, wxyz=spatial.quat_from_matrix_wxyz(R), position=p)
+        place = f"{under}/{body.name}"
+        scene.add_frame(place, show_axes=False, wxyz=spatial.quat_from_matrix_wxyz(R), position=p)
         for mesh in body.meshes:
             solid = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
             solid = trimesh.graph.smooth_shade(solid, angle=CREASE, facet_minarea=None)
             color = np.round(255 * linear_to_srgb(np.array(mesh.color_rgba[:3]))).astype(int)
-            scene.add_mesh_simple(f"/{body.name}/{mesh.name}", solid.vertices, solid.faces, color=color)
+            see = {"opacity": clear[mesh.name], "cast_shadow": False} if clear and mesh.name in clear else {}
+            scene.add_mesh_simple(f"{place}/{mesh.name}", solid.vertices, solid.faces, color=color, **see)
+
+
+def actors(shot: Shot) -> Iterator[tuple[str, Mechanism, dict[str, Array]]]:
+    """Yield name, mechanism and T_world_body of all that a scene holds, at the time of the shot."""
+    scene = load_scene(assets.data_folder() / "cad" / shot.scene / "scene.toml")
+    for place in scene.places:
+        files = twin.load(place.name).files
+        stage = files.usd / f"{place.name}_{place.protocol}.usda"
+        times, poses = read_motion(stage)
+        k = int(np.argmin(np.abs(times - min(shot.time, times[-1]))))
+        yield place.name, read_stage(stage), {n: place.T_world_base @ T[k] for n, T in poses.items()}
+    if scene.props is not None:
+        props = read_mechanism(scene.props, with_mass=False).mechanism
+        yield props.name, props, ReferenceModel(props).home().link_poses
+
+
+def light(scene: viser.SceneApi, shot: Shot) -> None:
+    """Light the scene and lay its floor."""
     scene.configure_default_lights(False)
     scene.configure_environment_map("studio", environment_intensity=0.2)
     scene.add_light_directional("/key", intensity=1.7, position=(1.2, -0.7, 2.2), cast_shadow=True)
@@ -124,20 +177,19 @@ def fill(scene: viser.SceneApi, robot: twin.Robot, shot: Shot) -> None:
     lines = {"cell_size": 0.1, "section_size": 0.5, "cell_color": (205, 211, 219), "section_color": (186, 194, 204)}
     look = {"fade_distance": 2.4, "fade_from": "origin", "shadow_opacity": 0.35}
     scene.add_grid("/floor", 6, 6, position=(0.2, 0.3, shot.floor), **lines, **look)
-    scene.add_icosphere("/rcm", shot.trocar / 3, ORANGE, position=rcm, cast_shadow=False)
-    ring = trimesh.creation.torus(shot.trocar, shot.trocar / 11)
-    scene.add_mesh_simple("/trocar", ring.vertices, ring.faces, color=ORANGE, position=rcm, cast_shadow=False)
-    scene.add_line_segments("/shaft", shaft[None], ORANGE, thickness=shot.trocar / 9)
-    if shot.patient:
-        x, y, z = rcm
-        under = z - 0.23 - shot.floor
-        for i, (*sides, height) in enumerate(((0.42, 0.66, 0.03, under + 0.015), (0.1, 0.2, under, under / 2))):
-            middle = (x, y, shot.floor + height)
-            scene.add_box(f"/table{i}", (160, 174, 186), dimensions=tuple(sides), position=middle, opacity=0.6)
-        dome = trimesh.creation.uv_sphere(1.0, count=(64, 96))
-        dome.vertices = dome.vertices.clip([-1, -1, 0], 1) * (0.16, 0.24, 0.203) + (x, y, z - 0.203)
-        skin = {"color": (226, 160, 128), "opacity": 0.42, "cast_shadow": False}
-        scene.add_mesh_simple("/abdomen", dome.vertices, dome.faces, **skin)
+
+
+def add_patient(scene: viser.SceneApi, shot: Shot, rcm: Array) -> None:
+    """Show table and abdomen about a trocar."""
+    x, y, z = rcm
+    under = z - 0.23 - shot.floor
+    for i, (*sides, height) in enumerate(((0.42, 0.66, 0.03, under + 0.015), (0.1, 0.2, under, under / 2))):
+        middle = (x, y, shot.floor + height)
+        scene.add_box(f"/table{i}", (160, 174, 186), dimensions=tuple(sides), position=middle, opacity=0.6)
+    dome = trimesh.creation.uv_sphere(1.0, count=(64, 96))
+    dome.vertices = dome.vertices.clip([-1, -1, 0], 1) * (0.16, 0.24, 0.203) + (x, y, z - 0.203)
+    skin = {"color": (226, 160, 128), "opacity": 0.42, "cast_shadow": False}
+    scene.add_mesh_simple("/abdomen", dome.vertices, dome.faces, **skin)
 
 
 @contextmanager
@@ -160,7 +212,7 @@ def viewer(width: int, height: int) -> Iterator[tuple[viser.ViserServer, viser.C
             server.stop()
 
 
-def render(server: viser.ViserServer, client: viser.ClientHandle, robot: twin.Robot, shot: Shot) -> Image.Image:
+def render(server: viser.ViserServer, client: viser.ClientHandle, robot: twin.Robot | None, shot: Shot) -> Image.Image:
     """Return the picture of one shot."""
     fill(server.scene, robot, shot)
     width, height = (OVERSAMPLING * v for v in shot.size)
@@ -205,7 +257,7 @@ def main() -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     shots = [s for s in SHOTS if not args.only or s.name in args.only]
     with viewer(*(OVERSAMPLING * max(s.size[i] for s in shots) + 200 for i in (0, 1))) as (server, client):
-        images = {s: render(server, client, twin.load(s.robot), s) for s in shots}
+        images = {s: render(server, client, None if s.scene else twin.load(s.robot), s) for s in shots}
     pictures = {s.file: image for s, image in images.items()}
     if not args.only:
         pictures["sils_table2.png"] = strip({s: i for s, i in images.items() if s.caption})
