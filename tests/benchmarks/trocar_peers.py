@@ -1,0 +1,185 @@
+"""Tip and trocar of the PA-10 against peers, interleaved in one process; those that are not installed are left out.
+
+    python tests/benchmarks/trocar_peers.py        (peers: roboticstoolbox-python, pin-pink with daqp, mink)
+
+Peers have no trocar task: they get the full pose of a solution, which is harder on redundancy and easier on the side.
+A success keeps the joint limits and misses by less than 1e-6 m and rad; time is counted per success. Not a test.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import importlib.util
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from twin.kinematics import Tip, Trocar, compile_formula, solve
+from twin.kinematics.srs import SrsArm
+from twin.robots import load_formula
+
+ROUNDS, COUNT, STEPS, TOLERANCE = 5, 40, 100, 1e-6
+HALF = np.radians([177, 94, 174, 137, 255, 165, 255])
+LIMITS = np.stack([-HALF, HALF], axis=1)
+AXES, LENGTHS = "zyzyzyz", (0, 0, 0.45, 0, 0.48, 0, 0.40)
+
+KIN = compile_formula(load_formula("pa10"))
+RNG = np.random.default_rng(0)
+TS = KIN.forward_many(RNG.uniform(-HALF, HALF, (COUNT, 7)))
+PROBLEMS = [(T[:3, 3], T[:3, 3] - d * T[:3, 2]) for T, d in zip(TS, RNG.uniform(0.05, 0.35, COUNT), strict=True)]
+STARTS = RNG.uniform(-HALF, HALF, (COUNT, 7))
+
+
+def good(q: np.ndarray, T: np.ndarray) -> bool:
+    """Return whether joints keep the limits and take the pose."""
+    q = np.where(np.abs(q) > HALF, np.angle(np.exp(1j * q)), q)
+    return bool((np.abs(q) <= HALF).all() and np.abs(KIN.forward(q) - T).max() < TOLERANCE)
+
+
+def closed_through_buffer() -> Callable[[], int]:
+    """The compiled closed form as it is called in a loop, at swivel 0, the scan where that breaks a limit."""
+    arm = SrsArm(0.45, 0.48, 0.40, LIMITS[:6])
+    rows = [np.array([*tip, *trocar, 0.0]) for tip, trocar in PROBLEMS]
+    arm.best(*PROBLEMS[0])
+
+    def run() -> int:
+        done = 0
+        for z in rows:
+            done += arm._postures.one(z)[6] > 0 or arm.best(z[:3], z[3:6]).margin > 0
+        return done
+
+    return run
+
+
+def general() -> Callable[[], int]:
+    """Levenberg-Marquardt of this project on tip and trocar, multi-start."""
+
+    def run() -> int:
+        found = (
+            solve(KIN, Tip(a) + Trocar(b, axis=(0, 0, 1)), limits=LIMITS, any_branch=True, rng=i)
+            for i, (a, b) in enumerate(PROBLEMS)
+        )
+        return sum(f.residual < 1e-9 for f in found)
+
+    return run
+
+
+def roboticstoolbox() -> Callable[[], int]:
+    """Robotics Toolbox, ik_LM in C++ (Chan), with its own restarts."""
+    from roboticstoolbox import ET
+
+    ets = None
+    for axis, length, half in zip(AXES, LENGTHS, HALF, strict=True):
+        turn = getattr(ET, f"R{axis}")(qlim=[-half, half])
+        ets = turn if ets is None else ets * turn
+        if length:
+            ets = ets * ET.tz(length)
+
+    def run() -> int:
+        return sum(
+            good(ets.ik_LM(T, q0, tol=1e-14, joint_limits=True, method="chan")[0], T)
+            for T, q0 in zip(TS, STARTS, strict=True)
+        )
+
+    return run
+
+
+def pink() -> Callable[[], int]:
+    """Pink: a frame task, integrated until it stands."""
+    import pink as library
+    import pinocchio as pin
+
+    model, parent = pin.Model(), 0
+    for j, (axis, half) in enumerate(zip(AXES, HALF, strict=True)):
+        placement = pin.SE3(np.eye(3), np.array([0, 0, LENGTHS[j - 1] if j else 0.0]))
+        kind = {"z": pin.JointModelRZ, "y": pin.JointModelRY}[axis]()
+        limit = np.array([half])
+        parent = model.addJoint(parent, kind, placement, f"q{j + 1}", 1e3 * limit, 1e3 * limit, -limit, limit)
+    tip = pin.SE3(np.eye(3), np.array([0, 0, LENGTHS[-1]]))
+    model.addFrame(pin.Frame("tip", parent, 0, tip, pin.FrameType.OP_FRAME))
+    data = model.createData()
+    task = library.tasks.FrameTask("tip", position_cost=1.0, orientation_cost=1.0)
+
+    def run() -> int:
+        done = 0
+        for T, q0 in zip(TS, STARTS, strict=True):
+            state = library.Configuration(model, data, q0)
+            task.set_target(pin.SE3(T))
+            for _ in range(STEPS):
+                try:
+                    v = library.solve_ik(state, [task], 1.0, solver="daqp", safety_break=False)
+                except library.exceptions.NoSolutionFound:
+                    break
+                state.integrate_inplace(v, 1.0)
+                if np.linalg.norm(task.compute_error(state)) < 1e-9:
+                    break
+            done += good(state.q, T)
+        return done
+
+    return run
+
+
+def mink() -> Callable[[], int]:
+    """Mink: the same on MuJoCo."""
+    import mink as library
+    import mujoco
+
+    inner, close = "", ""
+    for j, (axis, half) in enumerate(zip(AXES, HALF, strict=True)):
+        lift = LENGTHS[j - 1] if j else 0.0
+        vector = "0 0 1" if axis == "z" else "0 1 0"
+        joint = f'<joint name="q{j + 1}" axis="{vector}" range="{-half} {half}"/>'
+        inner += f'<body pos="0 0 {lift}">{joint}<geom size=".01" mass="1"/>'
+        close += "</body>"
+    inner += f'<site name="tip" pos="0 0 {LENGTHS[-1]}"/>'
+    text = f'<mujoco><compiler angle="radian" autolimits="true"/><worldbody>{inner}{close}</worldbody></mujoco>'
+    model = mujoco.MjModel.from_xml_string(text)
+    task = library.FrameTask("tip", "site", position_cost=1.0, orientation_cost=1.0)
+
+    def run() -> int:
+        done = 0
+        for T, q0 in zip(TS, STARTS, strict=True):
+            state = library.Configuration(model, q0)
+            task.set_target(library.SE3.from_matrix(T))
+            for _ in range(STEPS):
+                try:
+                    v = library.solve_ik(state, [task], 1.0, "daqp", limits=[library.ConfigurationLimit(model)])
+                except library.exceptions.NoSolutionFound:
+                    break
+                state.integrate_inplace(v, 1.0)
+                if np.linalg.norm(task.compute_error(state)) < 1e-9:
+                    break
+            done += good(state.q, T)
+        return done
+
+    return run
+
+
+def main() -> None:
+    """Run all that are installed in turns and print time per success."""
+    contenders = {"closed form through its buffer": closed_through_buffer(), "general solver of twin": general()}
+    for name, make in (("roboticstoolbox", roboticstoolbox), ("pink", pink), ("mink", mink)):
+        if importlib.util.find_spec(name) is None:
+            print(f"{name} is not installed: left out")
+        else:
+            contenders[f"{name} ({(make.__doc__ or '').split(':')[0].split(',')[0]})"] = make()
+    times: dict[str, list[float]] = {n: [] for n in contenders}
+    done = dict.fromkeys(contenders, 0)
+    for _ in range(ROUNDS):
+        for name, run in contenders.items():
+            start = time.perf_counter()
+            done[name] = run()
+            times[name].append(time.perf_counter() - start)
+    first = None
+    for name, spent in times.items():
+        each = float(np.median(spent)) / max(done[name], 1) * 1e6
+        first = first or each
+        print(f"  {name:45s} {each:10.1f} µs per success   x {each / first:7.1f}   {done[name]} of {COUNT}")
+
+
+if __name__ == "__main__":
+    main()
