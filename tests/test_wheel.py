@@ -90,7 +90,8 @@ def test_wheel_holds_the_package_and_nothing_else(names):
 
 
 def test_wheel_is_small(wheel):
-    assert wheel.stat().st_size < 6 * MEGABYTE
+    """Five robots with STEP, stages and baked motions; two megabytes each are enough."""
+    assert wheel.stat().st_size < 10 * MEGABYTE
 
 
 def test_wheel_names_its_licence_and_command(wheel, names):
@@ -112,7 +113,7 @@ def test_installed_version_is_that_of_the_package(venv, tmp_path):
 def test_environment_lacks_the_development_packages(venv, tmp_path):
     listed = json.loads(_ok(_run(venv / "bin/twin", "doctor", "--json", cwd=tmp_path)))
     assert listed["missing"] == []
-    assert listed["found"]["build123d"] == listed["found"]["mujoco"] == "-"
+    assert listed["found"]["build123d"] == "-"
 
 
 def test_installed_twin_runs_the_main_job_from_another_directory(venv, tmp_path):
@@ -123,7 +124,9 @@ def test_installed_twin_runs_the_main_job_from_another_directory(venv, tmp_path)
     there = tmp_path / "elsewhere"
     there.mkdir()
     robots = json.loads(_ok(_run(venv / "bin/twin", "list", "--json", cwd=there, **cache)))
-    assert [r["name"] for r in robots] == sorted(p.parent.name for p in (ROOT / "cad").glob("*/dimensions.toml"))
+    assert [r["name"] for r in robots] == sorted(
+        p.stem for p in (ROOT / "cad").glob("*/*.toml") if p.stem == p.parent.name
+    )
     _ok(_run(venv / "bin/twin", "doctor", cwd=there, **cache))
 
     out = _ok(_run(venv / "bin/twin", "run", "sils", "--json", "--out", tmp_path / "out", cwd=there, **cache))

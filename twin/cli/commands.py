@@ -283,11 +283,12 @@ def doctor(args: argparse.Namespace) -> int:
         "trimesh",
         "toppra",
         "matplotlib",
+        "scipy",
+        "mujoco",
         "viser",
     )
     extras = {
         "build123d": "redraw the CAD (make cad-check)",
-        "mujoco": "a second engine as witness (make test)",
     }
     programs = {"chromium": "pictures of the viewer", "uv": "the locked environment"}
     rows = [(n, _installed(n) or "MISSING", "needed") for n in packages]
