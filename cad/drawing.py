@@ -66,6 +66,12 @@ class Dimensions:
         return lambda key, nominal: given.get(key, nominal)
 
 
+def row(alpha, d, theta, r):
+    """Rx(alpha) Tx(d) Rz(theta) Tz(r): a row of Khalil and Kleinfinger's table; mm and degrees."""
+    (ca, ct), (sa, st) = np.cos(np.radians([alpha, theta])), np.sin(np.radians([alpha, theta]))
+    return np.array([[ct, -st, 0, d], [ca * st, ca * ct, -sa, -r * sa], [sa * st, sa * ct, ca, r * ca], [0, 0, 0, 1.0]])
+
+
 def unit(v):
     """Direction of a vector."""
     return np.asarray(v, float) / np.linalg.norm(v)

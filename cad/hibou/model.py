@@ -15,14 +15,9 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 import drawing as cad
+from drawing import row
 
 BODIES = ["base", "turret", "upper_arm", "forearm", "bracket", "yoke", "scope", "camera", "cannula"]
-
-
-def row(alpha, d, theta, r):
-    """Rx(alpha) Tx(d) Rz(theta) Tz(r): a row of the table; mm and degrees."""
-    (ca, ct), (sa, st) = np.cos(np.radians([alpha, theta])), np.sin(np.radians([alpha, theta]))
-    return np.array([[ct, -st, 0, d], [ca * st, ca * ct, -sa, -r * sa], [sa * st, sa * ct, ca, r * ca], [0, 0, 0, 1.0]])
 
 
 def table(d):

@@ -5,11 +5,12 @@ from __future__ import annotations
 from casadi import vertcat
 
 from twin.kinematics import symbolic
-from twin.kinematics.contract import Coordinates
+from twin.kinematics.contract import Coordinates, Equation, Rows, Stage
 from twin.provenance import Parameter, Provenance
 from twin.units import MM
 
 PAPER = "Design and Modeling of PA-10 Virtual Surgery Robot"
+ASSUMED = "ASSUMED: nothing is published"
 
 
 def row(alpha, d, theta, r):
@@ -27,6 +28,12 @@ def trocar(x: float, y: float, z: float) -> tuple[Parameter, ...]:
     """Return where the trocar is, in mm in frame 0; a protocol may place it elsewhere."""
     note = "trocar in frame 0, as drawn; a protocol binds it (trocar_mm)"
     return tuple(mm(f"trocar_{a}", v, "ASSUMED", note) for a, v in zip("xyz", (x, y, z), strict=True))
+
+
+def derived(name: str, title: str, stage: Stage, outputs: tuple[str, ...], rows: Rows) -> Equation:
+    """Return an equation that follows from an assumed table, in its one reading."""
+    key = "corrected" if stage == "helper" else "derived"
+    return Equation(name, title, f"DERIVED for the table {ASSUMED}", stage, outputs, {key: rows}, default=key)
 
 
 ZYX = Coordinates(

@@ -12,22 +12,18 @@ from __future__ import annotations
 from casadi import acos, asin, atan2, cos, fabs, if_else, norm_2, pi, sin, sqrt, vertcat
 
 from twin.kinematics import symbolic
-from twin.kinematics.contract import ActiveJoint, Aspect, Equation, Formula, Measure
-from twin.robots._khalil import PAPER, ZYX, mm, row, trocar
+from twin.kinematics.contract import ActiveJoint, Aspect, Formula, Measure
+from twin.robots._khalil import ASSUMED, PAPER, ZYX, derived, mm, row, trocar
 from twin.units import DEG
 
 _OFF = 1e-6
 """Largest entry of a rotation matrix by which a pose may be off what five joints can take."""
 
 
-def _trocar(trocar_x, trocar_y, trocar_z):
-    return vertcat(trocar_x, trocar_y, trocar_z)
-
-
 def shaft(T_base_tool, r6, r8, trocar_x, trocar_y, trocar_z):
     """End of the shaft, direction from it to the trocar, outer point; NaN where the trocar is beyond the shaft."""
     P_7 = T_base_tool[0:3, 3] - r8 * T_base_tool[0:3, 2]
-    to = _trocar(trocar_x, trocar_y, trocar_z) - P_7
+    to = vertcat(trocar_x, trocar_y, trocar_z) - P_7
     length = norm_2(to)
     u = to / if_else(length < r6, length, float("nan"))
     return P_7, u, P_7 + r6 * u
@@ -65,7 +61,7 @@ def scope(T_base_tool, q1, q2, q3, q4, q5, a, b, h):
 def outer(q1, q2, q3, a, b, h, r6, trocar_x, trocar_y, trocar_z):
     """Direction from the trocar to the outer point W of the driven arm; NaN if the shaft is too short."""
     W = (_to_elbow(q1, q2, q3, a, h) @ vertcat(b, 0, 0, 1))[0:3]
-    u = W - _trocar(trocar_x, trocar_y, trocar_z)
+    u = W - vertcat(trocar_x, trocar_y, trocar_z)
     length = norm_2(u)
     return u / if_else(length < r6, length, float("nan"))
 
@@ -78,31 +74,25 @@ def chain(q1, q2, q3, q6, q7, u_out, a, b, h, r6, r8):
 
 def places(T_base_tool, P_7, W, trocar_x, trocar_y, trocar_z):
     """Outer point, end of the shaft, tip, and the trocar."""
-    return W, P_7, T_base_tool[0:3, 3], _trocar(trocar_x, trocar_y, trocar_z)
+    return W, P_7, T_base_tool[0:3, 3], vertcat(trocar_x, trocar_y, trocar_z)
 
 
 def margins(W, P_7, q3, q5, a, b, h, r6, trocar_x, trocar_y, trocar_z):
     """Reach of the arm and length of the shaft left in m; what vanishes at singularities."""
     D = norm_2(W - vertcat(0, 0, h))
-    left = r6 - norm_2(_trocar(trocar_x, trocar_y, trocar_z) - P_7)
+    left = r6 - norm_2(vertcat(trocar_x, trocar_y, trocar_z) - P_7)
     aside = sqrt(W[0] ** 2 + W[1] ** 2) / (a + b)
     return a + b - D, D - sqrt((a - b) ** 2), left, sin(q3), cos(q5), aside
 
 
-_ASSUMED = "ASSUMED: nothing is published"
-_ALARM = f"alarm {_ASSUMED}"
+_ALARM = f"alarm {ASSUMED}"
 _POINTS = ("outer", "inner", "tip", "trocar")
-
-
-def _equation(name, title, stage, outputs, rows):
-    key = "corrected" if stage == "helper" else "derived"
-    return Equation(name, title, f"DERIVED for the table {_ASSUMED}", stage, outputs, {key: rows}, default=key)
 
 
 FORMULA = Formula(
     name="hibou",
     title="Hibou: five driven and two passive joints, endoscope through a trocar",
-    source=f"{PAPER}, figure 2: structure; dimensions {_ASSUMED}",
+    source=f"{PAPER}, figure 2: structure; dimensions {ASSUMED}",
     parameters=(
         mm("h", 350, "ASSUMED", "shoulder over the base"),
         mm("a", 300, "ASSUMED", "upper arm: reaches over half a table"),
@@ -114,20 +104,20 @@ FORMULA = Formula(
     joints=tuple(ActiveJoint(f"q{i}", "revolute") for i in (1, 2, 3, 6, 7)),
     coordinates=ZYX,
     equations=(
-        _equation(
+        derived(
             "shaft",
             "pose and trocar -> end of the shaft, its direction, outer point W",
             "inverse",
             ("P_7", "u", "W"),
             shaft,
         ),
-        _equation("arm", "W -> q1, q2, q3", "inverse", ("q1", "q2", "q3"), arm),
-        _equation("gimbal", "shaft -> passive q4, q5", "inverse", ("q4", "q5"), gimbal),
-        _equation("scope", "pose behind the shaft -> q6, q7", "inverse", ("q6", "q7", "within"), scope),
-        _equation("outer", "driven arm and trocar -> shaft", "forward", ("u_out",), outer),
-        _equation("chain", "joints -> pose", "forward", ("T_base_tool",), chain),
-        _equation("places", "points in base", "helper", tuple(f"at_{n}" for n in _POINTS), places),
-        _equation(
+        derived("arm", "W -> q1, q2, q3", "inverse", ("q1", "q2", "q3"), arm),
+        derived("gimbal", "shaft -> passive q4, q5", "inverse", ("q4", "q5"), gimbal),
+        derived("scope", "pose behind the shaft -> q6, q7", "inverse", ("q6", "q7", "within"), scope),
+        derived("outer", "driven arm and trocar -> shaft", "forward", ("u_out",), outer),
+        derived("chain", "joints -> pose", "forward", ("T_base_tool",), chain),
+        derived("places", "points in base", "helper", tuple(f"at_{n}" for n in _POINTS), places),
+        derived(
             "margins", "reach and singularity", "helper", ("stretch", "fold", "rest", "s3", "c5", "aside"), margins
         ),
     ),

@@ -11,19 +11,15 @@ from __future__ import annotations
 
 from casadi import acos, asin, atan2, cos, if_else, norm_2, pi, sin, sqrt, vertcat
 
-from twin.kinematics.contract import ActiveJoint, Aspect, Equation, Formula, Measure
-from twin.robots._khalil import PAPER, ZYX, mm, row, trocar
+from twin.kinematics.contract import ActiveJoint, Aspect, Formula, Measure
+from twin.robots._khalil import ASSUMED, PAPER, ZYX, derived, mm, row, trocar
 from twin.units import DEG
-
-
-def _trocar(trocar_x, trocar_y, trocar_z):
-    return vertcat(trocar_x, trocar_y, trocar_z)
 
 
 def shaft(T_base_tool, r7, r10, trocar_x, trocar_y, trocar_z):
     """Inner wrist, direction from it to the trocar, outer point; NaN where the trocar is beyond the shaft."""
     P_in = T_base_tool[0:3, 3] - r10 * T_base_tool[0:3, 2]
-    to = _trocar(trocar_x, trocar_y, trocar_z) - P_in
+    to = vertcat(trocar_x, trocar_y, trocar_z) - P_in
     length = norm_2(to)
     u = to / if_else(length < r7, length, float("nan"))
     return P_in, u, P_in + r7 * u
@@ -55,7 +51,7 @@ def instrument(T_base_tool, q1, q2, q3, q4, q5, q6, a, b, r7):
 def outer(q1, q2, q3, a, b, r7, trocar_x, trocar_y, trocar_z):
     """Outer point W from the driven arm, and the direction from the trocar to it; NaN if the shaft is too short."""
     W = vertcat(a * cos(q2) + b * cos(q2 + q3), a * sin(q2) + b * sin(q2 + q3), q1)
-    u = W - _trocar(trocar_x, trocar_y, trocar_z)
+    u = W - vertcat(trocar_x, trocar_y, trocar_z)
     length = norm_2(u)
     return u / if_else(length < r7, length, float("nan"))
 
@@ -68,30 +64,24 @@ def chain(q1, q2, q3, q7, q8, q9, u_out, a, b, r7, r10):
 
 def places(T_base_tool, P_in, W, trocar_x, trocar_y, trocar_z):
     """Outer point, inner wrist, tip, and the trocar."""
-    return W, P_in, T_base_tool[0:3, 3], _trocar(trocar_x, trocar_y, trocar_z)
+    return W, P_in, T_base_tool[0:3, 3], vertcat(trocar_x, trocar_y, trocar_z)
 
 
 def margins(W, P_in, q3, q6, q8, a, b, r7, trocar_x, trocar_y, trocar_z):
     """Reach of the arm and length of the shaft left in m; what vanishes at singularities."""
     D = sqrt(W[0] ** 2 + W[1] ** 2)
-    left = r7 - norm_2(_trocar(trocar_x, trocar_y, trocar_z) - P_in)
+    left = r7 - norm_2(vertcat(trocar_x, trocar_y, trocar_z) - P_in)
     return a + b - D, D - sqrt((a - b) ** 2), left, sin(q3), cos(q6), cos(q8)
 
 
-_ASSUMED = "ASSUMED: nothing is published"
-_ALARM = f"alarm {_ASSUMED}"
+_ALARM = f"alarm {ASSUMED}"
 _POINTS = ("outer", "inner", "tip", "trocar")
-
-
-def _equation(name, title, stage, outputs, rows):
-    key = "corrected" if stage == "helper" else "derived"
-    return Equation(name, title, f"DERIVED for the table {_ASSUMED}", stage, outputs, {key: rows}, default=key)
 
 
 FORMULA = Formula(
     name="lapbot",
     title="Lapbot: six driven and three passive joints, instrument through a trocar",
-    source=f"{PAPER}, figure 1: structure; dimensions {_ASSUMED}",
+    source=f"{PAPER}, figure 1: structure; dimensions {ASSUMED}",
     parameters=(
         mm("a", 300, "ASSUMED", "upper arm: reaches over half a table"),
         mm("b", 300, "ASSUMED", "forearm, as the upper arm"),
@@ -105,16 +95,14 @@ FORMULA = Formula(
     ),
     coordinates=ZYX,
     equations=(
-        _equation(
-            "shaft", "pose and trocar -> inner wrist, shaft, outer point W", "inverse", ("P_in", "u", "W"), shaft
-        ),
-        _equation("arm", "W -> q1, q2, q3", "inverse", ("q1", "q2", "q3"), arm),
-        _equation("gimbal", "shaft -> passive q4, q5, q6", "inverse", ("q4", "q5", "q6"), gimbal),
-        _equation("instrument", "pose behind the shaft -> q7, q8, q9", "inverse", ("q7", "q8", "q9"), instrument),
-        _equation("outer", "driven arm and trocar -> shaft", "forward", ("u_out",), outer),
-        _equation("chain", "joints -> pose", "forward", ("T_base_tool",), chain),
-        _equation("places", "points in base", "helper", tuple(f"at_{n}" for n in _POINTS), places),
-        _equation("margins", "reach and singularity", "helper", ("stretch", "fold", "rest", "s3", "c6", "c8"), margins),
+        derived("shaft", "pose and trocar -> inner wrist, shaft, outer point W", "inverse", ("P_in", "u", "W"), shaft),
+        derived("arm", "W -> q1, q2, q3", "inverse", ("q1", "q2", "q3"), arm),
+        derived("gimbal", "shaft -> passive q4, q5, q6", "inverse", ("q4", "q5", "q6"), gimbal),
+        derived("instrument", "pose behind the shaft -> q7, q8, q9", "inverse", ("q7", "q8", "q9"), instrument),
+        derived("outer", "driven arm and trocar -> shaft", "forward", ("u_out",), outer),
+        derived("chain", "joints -> pose", "forward", ("T_base_tool",), chain),
+        derived("places", "points in base", "helper", tuple(f"at_{n}" for n in _POINTS), places),
+        derived("margins", "reach and singularity", "helper", ("stretch", "fold", "rest", "s3", "c6", "c8"), margins),
     ),
     characteristic_length=lambda r7: r7,
     points={n: f"at_{n}" for n in _POINTS},
