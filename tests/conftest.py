@@ -30,3 +30,20 @@ def sils_model(sils_cad):
 def rng():
     """A generator with a fixed seed."""
     return np.random.default_rng(20240607)
+
+
+@pytest.fixture
+def at_pose():
+    """Residual (m,) of a term that asks for no joints, and its Jacobian (m, 6) by the twist, unweighted."""
+    import casadi as ca
+
+    from twin.kinematics import symbolic
+    from twin.kinematics.tasks import Term, residual
+
+    def evaluate(term: Term, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        xi = ca.SX.sym("xi", 6)
+        r = residual(term.kind, term.rows, symbolic.retract(ca.SX(T), xi), ca.SX(0, 1), ca.SX(ca.DM(term.numbers)))
+        out = ca.Function("at", [xi], [r, ca.jacobian(r, xi)])(np.zeros(6))
+        return np.array(out[0]).ravel(), np.array(out[1])
+
+    return evaluate

@@ -185,7 +185,7 @@ def test_a_path_is_continued_near_its_last_posture(kin):
     assert 1e-4 < drift < 0.05  # what a fixed swivel does away with (see the closed form)
 
 
-def test_the_usual_residual_accepts_the_wrong_side_and_ours_does_not(kin):
+def test_the_usual_residual_accepts_the_wrong_side_and_ours_does_not(kin, at_pose):
     """u x (P_m - P_tr) vanishes with the wrist beyond the tip as well; w + |w| a is then 2 |w|."""
     tip, trocar = np.array([0.5, 0.2, 0.2]), np.array([0.5, 0.2, 0.3])
     q = solve(kin, trocar_task(tip, trocar), limits=LIMITS, any_branch=True).q
@@ -193,7 +193,5 @@ def test_the_usual_residual_accepts_the_wrong_side_and_ours_does_not(kin):
     wrong = spatial.pose(T[:3, :3] @ np.diag([1.0, -1.0, -1.0]), tip)
     cross = np.cross(trocar - tip, wrong[:3, 2])
     assert np.linalg.norm(cross) < 1e-9
-    from twin.kinematics.tasks import evaluate
-
     (_, term) = trocar_task(tip, trocar).terms
-    assert np.linalg.norm(evaluate(term, wrong)[0]) == pytest.approx(0.2, rel=1e-6)
+    assert np.linalg.norm(at_pose(term, wrong)[0]) == pytest.approx(0.2, rel=1e-6)

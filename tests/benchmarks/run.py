@@ -37,11 +37,13 @@ def race(title: str, contenders: Mapping[str, Callable[[], object]], per: int = 
 
 def trocar_race() -> None:
     """Tip and trocar of the PA-10 from random starts: time per success, not per try."""
+    import casadi as ca
     from scipy.optimize import least_squares
 
     from twin.kinematics import Tip, Trocar, compile_formula, solve
-    from twin.kinematics.solve import _JointProblem
+    from twin.kinematics.flow import Evaluator
     from twin.kinematics.srs import SrsArm
+    from twin.kinematics.tasks import residual
     from twin.robots import load_formula
 
     kin = compile_formula(load_formula("pa10"))
@@ -63,18 +65,28 @@ def trocar_race() -> None:
             good += found.residual < 1e-9
         return good
 
+    # What a user of scipy would compile: residual and exact Jacobian, padded since 'lm' wants as many rows as unknowns.
+    z = ca.SX.sym("z", 13)
+    T, q = kin.program.around(ca.SX.zeros(7), z[:7])
+    rows = ca.vertcat(
+        residual("tip", (0, 1, 2), T, q, ca.vertcat(z[7:10], ca.SX.zeros(3))),
+        residual("trocar", (0, 1, 2), T, q, ca.vertcat(z[10:13], 0, 0, 1, ca.SX.zeros(3))),
+        0,
+    )
+    value, derivative = Evaluator("r", z, rows), Evaluator("J", z, ca.jacobian(rows, z[:7]), (7, 7))
+
     def scipy_lm(exact: bool) -> int:
         good = 0
         for (tip, trocar), q0 in zip(problems, starts, strict=True):
-            problem = _JointProblem(kin, Tip(tip) + Trocar(trocar, axis=(0, 0, 1)), None, None)
-
-            def padded(q: np.ndarray, problem=problem) -> np.ndarray:
-                return np.append(problem.at(q)[0], 0.0)  # 'lm' wants at least as many rows as unknowns
-
-            def jacobian(q: np.ndarray, problem=problem) -> np.ndarray:
-                return np.vstack([problem.at(q)[1] * problem.joint_scale, np.zeros((1, 7))])
-
-            found = least_squares(padded, q0, jacobian if exact else "2-point", method="lm", xtol=1e-14, ftol=1e-14)
+            target = np.concatenate([tip, trocar])
+            found = least_squares(
+                lambda q, target=target: value.one(np.concatenate([q, target])),
+                q0,
+                (lambda q, target=target: derivative.one(np.concatenate([q, target]))) if exact else "2-point",
+                method="lm",
+                xtol=1e-14,
+                ftol=1e-14,
+            )
             q = np.angle(np.exp(1j * found.x))  # a turn more or less is the same posture
             good += bool(np.linalg.norm(found.fun) < 1e-9 and (np.abs(q) <= half).all())
         return good

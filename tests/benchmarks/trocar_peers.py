@@ -1,8 +1,8 @@
 """Tip and trocar of the PA-10 against peers, interleaved in one process; those that are not installed are left out.
 
-    python tests/benchmarks/trocar_peers.py        (peers: roboticstoolbox-python, pin-pink with daqp, mink)
+    python tests/benchmarks/trocar_peers.py        (peers: roboticstoolbox-python, pin-pink with daqp, mink, drake)
 
-Peers have no trocar task: they get the full pose of a solution, which is harder on redundancy and easier on the side.
+Peers but Drake have no trocar task: they get the full pose of a solution, harder on redundancy, easier on the side.
 A success keeps the joint limits and misses by less than 1e-6 m and rad; time is counted per success. Not a test.
 """
 
@@ -40,17 +40,12 @@ def good(q: np.ndarray, T: np.ndarray) -> bool:
     return bool((np.abs(q) <= HALF).all() and np.abs(KIN.forward(q) - T).max() < TOLERANCE)
 
 
-def closed_through_buffer() -> Callable[[], int]:
-    """The compiled closed form as it is called in a loop, at swivel 0, the scan where that breaks a limit."""
+def closed() -> Callable[[], int]:
+    """The closed form at swivel 0, at another where that breaks a limit."""
     arm = SrsArm(0.45, 0.48, 0.40, LIMITS[:6])
-    rows = [np.array([*tip, *trocar, 0.0]) for tip, trocar in PROBLEMS]
-    arm.best(*PROBLEMS[0])
 
     def run() -> int:
-        done = 0
-        for z in rows:
-            done += arm._postures.one(z)[6] > 0 or arm.best(z[:3], z[3:6]).margin > 0
-        return done
+        return sum(arm.solve(tip, trocar).margin > 0 for tip, trocar in PROBLEMS)
 
     return run
 
@@ -159,10 +154,51 @@ def mink() -> Callable[[], int]:
     return run
 
 
+def pydrake() -> Callable[[], int]:
+    """Drake: SNOPT on tip and trocar themselves, as bounds on positions seen from the world and from the tool."""
+    from pydrake.math import RigidTransform
+    from pydrake.multibody.inverse_kinematics import InverseKinematics
+    from pydrake.multibody.plant import MultibodyPlant
+    from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, SpatialInertia, WeldJoint
+    from pydrake.solvers import SnoptSolver, SolverOptions
+
+    plant = MultibodyPlant(0.0)
+    parent = plant.world_frame()
+    for j, (axis, half) in enumerate(zip(AXES, HALF, strict=True)):
+        lift = RigidTransform(np.array([0, 0, LENGTHS[j - 1] if j else 0.0]))
+        frame = plant.AddFrame(FixedOffsetFrame(f"f{j + 1}", parent, lift))
+        body = plant.AddRigidBody(f"link{j + 1}", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+        direction = np.array([0.0, 0, 1] if axis == "z" else [0.0, 1, 0])
+        plant.AddJoint(RevoluteJoint(f"q{j + 1}", frame, body.body_frame(), direction, -half, half))
+        parent = body.body_frame()
+    tool = plant.AddRigidBody("tool", SpatialInertia.SolidSphereWithMass(1.0, 0.1)).body_frame()
+    plant.AddJoint(WeldJoint("tip", parent, tool, RigidTransform(np.array([0, 0, LENGTHS[-1]]))))
+    plant.Finalize()
+    world, solver, options = plant.world_frame(), SnoptSolver(), SolverOptions()
+    for name in ("Major feasibility tolerance", "Major optimality tolerance"):
+        options.SetOption(solver.solver_id(), name, 1e-9)
+
+    def run() -> int:
+        done = 0
+        for (tip, trocar), T, q0 in zip(PROBLEMS, TS, STARTS, strict=True):
+            problem = InverseKinematics(plant, with_joint_limits=True)
+            problem.AddPositionConstraint(tool, np.zeros(3), world, tip, tip)
+            beyond = np.array([0, 0, -np.linalg.norm(trocar - tip)])
+            problem.AddPositionConstraint(world, trocar, tool, beyond, beyond)
+            found = solver.Solve(problem.prog(), q0, options)
+            q = found.GetSolution(problem.q())
+            reached = KIN.forward(q)
+            aside = np.abs(reached[:3, 3] - T[:3, 3]).max() + np.abs(reached[:3, 2] - T[:3, 2]).max()
+            done += bool(found.is_success() and aside < TOLERANCE and (np.abs(q) <= HALF + 1e-9).all())
+        return done
+
+    return run
+
+
 def main() -> None:
     """Run all that are installed in turns and print time per success."""
-    contenders = {"closed form through its buffer": closed_through_buffer(), "general solver of twin": general()}
-    for name, make in (("roboticstoolbox", roboticstoolbox), ("pink", pink), ("mink", mink)):
+    contenders = {"closed form": closed(), "general solver of twin": general()}
+    for name, make in (("roboticstoolbox", roboticstoolbox), ("pink", pink), ("mink", mink), ("pydrake", pydrake)):
         if importlib.util.find_spec(name) is None:
             print(f"{name} is not installed: left out")
         else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 
@@ -12,6 +12,9 @@ from twin.errors import KinematicsError, unknown
 from twin.kinematics import flow, symbolic
 from twin.kinematics.contract import POSE_SYMBOL, Formula
 from twin.kinematics.flow import Evaluator
+
+if TYPE_CHECKING:
+    from twin.kinematics.descent import Iteration
 
 
 class Program:
@@ -62,6 +65,7 @@ class Program:
             for kind, names in groups.items()
         }
         self.points = Evaluator("points", self._z, self._points(), (len(formula.points), 3))
+        self.iterations: dict[tuple, Iteration] = {}
         self._partial: dict[tuple[str, ...], Evaluator] = {}
 
     @cached_property
@@ -147,6 +151,17 @@ class Program:
             q = flow.gather(self.formula, symbols, self.order, "joint")
             self._partial[names] = Evaluator("from_points", z, q)
         return self._partial[names]
+
+    def around(self, state: ca.SX, step: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return pose and joints as expressions of a state and a step from it.
+
+        The state is q (n), the step is added to it, where there is a forward equation; else they are a pose
+        (16 numbers) and a twist (6).
+        """
+        if self.forward_flow:
+            return ca.SX(self._after_joints(state + step)[POSE_SYMBOL]), state + step
+        T = symbolic.retract(symbolic.unflat(state, 4, 4), step)
+        return T, self.joints_at(T)
 
     def joints_at(self, T: ca.SX) -> ca.SX:
         """Return q (n) as an expression of a pose expression (4, 4)."""

@@ -1,8 +1,6 @@
 """Levenberg-Marquardt for every robot: the unknown is the joints where they give the pose, else the pose.
 
-Nielsen's damping: the step minimises |J dx + r|^2 + mu |dx|^2; mu falls when the model predicts the
-decrease well and doubles faster and faster when it does not. Residuals are dimensionless through
-`length_scale`: 1 rad weighs as much as a miss by that length.
+Residuals are dimensionless through `length_scale`: 1 rad weighs as much as a miss by that length.
 """
 
 from __future__ import annotations
@@ -17,7 +15,8 @@ from numpy.typing import ArrayLike
 
 from twin import spatial
 from twin.errors import KinematicsError
-from twin.kinematics.tasks import Joints, Pose, Position, Task, Tip, Trocar, evaluate
+from twin.kinematics.descent import Iteration
+from twin.kinematics.tasks import Joints, Pose, Position, Task, Tip, Trocar, is_length
 from twin.spatial import Array
 
 if TYPE_CHECKING:
@@ -27,11 +26,6 @@ __all__ = ["Joints", "Pose", "Position", "Solution", "Task", "Tip", "Trocar", "d
 
 TOLERANCE = 1e-10
 """Norm of the dimensionless residual at which a task counts as fulfilled: 8e-12 m for SILS."""
-
-MAX_ITERATIONS = 120
-
-_MU_FLOOR = 1e-11
-"""Smallest damping, by the largest squared column of the first Jacobian."""
 
 _LIMIT_TOL = 1e-9
 """Breach of a joint limit in m or rad that is rounding, not a breach."""
@@ -164,141 +158,28 @@ def descend(
     length_scale: float | None = None,
     tolerance: float = TOLERANCE,
 ) -> Descent:
-    """Return where one descent from a state ends (converged or not); the start must be within reach.
-
-    Joint unknowns are held within their bounds by projection; pose unknowns by a residual that grows with
-    the breach, which is zero at any solution within the limits.
-    """
-    problem = (_JointProblem if kin.closed_forward else _PoseProblem)(kin, task, bounds, length_scale)
-    x = problem.begin(start)
-    r, J = problem.at(x)
-    if not np.isfinite(r).all():
-        return Descent(*problem.result(x), residual=np.inf, iterations=0)
-    size = np.max(np.sum(J * J, axis=0), initial=1e-12)
-    cost, mu, grow = r @ r, 1e-3 * size, 2.0
-    tried = stuck = 0
-    while tried < MAX_ITERATIONS and cost > (0.01 * tolerance) ** 2:
-        free = problem.free(x, J.T @ r)
-        if not free.any():
-            break
-        tried += 1
-        Jf = J[:, free]
-        g = Jf.T @ r
-        step = np.zeros(J.shape[1])
-        step[free] = -np.linalg.solve(Jf.T @ Jf + mu * np.eye(Jf.shape[1]), g)
-        new = problem.move(x, step)
-        r_new, J_new = problem.at(new)
-        cost_new = r_new @ r_new
-        predicted = step[free] @ (mu * step[free] - g)
-        if np.isfinite(cost_new) and np.isfinite(J_new).all() and cost_new < cost:
-            ratio = (cost - cost_new) / max(predicted, 1e-300)
-            stuck = stuck + 1 if cost - cost_new < 1e-12 * cost else 0
-            x, r, J, cost = new, r_new, J_new, cost_new
-            # Not below the floor: what a task leaves free would be moved by rounding divided by mu.
-            mu, grow = max(mu * max(1 / 30, 1 - (2 * ratio - 1) ** 3), _MU_FLOOR * size), 2.0
-        else:
-            mu, grow = mu * grow, grow * 2
-            stuck += np.linalg.norm(step) < 1e-14
-        if stuck >= 3 or mu > 1e12:
-            break
-    return Descent(*problem.result(x), residual=problem.task_residual(x), iterations=tried)
-
-
-class _Problem:
-    """Residual and Jacobian of a task by the unknown; `length_scale` makes both dimensionless."""
-
-    def __init__(self, kin: Kinematics, task: Task, bounds: Array | None, length_scale: float | None) -> None:
-        self.kin, self.task, self.bounds = kin, task, bounds
-        self.scale = kin.characteristic_length if length_scale is None else float(length_scale)
-        if not self.scale > 0:
-            raise KinematicsError(f"length_scale {length_scale} m must be positive.")
-        self.joint_scale = np.where(kin.revolute, 1.0, 1 / self.scale)
-
-    def rows(self, T: Array, q: Array, by_twist: Array, by_joints: Array) -> tuple[Array, Array]:
-        """Return the weighted rows of the task and their Jacobian, from those of pose and joints by x."""
-        rs, Js = [np.zeros(0)], [np.zeros((0, by_twist.shape[1]))]
-        for term in self.task.terms:
-            if term.kind == "joints":
-                if len(term.numbers) != len(q):
-                    raise KinematicsError(f"task Joints: {len(term.numbers)} values for {len(q)} joints.")
-                r, J, w = q - term.numbers, by_joints, self.joint_scale * term.weight
-            else:
-                r, by_pose, lengths = evaluate(term, T)
-                J, w = by_pose @ by_twist, np.where(lengths, 1 / self.scale, 1.0) * term.weight
-            rs.append(w * r)
-            Js.append(w[:, None] * J)
-        return np.concatenate(rs), np.vstack(Js)
-
-    def task_residual(self, x: Array) -> float:
-        """Return the norm of the task's rows at x, without those that keep the limits."""
-        raise NotImplementedError
-
-
-class _PoseProblem(_Problem):
-    """Unknown: the pose; steps are twists with the linear part divided by the length scale."""
-
-    def begin(self, start: Array) -> Array:
-        return start
-
-    def at(self, T: Array) -> tuple[Array, Array]:
-        q = self.kin.program.inverse.one(T.ravel())[:-1]
-        if not np.isfinite(q).all():
-            return np.array([np.inf]), np.zeros((1, 6))
-        by_twist = np.diag([self.scale] * 3 + [1.0] * 3)
-        by_joints = self.kin.program.inverse_jacobian.one(T.ravel()) @ by_twist
-        r, J = self.rows(T, q, by_twist, by_joints)
-        if self.bounds is not None:
-            over = np.minimum(q - self.bounds[:, 0], 0) + np.maximum(q - self.bounds[:, 1], 0)
-            bad = over != 0
-            r = np.concatenate([r, (self.joint_scale * over)[bad]])
-            J = np.vstack([J, (self.joint_scale[:, None] * by_joints)[bad]])
-        return r, J
-
-    def free(self, T: Array, gradient: Array) -> np.ndarray:
-        return np.ones(6, bool)
-
-    def move(self, T: Array, step: Array) -> Array:
-        return spatial.pose(spatial.exp_so3(step[3:]) @ T[:3, :3], T[:3, 3] + self.scale * step[:3])
-
-    def result(self, T: Array) -> tuple[Array, Array]:
-        return T, self.kin.program.inverse.one(T.ravel())[:-1]
-
-    def task_residual(self, T: Array) -> float:
-        bounds, self.bounds = self.bounds, None
-        r, _ = self.at(T)
-        self.bounds = bounds
-        return float(np.linalg.norm(r))
-
-
-class _JointProblem(_Problem):
-    """Unknown: q, in rad and in lengths divided by the length scale."""
-
-    def begin(self, start: Array) -> Array:
-        return start if self.bounds is None else np.clip(start, self.bounds[:, 0], self.bounds[:, 1])
-
-    def at(self, q: Array) -> tuple[Array, Array]:
-        T = self.kin.program.forward.one(q)
-        by_joints = np.diag(1 / self.joint_scale)
-        if not np.isfinite(T).all():
-            return np.array([np.inf]), np.zeros((1, len(q)))
-        return self.rows(T, q, self.kin.program.forward_jacobian.one(q) @ by_joints, by_joints)
-
-    def free(self, q: Array, gradient: Array) -> np.ndarray:
-        """Return which joints may move: not those at a limit that the descent would push through."""
-        if self.bounds is None:
-            return np.ones(len(q), bool)
-        low, high = self.bounds.T
-        return ~(((q <= low) & (gradient > 0)) | ((q >= high) & (gradient < 0)))
-
-    def move(self, q: Array, step: Array) -> Array:
-        q = q + step / self.joint_scale
-        return q if self.bounds is None else np.clip(q, self.bounds[:, 0], self.bounds[:, 1])
-
-    def result(self, q: Array) -> tuple[Array, Array]:
-        return self.kin.program.forward.one(q), q
-
-    def task_residual(self, q: Array) -> float:
-        return float(np.linalg.norm(self.at(q)[0]))
+    """Return where one descent from a state ends (converged or not); the start must be within reach."""
+    scale = kin.characteristic_length if length_scale is None else float(length_scale)
+    if not scale > 0:
+        raise KinematicsError(f"length_scale {length_scale} m must be positive.")
+    joint_scale = np.where(kin.revolute, 1.0, 1 / scale)
+    kinds = tuple((t.kind, t.rows) for t in task.terms)
+    for term in task.terms:
+        if term.kind == "joints" and len(term.numbers) != len(kin.joints):
+            raise KinematicsError(f"task Joints: {len(term.numbers)} values for {len(kin.joints)} joints.")
+    if kinds not in kin.program.iterations:
+        kin.program.iterations[kinds] = Iteration(kin.program, kinds)
+    weights = (
+        t.weight * (joint_scale if t.kind == "joints" else np.where(is_length(t), 1 / scale, 1.0)) for t in task.terms
+    )
+    low, high = (_bounds(kin, None) if bounds is None else bounds).T
+    columns = 1 / joint_scale if kin.closed_forward else np.repeat([scale, 1.0], 3)
+    inputs = np.concatenate([*(t.numbers for t in task.terms), *weights, columns, joint_scale, low, high])
+    begin = np.minimum(np.maximum(start, low), high) if kin.closed_forward else start.ravel()
+    end, residual, tried = kin.program.iterations[kinds].run(begin, inputs, 0.01 * tolerance)
+    if kin.closed_forward:
+        return Descent(kin.program.forward.one(end), end, residual, tried)
+    return Descent(end.reshape(4, 4), kin.program.inverse.one(end)[:-1], residual, tried)
 
 
 def _from_formula(kin: Kinematics, seed: Array) -> Array:

@@ -28,6 +28,9 @@ from twin.units import MM
 SWIVELS = 72
 """How many swivels a scan looks at: every 5 deg."""
 
+_NEAREST = tuple(sorted((k * np.pi / 8 for k in range(-7, 9)), key=abs))
+"""Turns away from the swivel that is asked for, the nearest first."""
+
 
 @dataclass(frozen=True)
 class TrocarPose:
@@ -133,15 +136,19 @@ class SrsArm:
     def solve(self, tip: ArrayLike, trocar: ArrayLike, swivel: float = 0.0) -> TrocarPose:
         """Return a posture with the tip at `tip` (3,) and the shaft through `trocar` (3,), within the limits.
 
-        The given swivel if it keeps them, else that of a scan with the best margin.
+        The given swivel if it keeps them, else the nearest to it that does of sixteen around the turn, else that of
+        a finer scan with the best margin.
 
         Raises:
             KinematicsError: tip and trocar coincide, the trocar is beyond the wrist, the wrist is out of reach, or
                 no swivel keeps the limits; with what would do.
         """
-        out = self._postures.one(np.array([*tip, *trocar, swivel], float))  # type: ignore[misc]
-        if out[6] > 0:  # not where anything is undefined
-            return TrocarPose(out[:6], swivel, float(out[6]), out[7:10], out[10:13])
+        z = np.array([*tip, *trocar, swivel], float)  # type: ignore[misc]
+        for turn in _NEAREST:
+            z[6] = swivel + turn
+            out = self._postures.one(z)
+            if out[6] > 0:  # not where anything is undefined
+                return TrocarPose(out[:6], float(z[6]), float(out[6]), out[7:10], out[10:13])
         return self.best(tip, trocar)
 
     def best(self, tip: ArrayLike, trocar: ArrayLike) -> TrocarPose:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -17,7 +16,6 @@ from numpy.typing import ArrayLike
 from twin import spatial
 from twin.errors import KinematicsError
 from twin.kinematics import symbolic
-from twin.kinematics.flow import Evaluator
 from twin.spatial import Array
 
 
@@ -113,15 +111,20 @@ def Joints(q: ArrayLike) -> Task:  # noqa: N802
     return _task("joints", q, tuple(range(len(q))))
 
 
-def evaluate(term: Term, T: Array) -> tuple[Array, Array, Array]:
-    """Return residual (m,), its Jacobian (m, 6) by the twist, and which rows are lengths, unweighted.
+def is_length(term: Term) -> np.ndarray:
+    """Return which rows of a term are lengths; not for "joints", whose rows have their joints' kinds."""
+    return np.array(_KINDS[term.kind][2])[list(term.rows)]
 
-    Not for "joints", which no pose function gives.
-    """
-    evaluator, lengths = _compiled(term.kind)
-    out = evaluator.one(np.concatenate([T.ravel(), term.numbers]))
-    rows = list(term.rows)
-    return out[rows, 0], out[rows, 1:], lengths[rows]
+
+def count(kind: str, joints: int) -> int:
+    """Return how many numbers a term of a kind holds, for a robot of so many joints."""
+    return joints if kind == "joints" else _KINDS[kind][1]
+
+
+def residual(kind: str, rows: tuple[int, ...], T: ca.SX, q: ca.SX, numbers: ca.SX) -> ca.SX:
+    """Return the unweighted residual of a term as an expression of pose (4, 4), joints (n,) and its numbers."""
+    r = q - numbers if kind == "joints" else _KINDS[kind][0](T, numbers)
+    return r[list(rows)]
 
 
 def _pose(T: ca.SX, n: ca.SX) -> ca.SX:
@@ -150,16 +153,6 @@ _KINDS: dict[str, tuple[Callable[[ca.SX, ca.SX], ca.SX], int, tuple[bool, ...]]]
     "trocar_depth": (_trocar_depth, 10, (True, True, True)),
 }
 """Kind -> residual of pose and numbers, how many numbers, which rows are lengths."""
-
-
-@cache
-def _compiled(kind: str) -> tuple[Evaluator, np.ndarray]:
-    function, count, lengths = _KINDS[kind]
-    z, xi = ca.SX.sym("z", 16 + count), ca.SX.sym("xi", 6)
-    T = symbolic.retract(symbolic.unflat(z[:16], 4, 4), xi)
-    r = function(T, z[16:])
-    out = ca.substitute(ca.horzcat(r, ca.jacobian(r, xi)), xi, ca.SX.zeros(6))
-    return Evaluator(kind, z, out, (r.numel(), 7)), np.array(lengths)
 
 
 def _task(kind: str, numbers: Array, rows: tuple[int, ...]) -> Task:

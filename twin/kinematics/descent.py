@@ -1,0 +1,123 @@
+"""One compiled iteration of Levenberg-Marquardt for a robot and a kind of task, and its repetition.
+
+Nielsen's damping: the step minimises |J dx + r|^2 + mu |dx|^2; mu falls when the model predicts the
+decrease well and doubles faster and faster when it does not. Residual, Jacobian, the step and the damping
+are one CasADi function, because numpy around it would cost five times as much as all of it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+from twin.kinematics import symbolic, tasks
+from twin.kinematics.flow import Evaluator
+from twin.spatial import Array
+
+if TYPE_CHECKING:
+    from twin.kinematics.program import Program
+
+MAX_ITERATIONS = 120
+
+_MU_FLOOR = 1e-11
+"""Smallest damping, by the largest squared column of the first Jacobian."""
+
+Kinds = tuple[tuple[str, tuple[int, ...]], ...]
+"""Kind and rows of each term of a task."""
+
+
+class Iteration:
+    """Steps of a task of these kinds for a robot; the state is q (n) or, without a forward equation, T (16).
+
+    Joint unknowns are held within their limits by projection; pose unknowns by a residual that grows with
+    the breach, which is zero at any solution within the limits.
+    """
+
+    def __init__(self, program: Program, kinds: Kinds) -> None:
+        n, joints = len(program.order), program.forward_flow
+        self.state, self.d = (n, n) if joints else (16, 6)
+        counts = [tasks.count(kind, n) for kind, _ in kinds]
+        self.rows = sum(n if kind == "joints" else len(rows) for kind, rows in kinds)
+        d, sizes = self.d, [self.state, 1, 1, 1, 1, 1, 1, self.d, self.d**2]
+        self.memory = sum(sizes)
+        inputs = [sum(counts), self.rows, d, n, n, n]
+        z = ca.SX.sym("z", self.memory + sum(inputs))
+        x, cost, _, mu, grow, stuck, size, g, H, numbers, w, column, joint_scale, low, high = ca.vertsplit(
+            z, [0, *np.cumsum([*sizes, *inputs])]
+        )
+        H = ca.reshape(H, d, d)
+        held = (((x <= low) * (g > 0)) + ((x >= high) * (g < 0))) if joints else ca.SX.zeros(d)
+        free = 1 - held
+        step = -_solve(H * (free @ free.T) + ca.diag(mu * free + held), g * free)
+        if joints:
+            new = ca.fmin(ca.fmax(x + step * column, low), high)
+        else:
+            new = symbolic.flat(symbolic.retract(symbolic.unflat(x, 4, 4), step * column))
+        # Residual and Jacobian at the new state, from symbols so that the step is not differentiated.
+        at, by = ca.SX.sym("at", self.state), ca.SX.sym("by", d)
+        T, q = program.around(at, by * column)
+        terms = ca.vertsplit(numbers, [0, *np.cumsum(counts)])
+        r = w * ca.vertcat(*(tasks.residual(*k, T, q, v) for k, v in zip(kinds, terms, strict=True)))
+        miss = ca.sumsqr(r)
+        if not joints:
+            over = ca.fmin(q - low, 0) + ca.fmax(q - high, 0)
+            r = ca.vertcat(r, joint_scale * over)
+        function = ca.Function("rows", [at, by, z[self.memory :]], [r, ca.jacobian(r, by), miss, ca.sumsqr(q)])
+        r, J, miss, length = function(new, ca.SX.zeros(d), z[self.memory :])
+        cost_new = ca.sumsqr(r)
+        predicted = ca.dot(step, mu * step - g * free)
+        ratio = (cost - cost_new) / ca.fmax(predicted, 1e-300)
+        first = size == 0
+        better = (cost_new < cost) * (ca.sumsqr(J) + length < np.inf)  # false where one of them is no number
+        size_new = ca.if_else(first, ca.fmax(ca.mmax(ca.sum1(J * J)), 1e-12), size)
+        # Not below the floor: what a task leaves free would be moved by rounding divided by mu.
+        shrunk = ca.fmax(mu * ca.fmax(1 / 30, 1 - (2 * ratio - 1) ** 3), _MU_FLOOR * size)
+        accepted = [
+            new,
+            cost_new,
+            miss,
+            ca.if_else(first, 1e-3 * size_new, shrunk),
+            2,
+            ca.if_else(first, 0, ca.if_else(cost - cost_new < 1e-12 * cost, stuck + 1, 0)),
+            size_new,
+            J.T @ r,
+            ca.vec(J.T @ J),
+        ]
+        tiny = ca.sumsqr(step) < 1e-28
+        rejected = [*ca.vertsplit(z[: self.state + 2], [0, self.state, self.state + 1, self.state + 2])]
+        rejected += [mu * grow, 2 * grow, stuck + tiny, size, g, ca.vec(H)]
+        after = ca.if_else(better, ca.vertcat(*accepted), ca.vertcat(*rejected))
+        self._evaluator = Evaluator("iteration", z, ca.cse(ca.vertcat(after, ca.sum1(free))))
+
+    def run(self, start: Array, inputs: Array, goal: float) -> tuple[Array, float, int]:
+        """Descend until the cost is at most goal**2; return state, norm of the task's rows, steps tried.
+
+        Args:
+            start: state.
+            inputs: numbers of the terms, weights of the rows, size of a unit of each unknown, and for the
+                joints: scale, lower and upper limit.
+            goal: norm of the residual at which to stop.
+
+        """
+        k, z = self.state, np.zeros(self.memory + len(inputs))
+        z[:k], z[self.memory :] = start, inputs
+        z[k], z[k + 2] = np.inf, 1.0  # no cost yet, and a system that gives no step: the first call only evaluates
+        out = self._evaluator.one(z)
+        if not np.isfinite(out[k]):
+            return start, np.inf, 0
+        tried = 0
+        while tried < MAX_ITERATIONS and out[k] > goal**2 and out[-1]:
+            z[: self.memory] = out[:-1]
+            out = self._evaluator.one(z)
+            tried += 1
+            if out[k + 4] >= 3 or out[k + 2] > 1e12:
+                break
+        return out[:k], float(np.sqrt(out[k + 1])), tried
+
+
+def _solve(A: ca.SX, b: ca.SX) -> ca.SX:
+    """Return A^-1 b of a positive definite matrix, without branches."""
+    D, LT, permutation = ca.ldl(A, False)
+    return ca.ldl_solve(b, D, LT, permutation)
