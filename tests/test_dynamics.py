@@ -15,7 +15,7 @@ import pytest
 
 from twin import spatial
 from twin.dynamics import inertia, model
-from twin.dynamics.model import Dynamics, placements, poses, tool_in_last
+from twin.dynamics.model import Dynamics, links_of, placements, poses, tool_in_last
 from twin.dynamics.plant import MujocoPlant
 from twin.dynamics.track import ENCODER, EXACT_LIMIT, TIP_LIMIT, Conditions, Motion, curve, model_of, run, torque_table
 from twin.errors import DescriptionError, MechanismError, TwinError
@@ -288,6 +288,31 @@ def test_a_mechanism_with_other_frames_on_the_same_axes_has_the_same_dynamics(ta
         assert tool == pytest.approx(poses(arm.placements, q[None], T_FLANGE_TIP), abs=1e-12)
 
 
+def test_links_weighed_in_the_cad_are_found_in_their_joint_frames_with_what_is_fixed_to_them(table, arm):
+    m = hand_made(table)
+    frames = joint_frames(m)
+    bare = inertia.arm(table, placements(m), instrument=False).links
+    weights = {j.child: link for j, link in zip(m.active, bare, strict=True)}
+    bodies = []
+    for body in m.bodies:
+        if body.name in weights:
+            body = replace(body, inertia=inertia.moved(weights[body.name], frames[body.name]))
+        elif body.name == "instrument":  # its frame is that of the last link in the file
+            body = replace(body, inertia=inertia._inertia(table.instrument))
+        bodies.append(body)
+    weighed = replace(m, bodies=tuple(bodies))
+    got = dynamics(replace(arm, placements=placements(m), links=links_of(weighed)))
+    for q, qd, torque in random_states(10):
+        assert got.forward(q, qd, torque) == pytest.approx(dynamics(arm).forward(q, qd, torque), rel=1e-9)
+    with pytest.raises(MechanismError, match="nothing that has a mass is moved by q1"):
+        links_of(m)
+
+
+def joint_frames(m):
+    """Return T_body_joint of the joint that moves each body."""
+    return {j.child: j.T_child_joint for j in m.active}
+
+
 def test_axes_that_are_not_those_of_the_file_are_refused(table):
     with pytest.raises(MechanismError, match=r"joint q5: the axis of the mechanism .* deg off"):
         inertia.arm(table, placements(hand_made(table, bend=0.01)))
@@ -441,7 +466,15 @@ def command(table, kin, monkeypatch):
     )
     monkeypatch.setattr(api, "load", lambda name: robot)
     monkeypatch.setattr(api, "plan", lambda *_: plan)
-    common = {"robot": "pa10", "protocol": None, "json": False, "quiet": True, "mismatch": 5.0, "plant": "mujoco"}
+    common = {
+        "robot": "pa10",
+        "protocol": None,
+        "json": False,
+        "quiet": True,
+        "mismatch": 5.0,
+        "plant": "mujoco",
+        "inertia": "cited",
+    }
     return lambda **args: track(Namespace(**{**common, "curve": False, "out": None, **args}))
 
 
@@ -451,6 +484,7 @@ def test_command_prints_and_writes(command, tmp_path, capsys):
     assert all(text in said for text in ("exact model", "links -5 %", "seed 1", "limit N m", "w = 80 rad/s", "ASSUMED"))
     data = json.loads((tmp_path / "track.json").read_text(encoding="utf-8"))
     assert data["verdict"] == "agree"
+    assert "inertia.toml" in data["inertia"]
     assert len(data["runs"]) == 5
     assert [r["joint"] for r in data["torques"]] == [f"q{i}" for i in range(1, 8)]
     rows = np.genfromtxt(tmp_path / "track.csv", delimiter=",", names=True)

@@ -16,6 +16,7 @@ from twin.errors import DescriptionError
 from twin.mechanism import Body, Frame, Joint, Mechanism, Mesh
 from twin.reference.clearance import between
 from twin.scene.load import load_scene
+from twin.scene.play import too_near
 
 ROOT = Path(__file__).parents[1]
 VSRS = ROOT / "cad/vsrs/scene.toml"
@@ -111,4 +112,16 @@ def test_a_base_beside_its_place_and_robots_that_meet_are_found(tmp_path, capsys
     found = {f["code"]: f for f in json.loads(capsys.readouterr().out)["findings"]}
     assert found["scene.port"]["size"] == pytest.approx(np.hypot(60, 150), abs=0.1)
     assert "move its base by (60.00, -150.00" in found["scene.port"]["suggestion"]
-    assert {"scene.collision", "scene.near"} & set(found)
+    assert {"scene.start", "scene.collision", "scene.near"} & set(found)
+
+
+def test_a_start_in_collision_names_the_nearest_free_one():
+    x = np.array([0.05, 0.09, 0.12, 0.2])
+    still, moving = np.tile(np.eye(4), (4, 1, 1)), np.array([spatial.pose(p=[v, 0, 0]) for v in x])
+    poses = {"a": {"base": still, "top": still}, "b": {"base": moving, "top": moving}}
+    found = between({"a": cube("a"), "b": cube("b")}, poses)["a", "b"]
+    t = np.arange(4.0)
+    finding = too_near(found, int(np.argmin(found.distance)), t, 0.005)
+    assert (finding.code, finding.where, finding.when) == ("scene.start", "a/base, b/base", "t = 0.0 s")
+    assert "keeps 5 mm is where the protocols are at t = 2.0 s" in finding.suggestion
+    assert "nowhere along the protocols are they 150 mm apart" in too_near(found, 0, t, 0.15).suggestion

@@ -235,7 +235,8 @@ def _parser() -> argparse.ArgumentParser:
     sub = add(
         "track",
         "control the arm along a protocol by computed torque; what a wrong model costs at the tip",
-        "  twin track pa10\n  twin track pa10 circle --mismatch 10 --curve\n  twin track pa10 --plant pinocchio --json",
+        "  twin track pa10\n  twin track pa10 circle --mismatch 10 --curve\n"
+        "  twin track pa10 --inertia cad --plant pinocchio --json",
     )
     robot(sub)
     sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
@@ -249,6 +250,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     sub.add_argument(
         "--plant", choices=("mujoco", "pinocchio"), default="mujoco", help="what moves the arm (default mujoco)"
+    )
+    sub.add_argument(
+        "--inertia",
+        choices=("cited", "cad"),
+        default="cited",
+        help="masses and tensors of the arm: the cited ones of inertia.toml (default), or weighed on the drawing",
     )
     sub.add_argument("--curve", action="store_true", help="also over errors of -20..20 %%")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,9 +26,15 @@ _SEEDS = (0, 1)
 _CURVE = tuple(np.arange(-20, 21, 5) / 100)
 """Inertia errors of the curve."""
 
+_INERTIA = {
+    "cited": "masses, mass centres and tensors as inertia.toml cites them",
+    "cad": "masses, mass centres and tensors as drawn, by the densities of the CAD (ASSUMED where it says so)",
+}
+
 
 def track(args: argparse.Namespace) -> int:
     """Control the arm along a protocol, print errors and torques, write JSON, CSV and a picture; exit 1 above 1 mm."""
+    from twin.cad.build import read_mechanism
     from twin.dynamics import inertia, model
     from twin.dynamics.track import ENCODER, Conditions, curve, run, torque_table
     from twin.report.style import png
@@ -53,6 +60,9 @@ def track(args: argparse.Namespace) -> int:
         mechanism = robot.mechanism
         trajectory = api.plan(robot, protocol, progress)
         arm = inertia.arm(table, model.placements(mechanism))
+        if args.inertia == "cad":
+            progress("weigh CAD", 0.0)
+            arm = replace(arm, links=model.links_of(read_mechanism(robot.files.description).mechanism))
         if arm.joints != trajectory.joint_names:
             raise TwinError(
                 f"{robot.name}: inertia.toml has links of {', '.join(arm.joints)}, "
@@ -75,6 +85,8 @@ def track(args: argparse.Namespace) -> int:
         "verdict": verdict(findings),
         "robot": robot.name,
         "protocol": protocol.name,
+        "inertia": _INERTIA[args.inertia],
+        "masses_kg": {j: round(b.mass, 6) for j, b in zip(arm.joints, arm.links, strict=True)},
         "duration_s": trajectory.duration,
         "assumed": "rate, gains, mismatch, encoders and instrument: the paper prints none",
         "runs": {n: r.as_dict() for n, r in runs.items()},
@@ -97,6 +109,7 @@ def track(args: argparse.Namespace) -> int:
         f"  Kp = w², Kv = 2 w, w = {exact.w:g} rad/s, {exact.rate:g} Hz, torque held for a tick; with a wrong model:\n"
         f"  links {args.mismatch:g} % off, friction {100 * exact.friction_error:g} % off, joints in steps of "
         f"{ENCODER * 1e6:.2f} µrad. All ASSUMED: the paper prints none.\n"
+        f"  Inertias: {_INERTIA[args.inertia]}; {sum(b.mass for b in arm.links):.2f} kg move.\n"
     )
     lines = [(n, f"{r.tip_max / UM:.2f}", f"{r.tip_rms / UM:.2f}", _um(r.rcm_max)) for n, r in runs.items()]
     print(show.table(lines, ("model", "tip, largest µm", "tip, RMS µm", "shaft from RCM µm")), "\n")

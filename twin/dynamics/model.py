@@ -15,7 +15,7 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed bes
 from numpy.typing import ArrayLike
 
 from twin import spatial
-from twin.dynamics.inertia import scaled
+from twin.dynamics.inertia import joined, moved, scaled
 from twin.errors import MechanismError
 from twin.mechanism import Inertia, Joint, Mechanism
 from twin.spatial import Array
@@ -188,6 +188,35 @@ def tool_in_last(mechanism: Mechanism, frame: str | None = None) -> Array:
     if chosen.body not in reached:
         raise MechanismError(f"frame '{chosen.name}' is on body '{chosen.body}', which is not fixed to the last link")
     return reached[chosen.body] @ chosen.T_body_frame
+
+
+def links_of(mechanism: Mechanism) -> tuple[Inertia, ...]:
+    """Return the links as the CAD weighs them, each in its joint frame with all that is fixed to it.
+
+    Raises:
+        MechanismError: no serial chain of revolute joints, or a body of it was not weighed.
+    """
+    owner: dict[str, tuple[int, Array]] = {}  # body -> index of its link, T_joint_body
+    for i, joint in enumerate(j for j in _row(mechanism) if j.type != "fixed"):
+        owner[joint.child] = i, spatial.inverse(joint.T_child_joint)
+    moving = set(owner)
+    for joint in mechanism.tree:
+        if joint.type == "fixed" and joint.parent in owner and joint.child not in moving:
+            i, T = owner[joint.parent]
+            owner[joint.child] = i, T @ joint.T_parent_joint @ spatial.inverse(joint.T_child_joint)
+    links: dict[int, Inertia] = {}
+    for body, (i, T) in owner.items():
+        weighed = mechanism.body(body).inertia
+        if weighed is None:
+            if mechanism.body(body).meshes:
+                raise MechanismError(f"{mechanism.name}: body '{body}' has no mass: give its material a density")
+            continue
+        part = moved(weighed, T)
+        links[i] = joined(links[i], part) if i in links else part
+    missing = [j.name for i, j in enumerate(mechanism.active) if i not in links]
+    if missing:
+        raise MechanismError(f"{mechanism.name}: nothing that has a mass is moved by {', '.join(missing)}")
+    return tuple(links[i] for i in range(len(links)))
 
 
 def _row(mechanism: Mechanism) -> list[Joint]:

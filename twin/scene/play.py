@@ -83,25 +83,40 @@ def play(
     by_pair = between(mechanisms, poses, scene.touching)
     for found in by_pair.values():
         k = int(np.argmin(found.distance))
-        least = float(found.distance[k])
-        if least >= scene.clearance:
-            continue
-        a, b = found.pair[k]
-        what = "run through each other" if least <= 0 else f"come within {least / MM:.1f} mm"
-        findings.append(
-            Finding(
-                "scene.collision" if least <= 0 else "scene.near",
-                "disagreement",
-                f"{a} and {b} {what}; {scene.clearance / MM:g} mm must be kept",
-                where=f"{a}, {b}",
-                when=f"t = {t[k]:.1f} s",
-                size=least / MM,
-                unit="mm",
-                limit=scene.clearance / MM,
-                suggestion="move a base in scene.toml, or change a protocol",
-            )
-        )
+        if found.distance[k] < scene.clearance:
+            findings.append(too_near(found, k, t, scene.clearance))
     return Played(t, by_pair, tuple(findings))
+
+
+def too_near(found: Clearance, k: int, t: Array, clearance: float) -> Finding:
+    """Say where a pair comes nearest; of one that starts in collision, from when on it is free."""
+    a, b = found.pair[k]
+    least, start = float(found.distance[k]), float(found.distance[0])
+    what, code = f"come within {least / MM:.1f} mm", "scene.near"
+    way_out = "move a base in scene.toml, or change a protocol"
+    if least <= 0:
+        what, code = "run through each other", "scene.collision"
+    if start <= 0:
+        a, b = found.pair[0]
+        k, least, what, code = 0, start, "stand in each other at the start", "scene.start"
+        free = np.flatnonzero(found.distance >= clearance)
+        way_out = f"nowhere along the protocols are they {clearance / MM:g} mm apart: move a base in scene.toml"
+        if len(free):
+            way_out = (
+                f"the nearest start that keeps {clearance / MM:g} mm is where the protocols are at t = "
+                f"{t[free[0]]:.1f} s: begin there, or move a base in scene.toml"
+            )
+    return Finding(
+        code,
+        "disagreement",
+        f"{a} and {b} {what}; {clearance / MM:g} mm must be kept",
+        where=f"{a}, {b}",
+        when=f"t = {t[k]:.1f} s",
+        size=least / MM,
+        unit="mm",
+        limit=clearance / MM,
+        suggestion=way_out,
+    )
 
 
 def _port(a: Actor) -> list[Finding]:
