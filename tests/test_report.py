@@ -83,8 +83,8 @@ def test_page_is_whole_and_loads_nothing(written):
     assert "script" not in page.tags
     assert "http" not in text
     assert len(page.ids) == len(set(page.ids)), "the ids of one figure must not be those of another"
-    assert page.tags.count("svg") == 7
-    assert text.count('role="img"') == 7
+    assert page.tags.count("svg") == 8
+    assert text.count('role="img"') == 8
 
 
 def test_page_says_everything(disagree, written):
@@ -187,7 +187,9 @@ def test_pictures_exist_and_show_something(written):
     from PIL import Image
 
     names = {k[6:] for k in written[1] if k.startswith("plots/")}
-    assert names == {"residual_matrix", "active_joints", "tool_motion", "residuals", "rcm", "margins", "clearance"}
+    assert names == {
+        "residual_matrix", "active_joints", "tool_motion", "residuals", "rcm", "fulcrum", "margins", "clearance",
+    }  # fmt: skip
     for name in names:
         with Image.open(written[0] / "plots" / f"{name}.png") as image:
             assert image.width >= 900

@@ -60,6 +60,7 @@ def make_report(kind: str = "agree", rate: int = 1000) -> Report:
         "residual_tool": noise(n, 9e-14) + wrong * 0.71e-3 * bump,
         "residual_rotation": noise(n, 4e-13) + wrong * 0.4 * DEG * bump,
         "rcm_error": np.where(inside, noise(n, 6e-14), np.nan),
+        "fulcrum": np.where(inside[:, None], np.c_[np.sin(t), -1.2 * np.sin(t)] * 20 * MM, np.nan),
         "limit_margin": 35e-3 + 18e-3 * np.cos(t / 2.1),
         "clearance_t": t[::10],
         "clearance": (9.5 + 4 * np.cos(t[::10] * 0.8 + 1)) * MM,

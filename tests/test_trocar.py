@@ -195,3 +195,23 @@ def test_the_usual_residual_accepts_the_wrong_side_and_ours_does_not(kin, at_pos
     assert np.linalg.norm(cross) < 1e-9
     (_, term) = trocar_task(tip, trocar).terms
     assert np.linalg.norm(at_pose(term, wrong)[0]) == pytest.approx(0.2, rel=1e-6)
+
+
+def test_the_shaft_outside_is_on_the_other_side_of_the_tip():
+    from types import SimpleNamespace
+
+    from twin.validation.fulcrum import OUTSIDE, fulcrum
+
+    tilt = np.linspace(-0.3, 0.3, 7)
+    R = np.array([spatial.exp_so3([0.0, a, 0.0]) for a in tilt])
+    port, depth = np.array([0.1, 0.2, 0.3]), 0.08
+    Ts = spatial.pose(R, port + depth * R[:, :, 2])
+    phase = SimpleNamespace(rcm=port, start=1, stop=6)
+    t = np.arange(7.0)
+    plan = SimpleNamespace(
+        t=t, phases=[phase], depth=np.full(7, depth), Ts_base_frame=Ts, shaft_axis=np.array([0, 0, 2.0])
+    )
+    tip, outside = fulcrum(plan).T
+    assert np.isnan([tip[0], outside[0]]).all()
+    np.testing.assert_allclose(outside[1:], -OUTSIDE / depth * tip[1:], atol=1e-12)
+    np.testing.assert_allclose(tip[1:], depth * np.sin(tilt[1:] - tilt[1:].mean()), atol=1e-12)

@@ -33,6 +33,8 @@ CAPTIONS = {
     "residuals": "How far formula and mechanism are apart, on a logarithmic scale, with the tolerances.",
     "rcm": "Distance from the registered remote centre of motion (the trocar) to the shaft axis. "
     "Logarithmic; blank where no RCM is registered.",
+    "fulcrum": "The trocar as a fulcrum: with the tip to one side of it the shaft outside is to the other. Sideways "
+    "is the direction across the shaft in which the tip moves most.",
     "margins": "What is left before a joint limit, the end of the reach, or a singularity. A singularity "
     "measure vanishes on the singularity; 1 is its alarm.",
     "clearance": "Smallest distance between bodies that do not touch by design.",

@@ -30,6 +30,7 @@ from twin.report.style import (
 )
 from twin.spatial import Array
 from twin.units import DEG, MM
+from twin.validation.fulcrum import OUTSIDE
 from twin.validation.result import Quantity, Report
 
 if TYPE_CHECKING:
@@ -151,6 +152,22 @@ def rcm(report: Report) -> Figure | None:
     return figure
 
 
+def fulcrum(report: Report) -> Figure | None:
+    """Draw how far the tip, and the shaft outside the trocar, are to the side: they move against each other."""
+    found = curves.pair(report, "fulcrum")
+    if found is None or found[1].ndim != 2 or np.nanmax(found[1][:, 0]) - np.nanmin(found[1][:, 0]) < MM:
+        return None  # straight in and out: nothing moves sideways
+    t, y = found[0], found[1] / MM
+    figure, axes = panels(headline("Fulcrum", report), [2.0], 1)
+    ax = axes[0][0]
+    ax.axhline(0, color=INK, lw=0.6)
+    ax.plot(*curves.thin(t, y[:, 0]), color=PALETTE[0], label="tip")
+    ax.plot(*curves.thin(t, y[:, 1]), color=PALETTE[1], label=f"shaft, {OUTSIDE / MM:g} mm outside the trocar")
+    ax.set_ylabel("sideways [mm]")
+    legend_above(ax)
+    return _finish(figure, axes, report)
+
+
 def margins(report: Report) -> Figure | None:
     """Draw what is left: to the joint limits, to the end of the reach, and to singularities."""
     limit = curves.pair(report, "limit_margin")
@@ -202,6 +219,7 @@ PLOTS: dict[str, Callable[[Report], Figure | None]] = {
     "tool_motion": tool_motion,
     "residuals": residuals,
     "rcm": rcm,
+    "fulcrum": fulcrum,
     "margins": margins,
     "clearance": clearance,
 }

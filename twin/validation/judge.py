@@ -22,6 +22,7 @@ from twin.trajectory.model import Trajectory
 from twin.units import DEG, MM
 from twin.validation.beside import Beside
 from twin.validation.compare import Comparison, angles_zyx, compare
+from twin.validation.fulcrum import fulcrum
 from twin.validation.lengths import lengths
 from twin.validation.motion import Measured, Samples, baked_rows, clearance_facts, measure, samples
 from twin.validation.result import PhaseSummary, Report
@@ -147,6 +148,7 @@ def _curves(out: Comparison, trajectory: Trajectory) -> None:
         "a_tool": trajectory.tip_acceleration + np.cross(dw, lever) + np.cross(w, np.cross(w, lever)),
         "angles": np.unwrap(angles_zyx(trajectory.Ts_base_tool), axis=0),
         "rcm_error": trajectory.rcm_error,
+        "fulcrum": fulcrum(trajectory),
         "limit_margin": trajectory.limit_margin.min(axis=1),
     }
     out.series |= {f"singularity.{n}": v for n, v in trajectory.singularity.items()}
