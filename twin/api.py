@@ -85,23 +85,24 @@ class Robot:
             return read_stage(self._stage)
         return self.cad.mechanism
 
-    def kinematics(self, variants: Mapping[str, str] | str | None = None) -> Kinematics:
-        """Return the compiled equations, in the robot's variants unless others are asked for.
+    def kinematics(
+        self, variants: Mapping[str, str] | str | None = None, parameters: Mapping[str, float] | None = None
+    ) -> Kinematics:
+        """Return the compiled equations, with the robot's variants and parameters (SI) unless others are asked for.
 
         Raises:
-            KinematicsError: the robot has no equations, or no such variant.
+            KinematicsError: no equations, or no such variant or parameter.
         """
-        if variants is None:
+        if variants is None and parameters is None:
             return self._kinematics
         from twin.kinematics import compile_formula
 
-        return compile_formula(self._formula, variants, self._parameters)
+        chosen = self._variants if variants is None else variants
+        return compile_formula(self._formula, chosen, {**(self._parameters or {}), **(parameters or {})})
 
     @cached_property
     def _kinematics(self) -> Kinematics:
-        from twin.kinematics import compile_formula
-
-        return compile_formula(self._formula, self._variants, self._parameters)
+        return self.kinematics(parameters={})
 
     @cached_property
     def _formula(self) -> Any:

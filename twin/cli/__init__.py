@@ -31,7 +31,7 @@ examples:
 exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 """
 
-NAMES = ("list", "info", "build", "plan", "validate", "run", "operate", "track", "study", "doctor")
+NAMES = ("list", "info", "build", "plan", "validate", "run", "view", "operate", "track", "study", "doctor")
 """Every command."""
 
 
@@ -205,6 +205,21 @@ def _parser() -> argparse.ArgumentParser:
     robot(sub)
     out(sub, "./twin-out/<robot>/")
     chosen(sub)
+
+    sub = add(
+        "view",
+        "show a robot in the browser and take it in hand: play, drag, measure, redesign",
+        "  twin view sils\n  twin view sher phantom            plan and play that protocol\n"
+        "  twin view vsrs                    a scene of several robots\n"
+        "  twin view my_robot/ --port 8090 --no-browser\n  twin view usd/pa10/pa10.usda      a bare USD stage\n"
+        "  twin view sils --html sils.html   a recording that plays without Python",
+    )
+    sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
+    sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
+    sub.add_argument("--port", type=int, default=8080, help="where the page is served (default 8080; 0 takes any)")
+    sub.add_argument("--host", default="127.0.0.1", help="address to serve on (default 127.0.0.1: this machine alone)")
+    sub.add_argument("--no-browser", action="store_true", help="open no browser")
+    sub.add_argument("--html", metavar="FILE", help="write a recording of the protocol instead, and end")
 
     sub = add(
         "operate",

@@ -8,7 +8,8 @@ import math
 import platform
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -250,27 +251,6 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
-def operate(args: argparse.Namespace) -> int:
-    """Let a scripted hand work a protocol."""
-    from twin.cli.operate import operate as run_operate
-
-    return run_operate(args)
-
-
-def track(args: argparse.Namespace) -> int:
-    """Control an arm along a protocol by computed torque."""
-    from twin.cli.track import track as run_track
-
-    return run_track(args)
-
-
-def study(args: argparse.Namespace) -> int:
-    """Recompute a published user study."""
-    from twin.cli.study import study as run_study
-
-    return run_study(args)
-
-
 def doctor(args: argparse.Namespace) -> int:
     """Print what is installed and what that allows."""
     packages = (
@@ -386,6 +366,11 @@ def _finish(reports, args: argparse.Namespace) -> int:
     return code
 
 
+def _own_file(name: str) -> Callable[[argparse.Namespace], int]:
+    """Return the command that has a file of its own, imported when it is run."""
+    return lambda args: getattr(import_module(f"twin.cli.{name}"), name)(args)
+
+
 COMMANDS = {
     "list": list_robots,
     "info": info,
@@ -393,8 +378,9 @@ COMMANDS = {
     "plan": plan,
     "validate": validate,
     "run": run,
-    "operate": operate,
-    "track": track,
-    "study": study,
+    "view": _own_file("view"),
+    "operate": _own_file("operate"),
+    "track": _own_file("track"),
+    "study": _own_file("study"),
     "doctor": doctor,
 }

@@ -256,6 +256,16 @@ class Kinematics:
             return singularity.condition(self.jacobian(T, q), self.characteristic_length)
         return singularity.condition_inverse(self.inverse_jacobian(T, q), self.characteristic_length)
 
+    def condition_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
+        """Return the condition numbers (k,), as `condition`; infinite where singular or without a Jacobian."""
+        if self.closed_forward:
+            J = self.jacobian_many(Ts, qs)
+            J[:, 3:] *= self.characteristic_length
+        else:
+            J = self.inverse_jacobian_many(Ts, qs)
+            J[:, :, 3:] /= self.characteristic_length
+        return singularity.condition_many(J)
+
     def need_six_joints(self) -> None:
         """Raise `KinematicsError` if the pose cannot be solved for: fewer joints and no forward equation."""
         if not self.closed_forward and len(self.joints) != 6:

@@ -80,7 +80,8 @@ class Program:
         """Pose -> dq/dtwist (n, 6)."""
         xi = ca.SX.sym("xi", 6)
         J = ca.jacobian(self.joints_at(symbolic.retract(symbolic.unflat(self._z, 4, 4), xi)), xi)
-        return Evaluator("inverse_jacobian", self._z, ca.substitute(J, xi, ca.SX.zeros(6)), (len(self.order), 6))
+        J = ca.cse(ca.substitute(J, xi, ca.SX.zeros(6)))  # a third faster, and more: derivatives repeat themselves
+        return Evaluator("inverse_jacobian", self._z, J, (len(self.order), 6))
 
     @cached_property
     def forward(self) -> Evaluator:
@@ -98,7 +99,7 @@ class Program:
             W = ca.jtimes(R, q, ca.SX.eye(len(self.order))[:, i]) @ R.T
             columns.append(ca.vertcat(W[2, 1], W[0, 2], W[1, 0]))
         J = ca.vertcat(ca.jacobian(T[0:3, 3], q), ca.horzcat(*columns))
-        return Evaluator("forward_jacobian", q, J, (6, len(self.order)))
+        return Evaluator("forward_jacobian", q, ca.cse(J), (6, len(self.order)))
 
     @cached_property
     def pose_of_coordinates(self) -> Evaluator:

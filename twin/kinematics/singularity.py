@@ -6,6 +6,9 @@ import numpy as np
 
 from twin.spatial import Array
 
+_WELL = 1e-8
+"""Square of the inverse condition number down to which eigenvalues of J J^T keep eight digits of it."""
+
 
 def condition(J: Array, length: float) -> float:
     """Return the condition number of dtwist/dq (6, n), its rotation rows multiplied by a length in m."""
@@ -15,6 +18,25 @@ def condition(J: Array, length: float) -> float:
 def condition_inverse(J: Array, length: float) -> float:
     """Return the condition number of dq/dtwist (n, 6), its rotation columns divided by a length in m."""
     return float(np.linalg.cond(np.hstack([J[:, :3], J[:, 3:] / length])))
+
+
+def condition_many(Js: Array) -> Array:
+    """Return the condition numbers (k,) of Js (k, m, n); infinite where singular or not finite.
+
+    Eigenvalues of J J^T take half the time of a singular value decomposition but lose twice the digits: the few
+    matrices that have not enough are decomposed.
+    """
+    out = np.full(len(Js), np.inf)
+    good = np.flatnonzero(np.isfinite(Js).all(axis=(1, 2)))
+    J = Js[good]
+    Jt = np.swapaxes(J, 1, 2)
+    squares = np.linalg.eigvalsh(J @ Jt if Js.shape[1] <= Js.shape[2] else Jt @ J)
+    well = squares[:, 0] > _WELL * squares[:, -1]
+    out[good[well]] = np.sqrt(squares[well, -1] / squares[well, 0])
+    sigma = np.linalg.svd(J[~well], compute_uv=False)
+    np.divide(sigma[:, 0], sigma[:, -1], out=sigma[:, 0], where=sigma[:, -1] > 0)
+    out[good[~well]] = np.where(sigma[:, -1] > 0, sigma[:, 0], np.inf)
+    return out
 
 
 def invert_many(Js: Array) -> Array:

@@ -212,7 +212,7 @@ class ReferenceModel:
         """
         tree = self.tree
         A, J = self._jacobians(states)
-        gain, give = self._gains(states, A), self._give(A)
+        gain, give = self.gains(states, A), self._give(A)
         V = np.einsum("kij,kj->ki", gain, qd)
         h = 1e-4 / np.maximum(1.0, np.abs(V).max(axis=1, keepdims=True))
         A1, J1 = self._jacobians(tree.integrate(states, h * V))
@@ -365,7 +365,7 @@ class ReferenceModel:
         if targets.ndim == 3 or len(at) < 2:
             slopes = np.gradient(knots, at.astype(float), axis=0) if len(at) > 1 else np.zeros_like(knots)
             return self.tree.normalise(walk.interpolate(at, knots, slopes, len(targets)))
-        gain = self._gains(knots)
+        gain = self.gains(knots)
         rate = np.einsum("kij,kj->ki", gain, np.gradient(targets, axis=0)[at])
         tiny = 1e-3
         ahead, behind = self.tree.integrate(knots, tiny * rate), self.tree.integrate(knots, -tiny * rate)
@@ -375,7 +375,7 @@ class ReferenceModel:
         missed = targets - states[:, self._active_q]
         return self.tree.integrate(states, np.einsum("kij,kj->ki", gain[nearest], missed))
 
-    def _gains(self, states: Array, A: Array | None = None) -> Array:
+    def gains(self, states: Array, A: Array | None = None) -> Array:
         """Return the rates of the tree (k, nv, n) per rate of each active joint, least squares for the passive."""
         A = self._jacobians(states)[0] if A is None else A
         active = self.tree.active

@@ -103,6 +103,10 @@ class Tree:
         """Return the Pinocchio joint that carries a body, and the body's pose in that joint's frame."""
         return self._body[name]
 
+    def moves(self, number: int) -> Array:
+        """Return (nv,): 1 where a velocity moves a Pinocchio joint."""
+        return self._mask[number]
+
     def update(self, X: Array, *, closing_only: bool = False) -> tuple[Array, Array]:
         """Move the tree to configurations X (k, nq).
 

@@ -1,0 +1,328 @@
+"""The view-model without a browser: moving by tool, joint and point, instruments, clock, shapes, the command."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import twin
+from twin import spatial
+from twin.cli import main
+from twin.errors import KinematicsError, MechanismError, TwinError
+from twin.reference.follow import follow
+from twin.units import MM
+from twin.viewer import readout
+from twin.viewer.design import with_distance
+from twin.viewer.desk import Desk
+from twin.viewer.instruments import read
+from twin.viewer.shapes import CREASE, behind, creased, looks
+from twin.viewer.timeline import Clock
+
+ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def any_desk(request):
+    return Desk(twin.load(request.param))
+
+
+@pytest.fixture
+def sils():
+    return Desk(twin.load("sils"))
+
+
+def home(desk):
+    desk.go("home")
+    return desk
+
+
+# -- moving -------------------------------------------------------------------------------------------
+
+
+def test_the_tool_goes_where_it_is_dragged(any_desk, rng):
+    desk = home(any_desk)
+    six = len(desk.joints) >= 6 or desk.robot.name == "sher"  # SHER keeps its attitude with five
+    for _ in range(20):
+        T = desk.assembly.T_base_tool.copy()
+        T[:3, 3] += rng.normal(0, 0.4 * MM, 3)
+        moved = desk.move_tool(T)
+        assert moved.good, moved.reason
+        reached = desk.assembly.T_base_tool
+        assert np.linalg.norm(reached[:3, 3] - T[:3, 3]) < 1e-7
+        if six:
+            assert spatial.rotation_angle(reached[:3, :3].T @ T[:3, :3]) < 1e-7
+        assert desk.assembly.worst_gap < 1e-9
+
+
+def test_out_of_reach_keeps_the_last_good_pose_and_says_why(any_desk):
+    desk = home(any_desk)
+    before = desk.assembly
+    T = before.T_base_tool.copy()
+    T[:3, 3] += [3.0, 0, 0]
+    moved = desk.move_tool(T)
+    assert not moved.good
+    assert moved.reason
+    assert read(desk).reason == moved.reason
+    if desk.robot.name in ("sils", "pa10"):  # the others follow the hand as far as they can
+        assert desk.assembly is before
+    assert desk.assembly.worst_gap < 1e-9
+
+
+def test_a_joint_stops_at_its_limit_and_names_it(sils):
+    high = sils.bounds[1, 1]
+    moved = sils.move_joint(1, high + 0.02)
+    assert "q2 = " in moved.reason or "cannot be assembled" in moved.reason
+    assert sils.assembly.q[1] <= high
+    assert sils.move_joint(0, sils.assembly.q[0] + 2 * MM).good
+
+
+def test_a_limit_that_can_be_reached_is_reached():
+    desk = Desk(twin.load("pa10"))
+    moved = desk.move_joint(0, 99.0)
+    assert "q1 = 5672" in moved.reason
+    assert "limit of 177.000°" in moved.reason
+    assert desk.assembly.q[0] == pytest.approx(desk.bounds[0, 1])
+
+
+def test_any_point_of_a_link_can_be_led_and_the_loops_follow(any_desk):
+    desk = home(any_desk)
+    tool = desk.mechanism.frame(desk.mechanism.tool)
+    p = tool.T_body_frame[:3, 3]
+    target = (desk.assembly.link_poses[tool.body] @ np.append(p, 1.0))[:3] + np.array([2, 1, -1]) * MM
+    for _ in range(3):
+        desk.move_point(tool.body, p, target)
+    left = np.linalg.norm((desk.assembly.link_poses[tool.body] @ np.append(p, 1.0))[:3] - target)
+    assert left < 1e-8
+    assert desk.assembly.worst_gap < 1e-9
+
+
+def test_a_passive_link_leads_its_loop(sils):
+    body, p = "strut1", np.zeros(3)
+    before = sils.assembly.link_poses[body][:3, 3].copy()
+    vertices = next(m.vertices for m in sils.mechanism.body(body).meshes)
+    p = vertices[np.argmax(np.linalg.norm(vertices, axis=1))]
+    start = (sils.assembly.link_poses[body] @ np.append(p, 1.0))[:3]
+    for k in range(1, 6):
+        sils.move_point(body, p, start - np.array([0, 0, k * MM]))
+    end = (sils.assembly.link_poses[body] @ np.append(p, 1.0))[:3]
+    assert end[2] - start[2] == pytest.approx(-5 * MM, abs=0.5 * MM)
+    assert not np.allclose(before, sils.assembly.link_poses[body][:3, 3]) or not np.allclose(start, end)
+    assert sils.assembly.worst_gap < 1e-9
+
+
+def test_a_point_that_nothing_moves_stays(sils):
+    where = follow(sils.model, sils.assembly, sils.mechanism.base, np.array([0.1, 0, 0]), np.array([0.5, 0, 0]))
+    assert np.array_equal(where.q, sils.assembly.q)
+    moved = sils.move_point(sils.mechanism.base, np.zeros(3), np.array([0.5, 0.0, 0.0]))
+    assert "behind the hand" in moved.reason
+
+
+def test_postures_are_kept_and_found_again(sils):
+    sils.go("insertion")
+    q = sils.assembly.q.copy()
+    sils.keep("mine")
+    sils.go("home")
+    assert not np.allclose(sils.assembly.q, q)
+    assert sils.go("mine").good
+    np.testing.assert_allclose(sils.assembly.q, q, atol=1e-12)
+    assert "mine" in sils.postures
+    with pytest.raises(TwinError, match="Did you mean 'home'"):
+        sils.go("hom")
+
+
+# -- instruments --------------------------------------------------------------------------------------
+
+
+def test_equations_and_mechanism_agree_where_they_should(any_desk):
+    reading = read(home(any_desk))
+    assert reading.agrees
+    assert reading.residual[0] < 1e-8
+    assert len(reading.limits) == len(any_desk.joints)
+    assert all(part is None or 0 <= part <= 1 for part in (limit.part for limit in reading.limits))
+    assert "agree" in readout.table(reading)
+    assert "DISAGREE" not in readout.table(reading)
+
+
+def test_the_printed_formula_stretches_the_platform_and_the_readout_turns_red(sils):
+    from itertools import combinations
+
+    sils.go("home")  # roll and pitch differ here, and so the misprint shows
+    good = read(sils)
+    sides = [np.linalg.norm(good.points[a] - good.points[b]) for a, b in combinations(("s1", "s2", "s3"), 2)]
+    sils.change({"eq1": "printed"})
+    bad = read(sils)
+    stretched = [np.linalg.norm(bad.points[a] - bad.points[b]) for a, b in combinations(("s1", "s2", "s3"), 2)]
+    assert max(abs(a - b) for a, b in zip(sides, stretched, strict=True)) > 0.5 * MM
+    assert not bad.agrees
+    assert bad.residual[0] > 0.5 * MM
+    assert "DISAGREE" in readout.table(bad)
+    assert "data-agrees='no'" in readout.table(bad)
+    sils.change({"eq1": "corrected"})
+    assert read(sils).agrees
+
+
+def test_a_parameter_that_is_wrong_shows(sils):
+    name = "l_p"
+    value = sils.kin.parameters[name]
+    sils.change(parameters={name: value + 0.6 * MM})
+    reading = read(sils)
+    assert not reading.agrees
+    assert 0.1 * MM < reading.residual[0] < 2 * MM
+    with pytest.raises(KinematicsError):
+        sils.change(parameters={"no_such": 1.0})
+    assert sils.kin.parameters[name] == pytest.approx(value + 0.6 * MM)
+
+
+def test_a_mechanism_that_is_redesigned_leaves_its_equations(sils):
+    drawn = sils.mechanism
+    body = next(b for b in drawn.bodies if b.name == "strut1")
+    a, b = (j.name for j in drawn.joints if body.name in (j.parent, j.child))
+    Ts = [j.T_parent_joint if j.parent == body.name else j.T_child_joint for j in (drawn.joint(a), drawn.joint(b))]
+    length = float(np.linalg.norm(Ts[0][:3, 3] - Ts[1][:3, 3]))
+    sils.redesign(with_distance(drawn, b, a, length + 0.5 * MM))
+    assert sils.edited
+    assert not read(sils).agrees
+    sils.redesign(drawn)
+    assert read(sils).agrees
+    with pytest.raises(MechanismError):
+        sils.redesign(with_distance(drawn, b, a, -1.0))
+
+
+def test_a_stage_without_equations_can_be_moved(tmp_path):
+    desk = Desk(twin.load(twin.load("hibou").files.stage))
+    assert desk.kin is None
+    T = desk.assembly.T_base_tool.copy()
+    reading = read(desk)
+    assert [c[0] for c in reading.coordinates] == ["x", "y", "z", "rx", "ry", "rz"]
+    assert reading.residual is None
+    T[:3, 3] += [0, 0, 1 * MM]
+    desk.move_tool(T)
+    assert desk.assembly.T_base_tool[2, 3] == pytest.approx(T[2, 3], abs=1e-6)
+
+
+# -- the clock ----------------------------------------------------------------------------------------
+
+
+def test_the_clock_plays_holds_loops_and_ends():
+    clock = Clock()
+    clock.play()
+    assert not clock.playing  # nothing to play
+    clock.duration = 2.0
+    clock.play()
+    assert clock.advance(0.5)
+    assert clock.time == 0.5
+    clock.speed = 4.0
+    assert clock.advance(0.5)
+    assert clock.time == pytest.approx(0.5)  # once round
+    clock.loop = False
+    clock.advance(1.0)
+    assert (clock.time, clock.playing) == (2.0, False)
+    clock.play()
+    assert clock.time == 0.0
+    clock.seek(-3)
+    assert clock.time == 0.0
+
+
+# -- shapes -------------------------------------------------------------------------------------------
+
+
+def area(vertices, triangles):
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+
+
+def test_edges_are_sharp_where_trimesh_has_them_sharp():
+    import trimesh
+
+    for body in twin.load("hibou").mechanism.bodies:
+        for mesh in body.meshes:
+            theirs = trimesh.graph.smooth_shade(
+                trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False), angle=CREASE, facet_minarea=None
+            )
+            vertices, triangles = creased(mesh.vertices, mesh.triangles)
+            assert len(vertices) == len(theirs.vertices)
+            np.testing.assert_array_equal(vertices[triangles], mesh.vertices[mesh.triangles])
+
+
+@given(part=st.floats(0.05, 0.95), normal=st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda n: np.linalg.norm(n) > 0.1))
+def test_both_sides_of_a_cut_make_the_whole(part, normal):
+    vertices, triangles = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1.0)]), np.array(
+        [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
+         [1, 5, 7], [1, 7, 3]]
+    )  # fmt: skip
+    n = np.array(normal) / np.linalg.norm(normal)
+    sides = [behind(vertices, triangles, np.full(3, part), s * n) for s in (1, -1)]
+    assert sum(area(*s) for s in sides) == pytest.approx(6.0, abs=1e-9)
+    for sign, (v, f) in zip((1, -1), sides, strict=True):
+        assert (((v - part) @ n)[f] * sign <= 1e-9).all()
+
+
+def test_a_body_has_one_node_for_each_colour():
+    mechanism = twin.load("sils").mechanism
+    for body in mechanism.bodies:
+        colors = {m.color_rgba for m in body.meshes}
+        assert len(looks(body)) == len(colors)
+
+
+# -- the command --------------------------------------------------------------------------------------
+
+
+def test_a_port_that_is_taken_is_told_with_a_free_one(capsys):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        assert main(["view", "hibou", "--port", str(port), "--no-browser"]) == 2
+    assert f"port {port} is taken" in (said := capsys.readouterr().err)
+    assert "use --port" in said
+
+
+def test_what_cannot_be_shown_is_told_before_anything_opens(capsys):
+    assert main(["view", "sil", "--no-browser", "--port", "0"]) == 2
+    assert "Did you mean 'sils'" in capsys.readouterr().err
+    assert main(["view", "hibou", "cavitty", "--no-browser", "--port", "0"]) == 2
+    assert "cavity" in capsys.readouterr().err
+    assert main(["view", "vsrs", "cavity", "--no-browser", "--port", "0"]) == 2
+    assert "is a scene" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals and process groups of POSIX")
+def test_ctrl_c_leaves_nothing_behind():
+    command = [sys.executable, "-m", "twin", "view", "hibou", "--port", "0", "--no-browser"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen(command, **pipes, text=True, start_new_session=True)
+    line = process.stdout.readline()
+    assert "http://127.0.0.1:" in line
+    time.sleep(2.5)  # the planning process has begun by now
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    assert "Traceback" not in err + out
+    for _ in range(100):
+        try:
+            os.killpg(process.pid, 0)
+        except ProcessLookupError:
+            return  # no child lives on in its session
+        time.sleep(0.1)
+    pytest.fail("a process outlives the viewer")
+
+
+def test_the_desk_of_a_robot_with_its_trocar_elsewhere():
+    desk = Desk(twin.load("lapbot"))
+    robot = desk.robot.bound(desk.robot.protocol("other_port"))
+    desk.bind(robot)
+    np.testing.assert_allclose(desk.mechanism.trocar_at, robot.protocol("other_port").trocar, atol=1e-12)
+    assert read(desk).agrees
+    assert not desk.edited
+    desk.mechanism = replace(desk.mechanism)
+    assert desk.edited

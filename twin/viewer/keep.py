@@ -1,0 +1,165 @@
+"""What a designer keeps of an interactive session, written into the robot's own TOML files.
+
+Comments and layout survive. The new text is read by the project's own loaders beside the file, and only
+then takes its place; after any error the file is what it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin import spatial
+from twin.cad import description as descriptions
+from twin.cad import references
+from twin.cad.parameters import SCALES
+from twin.errors import TwinError, unknown
+from twin.protocol import Home, Insertion, Pivot, Positioning, Protocol, Retraction, RotationOrder, load_protocol
+from twin.schema import error_at
+from twin.spatial import Array
+from twin.trajectory import path as paths
+from twin.units import DEG, MM
+from twin.viewer.rewrite import rewrite
+from twin.viewer.session import Session as Session
+
+_DIGITS = {"mm": 6, "deg": 8}
+"""Decimals that are written: a nanometre, and what that is at the end of an arm of 5 m."""
+
+
+def save_posture(description: Path, name: str, values: Mapping[str, float], *, replace: bool = False) -> None:
+    """Add a posture to a robot's description.
+
+    Args:
+        description: cad/<robot>/<robot>.toml.
+        name: identifier of the posture.
+        values: every active joint, in m or rad.
+        replace: whether a posture of that name may be overwritten; its comments stay.
+
+    Raises:
+        DescriptionError: the name is taken or no identifier, joints are missing or unknown, a value is not
+            finite or outside its limits, or the file is wrong already.
+        OutputError: the file cannot be written.
+    """
+    d = descriptions.load(description)
+    references.check(description, d)
+    if name in d.posture and not replace:
+        raise error_at(description, ("posture", name), "there is a posture of that name; choose another, or replace it")
+    shown = _in_file_units(description, d, name, values)
+
+    def check(fresh: Path) -> None:
+        references.check(fresh, descriptions.load(fresh))
+
+    rewrite(description, [("posture", name, shown)], check)
+
+
+def append_phase(
+    protocol: Path, name: str, T_base_tool: Array, T_tool_frame: Array, *, note: str = "chosen by hand in the viewer"
+) -> None:
+    """Add a waypoint and, as last phase, a positioning that goes there; both are called `name`.
+
+    Args:
+        protocol: trajectories/<robot>/<protocol>.toml.
+        name: identifier of the waypoint and of the phase.
+        T_base_tool: (4, 4) pose of the tool to go to.
+        T_tool_frame: (4, 4) pose in the tool of the frame that the protocol moves; see `twin.api.tool_frame`.
+        note: why there; goes into the file.
+
+    Raises:
+        DescriptionError: the name is taken or no identifier, the instrument is still in the patient at the end,
+            there are no limits for a positioning, or the file is wrong already.
+        ProtocolError: the robot is there already.
+        TwinError: T_base_tool is no pose.
+        OutputError: the file cannot be written.
+    """
+    p = load_protocol(protocol)
+    T = np.asarray(T_base_tool, float)
+    if not spatial.is_pose(T, 1e-6):
+        raise TwinError(f"{protocol}: waypoint '{name}': T_base_tool is no rigid pose: {T.tolist()}")
+    if name in p.waypoints:
+        raise error_at(protocol, ("waypoints", name), "there is a waypoint of that name; choose another")
+    taken = [phase.name for phase in p.phases]
+    if name in taken:
+        raise error_at(protocol, ("phases", taken.index(name)), f"there is a phase '{name}'; choose another name")
+    if _ends_inside(p):
+        text = (
+            f"the instrument is in the patient after the last phase, '{taken[-1]}': add a retraction to depth 0 first"
+        )
+        raise error_at(protocol, ("phases", len(taken) - 1), text)
+    waypoint = {
+        "position_mm": _rounded((T @ T_tool_frame)[:3, 3] / MM, "mm"),
+        "angles_deg": _rounded(angles_of(T[:3, :3], p.rotation, _last_angles(p)) / DEG, "deg"),
+        "provenance": "ASSUMED",
+        "note": note,
+    }
+    phase = {"name": name, "type": "positioning", "to": name}
+
+    def check(fresh: Path) -> None:
+        paths.build(load_protocol(fresh), T_tool_frame)
+
+    rewrite(protocol, [("waypoints", name, waypoint), ("phases", None, phase)], check)
+
+
+def angles_of(R: Array, order: RotationOrder, near: Array) -> Array:
+    """Return the angles (3,) in rad of R (3, 3) about the axes of `order` that are nearest to `near` (3,).
+
+    A phase is linear in the angles: far ones for the same rotation would turn the tool round on its way.
+    Where the middle angle is a right angle, the first one is that of `near`.
+    """
+    i, j, k = ("xyz".index(axis) for axis in order)
+    sign = 1.0 if (j - i) % 3 == 1 else -1.0
+    level = float(np.hypot(R[j, k], R[k, k]))
+    first = np.arctan2(-sign * R[j, k], R[k, k]) if level > 1e-9 else near[0]
+    middle = np.arctan2(sign * R[i, k], level)
+    found = []
+    for a, b in ((first, middle), (first + np.pi, np.pi - middle)):
+        # The last from what the others leave: near a right angle it takes up the error of the first.
+        rest = paths.rotation(np.array([a, b, 0.0]), order).T @ R
+        angles = np.array([a, b, np.arctan2(sign * rest[j, i], rest[i, i])])
+        found.append(angles - 2 * np.pi * np.round((angles - near) / (2 * np.pi)))
+    return min(found, key=lambda angles: float(np.linalg.norm(angles - near)))
+
+
+def _last_angles(p: Protocol) -> Array:
+    """Return the angles (3,) in rad in which the last phase ends."""
+    goals = [phase.to for phase in p.phases if isinstance(phase, Positioning | Pivot | Home)]
+    return p.waypoints[goals[-1] if goals else p.start].angles
+
+
+def _ends_inside(p: Protocol) -> bool:
+    inside = p.rcm is not None
+    for phase in p.phases:
+        if isinstance(phase, Insertion | Retraction):
+            inside = phase.depth > 0
+    return inside
+
+
+def _in_file_units(path: Path, d: descriptions.Description, name: str, values: Mapping[str, float]) -> dict[str, float]:
+    """Return a posture as the file has it: in mm and deg, rounded, by joint and unit."""
+    keys = {j.name: f"{j.name}_{references.UNITS.get(j.type, 'mm')}" for j in d.joint if j.active}
+    limits = {joint: spec for spec in d.limit for joint in spec.joints}
+    for joint in values:
+        if joint not in keys:
+            raise error_at(path, ("posture", name), unknown("active joint", joint, keys))
+    out = {}
+    for joint, key in keys.items():
+        unit = key.rpartition("_")[2]
+        if joint not in values:
+            raise error_at(path, ("posture", name), f"active joint '{joint}' is missing; needed: {', '.join(keys)}")
+        value = float(values[joint]) / SCALES[unit]
+        if not np.isfinite(value):
+            raise error_at(path, ("posture", name, key), f"{value} is not finite; give '{joint}' a number")
+        lower, upper = getattr(limits.get(joint), f"limits_{unit}", None) or (-np.inf, np.inf)
+        last = 10.0 ** -_DIGITS[unit]
+        if not lower - last <= value <= upper + last:
+            text = f"{value:.6g} {unit} is outside the limits {lower:g} .. {upper:g} {unit} of '{joint}'"
+            raise error_at(path, ("posture", name, key), f"{text}; move it back, or mend the limits")
+        out[key] = float(np.clip(_rounded(value, unit), lower, upper))
+    return out
+
+
+def _rounded(value: Any, unit: str) -> Any:
+    """Return numbers as they are written, without a minus before a zero."""
+    return (np.round(value, _DIGITS[unit]) + 0.0).tolist()

@@ -1,0 +1,114 @@
+"""Keeping what the hand did: a recorded session, a posture in the robot's TOML, a phase at a protocol's end."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import viser
+
+from twin.api import tool_frame
+from twin.errors import TwinError
+from twin.viewer.keep import append_phase, save_posture
+from twin.viewer.session import Session
+
+if TYPE_CHECKING:
+    from twin.viewer.front import Actor, Front
+
+
+class RecordPanel:
+    """Buttons below the joints; `posture` gives the name of the posture that is chosen above."""
+
+    def __init__(
+        self, front: Front, a: Actor, tab: viser.GuiTabHandle, handles: list, posture: Callable[[], str]
+    ) -> None:
+        self.front, self.actor = front, a
+        self.session: Session | None = None
+        self._began = 0.0
+        self._replayed: float | None = None
+        gui = front.server.gui
+        with tab:
+            folder = gui.add_folder("Session")
+            with folder:
+                self._record = gui.add_button("Record", icon=viser.Icon.PLAYER_RECORD)
+                self._replay = gui.add_button("Replay", icon=viser.Icon.REPEAT, disabled=True)
+                save = gui.add_button("Save the session", icon=viser.Icon.DEVICE_FLOPPY)
+                load = gui.add_upload_button("Load a session", mime_type="application/json")
+            handles.append(folder)
+            writable = a.desk.robot.files is not None
+            if writable:
+                keep = gui.add_folder("Write into the robot's files", expand_by_default=False)
+                with keep:
+                    self._name = gui.add_text("name", "reached")
+                    as_posture = gui.add_button("as a posture", icon=viser.Icon.DEVICE_FLOPPY)
+                    as_phase = gui.add_button("as the protocol's last phase", icon=viser.Icon.DEVICE_FLOPPY)
+                as_posture.on_click(lambda _: front.ask("save", self._save_posture))
+                as_phase.on_click(lambda _: front.ask("save", self._save_phase))
+                handles.append(keep)
+        self._record.on_click(lambda _: front.ask("record", self._toggle))
+        self._replay.on_click(lambda _: front.ask("replay", self._start))
+        load.on_upload(lambda _: front.ask("open", lambda: self._load(load.value.content)))
+        save.on_click(lambda _: front.ask("save", self._save))
+        front.after_frame.append(self._tick)
+
+    def _toggle(self) -> None:
+        if self._record.label == "Record":
+            a = self.actor
+            self.session = Session.of(a.desk.mechanism)
+            self._began, self._record.label, self._replay.disabled = time.perf_counter(), "Stop recording", True
+        else:
+            self._record.label, self._replay.disabled = "Record", False
+
+    def _start(self) -> None:
+        self.front.clock.playing = False
+        self._replayed = time.perf_counter()
+
+    def _tick(self) -> None:
+        desk = self.actor.desk
+        if self.session is None:
+            return
+        if self._record.label != "Record":
+            now = time.perf_counter() - self._began
+            if not self.session.moments or not np.array_equal(self.session.moments[-1].q, desk.assembly.q):
+                self.session.add(now, desk.assembly.q, desk.assembly.T_base_tool)
+        elif self._replayed is not None and self.session.moments:
+            now = time.perf_counter() - self._replayed
+            if now >= self.session.duration:
+                self._replayed = None
+            session = self.session
+            self.front.ask("replay", lambda: desk.move_joints(session.at(session.moments[0].time + now)))
+
+    def _load(self, content: bytes) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "session.json"
+            path.write_bytes(content)
+            self.session = Session.load(path, self.actor.desk.mechanism)
+        self._replay.disabled = False
+        self.front.say(f"{len(self.session.moments)} moments, {self.session.duration:.1f} s: press Replay")
+
+    def _save(self) -> None:
+        if self.session is None or not self.session.moments:
+            raise TwinError("nothing is recorded yet: press Record, move the robot, stop")
+        path = Path("twin-out") / self.actor.name / "session.json"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.session.save(path)
+        self.front.say(f"written: {path}")
+
+    def _save_posture(self) -> None:
+        files = self.actor.desk.robot.files
+        assert files is not None
+        names = [j.name for j in self.actor.desk.joints]
+        save_posture(files.description, self._name.value, dict(zip(names, self.actor.desk.assembly.q, strict=True)))
+        self.front.say(f"posture '{self._name.value}' written into {files.description.name}")
+
+    def _save_phase(self) -> None:
+        robot, a = self.actor.desk.robot, self.actor
+        assert robot.files is not None
+        protocol = robot.protocol(a.playback.protocol if a.playback is not None else None)
+        T_tool_frame = tool_frame(a.desk.mechanism, protocol.frame)
+        append_phase(robot.files.protocol(protocol.name), self._name.value, a.desk.assembly.T_base_tool, T_tool_frame)
+        self.front.say(f"phase '{self._name.value}' written into {protocol.name}.toml: load the protocol again")

@@ -1,0 +1,279 @@
+"""What is around the robot: floor, table, patient, trocar, shaft, trail; light, cameras, cuts, pictures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import viser
+
+from twin import spatial
+from twin.mechanism import Mechanism
+from twin.reference import ReferenceModel
+from twin.spatial import Array
+from twin.units import DEG, MM
+from twin.viewer import recording
+from twin.viewer.nodes import BLUE, ORANGE, RobotNodes
+
+if TYPE_CHECKING:
+    from twin.viewer.front import Actor, Front
+    from twin.viewer.panels import Panels
+
+VIEWS = ("overview", "front", "top", "along the shaft", "endoscope", "microscope")
+_SKIN, _STEEL = (226, 160, 128), (160, 174, 186)
+_CUTS = ("none", "x", "y", "z")
+
+
+class Scenery:
+    """The surroundings of all robots, and from where they are looked at."""
+
+    def __init__(self, front: Front, props: Mechanism | None) -> None:
+        self.front, self.scene = front, front.server.scene
+        scene = self.scene
+        corners = [front.nodes[a.name].to_world(c) for a in front.actors for c in _corners(front.nodes[a.name].box)]
+        if props is not None:
+            poses = ReferenceModel(props).home().link_poses
+            self.props = RobotNodes(front.server, f"/{props.name}", props, poses)
+            corners += list(_corners(self.props.box))
+        low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+        self.middle, self.size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+        floor = float(low[2]) if props is None else min(0.0, float(low[2]))
+        scene.set_up_direction("+z")
+        scene.configure_default_lights(False)
+        scene.configure_environment_map("studio", environment_intensity=0.25)
+        scene.add_light_directional("/light/key", intensity=1.7, position=(1.2, -0.9, 2.2), cast_shadow=True)
+        scene.add_light_directional("/light/fill", intensity=0.45, position=(-0.8, 1.6, 0.7))
+        cell = 0.1 if self.size > 0.4 else 0.02
+        at = (self.middle[0], self.middle[1], floor)
+        self.grid = scene.add_grid(
+            "/floor", 60 * cell, 60 * cell, cell_size=cell, section_size=5 * cell, position=at,
+            cell_color=(205, 211, 219), section_color=(186, 194, 204), shadow_opacity=0.3,
+            fade_distance=25 * cell, fade_from="origin",
+        )  # fmt: skip
+        self._floor = floor
+        self._patient: list[Any] = []
+        self._trail: dict[str, list[Any]] = {}
+        self._trail_shown = True
+        self._lines: dict[str, viser.LineSegmentsHandle] = {}
+        self._balls: dict[str, viser.IcosphereHandle] = {}
+        self._cut: tuple[int, float] | None = None
+        self._cut_drawn: tuple | None = None
+        front.server.initial_camera.position = self.middle + self.size * np.array([1.0, -1.35, 0.6])
+        front.server.initial_camera.look_at = self.middle
+        front.server.initial_camera.fov = 40 * DEG
+
+    # -- the instrument -------------------------------------------------------------------------------
+
+    def rcm(self, a: Actor) -> Array | None:
+        """Return the RCM (3,) in base of a robot: of its protocol at this time, or of its trocar."""
+        if a.desk.mechanism.trocar:
+            return a.desk.mechanism.trocar_at
+        if a.playback is None:
+            return None
+        k = int(np.clip(np.searchsorted(a.playback.t, self.front.clock.time), 0, len(a.playback.t) - 1))
+        rcm = a.playback.rcm[k]
+        return rcm if np.isfinite(rcm).all() else None
+
+    def trail(self, visible: bool) -> None:
+        """Show the way of every tip along its protocol."""
+        self._trail_shown = visible
+        for a in self.front.actors:
+            for handle in self._trail.pop(a.name, []):
+                handle.remove()
+            if a.playback is None or not visible:
+                continue
+            tip = a.playback.tip[:: max(1, len(a.playback.t) // 600)]
+            line = self.scene.add_line_segments(
+                f"/{a.name}/trail", np.stack([tip[:-1], tip[1:]], axis=1).astype(np.float32), BLUE,
+                thickness=2.0, thickness_units="screen",
+            )  # fmt: skip
+            self._trail[a.name] = [line]
+
+    def update(self) -> None:
+        """Follow the robots: RCM, shaft, section."""
+        for a in self.front.actors:
+            rcm = self.rcm(a) if self._trail_shown else None
+            if rcm is None:
+                for kind in (self._lines, self._balls):
+                    if a.name in kind:
+                        kind[a.name].visible = False
+                continue
+            size = self.front.nodes[a.name].size
+            tip, axis = a.desk.shaft()
+            ends = np.array([[tip, rcm - 0.12 * size * axis]], np.float32)
+            if a.name not in self._lines:
+                self._lines[a.name] = self.scene.add_line_segments(
+                    f"/{a.name}/shaft_axis", ends, ORANGE, thickness=2.0, thickness_units="screen"
+                )
+                self._balls[a.name] = self.scene.add_icosphere(
+                    f"/{a.name}/rcm", 0.007 * size, ORANGE, cast_shadow=False
+                )
+            self._lines[a.name].points = ends
+            self._balls[a.name].position = rcm
+            self._lines[a.name].visible = self._balls[a.name].visible = True
+        self._draw_cut()
+
+    # -- the panel ------------------------------------------------------------------------------------
+
+    def panel(self, panels: Panels) -> None:
+        """Make the panel."""
+        gui, front = self.front.server.gui, self.front
+        views = gui.add_dropdown("camera", VIEWS)
+        look = gui.add_button("Look from there", icon=viser.Icon.EYE)
+        look.on_click(lambda e: self.look(views.value, e.client))
+        views.on_update(lambda e: self.look(views.value, e.client))
+        with gui.add_folder("Show"):
+            boxes = {
+                "floor": (True, lambda v: setattr(self.grid, "visible", v)),
+                "table and patient": (False, self.patient),
+                "link names": (False, lambda v: [n.labels(v) for n in front.nodes.values()]),
+                "link frames": (False, lambda v: [n.frames(v) for n in front.nodes.values()]),
+                "joint axes": (False, lambda v: [n.axes(v) for n in front.nodes.values()]),
+                "gizmo at the tool": (True, lambda v: setattr(front.gizmo, "visible", v)),
+                "dark": (False, self.dark),
+            }
+            for name, (first, do) in boxes.items():
+                box = gui.add_checkbox(name, first)
+                box.on_update(self._switch(name, box, do))
+        with gui.add_folder("Section"):
+            axis = gui.add_dropdown("cut across", _CUTS)
+            part = gui.add_slider("where [%]", 0, 100, 1, 50)
+
+            def cut(_: object) -> None:
+                self._cut = None if axis.value == "none" else (_CUTS.index(axis.value) - 1, part.value / 100)
+                front.ask("cut", lambda: None)
+
+            axis.on_update(cut)
+            part.on_update(cut)
+        with gui.add_folder("Size and place", expand_by_default=False):
+            gui.add_markdown("Of the picture alone: all numbers stay those of the robot.")
+            scale = gui.add_slider("size", 0.1, 10.0, 0.1, 1.0)
+            place = gui.add_vector3("place [mm]", (0.0, 0.0, 0.0), step=10.0)
+            yaw = gui.add_slider("turn [°]", -180, 180, 1, 0)
+
+            def put(e: viser.GuiEvent) -> None:
+                p, s, turn = np.array(place.value) * MM, scale.value, yaw.value * DEG
+                if e.client is not None:
+                    front.ask("place", lambda: self._put(front.hand, p, turn, s))
+
+            for handle in (scale, place, yaw):
+                handle.on_update(put)
+        with gui.add_folder("Pictures"):
+            shot = gui.add_button("Screenshot", icon=viser.Icon.CAMERA)
+            turn = gui.add_button("Turntable (GIF)", icon=viser.Icon.ROTATE_360)
+            page = gui.add_button("Recording that needs no Python (HTML)", icon=viser.Icon.FILE_EXPORT)
+            self._progress = gui.add_progress_bar(0.0, visible=False)
+            shot.on_click(lambda e: self._busy(lambda p: recording.screenshot(e.client, front.title, p)))
+            turn.on_click(lambda e: self._busy(lambda p: recording.turntable(e.client, front.title, p)))
+            page.on_click(lambda e: front.ask("page", lambda: self._page(e.client)))
+
+    def _switch(self, name: str, box: viser.GuiCheckboxHandle, do):
+        return lambda _: self.front.ask(name, lambda: do(box.value))
+
+    def _busy(self, work) -> None:
+        self._progress.visible = True
+        try:
+            work(lambda part: setattr(self._progress, "value", 100 * part))
+        finally:
+            self._progress.visible = False
+
+    def _page(self, client: viser.ClientHandle | None) -> None:
+        def work(progress) -> None:
+            html = recording.page(self.front, progress)
+            if client is not None:
+                client.send_file_download(f"{self.front.title}.html".replace(" ", "_"), html.encode())
+
+        self._busy(work)
+
+    def _put(self, a: Actor, p: Array, turn: float, scale: float) -> None:
+        a.scale = scale
+        a.T_world_base = spatial.pose(spatial.rotation_z(turn), p)
+        self.front.nodes[a.name].place(a.T_world_base, scale)
+        self.front.gizmo.scale = float(np.clip(0.16 * self.front.nodes[a.name].size * scale, 0.01, 2.0))
+
+    # -- surroundings ---------------------------------------------------------------------------------
+
+    def dark(self, on: bool) -> None:
+        """Choose dark or light."""
+        self.front.server.gui.configure_theme(
+            dark_mode=on, control_width="large", show_logo=False, show_share_button=False
+        )
+        self.grid.cell_color = (58, 64, 72) if on else (205, 211, 219)
+        self.grid.section_color = (80, 88, 98) if on else (186, 194, 204)
+
+    def patient(self, visible: bool) -> None:
+        """Show a table and an abdomen below the trocar of the robot in hand (ASSUMED: 320 x 480 mm, for scale)."""
+        if visible and not self._patient:
+            a = self.front.hand
+            rcm = self.rcm(a)
+            if rcm is None:
+                rcm = a.desk.shaft()[0]
+            at = f"/{a.name}/patient"
+            x, y, z = rcm
+            u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 73), np.linspace(0, np.pi / 2, 25))
+            dome = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1).reshape(-1, 3)
+            i = np.arange(24)[:, None] * 73 + np.arange(72)
+            faces = np.concatenate(
+                [np.stack(c, -1).reshape(-1, 3) for c in ((i, i + 73, i + 1), (i + 1, i + 73, i + 74))]
+            )
+            under = z - 0.23
+            height = max(0.05, under - self._floor)
+            self._patient = [
+                self.scene.add_mesh_simple(
+                    f"{at}/abdomen", (dome * (0.16, 0.24, 0.203) + (x, y, z - 0.203)).astype(np.float32), faces,
+                    color=_SKIN, opacity=0.42, side="double", cast_shadow=False,
+                ),
+                self.scene.add_box(f"{at}/table", _STEEL, (0.42, 0.66, 0.03), position=(x, y, under + 0.012)),
+                self.scene.add_box(f"{at}/leg", _STEEL, (0.1, 0.2, height), position=(x, y, under - height / 2)),
+            ]  # fmt: skip
+        for handle in self._patient:
+            handle.visible = visible
+
+    def _draw_cut(self) -> None:
+        state = None if self._cut is None else (*self._cut, *(id(a.desk.assembly) for a in self.front.actors))
+        if state == self._cut_drawn:
+            return
+        self._cut_drawn = state
+        for a in self.front.actors:
+            node = self.front.nodes[a.name]
+            point = None
+            normal = np.zeros(3)
+            if self._cut is not None:
+                axis, part = self._cut
+                normal[axis] = 1.0
+                point = node.box[0] + part * (node.box[1] - node.box[0])
+            node.section(a.desk.assembly.link_poses, point, normal)
+
+    def look(self, view: str, client: viser.ClientHandle | None) -> None:
+        """Bring a browser's camera to a preset; without a client, every browser's."""
+        clients = [client] if client is not None else list(self.front.server.get_clients().values())
+        eye, at, up = self.camera(view)
+        for c in clients:
+            with c.atomic():
+                c.camera.up_direction = up
+                c.camera.position = eye
+                c.camera.look_at = at
+
+    def camera(self, view: str) -> tuple[Array, Array, Array]:
+        """Return where a preset looks from, at what, and what is up; each (3,) in world."""
+        a = self.front.hand
+        node = self.front.nodes[a.name]
+        tip, axis = a.desk.shaft()
+        R = node.to_world(np.eye(3)[0]) - node.to_world(np.zeros(3))  # base x in world, scaled
+        size = node.size * a.scale
+        p, up = node.to_world(tip), np.array([0.0, 0.0, 1.0])
+        along = node.to_world(tip + axis) - p
+        along /= np.linalg.norm(along)
+        side = R / np.linalg.norm(R) if abs(along[2]) > 0.9 else up
+        return {
+            "overview": (self.middle + self.size * np.array([1.0, -1.35, 0.6]), self.middle, up),
+            "front": (self.middle + self.size * np.array([1.5, 0.0, 0.1]), self.middle, up),
+            "top": (self.middle + self.size * np.array([0.0, -0.01, 1.5]), self.middle, up),
+            "along the shaft": (p - 0.6 * size * along + 0.04 * size * side, p, side),
+            "endoscope": (p - 0.02 * size * along, p + 0.1 * size * along, side),
+            "microscope": (p + 0.25 * size * up + 0.05 * size * np.array([1.0, -1.0, 0]), p, up),
+        }[view]
+
+
+def _corners(box: Array) -> Array:
+    return np.array([[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
