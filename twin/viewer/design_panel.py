@@ -284,7 +284,8 @@ class DesignPanel:
         self._drawn = self.front.now
         points, condition = np.concatenate(self._points), np.concatenate(self._condition)
         self._progress.value = 100.0 * chunk.evaluated / chunk.count
-        self._found.content = f"{chunk.evaluated:,} poses, **{len(points):,}** within reach".replace(",", " ")
+        looked, reached = (f"{n:,}".replace(",", " ") for n in (chunk.evaluated, len(points)))
+        self._found.content = f"{looked} poses, **{reached}** within reach"
         if not len(points):
             return
         some = slice(None, None, max(1, len(points) // _SHOWN))

@@ -181,15 +181,16 @@ class Desk:
             self.assembly = self._first()
 
     def change(self, variants: Mapping[str, str] | None = None, parameters: Mapping[str, float] | None = None) -> None:
-        """Use other variants or parameters (SI) of the equations, in addition to those changed before.
+        """Use other variants or parameters (SI) of the equations, besides those changed before; the robot's undo.
 
         Raises:
             KinematicsError: no such variant or parameter; nothing is changed.
         """
         with self.lock:
-            before = self.variants, self.parameters
-            self.variants = {**self.variants, **(variants or {})}
-            self.parameters = {**self.parameters, **(parameters or {})}
+            before, own = (self.variants, self.parameters), self.robot.kinematics()
+            chosen, values = {**self.variants, **(variants or {})}, {**self.parameters, **(parameters or {})}
+            self.variants = {n: v for n, v in chosen.items() if v != own.variants.get(n)}
+            self.parameters = {n: v for n, v in values.items() if v != own.parameters.get(n)}
             try:
                 self.kin = self._compiled()
             except TwinError:

@@ -180,7 +180,8 @@ class Front:
         """Read the instruments and show them; other robots are only drawn."""
         a = self.hand
         reading = instruments.read(a.desk, self.scenery.rcm(a))
-        self.nodes[a.name].equations(reading.points if self.panels.equations_shown() else {}, reading.agrees)
+        shown = reading.points if self.panels.equations_shown() else {}
+        self.nodes[a.name].equations(shown, reading.actual, reading.agrees, self.panels.exaggeration())
         self.panels.show(reading)
         self.scenery.update()
 
@@ -197,7 +198,7 @@ class Front:
 
     def take(self, name: str) -> None:
         """Take another robot in hand."""
-        self.nodes[self.hand.name].equations({}, True)
+        self.nodes[self.hand.name].equations({}, {}, True, 1.0)
         self.hand = next(a for a in self.actors if a.name == name)
         self.panels.rebuild()
         self._stale = True

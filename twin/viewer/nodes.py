@@ -14,7 +14,7 @@ from twin.spatial import Array
 from twin.viewer.frames import FrameWriter
 from twin.viewer.shapes import Look, behind, looks
 
-GREEN, RED, ORANGE, BLUE = (38, 150, 90), (222, 48, 48), (255, 120, 20), (40, 110, 220)
+GREEN, RED, ORANGE, BLUE = (38, 150, 90), (225, 0, 0), (255, 120, 20), (40, 110, 220)
 _GHOST_OPACITY = 0.28
 
 
@@ -139,10 +139,16 @@ class RobotNodes:
 
         self._toggle("axes", visible, make)
 
-    def equations(self, points: Mapping[str, Array], agrees: bool) -> None:
-        """Draw the named points (3,) of the equations, those of one body joined by lines; none: nothing is drawn."""
+    def equations(
+        self, points: Mapping[str, Array], actual: Mapping[str, Array], agrees: bool, exaggerated: float
+    ) -> None:
+        """Draw the named points (3,) of the equations, those of one body joined by rods; none: nothing is drawn.
+
+        They lie so many times as far from where the mechanism has them as they should: a millimetre is not seen.
+        """
         owner = {p.name: p.body for p in self._mechanism.points}
-        known = [n for n in points if n in owner and np.isfinite(points[n]).all()]
+        known = [n for n in points if n in owner and n in actual and np.isfinite(points[n]).all()]
+        points = {n: actual[n] + exaggerated * (points[n] - actual[n]) for n in known}
         pairs = [(a, b) for a, b in combinations(known, 2) if owner[a] == owner[b]]
         if not pairs:
             if self._equations is not None:
@@ -152,7 +158,7 @@ class RobotNodes:
         color = np.array(GREEN if agrees else RED, np.uint8)
         if self._equations is None or len(self._equations.points) != len(segments):
             self._equations = self._server.scene.add_line_segments(
-                f"{self._path}/equations", segments, tuple(color.tolist()), thickness=4.0, thickness_units="screen"
+                f"{self._path}/equations", segments, tuple(color.tolist()), thickness=0.008 * self.size
             )
         else:
             self._equations.points = segments

@@ -98,6 +98,11 @@ class Panels:
             "points of the equations", True, hint="Lines join points of one body: a rigid body keeps them rigid"
         )
 
+        self._times = gui.add_dropdown(
+            "their error drawn", ("1 x", "10 x", "30 x"), initial_value="10 x",
+            hint="How many times as far from the mechanism's points as they are",
+        )  # fmt: skip
+
         def planned(_: object) -> None:
             front.ask("load", lambda: [front.load(a, self._chosen(a)) for a in front.actors])
 
@@ -107,7 +112,8 @@ class Panels:
         self._loop.on_update(lambda _: setattr(front.clock, "loop", self._loop.value))
         self._trail.on_update(lambda _: front.ask("trail", lambda: front.scenery.trail(self._trail.value)))
         self._ghost.on_update(lambda _: front.ask("ghost", lambda: front.show_ghost(self._ghost.value)))
-        self._equations.on_update(lambda _: front.ask("equations", lambda: None))
+        for handle in (self._equations, self._times):
+            handle.on_update(lambda _: front.ask("equations", lambda: None))
 
     def _chosen(self, a: Actor) -> str | None:
         return self._protocol.value if a is self.front.hand else a.protocol
@@ -224,6 +230,10 @@ class Panels:
     def equations_shown(self) -> bool:
         """Return whether the points of the equations are wanted."""
         return self._equations.value
+
+    def exaggeration(self) -> float:
+        """Return how many times the error of the equations' points is to be drawn."""
+        return float(self._times.value.split()[0])
 
     def ghost_poses(self, a: Actor) -> dict[str, Array] | None:
         """Return where the mechanism itself puts the tool that was asked for, or another design stands."""
