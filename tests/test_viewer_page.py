@@ -239,6 +239,24 @@ def test_what_cannot_be_reached_stays_and_says_why(sils):
     assert "out of reach" in sils.readout()
 
 
+def test_a_session_is_recorded_and_replayed(sils):
+    desk = still(sils)
+    sils.tab("Move")
+    sils.page.get_by_role("button", name="Record").click()
+    until(lambda: sils.page.get_by_role("button", name="Stop recording").count(), "the recording")
+    passed = []
+    for k in range(1, 6):
+        sils.front.ask("joint", lambda k=k: desk.move_joint(0, desk.assembly.q[0] + k * MM))
+        time.sleep(0.2)
+        passed.append(desk.assembly.q.copy())
+    sils.page.get_by_role("button", name="Stop recording").click()
+    until(lambda: sils.page.get_by_role("button", name="Replay").is_enabled(), "the end of the recording")
+    sils.front.ask("home", lambda: desk.go("home"))
+    until(lambda: not np.allclose(desk.assembly.q, passed[-1]), "home")
+    sils.page.get_by_role("button", name="Replay").click()
+    until(lambda: np.allclose(desk.assembly.q, passed[-1], atol=1e-9), "the last recorded posture")
+
+
 # -- instruments --------------------------------------------------------------------------------------
 
 
@@ -310,6 +328,25 @@ def found(look):
     return texts.first.inner_text() if texts.count() else ""
 
 
+def test_two_designs_stand_beside_each_other(sils):
+    desk = still(sils)
+    front = sils.front
+    sils.tab("Design")
+    before = sils.shot()
+    sils.page.get_by_role("button", name="Keep this design as B").click()
+    until(lambda: front.panels.design._other_nodes is not None, "design B")
+    front.ask("design", lambda: desk.change(parameters={"l_p": desk.kin.parameters["l_p"] + 2 * MM}))
+    front.ask("tool", lambda: desk.move_tool(desk.assembly.T_base_tool))
+    until(lambda: sils.page.locator("text=B (orange)").count() > 0, "the table of both")
+    other = front.panels.design._other
+    until(lambda: np.abs(other.assembly.q - desk.assembly.q).max() > 1e-6, "different joints for one tool pose")
+    time.sleep(1.5)
+    assert np.mean(np.abs(sils.shot() - before).max(axis=2) > 25) > 0.005
+    front.ask("design", lambda: (desk.change(parameters={"l_p": front.hand.desk.robot.kinematics().parameters["l_p"]}),
+                                 front.panels.design._show_other(False)))  # fmt: skip
+    until(lambda: not desk.edited, "the robot's own equations")
+
+
 # -- scene --------------------------------------------------------------------------------------------
 
 
@@ -375,6 +412,17 @@ def test_browsers_come_and_go(chromium, sils):
     until(lambda: not front._wishes, "the wish")
     third = Looker(chromium, front)  # sees the present pose, not the first one
     third.page.close()
+
+
+def test_a_turntable_is_a_moving_picture(sils, monkeypatch):
+    monkeypatch.setattr(recording, "TURN", 4)
+    gif = Image.open(io.BytesIO(recording.turntable(sils.clients[0], "turn", lambda part: None)))
+    assert gif.n_frames == 4
+    frames = []
+    for k in range(4):
+        gif.seek(k)
+        frames.append(np.asarray(gif.convert("RGB")).astype(int))
+    assert np.mean(np.abs(frames[0] - frames[1]).max(axis=2) > 30) > 0.02
 
 
 def test_a_recording_plays_without_python(chromium, tmp_path):

@@ -17,15 +17,17 @@ def length(metres: float) -> str:
     """Return a length with a unit in which it reads well."""
     if not np.isfinite(metres):
         return "-"
-    if abs(metres) >= 1e-4:
-        return f"{metres / MM:.3f} mm"
-    return f"{metres * 1e6:.3f} µm" if abs(metres) >= 1e-8 else f"{metres * 1e12:.2f} pm"
+    for smallest, scale, unit in ((1e-4, MM, "mm"), (1e-7, 1e-6, "µm"), (1e-10, 1e-9, "nm"), (0.0, 1e-12, "pm")):
+        if abs(metres) >= smallest:
+            return f"{metres / scale:.3f} {unit}"
+    return "-"
 
 
 def table(reading: Reading, variants: str = "") -> str:
     """Return the whole panel; what is beyond its limit is red."""
     rows = [f"<div style='{_GRID}'>{''.join(_number(*c) for c in reading.coordinates)}</div>"]
-    rows.append(_line("equations", variants))
+    if variants:
+        rows.append(_line("equations", variants))
     if reading.residual is not None:
         size, what = reading.residual
         turn = what.startswith(("tool rotation",))

@@ -31,6 +31,7 @@ class Scenery:
         self.front, self.scene = front, front.server.scene
         scene = self.scene
         corners = [front.nodes[a.name].to_world(c) for a in front.actors for c in _corners(front.nodes[a.name].box)]
+        self.props: RobotNodes | None = None
         if props is not None:
             poses = ReferenceModel(props).home().link_poses
             self.props = RobotNodes(front.server, f"/{props.name}", props, poses)
@@ -132,6 +133,8 @@ class Scenery:
                 "gizmo at the tool": (True, lambda v: setattr(front.gizmo, "visible", v)),
                 "dark": (False, self.dark),
             }
+            if self.props is not None:
+                boxes["see through the surroundings"] = (False, self.see_through)
             for name, (first, do) in boxes.items():
                 box = gui.add_checkbox(name, first)
                 box.on_update(self._switch(name, box, do))
@@ -200,6 +203,12 @@ class Scenery:
         )
         self.grid.cell_color = (58, 64, 72) if on else (205, 211, 219)
         self.grid.section_color = (80, 88, 98) if on else (186, 194, 204)
+
+    def see_through(self, on: bool) -> None:
+        """Let the instruments be seen inside the patient."""
+        assert self.props is not None
+        for _, handle in self.props.meshes:
+            handle.opacity = 0.3 if on else None
 
     def patient(self, visible: bool) -> None:
         """Show a table and an abdomen below the trocar of the robot in hand (ASSUMED: 320 x 480 mm, for scale)."""
