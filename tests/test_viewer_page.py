@@ -51,8 +51,10 @@ def chromium():
 def shown(name, protocol=None):
     """Yield a running front with one robot."""
     from twin.viewer.front import Actor, Front
+    from twin.viewer.server import serve
 
-    front = Front(f"twin · {name}", [Actor(name, name, Desk(twin.load(name)), protocol=protocol)], None, "127.0.0.1", 0)
+    actor = Actor(name, name, Desk(twin.load(name)), protocol=protocol)
+    front = Front(f"twin · {name}", [actor], None, serve(name, "127.0.0.1", 0))
     thread = threading.Thread(target=front.run)
     thread.start()
     try:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import socket
-import sys
+import threading
+import time
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
@@ -16,33 +17,41 @@ from twin.errors import TwinError
 
 if TYPE_CHECKING:
     from twin.mechanism import Mechanism
-    from twin.viewer.front import Actor
+    from twin.viewer.front import Actor, Front
 
 
 def view(args: argparse.Namespace) -> int:
     """Show a robot, a scene or a stage until Ctrl-C; with --html write a recording and end."""
     port = free_port(args.host, args.port)
-    title, actors, props = _actors(args)
-    from twin.viewer.front import Front
+    title, load = _what(args)
+    if args.html is not None:
+        assets.require_writable(Path(args.html).parent)
+    from twin.viewer.server import serve, stop
 
-    front = Front(f"twin · {title}", actors, props, args.host, port)
+    server = serve(f"twin · {title}", args.host, port)
+    front = None
     try:
+        if args.html is None:
+            url = f"http://{'127.0.0.1' if args.host in ('0.0.0.0', '') else args.host}:{port}"
+            print(f"{title}: {url}   (Ctrl-C ends it)", flush=True)
+            if args.host not in ("127.0.0.1", "localhost"):
+                print(f"  open to the network on {args.host}: whoever reaches it can move what is shown", flush=True)
+            if not args.no_browser:  # it starts while the CAD is read
+                threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+        from twin.viewer.front import Front
+
+        front = Front(f"twin · {title}", *load(), server)
         if args.html is not None:
             return _page(front, Path(args.html), args.quiet)
-        url = f"http://{'127.0.0.1' if args.host in ('0.0.0.0', '') else args.host}:{port}"
-        print(f"{title}: {url}   (Ctrl-C ends it)", flush=True)
-        if args.host not in ("127.0.0.1", "localhost"):
-            print(f"  open to the network on {args.host}: whoever reaches it can move what is shown", flush=True)
-        if not args.no_browser:
-            webbrowser.open(url)
-        for a in actors:
-            if a.desk.robot.files is not None and (a.protocol or a.desk.robot.files.protocols()):
-                front.ask(f"load {a.name}", _loader(front, a))
+        front.load_soon()
         front.run()
     except KeyboardInterrupt:
         print()
     finally:
-        front.close()
+        if front is not None:
+            front.close()
+        else:
+            stop(server)
     return 0
 
 
@@ -68,41 +77,42 @@ def free_port(host: str, port: int) -> int:
         return int(s.getsockname()[1])
 
 
-def _loader(front, a: Actor) -> Callable[[], None]:
-    return lambda: front.load(a, a.protocol)
-
-
-def _actors(args: argparse.Namespace) -> tuple[str, list[Actor], Mechanism | None]:
-    from twin.viewer.desk import Desk
-    from twin.viewer.front import Actor
-
+def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor], Mechanism | None]]]:
+    """Return what is to be shown, and how it is loaded; a wrong name is told here, before anything opens."""
     file = scenes.find(args.robot)
     if file is None:
         robot = api.load(args.robot)
         if args.protocol is not None:
-            robot.protocol(args.protocol)  # a wrong name is told before anything is shown
-        return robot.name, [Actor(robot.name, str(args.robot), Desk(robot), protocol=args.protocol)], None
-    from twin.cad.build import read_mechanism
+            robot.protocol(args.protocol)
+
+        def load_robot() -> tuple[list[Actor], Mechanism | None]:
+            from twin.viewer.desk import Desk
+            from twin.viewer.front import Actor
+
+            return [Actor(robot.name, str(args.robot), Desk(robot), protocol=args.protocol)], None
+
+        return robot.name, load_robot
+    if args.protocol is not None:
+        raise TwinError(f"{args.robot} is a scene: its file says what each robot plays; leave the protocol out")
     from twin.scene.load import load_scene
 
-    if args.protocol is not None:
-        raise TwinError(f"{args.robot} is a scene: its file says what each robot plays; leave --protocol out")
     scene = load_scene(file)
-    actors = []
-    for place in scene.places:
-        robot = api.load(place.name)
-        actors.append(Actor(place.name, place.name, Desk(robot), place.T_world_base, place.protocol))
-    props = None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
-    return scene.name, actors, props
+
+    def load_scene_robots() -> tuple[list[Actor], Mechanism | None]:
+        from twin.cad.build import read_mechanism
+        from twin.viewer.desk import Desk
+        from twin.viewer.front import Actor
+
+        actors = [Actor(p.name, p.name, Desk(api.load(p.name)), p.T_world_base, p.protocol) for p in scene.places]
+        return actors, None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
+
+    return scene.name, load_scene_robots
 
 
-def _page(front, path: Path, quiet: bool) -> int:
-    import time
-
+def _page(front: Front, path: Path, quiet: bool) -> int:
     from twin.cli import show
     from twin.viewer import recording
 
-    assets.require_writable(path.parent)
     with show.progress(quiet) as progress:
         progress("plan", 0.0)
         for a in front.actors:
@@ -116,5 +126,5 @@ def _page(front, path: Path, quiet: bool) -> int:
         html = recording.page(front, lambda part: progress("record", part))
     with assets.atomic_folder(path.parent) as work:
         (work / path.name).write_text(html, encoding="utf-8")
-    print(f"{path}: {len(html) / 1e6:.1f} MB, {front.clock.duration:.1f} s; any browser plays it", file=sys.stdout)
+    print(f"{path}: {len(html) / 1e6:.1f} MB, {front.clock.duration:.1f} s; any browser plays it")
     return 0

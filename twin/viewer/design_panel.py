@@ -84,7 +84,7 @@ class DesignPanel:
             names = sorted(values)
             which = gui.add_dropdown("parameter", names)
             number = gui.add_number("value", 0.0, step=0.01)
-            reset = gui.add_button("as published", icon=viser.Icon.ARROW_BACK_UP)
+            reset = gui.add_button("as published")
 
             def unit(name: str) -> tuple[float, str]:
                 return {"mm": (MM, "mm"), "m": (MM, "mm"), "deg": (DEG, "°"), "rad": (DEG, "°")}.get(
@@ -135,7 +135,7 @@ class DesignPanel:
         with folder:
             which = gui.add_dropdown("distance", tuple(found))
             number = gui.add_number("length [mm]", 0.0, step=0.01)
-            reset = gui.add_button("as drawn", icon=viser.Icon.ARROW_BACK_UP)
+            reset = gui.add_button("as drawn")
 
         def choose(_: object = None) -> None:
             number.value = round(found[which.value].distance / MM, 6)
@@ -174,7 +174,7 @@ class DesignPanel:
         folder = gui.add_folder("Two designs")
         self._handles.append(folder)
         with folder:
-            keep = gui.add_button("Keep this design as B", icon=viser.Icon.COPY)
+            keep = gui.add_button("Keep this design as B")
             self._beside = gui.add_checkbox("show B beside", False, disabled=self._other is None)
             self._table = gui.add_html("")
 
@@ -245,8 +245,8 @@ class DesignPanel:
             )
             edge = gui.add_number("half edge [mm]", round(250 * self.front.nodes[a.name].size) or 100, min=1, step=10)
             count = gui.add_dropdown("poses", ("100 000", "1 000 000"), initial_value="1 000 000")
-            begin = gui.add_button("Look for it", icon=viser.Icon.PLAYER_PLAY)
-            stop = gui.add_button("Stop and hide", icon=viser.Icon.PLAYER_STOP)
+            begin = gui.add_button("Look for it")
+            stop = gui.add_button("Stop and hide")
             self._progress = gui.add_progress_bar(0.0)
             self._found = gui.add_markdown("")
 

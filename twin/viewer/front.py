@@ -6,9 +6,6 @@ is faster than the solver never queues up, and any number of browsers sees the s
 
 from __future__ import annotations
 
-import contextlib
-import io
-import logging
 import threading
 import time
 from collections.abc import Callable
@@ -26,6 +23,7 @@ from twin.spatial import Array
 from twin.viewer import instruments, timeline
 from twin.viewer.desk import Desk
 from twin.viewer.nodes import BLUE, RobotNodes
+from twin.viewer.server import stop
 from twin.viewer.timeline import Clock, Playback
 
 FRAME = 1 / 60
@@ -33,6 +31,10 @@ FRAME = 1 / 60
 
 _READ = 0.1
 """Seconds between two looks at the instruments: nobody reads faster, and each costs the page a redraw."""
+
+
+_DRAWN, _NOBODY = 1.5, 4.0
+"""Seconds that a browser gets for its first picture, and after which no browser is waited for."""
 
 
 @dataclass
@@ -68,14 +70,11 @@ class Front:
         nodes, ghosts: what shows each actor.
     """
 
-    def __init__(self, title: str, actors: list[Actor], props: Mechanism | None, host: str, port: int) -> None:
+    def __init__(self, title: str, actors: list[Actor], props: Mechanism | None, server: viser.ViserServer) -> None:
         from twin.viewer import panels
         from twin.viewer.scenery import Scenery
 
-        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # browsers open sockets that they never use
-        with contextlib.redirect_stdout(io.StringIO()):
-            self.server = viser.ViserServer(host=host, port=port, label=title, verbose=False)
-        self.title, self.actors, self.hand = title, actors, actors[0]
+        self.server, self.title, self.actors, self.hand = server, title, actors, actors[0]
         self.clock = Clock()
         self.nodes = {
             a.name: RobotNodes(self.server, f"/{a.name}", a.desk.mechanism, a.desk.assembly.link_poses) for a in actors
@@ -139,7 +138,7 @@ class Front:
             self.stand()
         if self._stale or self.clock.playing:
             self.draw()
-        for act in self.after_frame:
+        for act in list(self.after_frame):
             act()
         if now - self._looked >= _READ and (self._stale or self.clock.playing):
             self._looked, self._stale = now, False
@@ -153,8 +152,7 @@ class Front:
             for process in list((self._workers._processes or {}).values()):  # a plan may take minutes
                 process.terminate()
             self._workers.shutdown(wait=True, cancel_futures=True)
-        with contextlib.redirect_stdout(io.StringIO()):
-            self.server.stop()
+        stop(self.server)
 
     def stop(self) -> None:
         """End the loop."""
@@ -229,6 +227,22 @@ class Front:
             ghost.show(visible and name == self.hand.name)
 
     # -- protocols ------------------------------------------------------------------------------------
+
+    def load_soon(self) -> None:
+        """Prepare what the robots play once a browser has had time to draw them: planning wants a whole core."""
+        begin = self.now
+
+        def wait() -> None:
+            came = min(
+                (c.camera._state.update_timestamp or np.inf for c in self.server.get_clients().values()), default=np.inf
+            )
+            if time.time() - came > _DRAWN or self.now - begin > _NOBODY:
+                self.after_frame.remove(wait)
+                for a in self.actors:
+                    if a.desk.robot.files is not None and a.desk.robot.files.protocols():
+                        self.load(a, a.protocol)
+
+        self.after_frame.append(wait)
 
     def load(self, a: Actor, protocol: str | None) -> None:
         """Begin to prepare a protocol in another process; it is taken when it is ready."""

@@ -42,9 +42,9 @@ class Panels:
         gui.set_panel_label(front.title)
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         self._side = gui.add_panel()
-        with self._side.add_tab("Instruments", viser.Icon.GAUGE):
+        with self._side.add_tab("Instruments"):
             self._readout = gui.add_html("")
-        self._curves_tab = self._side.add_tab("Curves", viser.Icon.CHART_LINE)
+        self._curves_tab = self._side.add_tab("Curves")
         self._side.dock_left()
         self._side.set_width(330)
         gui.main_panel.dock_right()
@@ -54,11 +54,11 @@ class Panels:
             chosen = gui.add_dropdown("robot in hand", names, initial_value=names[0])
             chosen.on_update(lambda e: front.ask("take", lambda: front.take(chosen.value)))
         tabs = gui.add_tab_group()
-        with tabs.add_tab("Play", viser.Icon.PLAYER_PLAY):
+        with tabs.add_tab("Play"):
             self._play()
-        self._move_tab = tabs.add_tab("Move", viser.Icon.HAND_GRAB)
-        self.design = DesignPanel(front, tabs.add_tab("Design", viser.Icon.RULER_MEASURE))
-        with tabs.add_tab("Scene", viser.Icon.CAMERA):
+        self._move_tab = tabs.add_tab("Move")
+        self.design = DesignPanel(front, tabs.add_tab("Design"))
+        with tabs.add_tab("Scene"):
             front.scenery.panel(self)
         self._sliders: list[viser.GuiInputHandle] = []
         self._move()
@@ -83,7 +83,7 @@ class Panels:
         default = front.hand.protocol or (front.hand.desk.robot.protocol().name if names else "none")
         self._protocol.value = default if default in names else (names or ["none"])[0]
         self._state = gui.add_markdown("_not planned yet_")
-        self._run = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, disabled=True)
+        self._run = gui.add_button("▶ Play", disabled=True)
         self._time: viser.GuiSliderHandle | None = None
         self._folder = gui.add_folder("Timeline")
         with self._folder:
@@ -274,10 +274,9 @@ class Panels:
             if state != self._state.content:
                 self._state.content = state
                 self._phases.content = readout.phases(playback.phases, phase)
-            label = "Pause" if clock.playing else "Play"
+            label = "❚❚ Pause" if clock.playing else "▶ Play"
             if self._run.label != label:
                 self._run.label = label
-                self._run.icon = viser.Icon.PLAYER_PAUSE if clock.playing else viser.Icon.PLAYER_PLAY
         self._draw_curves()
         self.design.show(reading)
 

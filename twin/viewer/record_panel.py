@@ -34,9 +34,9 @@ class RecordPanel:
         with tab:
             folder = gui.add_folder("Session")
             with folder:
-                self._record = gui.add_button("Record", icon=viser.Icon.PLAYER_RECORD)
-                self._replay = gui.add_button("Replay", icon=viser.Icon.REPEAT, disabled=True)
-                save = gui.add_button("Save the session", icon=viser.Icon.DEVICE_FLOPPY)
+                self._record = gui.add_button("● Record")
+                self._replay = gui.add_button("↻ Replay", disabled=True)
+                save = gui.add_button("Save the session")
                 load = gui.add_upload_button("Load a session", mime_type="application/json")
             handles.append(folder)
             writable = a.desk.robot.files is not None
@@ -44,8 +44,8 @@ class RecordPanel:
                 keep = gui.add_folder("Write into the robot's files", expand_by_default=False)
                 with keep:
                     self._name = gui.add_text("name", "reached")
-                    as_posture = gui.add_button("as a posture", icon=viser.Icon.DEVICE_FLOPPY)
-                    as_phase = gui.add_button("as the protocol's last phase", icon=viser.Icon.DEVICE_FLOPPY)
+                    as_posture = gui.add_button("as a posture")
+                    as_phase = gui.add_button("as the protocol's last phase")
                 as_posture.on_click(lambda _: front.ask("save", self._save_posture))
                 as_phase.on_click(lambda _: front.ask("save", self._save_phase))
                 handles.append(keep)
@@ -56,12 +56,12 @@ class RecordPanel:
         front.after_frame.append(self._tick)
 
     def _toggle(self) -> None:
-        if self._record.label == "Record":
+        if self._record.label == "● Record":
             a = self.actor
             self.session = Session.of(a.desk.mechanism)
-            self._began, self._record.label, self._replay.disabled = time.perf_counter(), "Stop recording", True
+            self._began, self._record.label, self._replay.disabled = time.perf_counter(), "■ Stop recording", True
         else:
-            self._record.label, self._replay.disabled = "Record", False
+            self._record.label, self._replay.disabled = "● Record", False
 
     def _start(self) -> None:
         self.front.clock.playing = False
@@ -71,7 +71,7 @@ class RecordPanel:
         desk = self.actor.desk
         if self.session is None:
             return
-        if self._record.label != "Record":
+        if self._record.label != "● Record":
             now = time.perf_counter() - self._began
             if not self.session.moments or not np.array_equal(self.session.moments[-1].q, desk.assembly.q):
                 self.session.add(now, desk.assembly.q, desk.assembly.T_base_tool)

@@ -120,7 +120,7 @@ class Scenery:
         """Make the panel."""
         gui, front = self.front.server.gui, self.front
         views = gui.add_dropdown("camera", VIEWS)
-        look = gui.add_button("Look from there", icon=viser.Icon.EYE)
+        look = gui.add_button("Look from there")
         look.on_click(lambda e: self.look(views.value, e.client))
         views.on_update(lambda e: self.look(views.value, e.client))
         with gui.add_folder("Show"):
@@ -162,9 +162,9 @@ class Scenery:
             for handle in (scale, place, yaw):
                 handle.on_update(put)
         with gui.add_folder("Pictures"):
-            shot = gui.add_button("Screenshot", icon=viser.Icon.CAMERA)
-            turn = gui.add_button("Turntable (GIF)", icon=viser.Icon.ROTATE_360)
-            page = gui.add_button("Recording that needs no Python (HTML)", icon=viser.Icon.FILE_EXPORT)
+            shot = gui.add_button("Screenshot")
+            turn = gui.add_button("Turntable (GIF)")
+            page = gui.add_button("Recording that needs no Python (HTML)")
             self._progress = gui.add_progress_bar(0.0, visible=False)
             shot.on_click(lambda e: self._busy(lambda p: recording.screenshot(e.client, front.title, p)))
             turn.on_click(lambda e: self._busy(lambda p: recording.turntable(e.client, front.title, p)))
