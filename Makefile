@@ -16,7 +16,7 @@ test: .venv/.synced-dev
 	$(RUN) pytest -n auto --dist loadfile
 
 test-slow: .venv/.synced-dev  ## what the default suite leaves out
-	$(RUN) pytest -n auto --dist loadfile -m "slow or wheel"
+	$(RUN) pytest -n auto --dist loadfile -m "slow or wheel or browser"
 
 check: .venv/.synced-dev  ## lint, format, types, import contracts
 	$(RUN) ruff check
@@ -32,6 +32,9 @@ usd-check: .venv/.synced-dev  ## are the committed stages current?
 
 bench: .venv/.synced-dev
 	$(RUN) python tests/benchmarks/run.py
+	$(RUN) python tests/benchmarks/viewer_frames.py
+	$(RUN) python tests/benchmarks/viewer_workspace.py
+	$(RUN) python tests/benchmarks/viewer_first.py
 
 lock-check: | $(UV)
 	$(UV) lock --check

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import time
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -59,11 +62,29 @@ def folder(tmp_path_factory):
 @pytest.mark.parametrize("command", commands())
 def test_command_runs(command, folder):
     arguments = [sys.executable, "-m", *command.split()]
+    if command.startswith("twin view") and "--html" not in command:
+        return serves_until_ctrl_c(arguments, folder)
     if command == "twin build sils":
         arguments += ["--out", str(folder / "usd")]
     done = subprocess.run(arguments, cwd=folder, capture_output=True, text=True, check=False)
     expected = 1 if command.endswith(EXIT_1) or command == "twin validate sils --all-protocols" else 0
     assert done.returncode == expected, done.stdout[-2000:] + done.stderr[-2000:]
+
+
+def serves_until_ctrl_c(arguments, folder):
+    """Begin a view on a free port, fetch its page, end it."""
+    arguments += ["--port", "0", "--no-browser"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    with subprocess.Popen(arguments, cwd=folder, **pipes) as process:
+        line = process.stdout.readline()
+        url = re.search(r"http://127[.]0[.]0[.]1:[0-9]+", line)
+        assert url, line + process.stdout.read()
+        with urllib.request.urlopen(url[0], timeout=60) as page:
+            assert b"<html" in page.read()
+        time.sleep(4)  # it must have loaded the robot by then
+        process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=60)[0]
+    assert process.returncode == 0, said
 
 
 @pytest.mark.slow

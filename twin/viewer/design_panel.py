@@ -291,7 +291,7 @@ class DesignPanel:
         some = slice(None, None, max(1, len(points) // _SHOWN))
         a = self.front.hand
         self.front.server.scene.add_point_cloud(
-            f"/{a.name}/workspace", points[some], conditioned(condition[some]), point_size=0.0025,
+            f"/{a.name}/workspace", points[some], conditioned(condition[some]), point_size=0.002,
             point_shape="circle", precision="float32",
         )  # fmt: skip
 

@@ -158,7 +158,7 @@ class RobotNodes:
         color = np.array(GREEN if agrees else RED, np.uint8)
         if self._equations is None or len(self._equations.points) != len(segments):
             self._equations = self._server.scene.add_line_segments(
-                f"{self._path}/equations", segments, tuple(color.tolist()), thickness=0.008 * self.size
+                f"{self._path}/equations", segments, tuple(color.tolist()), thickness=0.005 * self.size
             )
         else:
             self._equations.points = segments

@@ -91,7 +91,8 @@ def _number(name: str, value: float, unit: str) -> str:
 def _line(name: str, text: str, color: str = "") -> str:
     style = f"color:{color};font-weight:600" if color else ""
     return (
-        f"<div style='display:flex;justify-content:space-between;gap:1em'><span style='color:{_DIM}'>{name}</span>"
+        f"<div style='display:flex;justify-content:space-between;gap:1em'>"
+        f"<span style='color:{_DIM};white-space:nowrap'>{name}</span>"
         f"<span style='{style};text-align:right'>{text}</span></div>"
     )
 

@@ -1,0 +1,109 @@
+"""Draw docs/pictures/view_*.png: the page of `twin view` as a headless Chromium shows it.
+
+    python docs/make_viewer_pictures.py [--only play]
+
+No graphics card is needed; three minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import shutil
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from playwright.sync_api import Page, sync_playwright
+
+import twin
+from twin.units import MM
+from twin.viewer.desk import Desk
+from twin.viewer.front import Actor, Front
+from twin.viewer.server import serve
+
+FOLDER = Path(__file__).parent / "pictures"
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
+
+
+def tab(page: Page, name: str) -> None:
+    """Open a tab."""
+    page.get_by_role("tab", name=name).click(force=True)
+
+
+def play(front: Front, page: Page) -> None:
+    """SHER inside the eye: instruments and curves of the sclerotomy, close to the shaft."""
+    front.ask("load", lambda: front.load(front.hand, "sclerotomy"))
+    while front.hand.playback is None:
+        time.sleep(0.2)
+    front.ask("seek", lambda: (front.clock.seek(8.3), front.stand(), setattr(front.gizmo, "visible", False)))
+    tab(page, "Curves")
+
+
+def printed(front: Front, page: Page) -> None:
+    """SILS with equation (1) as printed: the platform is stretched, the readout red."""
+    tab(page, "Design")
+    page.locator("xpath=//label[contains(., 'eq1')]/following::input[not(@type='hidden')][1]").first.click()
+    page.get_by_role("option", name="printed").click()
+    front.ask("axes", lambda: (front.nodes["sils"].axes(True), setattr(front.gizmo, "visible", False)))
+    tip, _ = front.hand.desk.shaft()
+    at = tip + np.array([0, 0, 120]) * MM
+    for client in front.server.get_clients().values():
+        with client.atomic():
+            client.camera.position = at + np.array([0.45, -0.35, 0.42])
+            client.camera.look_at = at
+
+
+def workspace(front: Front, page: Page) -> None:
+    """SILS with the set that its tool can reach as it is turned now."""
+    tab(page, "Design")
+    field = page.locator("xpath=//label[contains(., 'half edge')]/following::input[not(@type='hidden')][1]").first
+    field.fill("260")
+    field.press("Enter")
+    page.get_by_role("button", name="Look for it").click()
+    while not page.locator("text=/1 000 000 poses,/").count():
+        time.sleep(0.5)
+    page.get_by_role("button", name="Look for it").scroll_into_view_if_needed()
+
+
+PICTURES: dict[str, tuple[str, Callable[[Front, Page], None]]] = {
+    "play": ("sher", play),
+    "printed": ("sils", printed),
+    "workspace": ("sils", workspace),
+}
+
+
+def main() -> None:
+    """Draw the pictures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", choices=PICTURES, default=list(PICTURES))
+    args = parser.parse_args()
+    program = shutil.which("chromium") or shutil.which("google-chrome")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=FLAGS)
+        for name in args.only:
+            robot, prepare = PICTURES[name]
+            actor = Actor(robot, robot, Desk(twin.load(robot)))
+            front = Front(f"twin · {robot}", [actor], None, serve(robot, "127.0.0.1", 0))
+            thread = threading.Thread(target=front.run)
+            thread.start()
+            page = browser.new_page(viewport={"width": 1500, "height": 900})
+            page.goto(f"http://127.0.0.1:{front.server.get_port()}")
+            page.get_by_role("tab", name="Instruments").wait_for()
+            time.sleep(5)
+            page.add_style_tag(content="[class*='mantine-Notification']{display:none!important}")
+            prepare(front, page)
+            time.sleep(8)
+            image = Image.open(io.BytesIO(page.screenshot())).convert("RGB").quantize(256, dither=Image.Dither.NONE)
+            image.save(FOLDER / f"view_{name}.png", optimize=True)
+            print(f"view_{name}.png: {(FOLDER / f'view_{name}.png').stat().st_size / 1e3:.0f} kB")
+            page.close()
+            front.stop()
+            thread.join(30)
+
+
+if __name__ == "__main__":
+    main()
