@@ -298,6 +298,7 @@ def test_a_distance_of_the_mechanism_is_edited_and_undone(sils):
     field.fill(f"{drawn + 0.5}")
     field.press("Enter")
     until(lambda: desk.edited, "the new mechanism")
+    until(lambda: "sils" in sils.front.ghosts, "the ghost of what is drawn")
     sils.page.get_by_role("button", name="as drawn").click()
     until(lambda: not desk.edited, "the drawn mechanism")
 

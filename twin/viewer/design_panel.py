@@ -151,6 +151,7 @@ class DesignPanel:
                 except AssemblyError as error:
                     raise MechanismError(f"{d.joint} to {d.other} = {value / MM:g} mm: {error}") from error
                 self.front.rebuilt(a)
+                self.front.panels.ghost(True)  # the drawing, unedited
 
             self._wish(go)
 
@@ -159,6 +160,7 @@ class DesignPanel:
                 desk.redesign(desk.robot.mechanism)
                 choose()
                 self.front.rebuilt(a)
+                self.front.panels.ghost(False)
 
             self._wish(go)
 

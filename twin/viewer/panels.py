@@ -231,6 +231,11 @@ class Panels:
         """Return whether the points of the equations are wanted."""
         return self._equations.value
 
+    def ghost(self, visible: bool) -> None:
+        """Show or hide the ghost, and tick its box accordingly."""
+        self._ghost.value = visible
+        self.front.show_ghost(visible)
+
     def exaggeration(self) -> float:
         """Return how many times the error of the equations' points is to be drawn."""
         return float(self._times.value.split()[0])
