@@ -39,8 +39,7 @@ class DesignPanel:
         self._cloud = Cloud()
         self._points: list[np.ndarray] = []
         self._condition: list[np.ndarray] = []
-        self._drawn = 0.0
-        self._at: Array | None = None
+        self._drawn, self._of = 0.0, ""
         self.rebuild()
         front.after_frame.append(self._poll)
 
@@ -253,14 +252,14 @@ class DesignPanel:
             self._found = gui.add_markdown("")
 
         def go() -> None:
-            self._points, self._condition = [], []
+            self._points, self._condition, self._of = [], [], a.name
             desk = a.desk
             assert desk.kin is not None
-            self._at = desk.assembly.T_base_tool.copy()
+            T = desk.assembly.T_base_tool.copy()
             poses = int(count.value.replace(" ", ""))
             parameters = {n: v for n, v in desk.kin.parameters.items() if n in desk.parameters}
             self._cloud.start(
-                Job(a.source, dict(desk.kin.variants), parameters, desk.bounds, self._at, edge.value * MM, poses)
+                Job(a.source, dict(desk.kin.variants), parameters, desk.bounds, T, edge.value * MM, poses)
             )
 
         def hide() -> None:
@@ -291,9 +290,8 @@ class DesignPanel:
         if not len(points):
             return
         some = slice(None, None, max(1, len(points) // _SHOWN))
-        a = self.front.hand
         self.front.server.scene.add_point_cloud(
-            f"/{a.name}/workspace", points[some], conditioned(condition[some]), point_size=0.002,
+            f"/{self._of}/workspace", points[some], conditioned(condition[some]), point_size=0.002,
             point_shape="circle", precision="float32",
         )  # fmt: skip
 

@@ -6,6 +6,7 @@ is faster than the solver never queues up, and any number of browsers sees the s
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -132,6 +133,9 @@ class Front:
                 wish()
             except TwinError as error:
                 self.say(str(error), bad=True)
+            except Exception as error:  # one wish that fails must not take the robot from the screen
+                logging.getLogger(__name__).exception("a wish failed")
+                self.say(f"internal error, {type(error).__name__}: {error}. Please report it.", bad=True)
             self._stale = True
         self._take_plans()
         if self.clock.advance(passed):

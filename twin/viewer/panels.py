@@ -61,6 +61,7 @@ class Panels:
         with tabs.add_tab("Scene"):
             front.scenery.panel(self)
         self._sliders: list[viser.GuiInputHandle] = []
+        self.record: RecordPanel | None = None
         self._move()
         with self._curves_tab:
             self._what = gui.add_dropdown("curve", CURVES, initial_value=CURVES[0])
@@ -178,6 +179,8 @@ class Panels:
         for handle in self._sliders:
             handle.remove()
         self._sliders = []
+        if self.record is not None:
+            self.record.close()
         self._joint: list[viser.GuiSliderHandle] = []
         with self._move_tab:
             note = gui.add_markdown(

@@ -55,6 +55,10 @@ class RecordPanel:
         save.on_click(lambda _: front.ask("save", self._save))
         front.after_frame.append(self._tick)
 
+    def close(self) -> None:
+        """Look at the robot no more."""
+        self.front.after_frame.remove(self._tick)
+
     def _toggle(self) -> None:
         if self._record.label == "● Record":
             a = self.actor

@@ -1,0 +1,134 @@
+"""The front end without a browser: its loop stepped by hand, robots changed over, a bare stage, what is drawn where."""
+
+from __future__ import annotations
+
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+import twin
+from twin import spatial
+from twin.errors import TwinError
+from twin.units import MM
+from twin.viewer.desk import Desk
+from twin.viewer.front import Actor, Front
+from twin.viewer.panels import curves
+from twin.viewer.server import serve
+from twin.viewer.timeline import prepare
+
+
+@contextmanager
+def front_of(*robots):
+    actors = [Actor(r.name, r.name, Desk(r)) for r in robots]
+    front = Front("test", actors, None, serve("test", "127.0.0.1", 0))
+    try:
+        yield front
+    finally:
+        front.close()
+
+
+@pytest.fixture(scope="module")
+def two():
+    with front_of(twin.load("hibou"), twin.load("lapbot")) as front:
+        yield front
+
+
+def test_of_each_kind_of_wish_the_last_one_counts(two):
+    done = []
+    two.ask("a", lambda: done.append(1))
+    two.ask("a", lambda: done.append(2))
+    two.ask("b", lambda: done.append(3))
+    two.step()
+    assert done == [2, 3]
+
+
+def test_a_wish_that_fails_is_told_and_the_loop_goes_on(two, monkeypatch, caplog):
+    said = []
+    monkeypatch.setattr(two, "say", lambda text, bad=False: said.append((text, bad)))
+
+    def refused():
+        raise TwinError("no")
+
+    two.ask("a", refused)
+    two.ask("b", lambda: 1 / 0)
+    two.step()
+    assert said[0] == ("no", True)
+    assert "ZeroDivisionError" in said[1][0]
+    assert "a wish failed" in caplog.text
+
+
+def test_another_robot_is_taken_in_hand(two):
+    assert len(two.panels._joint) == 5
+    ticks = len(two.after_frame)
+    two.take("lapbot")
+    two.step()
+    assert two.hand.name == "lapbot"
+    assert len(two.panels._joint) == 6
+    assert len(two.after_frame) == ticks  # what watched the other one is gone
+    two.take("hibou")
+
+
+def test_size_and_place_are_of_the_picture_alone(two):
+    a, node = two.hand, two.nodes[two.hand.name]
+    p = a.desk.assembly.T_base_tool[:3, 3].copy()
+    two.scenery._put(a, np.array([0.3, -0.1, 0.2]), 0.7, 2.5)
+    np.testing.assert_allclose(node.to_base(node.to_world(p)), p, atol=1e-12)
+    expected = spatial.pose(spatial.rotation_z(0.7), [0.3, -0.1, 0.2]) @ np.append(2.5 * p, 1.0)
+    np.testing.assert_allclose(node.to_world(p), expected[:3], atol=1e-12)
+    np.testing.assert_array_equal(a.desk.assembly.T_base_tool[:3, 3], p)
+    two.draw()
+    np.testing.assert_allclose(two.gizmo.position, node.to_world(p), atol=1e-9)
+    two.scenery._put(a, np.zeros(3), 0.0, 1.0)
+
+
+def test_a_protocol_is_prepared_elsewhere_and_played(two):
+    a = two.hand
+    two.load(a, None)
+    end = time.monotonic() + 120
+    while two.planning and time.monotonic() < end:
+        two.step()
+        time.sleep(0.05)
+    assert a.playback is not None, two.panels.why
+    two.clock.seek(3.0)
+    two.stand()
+    np.testing.assert_allclose(a.desk.assembly.q, a.playback.q[180], atol=1e-8)
+    two.load(a, "no_such")
+    while two.planning and time.monotonic() < end:
+        two.step()
+        time.sleep(0.05)
+    assert "no_such" in two.panels.why
+
+
+def test_curves_have_names_units_and_values():
+    playback = prepare("hibou", None)
+    angles = [True, False, True, True, True]
+    names, values = curves(playback, "speed", ["q1", "q2", "q3", "q6", "q7"], angles)
+    assert names[:2] == ["q1 [°/s]", "q2 [mm/s]"]
+    np.testing.assert_allclose(values[1], playback.qd[:, 1] / MM)
+    assert curves(playback, "tip", [], [])[0] == ["x [mm]", "y [mm]", "z [mm]"]
+    assert np.nanmax(curves(playback, "RCM error", [], [])[1]) < 0.01  # µm
+
+
+def test_points_of_the_equations_are_drawn_with_their_error_enlarged():
+    with front_of(twin.load("sils")) as front:
+        desk, node = front.hand.desk, front.nodes["sils"]
+        desk.change({"eq1": "printed"})
+        front.refresh()
+        drawn = node._equations.points.reshape(-1, 3)
+        actual = np.array([desk.assembly.points[n] for n in ("s1", "s2", "s3")])
+        off = np.array([np.linalg.norm(actual - p, axis=1).min() for p in drawn]).max()
+        assert off == pytest.approx(10 * 1.2745 * MM, rel=1e-3)
+        assert tuple(node._equations.colors[0, 0]) == (225, 0, 0)
+
+
+def test_a_bare_stage_is_shown_without_equations():
+    stage = twin.load("hibou").files.stage
+    with front_of(twin.load(stage)) as front:
+        front.step()
+        assert front.hand.desk.kin is None
+        assert front.panels._run.disabled
+        front.ask("joint", lambda: front.hand.desk.move_joint(0, front.hand.desk.assembly.q[0] + 0.02))
+        front.step()
+        assert front.hand.desk.moved.good
