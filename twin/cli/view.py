@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import socket
 import threading
 import time
@@ -28,30 +29,40 @@ def view(args: argparse.Namespace) -> int:
         assets.require_writable(Path(args.html).parent)
     from twin.viewer.server import serve, stop
 
+    front, stopping = None, threading.Event()
+
+    def end(*_: object) -> None:
+        """Ask for the end: as an exception Ctrl-C could hit anywhere. The second time it is one."""
+        stopping.set()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    if args.html is None:
+        signal.signal(signal.SIGINT, end)
     server = serve(f"twin · {title}", args.host, port)
-    front = None
     try:
-        if args.html is None:
-            url = f"http://{'127.0.0.1' if args.host in ('0.0.0.0', '') else args.host}:{port}"
-            print(f"{title}: {url}   (Ctrl-C ends it)", flush=True)
-            if args.host not in ("127.0.0.1", "localhost"):
-                print(f"  open to the network on {args.host}: whoever reaches it can move what is shown", flush=True)
-            if not args.no_browser:  # it starts while the CAD is read
-                threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+        if args.html is not None:
+            from twin.viewer.front import Front
+
+            front = Front(f"twin · {title}", *load(), server)
+            return _page(front, Path(args.html), args.quiet)
+        url = f"http://{'127.0.0.1' if args.host in ('0.0.0.0', '') else args.host}:{port}"
+        print(f"{title}: {url}   (Ctrl-C ends it)", flush=True)
+        if args.host not in ("127.0.0.1", "localhost"):
+            print(f"  open to the network on {args.host}: whoever reaches it can move what is shown", flush=True)
+        if not args.no_browser:  # it starts while the CAD is read
+            threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
         from twin.viewer.front import Front
 
-        front = Front(f"twin · {title}", *load(), server)
-        if args.html is not None:
-            return _page(front, Path(args.html), args.quiet)
+        front = Front(f"twin · {title}", *load(), server, stopping)
         front.load_soon()
         front.run()
-    except KeyboardInterrupt:
-        print()
     finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         if front is not None:
             front.close()
         else:
             stop(server)
+    print()
     return 0
 
 

@@ -10,9 +10,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, field
-from multiprocessing import get_context
 
 import numpy as np
 import viser
@@ -24,6 +22,7 @@ from twin.spatial import Array
 from twin.viewer import instruments, timeline
 from twin.viewer.desk import Desk
 from twin.viewer.nodes import BLUE, RobotNodes
+from twin.viewer.planner import Planner
 from twin.viewer.server import stop
 from twin.viewer.timeline import Clock, Playback
 
@@ -71,7 +70,14 @@ class Front:
         nodes, ghosts: what shows each actor.
     """
 
-    def __init__(self, title: str, actors: list[Actor], props: Mechanism | None, server: viser.ViserServer) -> None:
+    def __init__(
+        self,
+        title: str,
+        actors: list[Actor],
+        props: Mechanism | None,
+        server: viser.ViserServer,
+        stopping: threading.Event | None = None,
+    ) -> None:
         from twin.viewer import panels
         from twin.viewer.scenery import Scenery
 
@@ -83,11 +89,10 @@ class Front:
         self.ghosts: dict[str, RobotNodes] = {}
         self.ghost_shown = False
         self.dragging = False
-        self.stopping = threading.Event()
+        self.stopping = threading.Event() if stopping is None else stopping
         self._wishes: dict[str, Callable[[], object]] = {}
         self._lock = threading.Lock()
-        self._workers: ProcessPoolExecutor | None = None
-        self._plans: dict[str, Future[Playback]] = {}
+        self._plans: dict[str, Planner] = {}
         self._last = self._looked = self.now = time.perf_counter()
         self._stale = True
         self.after_frame: list[Callable[[], object]] = []
@@ -113,7 +118,7 @@ class Front:
             return any(k.startswith(kind) for k in self._wishes)
 
     def run(self) -> None:
-        """Solve and draw until `stop` is called or Ctrl-C."""
+        """Solve and draw until `stop` is called or `stopping` is set."""
         try:
             while not self.stopping.is_set():
                 start = time.perf_counter()
@@ -152,10 +157,9 @@ class Front:
         """Leave nothing behind: no process, no thread, no port."""
         self.stopping.set()
         self.panels.close()
-        if self._workers is not None:
-            for process in list((self._workers._processes or {}).values()):  # a plan may take minutes
-                process.terminate()
-            self._workers.shutdown(wait=True, cancel_futures=True)
+        for planner in self._plans.values():
+            planner.close()
+        self._plans.clear()
         stop(self.server)
 
     def stop(self) -> None:
@@ -173,6 +177,7 @@ class Front:
         """Show where every robot stands, its ghost, and what its equations say."""
         for a in self.actors:
             self.nodes[a.name].write(a.desk.assembly.link_poses)
+        self.scenery.follow()
         if self.ghost_shown:
             self._draw_ghost()
         if not self.dragging:
@@ -250,10 +255,10 @@ class Front:
 
     def load(self, a: Actor, protocol: str | None) -> None:
         """Begin to prepare a protocol in another process; it is taken when it is ready."""
-        if self._workers is None:
-            self._workers = ProcessPoolExecutor(1, get_context("spawn"), initializer=_quiet)
+        if a.name in self._plans:
+            self._plans.pop(a.name).close()
         a.playback = None
-        self._plans[a.name] = self._workers.submit(timeline.prepare, a.source, protocol)
+        self._plans[a.name] = Planner(a.source, protocol)
         self.panels.preparing(a, protocol)
 
     @property
@@ -262,16 +267,15 @@ class Front:
         return bool(self._plans)
 
     def _take_plans(self) -> None:
-        for name, future in list(self._plans.items()):
-            if not future.done():
+        for name, planner in list(self._plans.items()):
+            if not planner.done:
                 continue
-            del self._plans[name]
+            self._plans.pop(name).close()
             a = next(a for a in self.actors if a.name == name)
-            try:
-                a.playback = future.result()
-            except Exception as error:
-                self.panels.failed(a, str(error))
+            if not isinstance(planner.answer, Playback):
+                self.panels.failed(a, str(planner.answer))
                 continue
+            a.playback = planner.answer
             if a.desk.robot.files is not None:
                 bound = a.desk.robot.bound(a.desk.robot.protocol(a.playback.protocol))
                 if bound is not a.desk.robot:
@@ -333,13 +337,3 @@ class Front:
                 self.ask("point", lambda: a.desk.move_point(body, p, target))
 
         return lead
-
-
-def _quiet() -> None:
-    """Leave Ctrl-C to the viewer; give way to it, which has a hand to follow."""
-    import os
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "nice"):
-        os.nice(5)

@@ -90,8 +90,8 @@ class Scenery:
             )  # fmt: skip
             self._trail[a.name] = [line]
 
-    def update(self) -> None:
-        """Follow the robots: RCM, shaft, section."""
+    def follow(self) -> None:
+        """Follow the robots with RCM and shaft; a shaft that misses its RCM visibly (a bent wrist) is not drawn."""
         for a in self.front.actors:
             rcm = self.rcm(a) if self._trail_shown else None
             if rcm is None:
@@ -111,8 +111,8 @@ class Scenery:
                 )
             self._lines[a.name].points = ends
             self._balls[a.name].position = rcm
-            self._lines[a.name].visible = self._balls[a.name].visible = True
-        self._draw_cut()
+            missed = np.linalg.norm(np.cross(rcm - tip, axis))
+            self._balls[a.name].visible, self._lines[a.name].visible = True, bool(missed < 2 * MM)
 
     # -- the panel ------------------------------------------------------------------------------------
 
@@ -238,7 +238,8 @@ class Scenery:
         for handle in self._patient:
             handle.visible = visible
 
-    def _draw_cut(self) -> None:
+    def update(self) -> None:
+        """Cut the robots where they stand now, if a section is wanted."""
         state = None if self._cut is None else (*self._cut, *(id(a.desk.assembly) for a in self.front.actors))
         if state == self._cut_drawn:
             return
