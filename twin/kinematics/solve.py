@@ -103,7 +103,7 @@ def solve(
         tried += 1
         result = descend(kin, task, start, bounds, length_scale, tolerance)
         iterations += result.iterations
-        label = _label(kin, result.q if kin.closed_forward else result.T)
+        label = _label(kin, result.T if kin.closed_inverse else result.q)
         broken = _breaches(kin, result.q, bounds)
         fine = result.residual <= tolerance and not broken and (any_branch or label == wanted)
         if best is None or (result.residual, len(broken)) < (
@@ -133,8 +133,10 @@ def seeds(kin: Kinematics, rng: int, starts: int, bounds: Array | None = None) -
     First the formula's seeds, then random ones: about them for poses, within the limits (or a full turn,
     or 1 m) for joints.
     """
-    homes = [_from_formula(kin, np.asarray(s, float)) for s in kin.formula.seeds][:starts]
-    yield from homes
+    homes: list[Array] = []
+    for seed in kin.formula.seeds[:starts]:
+        homes.append(_from_formula(kin, np.asarray(seed, float)))
+        yield homes[-1]
     generator = np.random.default_rng(rng)
     if not kin.closed_forward:
         for i in range(len(homes), starts if homes else 0):
@@ -203,7 +205,8 @@ def _state(kin: Kinematics, seed: ArrayLike) -> Array:
 
 
 def _label(kin: Kinematics, state: Array) -> str:
-    return str((kin.branch(qs=state[None]) if kin.closed_forward else kin.branch(Ts=state[None]))[0])
+    """Return the branch of a state, q (n,) or pose (4, 4)."""
+    return str((kin.branch(qs=state[None]) if state.ndim == 1 else kin.branch(Ts=state[None]))[0])
 
 
 def _bounds(kin: Kinematics, limits: ArrayLike | None) -> Array:
