@@ -205,7 +205,7 @@ class DesignPanel:
                 self.front.server, "/design_b", self._other.mechanism, self._other.assembly.link_poses, ghost=ORANGE
             )
             box = self.front.nodes[a.name].box
-            aside = spatial.pose(p=[0.0, -1.15 * a.scale * float(box[1, 1] - box[0, 1]), 0.0])
+            aside = spatial.pose(p=[0.0, 1.15 * a.scale * float(box[1, 1] - box[0, 1]), 0.0])
             self._other_nodes.place(aside @ a.T_world_base, a.scale)
 
     def other_poses(self, a: Actor) -> dict[str, Array] | None:
