@@ -16,7 +16,8 @@ test: .venv/.synced-dev
 	$(RUN) pytest -n auto --dist loadfile
 
 test-slow: .venv/.synced-dev  ## what the default suite leaves out
-	$(RUN) pytest -n auto --dist loadfile -m "slow or wheel or browser"
+	$(RUN) pytest -n auto --dist loadfile -m "slow or wheel"
+	$(RUN) pytest -m browser
 
 check: .venv/.synced-dev  ## lint, format, types, import contracts
 	$(RUN) ruff check

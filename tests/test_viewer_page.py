@@ -23,7 +23,7 @@ from twin.viewer.instruments import read
 pytestmark = pytest.mark.browser
 
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
-WAIT = 60.0
+WAIT = 180.0
 """Seconds that something may take on a busy machine without a graphics card."""
 
 
@@ -68,9 +68,10 @@ def shown(name, protocol=None):
 class Looker:
     """A page, its canvas, and what it looks like."""
 
-    def __init__(self, browser, front):
+    def __init__(self, browser, front, width=1400, height=900):
         self.front, self.errors = front, []
-        self.page = browser.new_page(viewport={"width": 1400, "height": 900})
+        self.page = browser.new_page(viewport={"width": width, "height": height})
+        self.page.set_default_timeout(1000 * WAIT)
         self.page.on("pageerror", lambda e: self.errors.append(str(e)))
         self.page.goto(f"http://127.0.0.1:{front.server.get_port()}")
         self.page.get_by_role("tab", name="Instruments").wait_for(timeout=1000 * WAIT)
@@ -406,14 +407,14 @@ def test_a_screenshot_and_a_section(sils):
 
 def test_browsers_come_and_go(chromium, sils):
     front = sils.front
-    other = Looker(chromium, front)
+    other = Looker(chromium, front, 900, 500)
     assert len(other.clients) == 2
     other.page.close()
     until(lambda: len(sils.clients) == 1, "the closed tab")
     desk = still(sils)
     front.ask("joint", lambda: desk.move_joint(0, desk.assembly.q[0] + 1 * MM))
     until(lambda: not front._wishes, "the wish")
-    third = Looker(chromium, front)  # sees the present pose, not the first one
+    third = Looker(chromium, front, 900, 500)  # sees the present pose, not the first one
     third.page.close()
 
 
@@ -437,7 +438,8 @@ def test_a_recording_plays_without_python(chromium, tmp_path):
         until(lambda: bool(done), "the recording", 120)
     path = Path(tmp_path) / "hibou.html"
     path.write_text(done[0], encoding="utf-8")
-    page = chromium.new_page(viewport={"width": 900, "height": 700})
+    page = chromium.new_page(viewport={"width": 600, "height": 450})
+    page.set_default_timeout(1000 * WAIT)
     page.context.set_offline(True)
     page.goto(path.as_uri())
     page.locator("canvas").first.wait_for(timeout=1000 * WAIT)
