@@ -20,8 +20,8 @@ from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 import twin
+from twin.live.desk import Desk
 from twin.units import MM
-from twin.viewer.desk import Desk
 from twin.viewer.front import Actor, Front
 from twin.viewer.server import serve
 

@@ -19,14 +19,14 @@ import twin
 from twin import spatial
 from twin.cli import main
 from twin.errors import KinematicsError, MechanismError, TwinError
+from twin.live.desk import Desk
+from twin.live.instruments import read
+from twin.live.shapes import CREASE, behind, creased, looks
+from twin.live.timeline import Clock
 from twin.reference.follow import follow
 from twin.units import MM
 from twin.viewer import readout
 from twin.viewer.design import with_distance
-from twin.viewer.desk import Desk
-from twin.viewer.instruments import read
-from twin.viewer.shapes import CREASE, behind, creased, looks
-from twin.viewer.timeline import Clock
 
 ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")
 

@@ -11,12 +11,12 @@ import pytest
 import twin
 from twin import spatial
 from twin.errors import TwinError
+from twin.live.desk import Desk
+from twin.live.timeline import prepare
 from twin.units import MM
-from twin.viewer.desk import Desk
 from twin.viewer.front import Actor, Front
 from twin.viewer.panels import curves
 from twin.viewer.server import serve
-from twin.viewer.timeline import prepare
 
 
 @contextmanager

@@ -15,10 +15,10 @@ from PIL import Image
 
 import twin
 from twin import spatial
+from twin.live.desk import Desk
+from twin.live.instruments import read
 from twin.units import MM
 from twin.viewer import recording
-from twin.viewer.desk import Desk
-from twin.viewer.instruments import read
 
 pytestmark = pytest.mark.browser
 

@@ -16,9 +16,9 @@ import pytest
 import twin
 from twin.errors import KinematicsError, TwinError
 from twin.kinematics import singularity
+from twin.live import workspace
+from twin.live.workspace import Cloud, Job, evaluate, poses
 from twin.units import MM
-from twin.viewer import workspace
-from twin.viewer.workspace import Cloud, Job, evaluate, poses
 
 REACH = {"sils": 0.3, "sher": 0.05, "pa10": 0.8, "lapbot": 0.15, "hibou": 0.1}
 ENDLESS = 10**9
@@ -262,7 +262,7 @@ def test_close_leaves_no_process_and_start_begins_another(sils):
 VIEWER = """
 import time
 import numpy as np
-from twin.viewer.workspace import Cloud, Job
+from twin.live.workspace import Cloud, Job
 
 if __name__ == "__main__":
     try:

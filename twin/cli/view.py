@@ -97,7 +97,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor]
             robot.protocol(args.protocol)
 
         def load_robot() -> tuple[list[Actor], Mechanism | None]:
-            from twin.viewer.desk import Desk
+            from twin.live.desk import Desk
             from twin.viewer.front import Actor
 
             return [Actor(robot.name, str(args.robot), Desk(robot), protocol=args.protocol)], None
@@ -111,7 +111,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor]
 
     def load_scene_robots() -> tuple[list[Actor], Mechanism | None]:
         from twin.cad.build import read_mechanism
-        from twin.viewer.desk import Desk
+        from twin.live.desk import Desk
         from twin.viewer.front import Actor
 
         actors = [Actor(p.name, p.name, Desk(api.load(p.name)), p.T_world_base, p.protocol) for p in scene.places]

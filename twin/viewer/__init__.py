@@ -1,1 +1,1 @@
-"""The interactive twin: a view-model of one robot in hand, and one front end that shows it in browsers."""
+"""The interactive twin in a browser, shown by viser. What the robot does is in `twin.live`."""

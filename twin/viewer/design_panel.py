@@ -9,14 +9,14 @@ import viser
 
 from twin import spatial
 from twin.errors import AssemblyError, MechanismError
+from twin.live.desk import Desk
+from twin.live.instruments import Reading, read
+from twin.live.workspace import Chunk, Cloud, Job
 from twin.spatial import Array
 from twin.units import DEG, MM
 from twin.viewer import readout
 from twin.viewer.design import distances, with_distance
-from twin.viewer.desk import Desk
-from twin.viewer.instruments import Reading, read
 from twin.viewer.nodes import ORANGE, RobotNodes
-from twin.viewer.workspace import Chunk, Cloud, Job
 
 if TYPE_CHECKING:
     from twin.viewer.front import Actor, Front

@@ -1,4 +1,4 @@
-"""The front end: everything of the page that viser shows. What the robot does is in the view-model (desk, timeline).
+"""The front end: everything of the page that viser shows. What the robot does is in `twin.live`.
 
 One loop solves and draws: callbacks of the page only leave wishes, of each kind the last one counts. So a hand that
 is faster than the solver never queues up, and any number of browsers sees the same robot.
@@ -17,14 +17,14 @@ import viser
 
 from twin import spatial
 from twin.errors import TwinError
+from twin.live import instruments, timeline
+from twin.live.desk import Desk
+from twin.live.planner import Planner
+from twin.live.timeline import Clock, Playback
 from twin.mechanism import Mechanism
 from twin.spatial import Array
-from twin.viewer import instruments, timeline
-from twin.viewer.desk import Desk
 from twin.viewer.nodes import BLUE, RobotNodes
-from twin.viewer.planner import Planner
 from twin.viewer.server import stop
-from twin.viewer.timeline import Clock, Playback
 
 FRAME = 1 / 60
 """Seconds a display frame lasts."""

@@ -17,13 +17,13 @@ from twin.cad import description as descriptions
 from twin.cad import references
 from twin.cad.parameters import SCALES
 from twin.errors import TwinError, unknown
+from twin.live.session import Session as Session
 from twin.protocol import Home, Insertion, Pivot, Positioning, Protocol, Retraction, RotationOrder, load_protocol
 from twin.schema import error_at
 from twin.spatial import Array
 from twin.trajectory import path as paths
 from twin.units import DEG, MM
 from twin.viewer.rewrite import rewrite
-from twin.viewer.session import Session as Session
 
 _DIGITS = {"mm": 6, "deg": 8}
 """Decimals that are written: a nanometre, and what that is at the end of an arm of 5 m."""

@@ -9,10 +9,10 @@ import numpy as np
 import viser
 
 from twin import spatial
+from twin.live.shapes import Look, behind, looks
 from twin.mechanism import Mechanism
 from twin.spatial import Array
 from twin.viewer.frames import FrameWriter
-from twin.viewer.shapes import Look, behind, looks
 
 GREEN, RED, ORANGE, BLUE = (38, 150, 90), (225, 0, 0), (255, 120, 20), (40, 110, 220)
 _GHOST_OPACITY = 0.28

@@ -11,13 +11,13 @@ import viser
 from viser import uplot
 
 from twin.errors import AssemblyError
+from twin.live.instruments import Reading
+from twin.live.timeline import SPEEDS, Playback
 from twin.spatial import Array
 from twin.units import DEG, MM
 from twin.viewer import readout
 from twin.viewer.design_panel import DesignPanel
-from twin.viewer.instruments import Reading
 from twin.viewer.record_panel import RecordPanel
-from twin.viewer.timeline import SPEEDS, Playback
 
 if TYPE_CHECKING:
     from twin.viewer.front import Actor, Front

@@ -7,8 +7,8 @@ from html import escape
 
 import numpy as np
 
+from twin.live.instruments import AGREE, Limit, Reading
 from twin.units import DEG, MM
-from twin.viewer.instruments import AGREE, Limit, Reading
 
 _GOOD, _BAD, _WARN, _DIM = "#1f8a55", "#d62f2f", "#c77700", "#7d8896"
 

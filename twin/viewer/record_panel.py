@@ -13,8 +13,8 @@ import viser
 
 from twin.api import tool_frame
 from twin.errors import TwinError
+from twin.live.session import Session
 from twin.viewer.keep import append_phase, save_posture
-from twin.viewer.session import Session
 
 if TYPE_CHECKING:
     from twin.viewer.front import Actor, Front

@@ -8,7 +8,7 @@ import threading
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 
-from twin.viewer.timeline import Playback, prepare
+from twin.live.timeline import Playback, prepare
 
 
 class Planner:

@@ -8,9 +8,9 @@ import numpy as np
 
 from twin import spatial
 from twin.errors import KinematicsError
+from twin.live.desk import Desk
 from twin.spatial import Array
 from twin.units import DEG, MM
-from twin.viewer.desk import Desk
 
 AGREE = 1e-6
 """Difference of equations and mechanism in m or rad above which the readout turns red; the report is far stricter."""

@@ -1,0 +1,1 @@
+"""One robot in hand, for whatever shows it: desk, timeline, instruments, sessions. Knows no viewer and no headset."""
