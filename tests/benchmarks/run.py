@@ -9,30 +9,13 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
+from race import race
 
 import twin
 from twin.control.velocity import Limits, pose_error, step
-
-ROUNDS = 7
-
-
-def race(title: str, contenders: Mapping[str, Callable[[], object]], per: int = 1) -> None:
-    """Run the contenders in turns and print the median time of each, in µs per item, and its ratio to the first."""
-    times: dict[str, list[float]] = {name: [] for name in contenders}
-    for _ in range(ROUNDS):
-        for name, run in contenders.items():
-            start = time.perf_counter()
-            run()
-            times[name].append((time.perf_counter() - start) / per * 1e6)
-    print(title)
-    first = float(np.median(next(iter(times.values()))))
-    for name, values in times.items():
-        median = float(np.median(values))
-        print(f"  {name:45s} {median:10.2f} µs   x {median / first:6.2f}")
 
 
 def trocar_race() -> None:
@@ -113,18 +96,8 @@ def trocar_race() -> None:
         "scipy least_squares('lm'), finite differences": lambda: scipy_lm(False),
         "the same, residual in numpy": scipy_plain,
     }
-    times: dict[str, list[float]] = {name: [] for name in contenders}
-    good = dict.fromkeys(contenders, 0)
-    for _ in range(ROUNDS):
-        for name, run in contenders.items():
-            start = time.perf_counter()
-            good[name] = run()
-            times[name].append(time.perf_counter() - start)
-    print("tip and trocar of the PA-10, random starts: time per success within the limits")
-    each = {n: float(np.median(v)) / max(good[n], 1) * 1e6 for n, v in times.items()}
-    for name, us in each.items():
-        ratio = us / each["closed form, with its scan and limits"]
-        print(f"  {name:52s} {us:10.1f} µs   x {ratio:7.1f}   {good[name]} of {len(problems)}")
+    title = "tip and trocar of the PA-10, random starts: time per success within the limits"
+    race(title, contenders, tries=len(problems))
 
 
 def main() -> None:

@@ -13,10 +13,11 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import importlib.util
-import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+from race import race
 
 from twin.kinematics import Tip, Trocar, compile_formula, solve
 from twin.kinematics.srs import SrsArm
@@ -99,23 +100,10 @@ def pink() -> Callable[[], int]:
     data = model.createData()
     task = library.tasks.FrameTask("tip", position_cost=1.0, orientation_cost=1.0)
 
-    def run() -> int:
-        done = 0
-        for T, q0 in zip(TS, STARTS, strict=True):
-            state = library.Configuration(model, data, q0)
-            task.set_target(pin.SE3(T))
-            for _ in range(STEPS):
-                try:
-                    v = library.solve_ik(state, [task], 1.0, solver="daqp", safety_break=False)
-                except library.exceptions.NoSolutionFound:
-                    break
-                state.integrate_inplace(v, 1.0)
-                if np.linalg.norm(task.compute_error(state)) < 1e-9:
-                    break
-            done += good(state.q, T)
-        return done
+    def solve_ik(state: Any) -> Any:
+        return library.solve_ik(state, [task], 1.0, solver="daqp", safety_break=False)
 
-    return run
+    return _integrated(library, task, pin.SE3, lambda q0: library.Configuration(model, data, q0), solve_ik)
 
 
 def mink() -> Callable[[], int]:
@@ -135,14 +123,23 @@ def mink() -> Callable[[], int]:
     model = mujoco.MjModel.from_xml_string(text)
     task = library.FrameTask("tip", "site", position_cost=1.0, orientation_cost=1.0)
 
+    def solve_ik(state: Any) -> Any:
+        return library.solve_ik(state, [task], 1.0, "daqp", limits=[library.ConfigurationLimit(model)])
+
+    return _integrated(library, task, library.SE3.from_matrix, lambda q0: library.Configuration(model, q0), solve_ik)
+
+
+def _integrated(library: Any, task: Any, pose: Any, start: Callable, solve_ik: Callable) -> Callable[[], int]:
+    """Pink and mink alike: velocities are integrated until the task stands."""
+
     def run() -> int:
         done = 0
         for T, q0 in zip(TS, STARTS, strict=True):
-            state = library.Configuration(model, q0)
-            task.set_target(library.SE3.from_matrix(T))
+            state = start(q0)
+            task.set_target(pose(T))
             for _ in range(STEPS):
                 try:
-                    v = library.solve_ik(state, [task], 1.0, "daqp", limits=[library.ConfigurationLimit(model)])
+                    v = solve_ik(state)
                 except library.exceptions.NoSolutionFound:
                     break
                 state.integrate_inplace(v, 1.0)
@@ -203,18 +200,7 @@ def main() -> None:
             print(f"{name} is not installed: left out")
         else:
             contenders[f"{name} ({(make.__doc__ or '').split(':')[0].split(',')[0]})"] = make()
-    times: dict[str, list[float]] = {n: [] for n in contenders}
-    done = dict.fromkeys(contenders, 0)
-    for _ in range(ROUNDS):
-        for name, run in contenders.items():
-            start = time.perf_counter()
-            done[name] = run()
-            times[name].append(time.perf_counter() - start)
-    first = None
-    for name, spent in times.items():
-        each = float(np.median(spent)) / max(done[name], 1) * 1e6
-        first = first or each
-        print(f"  {name:45s} {each:10.1f} µs per success   x {each / first:7.1f}   {done[name]} of {COUNT}")
+    race("tip and trocar", contenders, rounds=ROUNDS, tries=COUNT)
 
 
 if __name__ == "__main__":

@@ -130,12 +130,8 @@ def _motion(trajectory: Trajectory, T_last_tip: np.ndarray) -> Motion:
     """Return a planned trajectory as the controller takes it."""
     from twin.dynamics.track import Motion
 
-    rcm = np.full((len(trajectory.t), 3), np.nan)
-    for span in trajectory.phases:
-        if span.rcm is not None:
-            rcm[span.start : span.stop + 1] = span.rcm
     t = trajectory
-    return Motion(t.t, t.q, t.qd, t.qdd, T_last_tip, t.shaft_axis, rcm)
+    return Motion(t.t, t.q, t.qd, t.qdd, T_last_tip, t.shaft_axis, t.rcm)
 
 
 def _findings(runs: dict[str, Run], arm: Arm) -> list[Finding]:

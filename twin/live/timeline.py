@@ -73,10 +73,6 @@ def prepare(robot: str, protocol: str | None) -> Playback:
     near = np.clip(np.searchsorted(trajectory.t, t), 0, len(trajectory.t) - 1)
     frames = trajectory.Ts_base_frame[near]
     axis = trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis)
-    rcm = np.full((len(trajectory.t), 3), np.nan)
-    for phase in trajectory.phases:
-        if phase.rcm is not None:
-            rcm[phase.start : phase.stop + 1] = phase.rcm
     return Playback(
         chosen.name,
         chosen.title,
@@ -88,7 +84,7 @@ def prepare(robot: str, protocol: str | None) -> Playback:
         Ts,
         frames[:, :3, 3],
         frames[:, :3, :3] @ axis,
-        rcm[near],
+        trajectory.rcm[near],
         trajectory.rcm_error[near],
         trajectory.depth[near],
         tuple((p.name, p.t0, p.t1) for p in trajectory.phases),

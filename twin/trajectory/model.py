@@ -158,6 +158,15 @@ class Trajectory:
         """Speed (k,) of the origin of the moved frame in m/s."""
         return np.linalg.norm(self.tip_velocity, axis=1)
 
+    @property
+    def rcm(self) -> Array:
+        """RCM (k, 3) in base in m; NaN where none is registered."""
+        out = np.full((len(self.t), 3), np.nan)
+        for span in self.phases:
+            if span.rcm is not None:
+                out[span.start : span.stop + 1] = span.rcm
+        return out
+
     def phase(self, which: str | float) -> PhaseSpan:
         """Return a phase by its name, or the phase at a time in s.
 

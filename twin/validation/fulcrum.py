@@ -16,10 +16,7 @@ def fulcrum(trajectory: Trajectory) -> Array:
 
     Sideways is along the direction, across the mean shaft, in which the tip moves most.
     """
-    rcm = np.full((len(trajectory.t), 3), np.nan)
-    for phase in trajectory.phases:
-        if phase.rcm is not None:
-            rcm[phase.start : phase.stop + 1] = phase.rcm
+    rcm = trajectory.rcm
     inside = np.isfinite(rcm).all(axis=1) & (trajectory.depth > 0)
     out = np.full((len(rcm), 2), np.nan)
     if not inside.any():
