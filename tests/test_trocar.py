@@ -206,11 +206,8 @@ def test_the_shaft_outside_is_on_the_other_side_of_the_tip():
     R = np.array([spatial.exp_so3([0.0, a, 0.0]) for a in tilt])
     port, depth = np.array([0.1, 0.2, 0.3]), 0.08
     Ts = spatial.pose(R, port + depth * R[:, :, 2])
-    phase = SimpleNamespace(rcm=port, start=1, stop=6)
-    t = np.arange(7.0)
-    plan = SimpleNamespace(
-        t=t, phases=[phase], depth=np.full(7, depth), Ts_base_frame=Ts, shaft_axis=np.array([0, 0, 2.0])
-    )
+    rcm = np.array([[np.nan] * 3, *[port] * 6])
+    plan = SimpleNamespace(rcm=rcm, depth=np.full(7, depth), Ts_base_frame=Ts, shaft_axis=np.array([0, 0, 2.0]))
     tip, outside = fulcrum(plan).T
     assert np.isnan([tip[0], outside[0]]).all()
     np.testing.assert_allclose(outside[1:], -OUTSIDE / depth * tip[1:], atol=1e-12)
