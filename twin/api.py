@@ -424,10 +424,13 @@ def build(
 def _write(cad: CadModel, folder: Path) -> Path:
     """Write the stage with its loops closed as drawn."""
     from twin.reference import ReferenceModel
+    from twin.reference.holding import holding_efforts
     from twin.stage.write import write_stage
 
-    home = ReferenceModel(cad.mechanism).home()
-    return write_stage(cad.mechanism, folder, _rounded(home.link_poses), home.q_full).root
+    model = ReferenceModel(cad.mechanism)
+    home = model.home()
+    efforts = holding_efforts(model, home)
+    return write_stage(cad.mechanism, folder, _rounded(home.link_poses), home.q_full, efforts=efforts).root
 
 
 def _bake(robot: Robot, mechanism: Mechanism, protocol: str, folder: Path) -> None:
