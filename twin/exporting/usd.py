@@ -37,10 +37,13 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
         AssemblyError: the mechanism cannot be assembled as drawn.
     """
     from twin.reference import ReferenceModel
+    from twin.reference.holding import holding_efforts
     from twin.stage.write import Motion, write_motion, write_stage
 
-    home = ReferenceModel(mechanism).home()
-    files = write_stage(mechanism, folder, rounded(home.link_poses), home.q_full)
+    model = ReferenceModel(mechanism)
+    home = model.home()
+    efforts = holding_efforts(model, home)
+    files = write_stage(mechanism, folder, rounded(home.link_poses), home.q_full, efforts=efforts)
     out = [files.root, files.physics, files.geometry]
     for clip in clips:
         baked = write_motion(mechanism, folder, Motion(clip.name, clip.times, rounded(clip.links), clip.joints))
