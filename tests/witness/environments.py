@@ -120,7 +120,7 @@ def node() -> Path:
 
 
 def read(name: str, script: str, *arguments: object, timeout: float = 300.0) -> Any:
-    """Run a reader, tests/witness/<script>, in its environment, and return what it printed: JSON on its last line.
+    """Run a reader, tests/witness/<script>, in its environment, and return the last JSON object it printed, on a line.
 
     The reader sees no code of this project: Python runs isolated, and node finds the packages of its environment only.
 
@@ -138,12 +138,10 @@ def read(name: str, script: str, *arguments: object, timeout: float = 300.0) -> 
         else:
             command = [env.python if env.kind == "pip" else "python3", "-I", HERE / script, *given]
         done = _run(command, cwd=place, timeout=timeout)
-    lines = done.stdout.strip().splitlines()
-    try:
-        if done.returncode == 0 and lines:
-            return json.loads(lines[-1])
-    except json.JSONDecodeError:
-        pass
+    if done.returncode == 0:
+        for line in reversed(done.stdout.splitlines()):  # what is written in C may come after it
+            if line.startswith("{"):
+                return json.loads(line)
     raise RuntimeError(
         f"{shlex.join(map(str, command))} ended with {done.returncode}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
     )
