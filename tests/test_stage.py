@@ -19,7 +19,7 @@ from twin.stage.check import check_stage, parse_with_usdphysics, run_usd_validat
 from twin.stage.read import inspect_stage, read_motion, read_stage
 from twin.stage.write import Motion, write_motion, write_stage
 from twin.stage.write.geometry import corner_normals
-from twin.stage.write.motion import continuous_signs
+from twin.spatial import continuous_signs
 from twin.stage.write.physics import principal
 from twin.units import DEG, MM
 

@@ -238,7 +238,9 @@ def measure_between(
             off = drawn[name] - Ts
             moved = off[:, None, :3, :3] @ reaches[name][None, :, :, None]
             note("position", name, np.linalg.norm(moved[..., 0] + off[:, None, :3, 3], axis=-1).max(axis=1))
-            note("rotation", name, spatial.rotation_angle(np.swapaxes(R, 1, 2) @ Ts[:, :3, :3]))
+            # |R - R'| is 2 sqrt(2) times the sine of half the angle: exact where the angle is small, and quick.
+            chord = np.linalg.norm(off[:, :3, :3], axis=(1, 2)) / np.sqrt(8)
+            note("rotation", name, 2 * np.arcsin(np.minimum(chord, 1.0)))
         for joint in mechanism.joints:
             locked = [i for i in range(3) if i not in joint.free_axes]
             seen = joint.relative(drawn[joint.parent], drawn[joint.child])[:, :3, 3]
@@ -254,10 +256,7 @@ def quaternions_xyzw(Ts: Array) -> Array:
 
     The first has w >= 0. Many players interpolate the four numbers: a jump of sign is a half turn to them.
     """
-    q = spatial.quat_from_matrix_wxyz(Ts[:, :3, :3])
-    flips = np.sum(q[1:] * q[:-1], axis=1) < 0
-    q = q * np.where(np.concatenate([[0], np.cumsum(flips)]) % 2, -1.0, 1.0)[:, None]
-    return np.roll(q, -1, axis=1)
+    return np.roll(spatial.continuous_signs(spatial.quat_from_matrix_wxyz(Ts[:, :3, :3])), -1, axis=1)
 
 
 def slerp(a: Array, b: Array, share: Array) -> Array:
