@@ -77,6 +77,7 @@ def _flattened(mechanism: Mechanism, layers: list[str], end: float) -> Sdf.Layer
     """Return one layer of these, strongest first, turned to y up, without what only twin reads."""
     stage = Usd.Stage.CreateInMemory()
     stage.GetRootLayer().subLayerPaths = layers
+    stage.SetTimeCodesPerSecond(TIME_CODES_PER_SECOND)  # flattening converts samples from a layer of another rate
     flat = stage.Flatten(False)
     stage = Usd.Stage.Open(flat)
     root = stage.GetPrimAtPath(f"/{mechanism.name}")
