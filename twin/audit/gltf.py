@@ -74,7 +74,7 @@ def _rows(ledger: Ledger, out: Content) -> None:
     wrong = Counter(f.code for f in ledger.found)
     for check, codes in {
         "quaternions: length, sign, step": ("gltf.quaternion", "gltf.quaternion_sign", "gltf.step"),
-        "winding and normals": ("gltf.winding", "gltf.normal", "gltf.normals_against"),
+        "winding and normals": ("gltf.winding", "gltf.winding_mixed", "gltf.normal", "gltf.normals_against"),
         "alpha": ("gltf.alpha",),
         "names": ("gltf.duplicate_name", "gltf.duplicate_clip"),
         "scale, mirrors, matrices": ("gltf.scale", "gltf.mirrored", "gltf.matrix"),

@@ -48,7 +48,7 @@ def check_mesh(
     closed, mixed = edges(welded)
     if mixed:
         ledger.add(
-            f"{code}.winding",
+            f"{code}.winding_mixed",
             "disagreement",
             f"mesh '{where}' is closed, but its faces do not all turn the same way.",
             where=where,

@@ -101,3 +101,22 @@ def rpy(angles: ArrayLike) -> Array:
     """Return the rotation (3, 3) of roll, pitch, yaw in rad about the fixed axes x, y, z (URDF)."""
     r, p, y = np.asarray(angles, float)
     return about([0, 0, 1], y) @ about([0, 1, 0], p) @ about([1, 0, 0], r)
+
+
+def quaternion(R: ArrayLike) -> Array:
+    """Return quaternions (..., 4), x y z w, of rotations (..., 3, 3), up to sign.
+
+    The unit quaternion spans the range of a symmetric 4 x 4 matrix of rank one; its largest column has it.
+    """
+    R = np.asarray(R, float)
+    K = np.zeros((*R.shape[:-2], 4, 4))
+    trace = np.trace(R, axis1=-2, axis2=-1)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        K[..., i, i] = 1 + 2 * R[..., i, i] - trace
+        K[..., i, j] = K[..., j, i] = R[..., i, j] + R[..., j, i]
+        K[..., i, 3] = K[..., 3, i] = R[..., k, j] - R[..., j, k]
+    K[..., 3, 3] = 1 + trace
+    best = np.argmax(np.einsum("...ii->...i", K), axis=-1)
+    column = np.take_along_axis(K, best[..., None, None], axis=-1)[..., 0]
+    return column / np.linalg.norm(column, axis=-1, keepdims=True)
