@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from twin import __version__
 from twin.exporting.clip import Clip, home_poses, model_hash, quaternions_xyzw
 from twin.mechanism import Body, Mechanism
 from twin.spatial import Array
 from twin.stage.write.geometry import corner_normals
+from twin.version import __version__
 
 UP_XYZW = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
 """Rotation of the root: -90 degrees about x takes z up to y up."""

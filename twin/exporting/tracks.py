@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,16 +23,20 @@ _DIGITS = 7
 """Decimals of metres, radians and parts of quaternions: 0.1 um."""
 
 
-def write_tracks(mechanism: Mechanism, clip: Clip, folder: Path) -> tuple[Path, Path]:
+def write_tracks(
+    mechanism: Mechanism, clip: Clip, folder: Path, hash_of_model: str | None = None, assumed: Sequence[str] = ()
+) -> tuple[Path, Path]:
     """Write <clip>.json and <clip>.csv into `folder` and return their paths; both hold the same numbers.
 
     Args:
         mechanism: whose motion it is, with its trocar where the protocol has it.
         clip: the motion.
         folder: made if it is missing.
+        hash_of_model: `model_hash` of the robot as drawn, that of `mechanism` if it has no trocar to move.
+        assumed: "name: reason" of numbers that the robot assumes, beside those of the clip.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    data = track(mechanism, clip)
+    data = track(mechanism, clip, hash_of_model, assumed)
     as_json, as_csv = folder / f"{clip.name}.json", folder / f"{clip.name}.csv"
     as_json.write_text(_json(data), encoding="utf-8")
     as_csv.write_text(_csv(data), encoding="utf-8")
@@ -53,8 +58,10 @@ def schema_text() -> str:
     return json.dumps(json_schema(Track), indent=2, ensure_ascii=False) + "\n"
 
 
-def track(mechanism: Mechanism, clip: Clip) -> dict[str, Any]:
-    """Return the track as plain data; see `twin.schema.track.Track` for what each entry is."""
+def track(
+    mechanism: Mechanism, clip: Clip, hash_of_model: str | None = None, assumed: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Return the track of `write_tracks` as plain data; see `twin.schema.track.Track` for what each entry is."""
     joints = [j for j in mechanism.joints if j.name in clip.joints]
     limits = [j.limits or (-NO_LIMIT, NO_LIMIT) for j in joints]
     tool = mechanism.frame(mechanism.tool)
@@ -67,7 +74,7 @@ def track(mechanism: Mechanism, clip: Clip) -> dict[str, Any]:
         "robot": mechanism.name,
         "protocol": clip.name,
         "title": clip.title,
-        "model_hash": model_hash(mechanism),
+        "model_hash": hash_of_model or model_hash(mechanism),
         "frame": "z-up right-handed",
         "length_unit": "m",
         "angle_unit": "rad",
@@ -98,7 +105,7 @@ def track(mechanism: Mechanism, clip: Clip) -> dict[str, Any]:
         "between_position": float(f"{clip.between_position:.6g}"),
         "between_rotation": float(f"{clip.between_rotation:.6g}"),
         "joint_gap": float(f"{clip.joint_gap:.6g}"),
-        "assumed": list(clip.assumed),
+        "assumed": [*assumed, *clip.assumed],
     }
 
 
