@@ -11,6 +11,7 @@ diagnose    which of the usual mistakes explains a difference
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -52,12 +53,15 @@ def audit(path: str | Path, *, truth: Truth | None = None, progress: Progress | 
         ledgers.append(ledger)
         if content is not None:
             contents.append(content)
+    ledgers += [_package(found, folder) for folder in found.unity]
     tell("compare", 0.9)
     refs = references(contents, truth or {})
     compare(contents, refs)
     compare_rest(contents)
     compare_shapes(contents)
-    compare_hashes(contents)
+    proofs = [_proof(found, file) for file in found.proofs]
+    compare_hashes(contents, next((h for _, h in proofs if h), ""))
+    ledgers += [ledger for ledger, _ in proofs]
     return finished(str(path), [c.as_facts() for c in contents], ledgers)
 
 
@@ -73,17 +77,21 @@ def key_times(path: str | Path) -> dict[str, np.ndarray]:
 
 def _read(found: Found, tell: Progress) -> Iterator[tuple[Ledger, Content | None]]:
     """Yield a ledger for each file, and what it holds if it could be read."""
-    jobs = [
+    jobs: list[tuple[Callable[[Path, Ledger], Content | None], Path]] = [
         *((_tracks, p) for p in (*found.tracks, *found.csv)),
         *((_gltf, p) for p in found.gltf),
         *((_usd, p) for p in (*found.stages, *found.usdz)),
     ]
+    tracks: list[Content] = []
+    jobs += [(partial(_tree, tracks=tracks), p) for p in (*found.mjcf, *found.urdf)]
     for i, (read, path) in enumerate(jobs):
         name = found.name(path)
         tell(f"read {name}", 0.9 * i / len(jobs))
         ledger = Ledger(name)
         with np.errstate(all="ignore"):
             content = _guarded(read, path, ledger)
+        if content is not None and content.format == "tracks":
+            tracks.append(content)
         yield ledger, content
 
 
@@ -144,3 +152,52 @@ def _tracks(path: Path, ledger: Ledger) -> Content | None:
     except TrackError as error:
         ledger.add("tracks.unreadable", "error", f"{error}.")
     return None
+
+
+def _tree(path: Path, ledger: Ledger, tracks: list[Content]) -> Content | None:
+    """Read a file that holds a tree of joints, and let it play every track."""
+    from twin.audit.urdf import Urdf, UrdfError
+
+    try:
+        if path.suffix.lower() == ".urdf":
+            ledger.tool, ledger.version = "twin.audit urdf", "1"
+            tree = Urdf(path, ledger)
+        else:
+            import mujoco
+
+            from twin.audit.mjcf import Mjcf, MjcfError
+
+            ledger.tool, ledger.version = "mujoco", mujoco.__version__
+            try:
+                tree = Mjcf(path, ledger)
+            except MjcfError as error:
+                ledger.add("mjcf.unreadable", "error", f"{error}.")
+                return None
+    except UrdfError as error:
+        ledger.add(f"{'urdf' if path.suffix.lower() == '.urdf' else 'mjcf'}.unreadable", "error", f"{error}.")
+        return None
+    for track in tracks:
+        for clip in track.clips:
+            tree.content.clips.append(tree.play(clip))
+        low, high = track.extra.get("lower", {}), track.extra.get("upper", {})
+        tree.check_limits(track.file, low, high)
+    if not tracks:
+        text = "no track lies beside it: its joints stay where the file has them."
+        ledger.add("compare.no_track", "info", text)
+    return tree.content
+
+
+def _package(found: Found, folder: Path) -> Ledger:
+    from twin.audit.unity import check_package
+
+    ledger = Ledger(found.name(folder), "twin.audit unity", "1")
+    check_package(folder, ledger)
+    return ledger
+
+
+def _proof(found: Found, file: Path) -> tuple[Ledger, str]:
+    """Check a proof; return the model hash that it states as well."""
+    from twin.audit.proof import check_proof
+
+    ledger = Ledger(found.name(file), "sha256", "2")
+    return ledger, check_proof(file, ledger)

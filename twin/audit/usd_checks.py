@@ -61,7 +61,9 @@ def _bare(path: Path) -> list[Finding]:
 
 
 def _counts(f: Finding, physics: bool) -> bool:
-    return physics or f.code != "stage.kilograms_per_unit"
+    """Without physics neither kilograms nor a lack of bodies matters, and y up is what Quick Look wants."""
+    plain = f.code == "stage.kilograms_per_unit" or (f.code == "stage.up_axis" and f.severity == "warning")
+    return physics or not plain
 
 
 def _is_choice(f: Finding, physics: bool) -> bool:
