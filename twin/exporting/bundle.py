@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,9 +23,6 @@ from twin.version import __version__
 
 FORMATS = ("usd", "usdz", "glb", "unity", "tracks", "mjcf", "urdf")
 """What a bundle may hold."""
-
-UNITY_PACKAGE = Path(__file__).resolve().parents[1] / "headset" / "unity"
-"""The Unity package, text files only, copied as it is."""
 
 PROOF = "proof.json"
 
@@ -157,9 +153,9 @@ def _glb(order: Order, work: Path) -> list[Finding]:
 
 
 def _unity(order: Order, work: Path) -> list[Finding]:
-    if not UNITY_PACKAGE.is_dir():
-        raise TwinError(f"the Unity package is missing from this installation ({UNITY_PACKAGE.name}/): install it anew")
-    shutil.copytree(UNITY_PACKAGE, work / "unity", ignore=shutil.ignore_patterns("__pycache__", ".DS_Store"))
+    from twin.exporting.unity import write_unity
+
+    write_unity(work / "unity")
     return []
 
 

@@ -23,14 +23,14 @@ from twin.units import DEG, UM
 if TYPE_CHECKING:
     from twin.trajectory.model import Trajectory
 
-RATES = (10, 15, 20, 30, 60, 120)
-"""Key rates in Hz to choose from."""
+RATES = (10, 12, 15, 20, 24, 30, 40, 60, 120)
+"""Key rates in Hz to choose from: those of 10 and more whose keys all lie on ticks of 1/120 s."""
 
 _LOOKS = 4
 """Looks at the mechanism in each interval between keys, at least."""
 
 _GRIDS = (120, 240, 480)
-"""Rates in Hz of those looks: multiples of `_LOOKS` times every key rate; the finer, the longer it takes."""
+"""Rates in Hz of those looks: the finer, the longer it takes; the lowest key rates are tried on the coarsest."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def make_clip(
         run = model.run_poses(trajectory.poses(times), near=trajectory.joints(times))
         links = {n: np.round(T, 13) + 0.0 for n, T in model.link_poses(run.x).items()}
         values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
-        for rate in (r for r in RATES if grid % (_LOOKS * r) == 0 and not _done(r, grid)):
+        for rate in (r for r in RATES if _first_grid(r) == grid):
             keys = key_rows(len(times), grid // rate)
             found = measure_between(mechanism, times, links, keys, reaches)
             if found.keeps(budget) or rate == RATES[-1]:
@@ -165,9 +165,9 @@ def make_clip(
     raise AssertionError("the last grid holds the last rate")
 
 
-def _done(rate: int, grid: int) -> bool:
-    """Return whether a coarser grid has looked at this rate already."""
-    return any(g < grid and g % (_LOOKS * rate) == 0 for g in _GRIDS)
+def _first_grid(rate: int) -> int:
+    """Return the coarsest grid that has the keys of a rate on it and looks often enough between them."""
+    return next(g for g in _GRIDS if g % rate == 0 and g >= _LOOKS * rate)
 
 
 def key_times(duration: float, rate: float) -> Array:

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from twin.api import Robot
     from twin.trajectory.model import Trajectory
 
+_DRAWN = "drawing."
+"""How names of lengths begin that only the drawing needs."""
+
 Progress = Callable[[str, float], None]
 Plan = Callable[..., "Trajectory"]
 """(robot, protocol, progress) -> its trajectory."""
@@ -163,8 +166,11 @@ def _quick_looks(default: str, names: list[str], asked: bool) -> tuple[str, ...]
 
 
 def _assumed(parameters: Sequence[Parameter]) -> tuple[str, ...]:
-    """Return "name: reason" of the assumed ones, each once, on one line."""
-    lines = (f"{p.name} = {p.shown:g} {p.unit}: {p.note}" for p in parameters if p.provenance == "ASSUMED")
+    """Return "name = value: reason" of the assumed ones, each once, on one line; what was only drawn is counted."""
+    assumed = [p for p in parameters if p.provenance == "ASSUMED"]
+    lines = [f"{p.name} = {p.shown:g} {p.unit}: {p.note}" for p in assumed if not p.name.startswith(_DRAWN)]
+    if drawn := sum(p.name.startswith(_DRAWN) for p in assumed):
+        lines.append(f"{_DRAWN}*: {drawn} lengths of parts that were drawn to look right (`twin info` lists them)")
     return tuple(dict.fromkeys(" ".join(line.split()) for line in lines))
 
 

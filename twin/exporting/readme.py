@@ -102,12 +102,20 @@ def _motions(order: Order) -> Iterator[str]:
 
 
 def _assumed(order: Order) -> Iterator[str]:
-    lines = [f"- {a}" for a in order.assumed]
-    lines += [f"- {c.name}: {a}" for c in order.clips for a in c.assumed]
-    yield from lines or ["- none"]
+    if not (order.assumed or any(c.assumed for c in order.clips)):
+        yield "- none"
+    yield from (f"- {a}" for a in order.assumed)
+    of_protocols: dict[str, list[str]] = {}
+    for c in order.clips:
+        for a in c.assumed:
+            of_protocols.setdefault(a, []).append(c.name)
+    yield from (f"- {', '.join(names)}: {a}" for a, names in of_protocols.items())
 
 
 def _wrapped(lines: Sequence[str]) -> Iterator[str]:
     for line in lines:
+        if "  " in line:  # a row of a table
+            yield line
+            continue
         indent = "  " if line.startswith("- ") else ""
         yield from textwrap.wrap(line, _WIDTH, subsequent_indent=indent, break_long_words=False) or [""]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -81,7 +79,7 @@ def track(
         "quaternion_order": "xyzw",
         "rate": clip.rate,
         "frames": len(clip.times),
-        "times": np.round(clip.times, 9).tolist(),
+        "times": _plain(np.round(clip.times, 9)),
         "links": list(clip.links),
         "poses": _flat(np.stack([_seven(Ts) for Ts in clip.links.values()], axis=1)),
         "joints": [j.name for j in joints],
@@ -91,8 +89,8 @@ def track(
         "joint_upper": _flat([high for _, high in limits]),
         "positions": _flat([clip.joints[j.name] for j in joints], transpose=True),
         "phases": [name for name, _, _ in clip.phases],
-        "phase_start": np.round([t0 for _, t0, _ in clip.phases], 9).tolist(),
-        "phase_end": np.round([t1 for _, _, t1 in clip.phases], 9).tolist(),
+        "phase_start": _plain(np.round([t0 for _, t0, _ in clip.phases], 9)),
+        "phase_end": _plain(np.round([t1 for _, _, t1 in clip.phases], 9)),
         "phase_has_rcm": [int(p is not None) for p in phase_rcm],
         "phase_rcm": _flat([np.zeros(3) if p is None else p for p in phase_rcm]),
         "tool_link": tool.body,
@@ -116,7 +114,12 @@ def _seven(Ts: Array) -> Array:
 
 def _flat(values: Any, transpose: bool = False) -> list[float]:
     array = np.asarray(values, float)
-    return (np.round((array.T if transpose else array).ravel(), _DIGITS) + 0.0).tolist()
+    return _plain(np.round((array.T if transpose else array).ravel(), _DIGITS))
+
+
+def _plain(values: Array) -> list[float]:
+    """Return numbers as they are written: whole ones without .0, of which a pose has many."""
+    return [int(v) if v == int(v) and abs(v) < 1e9 else v for v in (values + 0.0).tolist()]
 
 
 def _json(data: dict[str, Any]) -> str:
@@ -141,12 +144,15 @@ def _csv(data: dict[str, Any]) -> str:
     kinds = zip(data["joints"], data["joint_types"], strict=True)
     names = ["time_s", *(f"{n}_{'rad' if kind == 'revolute' else 'm'}" for n, kind in kinds)]
     names += [f"{link}_{part}" for link in data["links"] for part in ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")]
-    k = data["frames"]
-    numbers = np.column_stack(
-        [data["times"], np.reshape(data["positions"], (k, -1)), np.reshape(data["poses"], (k, -1))]
+    n, m = len(data["joints"]), 7 * len(data["links"])
+    rows = (
+        ",".join(map(_text, [t, *data["positions"][i * n : (i + 1) * n], *data["poses"][i * m : (i + 1) * m]]))
+        for i, t in enumerate(data["times"])
     )
-    text = io.StringIO()
-    out = csv.writer(text, lineterminator="\n")
-    out.writerow(names)
-    out.writerows(numbers.tolist())
-    return "\n".join(head) + "\n" + text.getvalue()
+    return "\n".join([*head, ",".join(names), *rows]) + "\n"
+
+
+def _text(value: float) -> str:
+    """Return a number without the zero before its point: half of the file is numbers below one."""
+    text = repr(value)
+    return text[1:] if text.startswith("0.") else f"-{text[2:]}" if text.startswith("-0.") else text

@@ -212,9 +212,7 @@ def _write_joint(
     _write_actuation(prim, joint, q, effort)
 
 
-def _start_at_zero(
-    stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]
-) -> None:
+def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> None:
     """Turn the frames of a ball in the tree so that they coincide at the poses as written.
 
     Simulators start a ball of an articulation at zero and know no joint state for it (PhysX read one on a ball and
