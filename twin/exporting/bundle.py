@@ -28,10 +28,17 @@ PROOF = "proof.json"
 
 
 class Audit(Protocol):
-    """What an auditor hands back: `checks` and `findings` with `as_dict`."""
+    """What an auditor hands back."""
 
-    checks: Sequence[Any]
-    findings: Sequence[Finding]
+    @property
+    def checks(self) -> Sequence[Any]:
+        """Rows of what was measured, each with `as_dict`."""
+        ...
+
+    @property
+    def findings(self) -> Sequence[Finding]:
+        """What is wrong."""
+        ...
 
 
 @dataclass(frozen=True)
