@@ -144,7 +144,8 @@ def _of_stage(robot: Robot, budget: Budget | None, progress: Progress) -> Order:
     mechanism = robot.mechanism
     stage = Path(mechanism.source)
     clip = sampled_clip(mechanism, stage, budget)
-    layers = sorted({Path(x.realPath) for x in Usd.Stage.Open(str(stage)).GetUsedLayers() if x.realPath})
+    opened = Usd.Stage.Open(str(stage))  # its layers live as long as it does
+    layers = sorted({Path(x.realPath) for x in opened.GetUsedLayers() if x.realPath})
     return Order(
         mechanism,
         () if clip is None else (Scene(clip, mechanism),),
