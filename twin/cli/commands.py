@@ -382,5 +382,7 @@ COMMANDS = {
     "operate": _own_file("operate"),
     "track": _own_file("track"),
     "study": _own_file("study"),
+    "export": _own_file("export"),
+    "audit": _own_file("audit"),
     "doctor": doctor,
 }
