@@ -40,8 +40,8 @@ _PACKED = ("image/png", "font/woff2")
 """Types that gzip does not make smaller."""
 
 POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; font-src 'self'; connect-src 'self'; "
-    "manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; font-src 'self'; "
+    "connect-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 """Content-Security-Policy of everything: nothing from anywhere else."""
 
@@ -89,7 +89,7 @@ def robot_files(glb: bytes, description: dict[str, Any]) -> dict[str, File]:
 
 def answer(file: File, headers: Headers, head_only: bool, cookie: str | None = None) -> Response:
     """Return the response to a request for a file."""
-    packed = file.gzipped if "gzip" in headers.get("Accept-Encoding", "").lower() else None
+    packed = file.gzipped if "gzip" in _all(headers, "Accept-Encoding").lower() else None
     fields = _fields(file.type)
     fields["ETag"] = file.etag
     fields["Cache-Control"] = "no-cache"
@@ -97,13 +97,17 @@ def answer(file: File, headers: Headers, head_only: bool, cookie: str | None = N
     if cookie is not None:
         fields["Set-Cookie"] = cookie
         fields["Cache-Control"] = "no-store"
-    elif file.etag in (t.strip().removeprefix("W/") for t in headers.get("If-None-Match", "").split(",")):
+    elif file.etag in (t.strip().removeprefix("W/") for t in _all(headers, "If-None-Match").split(",")):
         return Response(304, "Not Modified", fields)
     if packed is not None:
         fields["Content-Encoding"] = "gzip"
     body = file.content if packed is None else packed
     fields["Content-Length"] = str(len(body))
     return Response(200, "OK", fields, b"" if head_only else body)
+
+
+def _all(headers: Headers, name: str) -> str:
+    return ", ".join(headers.get_all(name))
 
 
 def refusal(status: HTTPStatus, text: str, head_only: bool = False) -> Response:

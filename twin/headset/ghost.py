@@ -18,7 +18,7 @@ _CHUNK = 120
 class Ghost:
     """The tool by the equations at the joints of the mechanism.
 
-    `at` may be asked anywhere; the rest is for the worker.
+    `at` and `forget` are for the event loop; the rest is for the worker.
 
     Attributes:
         name: the variant, or None for no ghost.
@@ -32,6 +32,10 @@ class Ghost:
         self._playback: Playback | None = None
         self._track: Array | None = None
         self._solved = 0
+
+    def forget(self, name: str | None) -> None:
+        """Show nothing until `choose` has taken the variant."""
+        self.name, self._track, self._kin = name, None, None
 
     def choose(self, name: str | None) -> str:
         """Take a variant; return why not, or an empty string."""

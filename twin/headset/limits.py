@@ -8,7 +8,7 @@ from collections import OrderedDict
 SOCKETS, SOCKETS_OF_ONE = 128, 64
 """Connections of any kind at once, in all and from one address."""
 
-CLIENTS, CLIENTS_OF_ONE = 32, 16
+CLIENTS, CLIENTS_OF_ONE = 48, 32
 """WebSockets at once, in all and from one address."""
 
 OPENINGS = (40.0, 160.0)

@@ -26,7 +26,7 @@ LONGEST = 30 * 60
 
 
 class Recording:
-    """What goes through a server, written to a file by `save`.
+    """What goes through a server, written to a file by what `finish` returns.
 
     Attributes:
         running: whether it records.
@@ -42,8 +42,7 @@ class Recording:
         self.begin(0)
 
     def begin(self, tick: int) -> None:
-        """Begin anew; what runs is saved first."""
-        self.save()
+        """Begin anew; `finish` has ended what was before."""
         self.running, self._first = True, tick
         self._frames: list[tuple[int, bytes]] = []
         self._documents: list[tuple[int, dict[str, Any]]] = []
@@ -53,8 +52,10 @@ class Recording:
         """Add a frame that was sent at a tick."""
         if self.running:
             self._frames.append((tick - self._first, frame))
-            if tick - self._first > LONGEST * RATE:
-                self.save()
+
+    def full(self, tick: int) -> bool:
+        """Return whether it is as long as it may be."""
+        return self.running and tick - self._first > LONGEST * RATE
 
     def add_document(self, tick: int, document: dict[str, Any]) -> None:
         """Add a document that all clients were sent."""
@@ -66,28 +67,30 @@ class Recording:
         if self.running:
             self._requests.append((tick - self._first, client, message.model_dump(mode="json", exclude_none=True)))
 
-    def save(self) -> None:
-        """End and write the file.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
-        if not self.running:
-            return
+    def finish(self) -> Callable[[], None]:
+        """End; return what writes the file, in whatever thread. It raises `OutputError` if it cannot."""
+        if not self.running or not self._frames:
+            self.running = False
+            return lambda: None
         self.running = False
-        data = {
-            "schema": "twin-stream-session",
-            "version": 1,
-            **self._of,
-            "rate": RATE,
-            "requests": [{"tick": t, "client": c, "message": m} for t, c, m in self._requests],
-            "documents": [{"tick": t, "document": d} for t, d in self._documents],
-            "frames": [{"tick": t, "frame": base64.b64encode(f).decode()} for t, f in self._frames],
-        }
-        with atomic_folder(self.path.parent) as work:
-            (work / self.path.name).write_text(json.dumps(data, allow_nan=False) + "\n", encoding="utf-8")
+        path, frames, documents, requests = self.path, self._frames, self._documents, self._requests
         self._saved += 1
-        self.path = self.path.with_name(f"{self._stem}-{self._saved + 1}{self.path.suffix}")
+        self.path = path.with_name(f"{self._stem}-{self._saved + 1}{path.suffix}")
+
+        def write() -> None:
+            data = {
+                "schema": "twin-stream-session",
+                "version": 1,
+                **self._of,
+                "rate": RATE,
+                "requests": [{"tick": t, "client": c, "message": m} for t, c, m in requests],
+                "documents": [{"tick": t, "document": d} for t, d in documents],
+                "frames": [{"tick": t, "frame": base64.b64encode(f).decode()} for t, f in frames],
+            }
+            with atomic_folder(path.parent) as work:
+                (work / path.name).write_text(json.dumps(data, allow_nan=False) + "\n", encoding="utf-8")
+
+        return write
 
 
 class _Request(Table):
@@ -147,14 +150,15 @@ class Replay:
             self._documents.setdefault(d.tick, []).append(d.document)
         self.last = max(self._frames)
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
-        self._at, self._running = -1, True
+        self._at, self._running, self._begun = -1, False, False
         self._state: dict[str, Any] = {"type": "state"}
         self._others: dict[str, dict[str, Any]] = {}
 
     def frame(self, tick: int, server_time: float) -> bytes | None:
         """Return the frame of the next recorded tick, if one was sent there; ticks and times are the recorded ones."""
-        if not self._running or self._at >= self.last:
+        if self._at >= self.last:
             self._running = False
+        if not self._running:
             return None
         self._at += 1
         for document in self._documents.get(self._at, ()):
@@ -168,8 +172,9 @@ class Replay:
         """Return the recorded state, with `replay`: where it is and how long it takes, in s."""
         return {**self._state, "replay": {"time": max(self._at, 0) / RATE, "duration": self.last / RATE}}
 
-    def documents(self) -> list[dict[str, Any]]:
-        """Return the last path that was recorded."""
+    def welcome(self) -> list[dict[str, Any]]:
+        """Return the last path that was recorded; it begins when the first client has come."""
+        self._running, self._begun = self._running or not self._begun, True
         return [d for n, d in self._others.items() if n == "path"]
 
     def ask(self, client: str, message: wire.Message) -> None:

@@ -7,19 +7,20 @@ import logging
 import secrets
 import ssl
 import time
-from collections import OrderedDict, deque
+from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from http import HTTPStatus
-from typing import Any, Protocol
-from urllib.parse import parse_qs, urlsplit
+from typing import Any
+from urllib.parse import parse_qs
 
 from pydantic_core import to_json
-from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
+from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
+from twin.errors import TwinError
 from twin.headset import protocol as wire
+from twin.headset.client import Client, Source
 from twin.headset.connection import Connection
 from twin.headset.files import File, answer, refusal
 from twin.headset.gate import Gate
@@ -34,55 +35,8 @@ STATE = 6
 SILENCE, GRACE = 5.0, 3.0
 """Seconds after which a grab is lost: its holder says nothing; its holder has gone and does not come back."""
 
-STALL = 10.0
-"""Seconds after which a client that takes nothing is cut."""
-
-WAITING = 64
-"""Documents that may wait for one client."""
-
 REMEMBERED = 256
 """Clients that can come back as themselves."""
-
-
-class Source(Protocol):
-    """What is streamed: a robot live, or a recorded session."""
-
-    replays: bool
-    send: Callable[[dict[str, Any]], object]
-
-    def frame(self, tick: int, server_time: float) -> bytes | None: ...  # noqa: D102
-    def state(self) -> dict[str, Any]: ...  # noqa: D102
-    def documents(self) -> list[dict[str, Any]]: ...  # noqa: D102
-    def ask(self, client: str, message: wire.Message) -> None: ...  # noqa: D102
-    def release(self, client: str) -> None: ...  # noqa: D102
-    @property
-    def holder(self) -> str | None: ...  # noqa: D102
-    def close(self) -> None: ...  # noqa: D102
-
-
-@dataclass(eq=False)
-class Client:
-    """One WebSocket: `id` is known to all, `token` to itself and lets it come back as the same."""
-
-    id: str
-    token: str
-    ws: Connection
-    messages: Bucket
-    garbage: Bucket
-    heard: float
-    documents: deque[tuple[str, str]] = field(default_factory=deque)
-    behind: bool = True
-    stalled: float | None = None
-    told_rate: float = -1.0
-
-    def queue(self, kind: str, text: str) -> None:
-        """Let a document wait; a state replaces one that waits already."""
-        if kind == "state":
-            for i, (waiting, _) in enumerate(self.documents):
-                if waiting == "state":
-                    self.documents[i] = (kind, text)
-                    return
-        self.documents.append((kind, text))
 
 
 class StreamServer:
@@ -108,7 +62,7 @@ class StreamServer:
         self._doorman = Doorman()
         self._known: OrderedDict[str, str] = OrderedDict()
         self._left: dict[str, float] = {}
-        self._tasks: set[asyncio.Task[Any]] = set()
+        self._tasks: set[asyncio.Future[None]] = set()
         self._frame: bytes | None = None
         self._state: dict[str, Any] = {}
         self._dirty = False
@@ -140,7 +94,7 @@ class StreamServer:
             max_size=wire.LONGEST,
             max_queue=32,
             logger=logger,
-            **({} if context is None else {"ssl_handshake_timeout": 5.0}),
+            ssl_handshake_timeout=None if context is None else 5.0,
         )
         self.port = int(next(iter(self._server.sockets)).getsockname()[1])
 
@@ -169,7 +123,7 @@ class StreamServer:
                 connection.transport.abort()
         self.source.close()
         if self.recording is not None:
-            self.recording.save()
+            self.recording.finish()()
 
     # -- the stream -----------------------------------------------------------------------------------
 
@@ -179,6 +133,8 @@ class StreamServer:
             self._frame = frame
             if self.recording is not None:
                 self.recording.add_frame(self._tick, frame)
+                if self.recording.full(self._tick):
+                    self._write(self.recording.finish())
             for client in self.clients:
                 client.behind = True
         now = time.monotonic()
@@ -186,22 +142,7 @@ class StreamServer:
             self._watch(now)
             self._say_state()
         for client in list(self.clients):
-            self._flush(client, now)
-
-    def _flush(self, client: Client, now: float) -> None:
-        """Send what waits, as long as nothing waits below."""
-        ws = client.ws
-        while client.documents and not ws.waiting:
-            broadcast([ws], client.documents.popleft()[1])
-        if client.behind and self._frame is not None and not ws.waiting:
-            broadcast([ws], self._frame)
-            client.behind = False
-        if not ws.waiting:
-            client.stalled = None
-        elif client.stalled is None:
-            client.stalled = now
-        if len(client.documents) > WAITING or (client.stalled is not None and now - client.stalled > STALL):
-            ws.cut()
+            client.flush(self._frame, now)
 
     def _say_state(self) -> None:
         self._dirty = False
@@ -269,10 +210,10 @@ class StreamServer:
         client = Client(name, token, ws, Bucket(*MESSAGES, now), Bucket(*GARBAGE, now), now)
         self.clients.append(client)
         hello = {**self.hello, "type": "hello", "protocol": wire.VERSION, "client": name, "resume": token}
-        for document in (hello, self._state or self.source.state(), *self.source.documents()):
+        for document in (hello, self._state or self.source.state(), *self.source.welcome()):
             client.queue(document["type"], to_json(document, inf_nan_mode="null").decode())
         self._dirty = True
-        self._flush(client, now)
+        client.flush(self._frame, now)
         return client
 
     def _leave(self, client: Client) -> None:
@@ -311,29 +252,43 @@ class StreamServer:
         except RefusedError as error:
             self._error(client, error.code, str(error), message.id)
             return
-        self._dirty = not isinstance(message, wire.Drag)
+        self._dirty |= not isinstance(message, wire.Drag)
         if message.id is not None:
             self._answer(client, {"type": "ack", "id": message.id})
 
     def _record(self, on: bool) -> None:
         if self.recording is None:
             raise RefusedError("refused", "nothing can be recorded: start the server with --record FILE")
+        self._write(self.recording.finish())
         if on:
             self.recording.begin(self._tick)
-        else:
-            self.recording.save()
+            for document in (self.source.state(), *self.source.welcome()):
+                self.recording.add_document(self._tick, document)
+
+    def _write(self, write: Callable[[], None]) -> None:
+        """Write a recording in a thread; who is told what if it fails is everybody."""
+
+        async def work() -> None:
+            try:
+                await asyncio.to_thread(write)
+            except TwinError as error:
+                self._tell({"type": "error", "code": "failed", "message": str(error)[:500]})
+
+        self._keep(asyncio.ensure_future(work()))
+
+    def _keep(self, task: asyncio.Future[None]) -> None:
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
 
     def _answer(self, client: Client, document: dict[str, Any]) -> None:
         client.queue(document["type"], to_json({k: v for k, v in document.items() if v is not None}).decode())
-        self._flush(client, time.monotonic())
+        client.flush(self._frame, time.monotonic())
 
     def _error(self, client: Client, code: str, text: str, id: int | str | None = None) -> None:
         self._answer(client, {"type": "error", "code": code, "message": text, "id": id})
 
     def _end(self, client: Client, code: int, reason: str) -> None:
-        task = asyncio.ensure_future(client.ws.close(code, reason))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._keep(asyncio.ensure_future(client.ws.close(code, reason)))
 
     # -- requests -------------------------------------------------------------------------------------
 
@@ -351,7 +306,7 @@ class StreamServer:
             return refusal(HTTPStatus.MISDIRECTED_REQUEST, "this server is not known by that name", head)
         if not self.gate.same_origin(origin, host):
             return refusal(HTTPStatus.FORBIDDEN, "another page's origin", head)
-        path, query = urlsplit(request.path).path, _query(request.path)
+        path, query = request.path.partition("?")[0], _query(request.path)
         known = not self.gate.open or self.gate.known(cookies)
         if path == "/ws":
             if not upgrade or head:
@@ -377,6 +332,6 @@ class StreamServer:
 def _query(target: str) -> dict[str, str]:
     """Return the query of a request target, the first of each name."""
     try:
-        return {k: v[0] for k, v in parse_qs(urlsplit(target).query, max_num_fields=8).items()}
+        return {k: v[0] for k, v in parse_qs(target.partition("?")[2], max_num_fields=8).items()}
     except ValueError:
         return {}

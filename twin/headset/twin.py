@@ -7,18 +7,19 @@ what they find is taken over between two ticks.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from twin.api import Robot
-from twin.errors import TwinError, unknown
+from twin.errors import unknown
 from twin.headset import description
 from twin.headset import protocol as wire
 from twin.headset.ghost import Ghost
+from twin.headset.hold import Hold, hold_of, lead
 from twin.headset.protocol import RefusedError
 from twin.headset.reach import Reach
+from twin.headset.track import Shown, Track, number, path, protocols_of, rcm_at
 from twin.headset.worker import Worker
 from twin.live import instruments
 from twin.live.desk import Desk, Moved
@@ -33,38 +34,6 @@ LOOK = 6
 
 HEARTBEAT = 6
 """Ticks after which a frame is sent though nothing has moved."""
-
-PATH_POINTS = 600
-"""Points of a tool path that is sent, at most."""
-
-
-@dataclass(frozen=True, eq=False)
-class Shown:
-    """One sample: poses (links, 7) and q (joints,) in double, and the ghost (7,) or None."""
-
-    poses: Array
-    q: Array
-    ghost: Array | None = None
-    reason: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class Track:
-    """A playback with its link poses (k, links, 7), ready to be sent."""
-
-    playback: Playback
-    poses: Array
-
-
-@dataclass(frozen=True)
-class Hold:
-    """Who holds what: `joint` is its index; `body` and `point` (3,) in its frame are of a link."""
-
-    client: str
-    target: str
-    joint: int = -1
-    body: str = ""
-    point: tuple[float, ...] = ()
 
 
 class Twin:
@@ -85,10 +54,10 @@ class Twin:
         self.desk = Desk(robot)
         self.links = tuple(b.name for b in self.desk.mechanism.bodies)
         self.clock = Clock()
-        self._worker = Worker()
+        self._worker = Worker(self._broken)
         self._ghost, self._reach = Ghost(robot, self.desk), Reach(self.desk, source)
         self._hold: Hold | None = None
-        self._protocols = _protocols(robot, protocol)
+        self._protocols = protocols_of(robot, protocol)
         self._planner: Planner | None = None
         self._track: Track | None = None
         self._sample: int | None = None
@@ -185,14 +154,22 @@ class Twin:
             raise RefusedError("held", f"{self._hold.client} holds the robot")
         if isinstance(message, wire.Grab):
             return self._grab(client, message)
-        self._hold = None  # whoever holds it and asks for something else lets go
+        if isinstance(message, wire.Speed):
+            self.clock.speed = message.value
+            return None
+        if isinstance(message, wire.Loop):
+            self.clock.loop = message.on
+            return None
         if isinstance(message, wire.Posture):
-            return self._posture(message.name)
-        if isinstance(message, wire.Protocol):
+            self._posture(message.name)
+        elif isinstance(message, wire.Protocol):
             if message.name not in self._protocols:
                 raise RefusedError("unknown", unknown("protocol", message.name, self._protocols))
-            return self._plan(message.name)
-        return self._time(message)
+            self._plan(message.name)
+        else:
+            self._time(message)
+        self._hold = None  # whoever holds it and asks for something else lets go
+        return None
 
     def release(self, client: str) -> None:
         """Let go, if it is this client who holds the robot."""
@@ -203,35 +180,19 @@ class Twin:
         if self._track is None:
             wait = "it is being planned" if self._planner is not None else self._failed or "none is loaded"
             raise RefusedError("refused", f"there is no protocol to play yet: {wait}")
-        if isinstance(message, wire.Play):
-            if message.on:
-                self.clock.play()
-            else:
-                self.clock.playing = False
-        elif isinstance(message, wire.Seek):
+        if isinstance(message, wire.Seek):
             self.clock.seek(message.t)
-        elif isinstance(message, wire.Speed):
-            self.clock.speed = message.value
-            return
-        elif isinstance(message, wire.Loop):
-            self.clock.loop = message.on
+        elif isinstance(message, wire.Play) and message.on:
+            self.clock.play()
+        else:
+            self.clock.playing = False
             return
         self._stand()
 
     def _grab(self, client: str, message: wire.Grab) -> None:
-        mechanism = self.desk.mechanism
-        joint, name = -1, message.name or ""
-        if message.target == "joint":
-            names = [j.name for j in self.desk.joints]
-            if name not in names:
-                raise RefusedError("unknown", unknown("active joint", name, names))
-            joint = names.index(name)
-        elif message.target == "link" and name not in self.links:
-            raise RefusedError("unknown", unknown("link", name, self.links))
-        elif message.target == "link" and name == mechanism.base:
-            raise RefusedError("refused", f"{name} is the base: it stands fast")
+        hold = hold_of(client, message, self.desk)
         self._leave_track()
-        self._hold = Hold(client, message.target, joint, name, message.point or ())
+        self._hold = hold
 
     def _leave_track(self) -> None:
         """Stop playing; the desk stands where the protocol was."""
@@ -249,21 +210,11 @@ class Twin:
 
     def _drag(self, client: str, message: wire.Drag) -> None:
         hold = self._hold
-        if hold is None or hold.client != client:
+        if hold is not None and hold.client != client:
+            raise RefusedError("held", f"{hold.client} holds the robot")
+        if hold is None:
             raise RefusedError("not_held", "grab first, then drag")
-        desk = self.desk
-        if hold.target == "tool" and message.pose is not None:
-            T = wire.pose_of(message.pose)
-            self._move(lambda: desk.move_tool(T))
-        elif hold.target == "joint" and message.value is not None:
-            value = message.value
-            self._move(lambda: desk.move_joint(hold.joint, value))
-        elif hold.target == "link" and message.point is not None:
-            point = np.array(message.point)
-            self._move(lambda: desk.move_point(hold.body, np.array(hold.point), point))
-        else:
-            wanted = {"tool": "pose", "joint": "value", "link": "point"}[hold.target]
-            raise RefusedError("not_held", f"the {hold.target} is held: drag its {wanted}")
+        self._move(lead(hold, message, self.desk))
 
     def _posture(self, name: str) -> None:
         if name not in self.desk.postures:
@@ -274,7 +225,7 @@ class Twin:
     def _variant(self, name: str | None) -> None:
         if name is not None and name not in self.description["variants"]:
             raise RefusedError("unknown", unknown("variant", name, self.description["variants"]))
-        self._ghost.name = name
+        self._ghost.forget(name)
 
         def done(error: str) -> None:
             if error and self._ghost.name == name:
@@ -288,6 +239,10 @@ class Twin:
         self._reach.ask(on)
         if not on:
             self.send({"type": "cloud", "first": True, "points": "", "values": "", "done": True})
+
+    def _broken(self, error: Exception) -> None:
+        text = f"internal error, {type(error).__name__}: {error}. Please report it."
+        self.send({"type": "error", "code": "failed", "message": text[:500]})
 
     # -- jobs and what they find ----------------------------------------------------------------------
 
@@ -342,7 +297,7 @@ class Twin:
         def job() -> Reading:
             if track is not None and k is not None:
                 desk.show(desk.model.state(track.playback.x[k]), track.playback.Ts_base_tool[k])
-            return instruments.read(desk, None if track is None else _rcm(desk, track.playback, time))
+            return instruments.read(desk, None if track is None else rcm_at(desk, track.playback, time))
 
         def done(reading: Reading) -> None:
             self._reading = reading
@@ -385,30 +340,21 @@ class Twin:
             self._track = track
             self.clock.duration = track.playback.duration
             self.clock.seek(0.0)
-            self.send(self.path())
+            self.send(path(track))
             if self._hold is None:
                 self._stand()
 
         self._worker.ask("plan", job, done)
 
-    def path(self) -> dict[str, Any]:
-        """Return the document with the way of the tip along the protocol; empty if there is none."""
-        if self._track is None:
-            return {"type": "path", "protocol": None, "points": []}
-        tip = self._track.playback.tip
-        rows = np.unique(np.linspace(0, len(tip) - 1, min(PATH_POINTS, len(tip))).round().astype(int))
-        name = self._track.playback.protocol
-        return {"type": "path", "protocol": name, "points": np.round(tip[rows], 6).ravel().tolist()}
-
-    def documents(self) -> list[dict[str, Any]]:
+    def welcome(self) -> list[dict[str, Any]]:
         """Return what a client must be told that comes now: path and workspace."""
-        return [self.path(), *self._reach.sent]
+        return [path(self._track), *self._reach.sent]
 
     def state(self) -> dict[str, Any]:
         """Return everything that is shown besides the robot itself."""
         playback = None if self._track is None else self._track.playback
         reading, shown = self._reading, self._shown
-        rcm = None if playback is None else _rcm(self.desk, playback, self.clock.time)
+        rcm = None if playback is None else rcm_at(self.desk, playback, self.clock.time)
         residual = None if reading is None or reading.residual is None else reading.residual[0]
         return {
             "type": "state",
@@ -423,11 +369,11 @@ class Twin:
             "planning": self._wanted if self._planner is not None else None,
             "holder": self.holder,
             "reason": shown.reason or self._failed or None,
-            "gap_m": None if reading is None else _number(reading.gap),
-            "residual_m": _number(residual if shown.ghost is None else self._apart()),
-            "rcm": None if rcm is None else [_number(v) for v in rcm],
-            "rcm_error_m": None if reading is None else _number(reading.rcm_error),
-            "depth_m": None if reading is None else _number(reading.depth),
+            "gap_m": None if reading is None else number(reading.gap),
+            "residual_m": number(residual if shown.ghost is None else self._apart()),
+            "rcm": None if rcm is None else [number(v) for v in rcm],
+            "rcm_error_m": None if reading is None else number(reading.rcm_error),
+            "depth_m": None if reading is None else number(reading.depth),
             "variant": self._ghost.name,
             "workspace": self._reach.on,
             "postures": list(self.desk.postures),
@@ -440,31 +386,3 @@ class Twin:
             return None
         T = wire.pose_of(shown.poses[self.links.index(tool["link"])]) @ wire.pose_of(tool["T_link_tool"])
         return float(np.linalg.norm(T[:3, 3] - shown.ghost[:3]))
-
-
-def _number(value: float | None) -> float | None:
-    """Return a number as JSON has it: none that is not finite."""
-    return float(f"{value:.9g}") if value is not None and np.isfinite(value) else None
-
-
-def _rcm(desk: Desk, playback: Playback, time: float) -> Array | None:
-    """Return the RCM (3,) in base at a time of the protocol, or None: the trocar, or where the phase registers it."""
-    if desk.mechanism.trocar:
-        return desk.mechanism.trocar_at
-    k = int(np.clip(np.searchsorted(playback.t, time), 0, len(playback.t) - 1))
-    return playback.rcm[k] if np.isfinite(playback.rcm[k]).all() else None
-
-
-def _protocols(robot: Robot, given: str | None) -> dict[str, str]:
-    """Return what `Robot.protocol` takes, by name: the robot's own protocols, and the one that was given by path.
-
-    Raises:
-        TwinError: the protocol that was given is not there, or is wrong.
-    """
-    own = {} if robot.files is None else {n: n for n in robot.files.protocols()}
-    if given is None:
-        return own
-    name = robot.protocol(given).name
-    if name in own and given != name:
-        raise TwinError(f"{given}: the protocol is named '{name}' as one of the robot's own: give it another name")
-    return {**own, name: given}

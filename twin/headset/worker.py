@@ -15,7 +15,9 @@ class Worker:
     All methods are called from the event loop; `done` of a job is called there with what the job returned.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, broken: Callable[[Exception], object]) -> None:
+        """Begin; `broken` is called on the event loop with what a job should not have raised."""
+        self._broken = broken
         self._jobs: dict[str, tuple[Callable[[], Any], Callable[[Any], object]]] = {}
         self._condition = threading.Condition()
         self._ended = False
@@ -58,9 +60,9 @@ class Worker:
                 job, done = self._jobs.pop(next(iter(self._jobs)))
             try:
                 result = job()
-            except Exception:  # one job that fails must not end the robot
+            except Exception as error:  # one job that fails must not end the robot
                 logging.getLogger(__name__).exception("a job failed")
-                continue
+                done, result = self._broken, error
             with self._condition:
                 if self._ended:
                     return
