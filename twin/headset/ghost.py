@@ -87,7 +87,7 @@ class Ghost:
             Ts = kin.forward_many(playback.q[rows], playback.Ts_base_tool[rows])
         except KinematicsError:
             Ts = np.full((len(playback.q[rows]), 4, 4), np.nan)
-        good = np.isfinite(Ts).all(axis=(1, 2))
+        good = np.asarray(np.isfinite(Ts).all(axis=(1, 2)))
         track[rows][good] = wire.sevens(Ts[good])
         self._failures = 0 if good[-1] else self._failures + 1
         self._solved = rows.stop + (0 if good[-1] else 2 ** min(self._failures, 6))
