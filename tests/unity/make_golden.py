@@ -22,8 +22,8 @@ from scipy.spatial.transform import Rotation
 
 FILE = Path(__file__).resolve().parents[2] / "twin/headset/unity/Runtime/Resources/twin-golden.json"
 
-STRIDE = 64
-"""Of the clip's keys, one in so many: two seconds apart, so that links turn far between them."""
+STEP = 2.0
+"""Seconds between the keys that are taken of the clip: links turn far between them. Every rate of a clip has them."""
 
 MIRRORS = {
     "gltfast": np.diag([-1.0, 1.0, 1.0]),
@@ -64,13 +64,13 @@ def robot() -> tuple[Any, Any, Any]:
     protocol = loaded.protocol("table2")
     mechanism = loaded.bound(protocol).mechanism
     clip = make_clip(mechanism, twin.plan(loaded, protocol), protocol.title)
-    keys = np.unique(np.append(np.arange(0, len(clip.times), STRIDE), len(clip.times) - 1))
+    keys = np.unique(np.append(np.arange(0, len(clip.times), round(STEP * clip.rate)), len(clip.times) - 1))
     few = replace(
         clip,
         times=clip.times[keys],
         links={n: T[keys] for n, T in clip.links.items()},
         joints={n: v[keys] for n, v in clip.joints.items()},
-        rate=clip.rate / STRIDE,
+        rate=1.0 / STEP,
     )
     return mechanism, few, track(mechanism, few)
 
@@ -80,7 +80,7 @@ def golden() -> dict[str, Any]:
     mechanism, clip, track = robot()
     rng = np.random.default_rng(20260429)
     out: dict[str, Any] = {"schema": "twin-golden", "version": 1, "track": track}
-    place = four(Rotation.from_rotvec([0.4, -1.1, 0.3]).as_matrix(), np.array([0.3, 1.1, 2.0]))
+    place = four(Rotation.from_rotvec([0.4, -1.1, 0.3]).as_matrix(), np.array([0.1, 0.2, 0.3]))
     scale = 0.5
     out |= {"place": flat(seven(place)), "scale": scale}
     # Unity's world of a point of the robot's world, for both ways of import.
