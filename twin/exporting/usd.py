@@ -1,0 +1,52 @@
+"""The robot as layered USD with its motions: what simulators (Isaac Sim, Newton, PhysX) and editors open.
+
+physics.usda over geometry.usdc      the robot, assembled at home, simulators start there
+motion/<protocol>.usdc               baked poses and joint values at the times of the clip
+<robot>_<protocol>.usda              what a person opens to see the motion
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twin.mechanism import Mechanism
+from twin.spatial import Array
+
+if TYPE_CHECKING:
+    from twin.exporting.clip import Clip
+
+
+def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list[Path]:
+    """Write the stage of a mechanism and one motion for each clip.
+
+    Args:
+        mechanism: weighed, if simulators are to know the masses.
+        clips: motions to bake; their times become time codes at 60 a second.
+        folder: made if it is missing; the caller moves it into place.
+
+    Returns:
+        The files written, root layer first.
+
+    Raises:
+        StageError: a joint has what UsdPhysics cannot hold, or a clip does not fit the mechanism.
+        AssemblyError: the mechanism cannot be assembled as drawn.
+    """
+    from twin.reference import ReferenceModel
+    from twin.stage.write import Motion, write_motion, write_stage
+
+    home = ReferenceModel(mechanism).home()
+    files = write_stage(mechanism, folder, rounded(home.link_poses), home.q_full)
+    out = [files.root, files.physics, files.geometry]
+    for clip in clips:
+        baked = write_motion(mechanism, folder, Motion(clip.name, clip.times, rounded(clip.links), clip.joints))
+        out += [baked.root, baked.layer]
+    return out
+
+
+def rounded(poses: Mapping[str, Array]) -> dict[str, Array]:
+    """Return poses rounded to 1e-13, so that the last bits of a processor do not reach the file."""
+    return {name: np.round(T, 13) + 0.0 for name, T in poses.items()}
