@@ -169,6 +169,7 @@ export class App {
 
   /** Let the camera see the whole robot. */
   private frameAll(box: Box3): void {
+    this.world.cover(...this.dom.covers());
     const size = box.getSize(new Vector3());
     this.world.frameAll(new Vector3(0, size.z / 2, 0), size.length() / 2);
   }

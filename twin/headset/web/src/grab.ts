@@ -39,7 +39,7 @@ export class Grab {
   held: Held | null = null;
   onChange: () => void = () => undefined;
 
-  private readonly ball: Mesh;
+  private readonly ball: Mesh<SphereGeometry, ReturnType<typeof flat>>;
   private readonly ghostHand: Mesh;
   private readonly thread: Line;
   private readonly label = new Label();
@@ -57,6 +57,10 @@ export class Grab {
     this.ball = new Mesh(new SphereGeometry(1, 24, 16), flat(BLUE, 0.35));
     const ring = new Mesh(new TorusGeometry(1.25, 0.09, 8, 40), flat(BLUE));
     this.handle.add(this.ball, ring);
+    for (const part of [this.ball, ring]) {
+      part.material.depthTest = false; // the hand finds it behind the tool as well
+      part.renderOrder = 4;
+    }
     this.handle.visible = false;
     this.ball.userData['twinHandle'] = true;
     this.ghostHand = new Mesh(new SphereGeometry(1, 20, 12), flat(RED, 0.6));

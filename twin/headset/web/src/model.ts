@@ -87,6 +87,7 @@ export class Model {
 export function length(metres: number): string {
   const size = Math.abs(metres);
   if (!Number.isFinite(metres)) return '–';
+  if (size < 5e-9) return '< 0.01 µm';
   if (size < 0.99995e-3) return `${(1e6 * metres).toFixed(size < 0.99995e-5 ? 2 : 1)} µm`;
   return size < 1 ? `${(1e3 * metres).toFixed(2)} mm` : `${metres.toFixed(3)} m`;
 }

@@ -44,6 +44,8 @@ export class Overlays {
   private readonly ghostLabel = new Label();
   private ghost: Group | null = null;
   private readonly scenery = new Group();
+  private around: Scenery | null = null;
+  private port: Numbers | null = null;
   private cloud: Points | null = null;
   private cloudParts: { points: Float32Array; values: Float32Array | null }[] = [];
 
@@ -64,7 +66,16 @@ export class Overlays {
   }
 
   setScenery(scenery: Scenery): void {
-    this.scenery.add(...propsOf(scenery));
+    this.around = scenery;
+    this.standScenery(scenery.at);
+  }
+
+  /** Stand table and patient so that the RCM is the port; where there is none, at the tip. */
+  private standScenery(at: Numbers): void {
+    if (!this.around || this.port?.join() === at.join()) return;
+    this.port = at;
+    for (const thing of [...this.scenery.children]) discard(thing);
+    this.scenery.add(...propsOf(this.around, at));
     this.world.touch();
   }
 
@@ -90,6 +101,7 @@ export class Overlays {
   update(model: Model, robot: Robot): void {
     const s = this.shows;
     if (this.path) this.path.visible = s.path;
+    if (model.state.rcm) this.standScenery(model.state.rcm);
     this.scenery.visible = s.scenery;
     if (this.cloud) this.cloud.visible = s.workspace;
     const tool = toolPose(model, robot);
@@ -242,8 +254,8 @@ function tube(points: Numbers, radius: number, color: number): InstancedMesh {
 }
 
 /** A table that stands on the floor, and an abdomen on it. */
-function propsOf(s: Scenery): Mesh[] {
-  const at = new Vector3().fromArray(s.at);
+function propsOf(s: Scenery, port: Numbers): Mesh[] {
+  const at = new Vector3().fromArray(port);
   const skin = new MeshStandardMaterial({ color: 0xe2a080, roughness: 0.8, opacity: 0.42, transparent: true, depthWrite: false });
   const steel = new MeshStandardMaterial({ color: 0xa0aeba, roughness: 0.55 });
   const [a = 0.1, b = 0.1, c = 0.1] = s.patient.radii;

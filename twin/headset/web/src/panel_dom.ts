@@ -50,6 +50,14 @@ export class DomPanel implements Drawer {
     for (const update of this.updates) update();
   }
 
+  /** Pixels at the right and at the bottom of the window that are covered. */
+  covers(): [right: number, bottom: number] {
+    const [w, h] = [window.innerWidth, window.innerHeight];
+    const side = this.side.getBoundingClientRect();
+    const beside = side.left > w / 2;
+    return [beside ? w - side.left : 0, h - (beside ? this.foot : this.side).getBoundingClientRect().top];
+  }
+
   private choose(id: string): void {
     this.open = id;
     for (const [name, body] of this.bodies) body.hidden = name !== id;

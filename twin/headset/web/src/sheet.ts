@@ -26,7 +26,7 @@ function transport(app: App): Control[] {
       kind: 'row',
       items: [
         { kind: 'button', id: 'play', label: () => (s().playing ? '❚❚ Pause' : '▶ Play'), off: none, on: () => s().playing, press: () => app.ask('play', { on: !s().playing }) },
-        { kind: 'button', id: 'begin', label: () => '⏮ Start', off: none, press: () => app.ask('seek', { t: 0 }) },
+        { kind: 'button', id: 'begin', label: () => '|◀ Start', off: none, press: () => app.ask('seek', { t: 0 }) },
         { kind: 'button', id: 'loop', label: () => '↻ Loop', off: none, on: () => s().loop, press: () => app.ask('loop', { on: !s().loop }) },
         { kind: 'button', id: 'slower', label: () => '– slower', off: none, press: () => app.ask('speed', { value: step(s().speed, -1) }) },
         { kind: 'button', id: 'speed', label: () => `${s().speed}×`, off: none, press: () => app.ask('speed', { value: 1 }), hint: 'Back to real time' },
@@ -216,7 +216,18 @@ function robot(app: App): Tab {
       { kind: 'text', id: 'values', text: () => (m.info?.joints ?? []).filter((j) => j.active).map((j) => `${j.name}  ${jointValue(m.joint(j.name), isAngle(j))}`).join('\n') },
       { kind: 'text', id: 'line', tone: () => 'faint', text: () => app.lineText() },
       { kind: 'head', text: count === 1 ? '1 ASSUMED parameter' : `${count} ASSUMED parameters` },
-      { kind: 'text', id: 'assumed', tone: () => 'faint', text: () => (count ? (m.info?.assumed ?? []).map((a) => `• ${a}`).join('\n') : 'None: every number has a source.') },
+      { kind: 'text', id: 'assumed', tone: () => 'faint', text: () => (count ? assumptions(m.info?.assumed ?? []) : 'None: every number has a source.') },
     ],
   };
+}
+
+/** What is assumed, the same reason told once. */
+function assumptions(all: readonly string[]): string {
+  const reasons = new Map<string, string[]>();
+  for (const line of all) {
+    const [name = '', ...rest] = line.split(': ');
+    const why = rest.join(': ');
+    reasons.set(why, [...(reasons.get(why) ?? []), name]);
+  }
+  return [...reasons].map(([why, names]) => `• ${names.join(', ')}: ${why}`).join('\n');
 }

@@ -27,6 +27,7 @@ export class World {
   /** Edge of the robot's box, in m. */
   size = 1;
 
+  private covered = { right: 0, bottom: 0 };
   private readonly sun = new DirectionalLight(0xffffff, 2.1);
   private readonly fill = new DirectionalLight(0xdfe9ff, 0.7);
   private readonly hemisphere = new HemisphereLight(0xffffff, 0xc9c4bc, 1.15);
@@ -74,15 +75,23 @@ export class World {
     const canvas = this.renderer.domElement;
     const [w, h] = [canvas.clientWidth || 1, canvas.clientHeight || 1];
     this.renderer.setSize(w, h, false);
-    this.camera.aspect = w / h;
-    this.camera.updateProjectionMatrix();
+    // The picture's middle is the middle of what the controls leave free.
+    this.camera.setViewOffset(w, h, this.covered.right / 2, this.covered.bottom / 2, w, h);
     this.dirty = true;
+  }
+
+  /** Say how much of the canvas the controls cover, in pixels. */
+  cover(right: number, bottom: number): void {
+    if (right === this.covered.right && bottom === this.covered.bottom) return;
+    this.covered = { right, bottom };
+    this.resize();
   }
 
   /** Look at the robot's box from the front right, so that it fills the picture. */
   frameAll(middle: Vector3, radius: number): void {
-    const half = Math.atan(Math.tan((this.camera.fov * Math.PI) / 360) * Math.min(1, this.camera.aspect));
-    const away = (0.92 * radius) / Math.sin(half);
+    const { clientWidth: w, clientHeight: h } = this.renderer.domElement;
+    const free = Math.max(0.2, Math.min((h - this.covered.bottom) / h, (w - this.covered.right) / h));
+    const away = (0.95 * radius) / Math.sin(Math.atan(Math.tan((this.camera.fov * Math.PI) / 360) * free));
     const direction = new Vector3(0.62, 0.36, 0.8).normalize();
     this.camera.position.copy(middle).addScaledVector(direction, away);
     this.camera.near = Math.max(0.002, away / 200);
