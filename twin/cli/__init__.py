@@ -27,11 +27,13 @@ examples:
   twin validate sils --all-protocols --json       every protocol, for scripts
   twin plan sils lowered_patient --out plan/      timed joint and tool motion as CSV
   twin build my_robot/                            USD stage of a robot of your own
+  twin export sils --to glb,tracks                for headsets and engines, read again and proven
 
 exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 """
 
-NAMES = ("list", "info", "build", "plan", "validate", "run", "view", "serve", "operate", "track", "study", "doctor")
+NAMES = ("list", "info", "build", "plan", "validate", "run", "view", "serve")
+NAMES += ("operate", "track", "study", "export", "doctor")
 """Every command."""
 
 
@@ -305,6 +307,36 @@ def _parser() -> argparse.ArgumentParser:
         "  twin study my_study.toml --json",
     )
     sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or of a study file")
+
+    sub = add(
+        "export",
+        "write a robot with its motions for headsets, game engines and simulators, and read it again",
+        "  twin export sils                              every format, every protocol\n"
+        "  twin export sils --to glb,tracks --out xr/\n"
+        "  twin export sils --protocol lowered_patient --budget-um 20\n"
+        "  twin export my_robot/ --json\n"
+        "  twin export usd/pa10/pa10_circle.usda         a stage, with the motion that is baked in it",
+    )
+    sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or of a USD stage")
+    out(sub, "./twin-out/<robot>/export/")
+    sub.add_argument(
+        "--to", metavar="FORMATS", help="of usd, usdz, glb, unity, tracks, mjcf, urdf; by commas (default all of them)"
+    )
+    group = sub.add_mutually_exclusive_group()
+    group.add_argument(
+        "--protocol",
+        metavar="NAME",
+        action="append",
+        help="a protocol of the robot, or the path of a protocol file; may be given more than once",
+    )
+    group.add_argument("--all-protocols", action="store_true", help="every protocol of the robot (the default)")
+    sub.add_argument(
+        "--budget-um",
+        type=float,
+        metavar="UM",
+        help="how far any point of a link may be off between keys, and a joint open, in micrometres (default 100; "
+        "0.05 degrees of rotation scale with it); decides the key rate",
+    )
 
     add("doctor", "show what can be checked on this machine", "  twin doctor")
     return parser

@@ -383,5 +383,6 @@ COMMANDS = {
     "operate": _own_file("operate"),
     "track": _own_file("track"),
     "study": _own_file("study"),
+    "export": _own_file("export"),
     "doctor": doctor,
 }

@@ -23,14 +23,14 @@ from twin.units import DEG, UM
 if TYPE_CHECKING:
     from twin.trajectory.model import Trajectory
 
-RATES = (10, 15, 20, 30, 60, 120)
-"""Key rates in Hz to choose from."""
+RATES = (10, 12, 15, 20, 24, 30, 40, 60, 120)
+"""Key rates in Hz to choose from: those of 10 and more whose keys all lie on ticks of 1/120 s."""
 
 _LOOKS = 4
 """Looks at the mechanism in each interval between keys, at least."""
 
 _GRIDS = (120, 240, 480)
-"""Rates in Hz of those looks: multiples of `_LOOKS` times every key rate; the finer, the longer it takes."""
+"""Rates in Hz of those looks: the finer, the longer it takes; the lowest key rates are tried on the coarsest."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def make_clip(
         run = model.run_poses(trajectory.poses(times), near=trajectory.joints(times))
         links = {n: np.round(T, 13) + 0.0 for n, T in model.link_poses(run.x).items()}
         values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
-        for rate in (r for r in RATES if grid % (_LOOKS * r) == 0 and not _done(r, grid)):
+        for rate in (r for r in RATES if _first_grid(r) == grid):
             keys = key_rows(len(times), grid // rate)
             found = measure_between(mechanism, times, links, keys, reaches)
             if found.keeps(budget) or rate == RATES[-1]:
@@ -165,9 +165,9 @@ def make_clip(
     raise AssertionError("the last grid holds the last rate")
 
 
-def _done(rate: int, grid: int) -> bool:
-    """Return whether a coarser grid has looked at this rate already."""
-    return any(g < grid and g % (_LOOKS * rate) == 0 for g in _GRIDS)
+def _first_grid(rate: int) -> int:
+    """Return the coarsest grid that has the keys of a rate on it and looks often enough between them."""
+    return next(g for g in _GRIDS if g % rate == 0 and g >= _LOOKS * rate)
 
 
 def key_times(duration: float, rate: float) -> Array:
@@ -238,7 +238,9 @@ def measure_between(
             off = drawn[name] - Ts
             moved = off[:, None, :3, :3] @ reaches[name][None, :, :, None]
             note("position", name, np.linalg.norm(moved[..., 0] + off[:, None, :3, 3], axis=-1).max(axis=1))
-            note("rotation", name, spatial.rotation_angle(np.swapaxes(R, 1, 2) @ Ts[:, :3, :3]))
+            # |R - R'| is 2 sqrt(2) times the sine of half the angle: exact where the angle is small, and quick.
+            chord = np.linalg.norm(off[:, :3, :3], axis=(1, 2)) / np.sqrt(8)
+            note("rotation", name, 2 * np.arcsin(np.minimum(chord, 1.0)))
         for joint in mechanism.joints:
             locked = [i for i in range(3) if i not in joint.free_axes]
             seen = joint.relative(drawn[joint.parent], drawn[joint.child])[:, :3, 3]
@@ -254,10 +256,7 @@ def quaternions_xyzw(Ts: Array) -> Array:
 
     The first has w >= 0. Many players interpolate the four numbers: a jump of sign is a half turn to them.
     """
-    q = spatial.quat_from_matrix_wxyz(Ts[:, :3, :3])
-    flips = np.sum(q[1:] * q[:-1], axis=1) < 0
-    q = q * np.where(np.concatenate([[0], np.cumsum(flips)]) % 2, -1.0, 1.0)[:, None]
-    return np.roll(q, -1, axis=1)
+    return np.roll(spatial.continuous_signs(spatial.quat_from_matrix_wxyz(Ts[:, :3, :3])), -1, axis=1)
 
 
 def slerp(a: Array, b: Array, share: Array) -> Array:

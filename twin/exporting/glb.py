@@ -14,17 +14,20 @@ from typing import Any
 
 import numpy as np
 
-from twin import __version__
 from twin.exporting.clip import Clip, home_poses, model_hash, quaternions_xyzw
 from twin.mechanism import Body, Mechanism
 from twin.spatial import Array
 from twin.stage.write.geometry import corner_normals
+from twin.version import __version__
 
 UP_XYZW = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
 """Rotation of the root: -90 degrees about x takes z up to y up."""
 
 _FLOAT, _UINT16, _UINT32 = 5126, 5123, 5125
 _VERTICES, _INDICES = 34962, 34963
+_STILL = 1e-10
+"""What changes by no more than this (m, parts of a rotation matrix) stays where it is."""
+
 _MOST_UINT16 = 65535
 """Vertices that 16 bits can count; the highest number is kept for other uses by glTF."""
 
@@ -70,7 +73,8 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
         nodes[index[frame.body]].setdefault("children", []).append(len(nodes))
         nodes.append({"name": names.frames[frame.name], **_trs(frame.T_body_frame), "extras": {"frame": frame.name}})
     nodes = [{k: v for k, v in n.items() if k != "children" or v} for n in nodes]
-    animations = [a for a in (out.animation(clip, index) for clip in clips) if a["channels"]]
+    moving = moving_paths(clips, rest)
+    animations = [out.animation(clip, index, moving) for clip in clips] if moving else []
     document: dict[str, Any] = {
         "asset": {
             "version": "2.0",
@@ -114,6 +118,22 @@ def node_names(mechanism: Mechanism, clips: Sequence[Clip]) -> Names:
     wanted = {mechanism.tool, *(c.frame for c in clips)}
     root = free(mechanism.name)
     return Names(root, {f.name: free(f"frame_{f.name}") for f in mechanism.frames if f.name in wanted})
+
+
+def moving_paths(clips: Sequence[Clip], rest: Mapping[str, Array]) -> set[tuple[str, str]]:
+    """Return (link, "translation" or "rotation") of what leaves its rest pose in any of the clips.
+
+    Of any, because a player that changes from one clip to another leaves where it is what the other does not set.
+    """
+    out = set()
+    for clip in clips:
+        for name, Ts in clip.links.items():
+            off = np.abs(Ts - rest[name])
+            if off[:, :3, 3].max() > _STILL:
+                out.add((name, "translation"))
+            if off[:, :3, :3].max() > _STILL:
+                out.add((name, "rotation"))
+    return out
 
 
 def surface(vertices: Array, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -182,17 +202,17 @@ class _Document:
         self._meshes.append({"name": f"{body.name}_mesh", "primitives": primitives})
         return len(self._meshes) - 1
 
-    def animation(self, clip: Clip, nodes: Mapping[str, int]) -> dict[str, Any]:
-        """Return a clip as an animation; links that stay where they are get no channel."""
+    def animation(self, clip: Clip, nodes: Mapping[str, int], moving: set[tuple[str, str]]) -> dict[str, Any]:
+        """Return a clip as an animation with a channel for each (link, path) of `moving`."""
         times = self._add("keys", clip.times.astype("<f4").reshape(-1, 1), "SCALAR", _FLOAT, bounds=True)
         channels, samplers = [], []
         for name, Ts in clip.links.items():
-            if np.all(np.abs(Ts - Ts[0]) < 1e-12):
-                continue
             for path, kind, values in (
                 ("translation", "VEC3", Ts[:, :3, 3]),
                 ("rotation", "VEC4", quaternions_xyzw(Ts)),
             ):
+                if (name, path) not in moving:
+                    continue
                 channels.append({"sampler": len(samplers), "target": {"node": nodes[name], "path": path}})
                 output = self._add("keys", values.astype("<f4") + np.float32(0), kind, _FLOAT)
                 samplers.append({"input": times, "interpolation": "LINEAR", "output": output})

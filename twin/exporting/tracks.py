@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,16 +21,20 @@ _DIGITS = 7
 """Decimals of metres, radians and parts of quaternions: 0.1 um."""
 
 
-def write_tracks(mechanism: Mechanism, clip: Clip, folder: Path) -> tuple[Path, Path]:
+def write_tracks(
+    mechanism: Mechanism, clip: Clip, folder: Path, hash_of_model: str | None = None, assumed: Sequence[str] = ()
+) -> tuple[Path, Path]:
     """Write <clip>.json and <clip>.csv into `folder` and return their paths; both hold the same numbers.
 
     Args:
         mechanism: whose motion it is, with its trocar where the protocol has it.
         clip: the motion.
         folder: made if it is missing.
+        hash_of_model: `model_hash` of the robot as drawn, that of `mechanism` if it has no trocar to move.
+        assumed: "name: reason" of numbers that the robot assumes, beside those of the clip.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    data = track(mechanism, clip)
+    data = track(mechanism, clip, hash_of_model, assumed)
     as_json, as_csv = folder / f"{clip.name}.json", folder / f"{clip.name}.csv"
     as_json.write_text(_json(data), encoding="utf-8")
     as_csv.write_text(_csv(data), encoding="utf-8")
@@ -53,8 +56,10 @@ def schema_text() -> str:
     return json.dumps(json_schema(Track), indent=2, ensure_ascii=False) + "\n"
 
 
-def track(mechanism: Mechanism, clip: Clip) -> dict[str, Any]:
-    """Return the track as plain data; see `twin.schema.track.Track` for what each entry is."""
+def track(
+    mechanism: Mechanism, clip: Clip, hash_of_model: str | None = None, assumed: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Return the track of `write_tracks` as plain data; see `twin.schema.track.Track` for what each entry is."""
     joints = [j for j in mechanism.joints if j.name in clip.joints]
     limits = [j.limits or (-NO_LIMIT, NO_LIMIT) for j in joints]
     tool = mechanism.frame(mechanism.tool)
@@ -67,14 +72,14 @@ def track(mechanism: Mechanism, clip: Clip) -> dict[str, Any]:
         "robot": mechanism.name,
         "protocol": clip.name,
         "title": clip.title,
-        "model_hash": model_hash(mechanism),
+        "model_hash": hash_of_model or model_hash(mechanism),
         "frame": "z-up right-handed",
         "length_unit": "m",
         "angle_unit": "rad",
         "quaternion_order": "xyzw",
         "rate": clip.rate,
         "frames": len(clip.times),
-        "times": np.round(clip.times, 9).tolist(),
+        "times": _plain(np.round(clip.times, 9)),
         "links": list(clip.links),
         "poses": _flat(np.stack([_seven(Ts) for Ts in clip.links.values()], axis=1)),
         "joints": [j.name for j in joints],
@@ -84,8 +89,8 @@ def track(mechanism: Mechanism, clip: Clip) -> dict[str, Any]:
         "joint_upper": _flat([high for _, high in limits]),
         "positions": _flat([clip.joints[j.name] for j in joints], transpose=True),
         "phases": [name for name, _, _ in clip.phases],
-        "phase_start": np.round([t0 for _, t0, _ in clip.phases], 9).tolist(),
-        "phase_end": np.round([t1 for _, _, t1 in clip.phases], 9).tolist(),
+        "phase_start": _plain(np.round([t0 for _, t0, _ in clip.phases], 9)),
+        "phase_end": _plain(np.round([t1 for _, _, t1 in clip.phases], 9)),
         "phase_has_rcm": [int(p is not None) for p in phase_rcm],
         "phase_rcm": _flat([np.zeros(3) if p is None else p for p in phase_rcm]),
         "tool_link": tool.body,
@@ -98,7 +103,7 @@ def track(mechanism: Mechanism, clip: Clip) -> dict[str, Any]:
         "between_position": float(f"{clip.between_position:.6g}"),
         "between_rotation": float(f"{clip.between_rotation:.6g}"),
         "joint_gap": float(f"{clip.joint_gap:.6g}"),
-        "assumed": list(clip.assumed),
+        "assumed": [*assumed, *clip.assumed],
     }
 
 
@@ -109,7 +114,12 @@ def _seven(Ts: Array) -> Array:
 
 def _flat(values: Any, transpose: bool = False) -> list[float]:
     array = np.asarray(values, float)
-    return (np.round((array.T if transpose else array).ravel(), _DIGITS) + 0.0).tolist()
+    return _plain(np.round((array.T if transpose else array).ravel(), _DIGITS))
+
+
+def _plain(values: Array) -> list[float]:
+    """Return numbers as they are written: whole ones without .0, of which a pose has many."""
+    return [int(v) if v == int(v) and abs(v) < 1e9 else v for v in (values + 0.0).tolist()]
 
 
 def _json(data: dict[str, Any]) -> str:
@@ -134,12 +144,15 @@ def _csv(data: dict[str, Any]) -> str:
     kinds = zip(data["joints"], data["joint_types"], strict=True)
     names = ["time_s", *(f"{n}_{'rad' if kind == 'revolute' else 'm'}" for n, kind in kinds)]
     names += [f"{link}_{part}" for link in data["links"] for part in ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")]
-    k = data["frames"]
-    numbers = np.column_stack(
-        [data["times"], np.reshape(data["positions"], (k, -1)), np.reshape(data["poses"], (k, -1))]
+    n, m = len(data["joints"]), 7 * len(data["links"])
+    rows = (
+        ",".join(map(_text, [t, *data["positions"][i * n : (i + 1) * n], *data["poses"][i * m : (i + 1) * m]]))
+        for i, t in enumerate(data["times"])
     )
-    text = io.StringIO()
-    out = csv.writer(text, lineterminator="\n")
-    out.writerow(names)
-    out.writerows(numbers.tolist())
-    return "\n".join(head) + "\n" + text.getvalue()
+    return "\n".join([*head, ",".join(names), *rows]) + "\n"
+
+
+def _text(value: float) -> str:
+    """Return a number without the zero before its point: half of the file is numbers below one."""
+    text = repr(value)
+    return text[1:] if text.startswith("0.") else f"-{text[2:]}" if text.startswith("-0.") else text

@@ -18,6 +18,7 @@ from twin.spatial import Array
 
 if TYPE_CHECKING:
     from twin.exporting.clip import Clip
+    from twin.trajectory.model import Trajectory
 
 
 def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list[Path]:
@@ -36,15 +37,39 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
         AssemblyError: the mechanism cannot be assembled as drawn.
     """
     from twin.reference import ReferenceModel
+    from twin.reference.holding import holding_efforts
     from twin.stage.write import Motion, write_motion, write_stage
 
-    home = ReferenceModel(mechanism).home()
-    files = write_stage(mechanism, folder, rounded(home.link_poses), home.q_full)
+    model = ReferenceModel(mechanism)
+    home = model.home()
+    efforts = holding_efforts(model, home)
+    files = write_stage(mechanism, folder, rounded(home.link_poses), home.q_full, efforts=efforts)
     out = [files.root, files.physics, files.geometry]
     for clip in clips:
         baked = write_motion(mechanism, folder, Motion(clip.name, clip.times, rounded(clip.links), clip.joints))
         out += [baked.root, baked.layer]
     return out
+
+
+def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder: Path) -> None:
+    """Write a planned trajectory beside the stage of `mechanism` in `folder`, every 1/60 s and at its end.
+
+    Args:
+        mechanism: as the stage has it.
+        bound: the same with its trocar where the protocol has it.
+        trajectory: as planned.
+        folder: that of the stage.
+    """
+    from twin.exporting.clip import key_times
+    from twin.reference import ReferenceModel
+    from twin.stage.write import Motion, write_motion
+    from twin.stage.write.layers import TIME_CODES_PER_SECOND
+
+    times = key_times(trajectory.duration, TIME_CODES_PER_SECOND)
+    model = ReferenceModel(bound)
+    run = model.run_poses(trajectory.poses(times), near=trajectory.joints(times))
+    values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
+    write_motion(mechanism, folder, Motion(trajectory.protocol, times, rounded(model.link_poses(run.x)), values))
 
 
 def rounded(poses: Mapping[str, Array]) -> dict[str, Array]:

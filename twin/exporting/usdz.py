@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom
 
 from twin.exporting.usd import rounded
 from twin.mechanism import Mechanism
@@ -76,7 +76,10 @@ def _rest(mechanism: Mechanism, clip: Clip | None) -> dict[str, Array]:
 def _flattened(mechanism: Mechanism, layers: list[str], end: float) -> Sdf.Layer:
     """Return one layer of these, strongest first, turned to y up, without what only twin reads."""
     stage = Usd.Stage.CreateInMemory()
+    # Before the layers come below it: times of a layer with another rate are rescaled.
+    stage.SetTimeCodesPerSecond(TIME_CODES_PER_SECOND)
     stage.GetRootLayer().subLayerPaths = layers
+    stage.SetTimeCodesPerSecond(TIME_CODES_PER_SECOND)  # flattening converts samples from a layer of another rate
     flat = stage.Flatten(False)
     stage = Usd.Stage.Open(flat)
     root = stage.GetPrimAtPath(f"/{mechanism.name}")
@@ -87,6 +90,7 @@ def _flattened(mechanism: Mechanism, layers: list[str], end: float) -> Sdf.Layer
         for attribute in prim.GetAuthoredAttributes():
             if attribute.GetName().startswith("twin:"):
                 prim.RemoveProperty(attribute.GetName())
+    _single_precision(flat)
     UsdGeom.Xformable(root).AddRotateXOp().Set(-90.0)
     stage.SetDefaultPrim(root)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
@@ -96,6 +100,31 @@ def _flattened(mechanism: Mechanism, layers: list[str], end: float) -> Sdf.Layer
     stage.SetStartTimeCode(0.0)
     stage.SetEndTimeCode(end)
     return flat
+
+
+def _single_precision(layer: Sdf.Layer) -> None:
+    """Store translations as float3, which viewers turn them into anyway.
+
+    The reader of three.js (r187) knows no double3 of small whole numbers, as usdc packs (0, 0, 0): a link that
+    passes through the origin vanishes there, without an error.
+    """
+    double = []
+    layer.Traverse(
+        Sdf.Path.absoluteRootPath,
+        lambda path: double.append(path) if path.name == "xformOp:translate" else None,
+    )
+    for path in double:
+        old = layer.GetAttributeAtPath(path)
+        if old.typeName != Sdf.ValueTypeNames.Double3:
+            continue
+        default, samples = old.default, {t: layer.QueryTimeSample(path, t) for t in layer.ListTimeSamplesForPath(path)}
+        prim = layer.GetPrimAtPath(path.GetPrimPath())
+        prim.RemoveProperty(old)
+        new = Sdf.AttributeSpec(prim, path.name, Sdf.ValueTypeNames.Float3)
+        if default is not None:
+            new.default = Gf.Vec3f(default)
+        for code, value in samples.items():
+            layer.SetTimeSample(path, code, Gf.Vec3f(value))
 
 
 def package(layer: Path, path: Path) -> None:

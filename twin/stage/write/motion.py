@@ -81,15 +81,6 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFi
     return MotionFiles(layer_path, root)
 
 
-def continuous_signs(wxyz: Array) -> Array:
-    """Return quaternions (k, 4) with signs chosen so that neighbours are less than a half turn apart.
-
-    Many players interpolate the four numbers as they are; a sign change in between is a 180 degree glitch.
-    """
-    flips = np.sum(wxyz[1:] * wxyz[:-1], axis=1) < 0
-    return wxyz * np.where(np.concatenate([[0], np.cumsum(flips)]) % 2, -1.0, 1.0)[:, None]
-
-
 def _time_codes(motion: Motion) -> Array:
     times = np.asarray(motion.times_s, float)
     if times.ndim != 1 or not len(times) or times[0] < 0 or not np.all(np.diff(times) > 0):
@@ -118,7 +109,7 @@ def _pose_samples(mechanism: Mechanism, motion: Motion, layer: Sdf.Layer):
         prim = f"/{mechanism.name}/{name}"
         translate = _attribute(layer, f"{prim}.xformOp:translate", Sdf.ValueTypeNames.Double3)
         orient = _attribute(layer, f"{prim}.xformOp:orient", Sdf.ValueTypeNames.Quatd)
-        wxyz = continuous_signs(spatial.quat_from_matrix_wxyz(Ts[:, :3, :3]))
+        wxyz = spatial.continuous_signs(spatial.quat_from_matrix_wxyz(Ts[:, :3, :3]))
         yield translate, gf.vec3d_array(Ts[:, :3, 3])
         yield orient, gf.quatd_array(wxyz)
 
