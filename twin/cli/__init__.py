@@ -32,22 +32,8 @@ examples:
 exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 """
 
-NAMES = (
-    "list",
-    "info",
-    "build",
-    "plan",
-    "validate",
-    "run",
-    "view",
-    "serve",
-    "operate",
-    "track",
-    "study",
-    "export",
-    "audit",
-    "doctor",
-)
+NAMES = ("list", "info", "build", "plan", "validate", "run", "view", "serve")
+NAMES += ("operate", "track", "study", "export", "audit", "doctor")
 """Every command."""
 
 
