@@ -71,7 +71,10 @@ def key_times(path: str | Path) -> dict[str, np.ndarray]:
     Raises:
         TwinError: as `audit`.
     """
-    contents = [c for _, c in _read(find(Path(path)), lambda label, fraction: None) if c is not None]
+    found = find(Path(path))
+    if found.tracks:  # they alone say it all, and are read in no time
+        found = Found(found.root, tracks=found.tracks)
+    contents = [c for _, c in _read(found, lambda label, fraction: None) if c is not None]
     return {name: ref.clip.times for name, ref in references(contents, {}).items()}
 
 
@@ -127,20 +130,29 @@ def _gltf(path: Path, ledger: Ledger) -> Content | None:
 
 
 def _usd(path: Path, ledger: Ledger) -> Content | None:
+    from pxr import Tf
+
     from twin.audit.usd import UsdError, read_usd
     from twin.audit.usd_checks import check_usd, version
+    from twin.audit.usdc import trouble
     from twin.audit.usdz import check_usdz
 
     ledger.tool, ledger.version = "twin.audit on usd-core", version()
     if path.suffix.lower() == ".usdz" and not check_usdz(path, ledger):
         return None
+    if broken := trouble(path.read_bytes()):
+        ledger.add("usd.header", "error", f"{broken}.")
+        return None
     try:
         content = read_usd(path, ledger)
+        check_usd(path, bool(content.extra["physics"]), ledger)
     except UsdError as error:
         ledger.add("usd.unreadable", "error", f"{error}.")
-        return None
-    check_usd(path, bool(content.extra["physics"]), ledger)
-    return content
+    except Tf.ErrorException as error:  # broken in a way that OpenUSD notices late
+        ledger.add("usd.unreadable", "error", f"OpenUSD gives up: {str(error).strip().splitlines()[-1].strip()[:200]}.")
+    else:
+        return content
+    return None
 
 
 def _tracks(path: Path, ledger: Ledger) -> Content | None:

@@ -206,7 +206,8 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, Shape]:
                 {"euler", "axisangle", "xyaxes", "zaxis"}
             ):
                 continue
-            got = named_mesh(path, *assets[geom.get("mesh")], checked, ledger, "mjcf")
+            file, scale = assets[geom.get("mesh")]
+            got = named_mesh(path, file, scale, checked, ledger, "mjcf")
             if got is not None:
                 q = numbers(geom.get("quat"), 4, (1, 0, 0, 0))[[1, 2, 3, 0]]
                 T = poses.pose(poses.rotation(q), numbers(geom.get("pos"), 3, (0, 0, 0)))
