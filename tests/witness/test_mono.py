@@ -129,6 +129,11 @@ MUTATIONS = {
         "onEnd.Invoke();",
     ),
     "radians into a drive": ("ArticulationDriver.cs", "inUnity * Mathf.Rad2Deg", "inUnity"),
+    "what was reached has no sign": (
+        "ArticulationDriver.cs",
+        "entry.sign * inUnity - entry.offset",
+        "inUnity - entry.offset",
+    ),
     "degrees into a slide": (
         "ArticulationDriver.cs",
         "track.IsAngle(joint) ? inUnity",
