@@ -2,6 +2,8 @@
 
     foreign      runs programs that are not ours; a test that needs one which is not built skips loudly, or fails
                  where TWIN_WITNESS_REQUIRED is set
+    case         one robot after the other: its exports, and what they must show; see bundles.py
+    judge        compares what a reader printed with that, and keeps it for the table
     figures      keeps the worst error of a witness for the table
 
 The table is printed when the tests are done and written to twin-out/witness.md.
@@ -18,6 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+from twin import assets
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -136,3 +140,36 @@ def _table() -> Iterator[str]:
 def witness_environments():
     """The module tests/witness/environments.py."""
     return _load("environments")
+
+
+@pytest.fixture(scope="session")
+def bundles():
+    """The module tests/witness/bundles.py."""
+    return _load("bundles")
+
+
+@pytest.fixture(scope="session", params=assets.names())
+def case(request, bundles):
+    """The exports of a robot, with the truth about them."""
+    return bundles.case(request.param)
+
+
+@pytest.fixture
+def judge(bundles, figures):
+    """Return a function (what a reader printed, case) that fails where it is not the truth."""
+
+    def check(printed: dict[str, Any], case) -> None:
+        version = printed.pop("version")
+        assert printed, f"{version} was asked nothing"
+        wrong = []
+        for name, found in printed.items():
+            motion = case.motions[name.split()[-1]]
+            assert len(motion.times) >= 20
+            worst = bundles.compare(found, motion)
+            counted = f"{len(motion.links)} links, {len(motion.times)} frames"
+            figures.add(version, case.robot, name, worst.position, worst.rotation, counted)
+            if not worst.good:
+                wrong.append(f"{case.robot}, {name}: {worst}")
+        assert not wrong, f"{version}: " + "\n".join(wrong)
+
+    return check

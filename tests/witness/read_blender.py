@@ -1,6 +1,8 @@
 """Blender (bpy) reads GLB, USD and USDZ, each in an empty file, and plays them.
 
-    python read_blender.py job.json      job: [{id, path, clip: name | "", times: [s, ...]}, ...]
+    python read_blender.py job.json
+
+    job: [{id, path, clip: name | "", times: [s, ...], links: [name, ...]}, ...]
 
 Prints {id: {times, clips, links: {object: [16 numbers, row-major T_world_object, z up, m]}}}. Blender is z up.
 """
@@ -53,10 +55,12 @@ def choose(clip: str) -> list[str]:
     return sorted(clips)
 
 
-def poses(turned: bool) -> dict[str, list[float]]:
+def poses(wanted: list[str], turned: bool) -> dict[str, list[float]]:
     out = {}
     evaluated = bpy.context.evaluated_depsgraph_get()
     for thing in bpy.context.scene.objects:
+        if thing.name not in wanted:
+            continue
         T = thing.evaluated_get(evaluated).matrix_world
         T = T @ FROM_GLTF if turned else T
         out[thing.name] = [T[r][c] for r in range(4) for c in range(4)]
@@ -76,7 +80,7 @@ def main() -> None:
             # The GLB reader puts time 0 at frame 0; in USD a time code is a frame.
             frame = math.floor(t * FPS)
             bpy.context.scene.frame_set(frame, subframe=t * FPS - frame)
-            for name, pose in poses(glb).items():
+            for name, pose in poses(task["links"], glb).items():
                 links.setdefault(name, []).append(pose)
         out[task["id"]] = {"times": task["times"], "clips": clips, "links": links}
     sys.stdout.write("\n" + json.dumps(out) + "\n")

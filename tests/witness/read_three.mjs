@@ -1,6 +1,8 @@
 // three.js reads GLB (GLTFLoader) and USDZ (USDLoader, its own USDC parser) and plays their clips.
 //
-//   node read_three.mjs job.json     job: [{id, path, clip: name | "", times: [s, ...]}, ...]
+//   node read_three.mjs job.json
+//
+//   job: [{id, path, clip: name | "", times: [s, ...], links: [name, ...]}, ...]
 //
 // Prints {id: {times, duration, clips, names, links: {node: [16 numbers, row-major T_world_node, z up, m]}}}.
 // three.js is y up: what it shows is turned back by +90 degrees about x, and by nothing else.
@@ -27,11 +29,11 @@ async function load(path) {
   return scenes.get(path);
 }
 
-function poses(scene) {
+function poses(scene, wanted) {
   scene.updateMatrixWorld(true);
   const seen = {};
   scene.traverse((node) => {
-    if (!node.name) return;
+    if (!wanted.includes(node.name)) return;
     const e = new Matrix4().multiplyMatrices(zUp, node.matrixWorld).elements; // column-major
     (seen[node.name] ??= []).push([0, 1, 2, 3].flatMap((r) => [0, 1, 2, 3].map((c) => e[4 * c + r])));
   });
@@ -39,7 +41,7 @@ function poses(scene) {
 }
 
 const out = { version: `three.js r${REVISION}` };
-for (const { id, path, clip, times } of JSON.parse(readFileSync(process.argv[2]))) {
+for (const { id, path, clip, times, links: wanted } of JSON.parse(readFileSync(process.argv[2]))) {
   const { scene, clips } = await load(path);
   // A USDZ holds one motion without a name; a GLB names its clips.
   const chosen = clip ? clips.find((c) => c.name === clip) : clips[0];
@@ -55,7 +57,7 @@ for (const { id, path, clip, times } of JSON.parse(readFileSync(process.argv[2])
   for (const t of times) {
     action.reset().play();
     mixer.setTime(t);
-    for (const [name, found] of Object.entries(poses(scene))) {
+    for (const [name, found] of Object.entries(poses(scene, wanted))) {
       (links[name] ??= []).push(found[0]);
       if (found.length > 1 && !twice.includes(name)) twice.push(name);
     }

@@ -1,6 +1,8 @@
 """Another release of OpenUSD than the project's reads USD and USDZ and plays them.
 
-    python read_usd.py job.json      job: [{id, path, clip: "", times: [s, ...]}, ...]
+    python read_usd.py job.json
+
+    job: [{id, path, clip: name | "", times: [s, ...], links: [name, ...]}, ...]
 
 Prints {id: {times, duration, links: {prim: [16 numbers, row-major T_world_prim, z up, m]}}}: prims directly below the
 root prim.
@@ -26,7 +28,7 @@ def main() -> None:
         for t in task["times"]:
             cache.SetTime(t * stage.GetTimeCodesPerSecond())
             for prim in stage.GetDefaultPrim().GetChildren():
-                if prim.IsA(UsdGeom.Xformable):
+                if prim.GetName() in task["links"]:
                     T = (cache.GetLocalToWorldTransform(prim) * turn).GetTranspose()  # USD has its vectors in rows
                     row = [x for r in range(3) for x in (*list(T.GetRow(r))[:3], T[r][3] * scale)]
                     links.setdefault(prim.GetName(), []).append([*row, 0.0, 0.0, 0.0, 1.0])
