@@ -22,8 +22,8 @@ from scipy.spatial.transform import Rotation
 
 FILE = Path(__file__).resolve().parents[2] / "twin/headset/unity/Runtime/Resources/twin-golden.json"
 
-STRIDE = 64
-"""Of the clip's keys, one in so many: two seconds apart, so that links turn far between them."""
+STEP = 2.0
+"""Seconds between the keys that are taken of the clip: links turn far between them. Every rate of a clip has them."""
 
 MIRRORS = {
     "gltfast": np.diag([-1.0, 1.0, 1.0]),
@@ -64,13 +64,13 @@ def robot() -> tuple[Any, Any, Any]:
     protocol = loaded.protocol("table2")
     mechanism = loaded.bound(protocol).mechanism
     clip = make_clip(mechanism, twin.plan(loaded, protocol), protocol.title)
-    keys = np.unique(np.append(np.arange(0, len(clip.times), STRIDE), len(clip.times) - 1))
+    keys = np.unique(np.append(np.arange(0, len(clip.times), round(STEP * clip.rate)), len(clip.times) - 1))
     few = replace(
         clip,
         times=clip.times[keys],
         links={n: T[keys] for n, T in clip.links.items()},
         joints={n: v[keys] for n, v in clip.joints.items()},
-        rate=clip.rate / STRIDE,
+        rate=1.0 / STEP,
     )
     return mechanism, few, track(mechanism, few)
 
@@ -80,7 +80,7 @@ def golden() -> dict[str, Any]:
     mechanism, clip, track = robot()
     rng = np.random.default_rng(20260429)
     out: dict[str, Any] = {"schema": "twin-golden", "version": 1, "track": track}
-    place = four(Rotation.from_rotvec([0.4, -1.1, 0.3]).as_matrix(), np.array([0.3, 1.1, 2.0]))
+    place = four(Rotation.from_rotvec([0.4, -1.1, 0.3]).as_matrix(), np.array([0.1, 0.2, 0.3]))
     scale = 0.5
     out |= {"place": flat(seven(place)), "scale": scale}
     # Unity's world of a point of the robot's world, for both ways of import.
@@ -200,7 +200,7 @@ def stream(track: dict[str, Any], rng: Any) -> dict[str, Any]:
 
 def grab(mechanism: Any, clip: Any, to_world: dict[str, np.ndarray], rng: Any) -> dict[str, Any]:
     """Return two poses of a hand in Unity's world, and where the tool must go in the robot's when it is held."""
-    tool = mechanism.frame(mechanism.tool)
+    tool = mechanism.frame("endoscope_tip")  # the robot's own tool frame lies in the origin of its link
     hands = [
         four(Rotation.random(rng=rng).as_matrix(), rng.uniform(0.5, 1.5, 3)),
         four(Rotation.random(rng=rng).as_matrix(), rng.uniform(0.5, 1.5, 3)),
@@ -208,7 +208,8 @@ def grab(mechanism: Any, clip: Any, to_world: dict[str, np.ndarray], rng: Any) -
     moved = hands[1] @ np.linalg.inv(hands[0])
     k = 2
     start = clip.links[tool.body][k] @ tool.T_body_frame
-    out = {"grab_key": k, "grab_hands": flat([seven(h) for h in hands])}
+    out = {"grab_key": k, "tool_link": tool.body, "tool_frame": flat(seven(tool.T_body_frame))}
+    out |= {"grab_hands": flat([seven(h) for h in hands])}
     for n, W in to_world.items():
         out[f"grab_want_{n}"] = flat(seven(np.linalg.inv(W) @ moved @ W @ start))
     return out

@@ -40,6 +40,7 @@ NAMES = (
     "validate",
     "run",
     "view",
+    "serve",
     "operate",
     "track",
     "study",
@@ -235,6 +236,30 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--host", default="127.0.0.1", help="address to serve on (default 127.0.0.1: this machine alone)")
     sub.add_argument("--no-browser", action="store_true", help="open no browser")
     sub.add_argument("--html", metavar="FILE", help="write a recording of the protocol instead, and end")
+
+    sub = add(
+        "serve",
+        "serve a robot to headsets and browsers: place it in the room, play, grab it",
+        "  twin serve sils                     Quest with its cable: adb reverse tcp:8765 tcp:8765\n"
+        "  twin serve sher phantom --no-browser\n  twin serve my_robot/                or a bare USD stage\n"
+        "  twin serve sils --host 0.0.0.0 --cert cert.pem --key key.pem    for every headset in the network\n"
+        "  twin serve sils --record session.json        what is done, and what is seen of it\n"
+        "  twin serve sils --replay session.json",
+    )
+    sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a USD stage")
+    sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
+    sub.add_argument("--port", type=int, default=8765, help="where it is served (default 8765; 0 takes any)")
+    sub.add_argument(
+        "--host",
+        default="127.0.0.1",
+        help="address to serve on (default 127.0.0.1: this machine alone); any other is open to the network, by "
+        "addresses that open once, one for each device",
+    )
+    sub.add_argument("--no-browser", action="store_true", help="open no browser")
+    sub.add_argument("--record", metavar="FILE", help="record the session: requests, states and frames, as JSON")
+    sub.add_argument("--replay", metavar="FILE", help="replay a recorded session instead, frame by frame")
+    sub.add_argument("--cert", metavar="FILE", help="certificate (PEM), for https: headsets want it for AR")
+    sub.add_argument("--key", metavar="FILE", help="its key (PEM), if it is not in the same file")
 
     sub = add(
         "operate",

@@ -379,6 +379,7 @@ COMMANDS = {
     "validate": validate,
     "run": run,
     "view": _own_file("view"),
+    "serve": _own_file("serve"),
     "operate": _own_file("operate"),
     "track": _own_file("track"),
     "study": _own_file("study"),

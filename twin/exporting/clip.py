@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twin import spatial
-from twin.mechanism import Body, Mechanism
+from twin.mechanism import Body, Joint, Mechanism
 from twin.spatial import Array, Index
 from twin.units import DEG, UM
 
@@ -73,7 +73,7 @@ class Clip:
         phases: name, start and end in s.
         rate: Hz.
         between: worst errors between keys, for a player that draws lines and turns evenly or by components.
-        budget: what the rate was chosen by.
+        budget: what the rate was chosen by; None: the keys are those of a file, nothing was chosen.
         frame: name of the frame that the protocol moves.
         phase_rcm: for each phase the RCM (3,) in base in m, or None.
         assumed: "name: reason" of numbers that the protocol assumes.
@@ -88,7 +88,7 @@ class Clip:
     phases: tuple[tuple[str, float, float], ...]
     rate: float
     between: Between
-    budget: Budget = field(default_factory=Budget)
+    budget: Budget | None = None
     frame: str = ""
     phase_rcm: tuple[Array | None, ...] = ()
     assumed: tuple[str, ...] = ()
@@ -138,6 +138,7 @@ def make_clip(
     budget = budget or Budget()
     model = ReferenceModel(mechanism)
     reaches = {b.name: extremes(mechanism, b) for b in mechanism.bodies}
+    bad = ""  # the link that was furthest off at the rate before: it decides most of the next ones alone
     for grid in _GRIDS:
         times = key_times(trajectory.duration, grid)
         run = model.run_poses(trajectory.poses(times), near=trajectory.joints(times))
@@ -145,6 +146,10 @@ def make_clip(
         values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
         for rate in (r for r in RATES if _first_grid(r) == grid):
             keys = key_rows(len(times), grid // rate)
+            if bad and rate != RATES[-1]:
+                off = draw(times, links[bad], keys, slerp) - links[bad]
+                if _furthest(off, reaches[bad]).max() > budget.position:
+                    continue
             found = measure_between(mechanism, times, links, keys, reaches)
             if found.keeps(budget) or rate == RATES[-1]:
                 return Clip(
@@ -162,6 +167,7 @@ def make_clip(
                     tuple(None if p.rcm is None else np.asarray(p.rcm, float) for p in trajectory.phases),
                     assumed,
                 )
+            bad = found.position_at[0]
     raise AssertionError("the last grid holds the last rate")
 
 
@@ -213,10 +219,8 @@ def measure_between(
         keys: rows that a player is given.
         reaches: points (n, 3) of each body, see `extremes`.
     """
-    row = np.clip(np.searchsorted(keys, np.arange(len(times)), side="right") - 1, 0, max(len(keys) - 2, 0))
-    after = np.minimum(row + 1, len(keys) - 1)
-    t0, t1 = times[keys[row]], times[keys[after]]
-    share = np.where(t1 > t0, (times - t0) / np.where(t1 > t0, t1 - t0, 1.0), 0.0)
+    still = {n for n, Ts in links.items() if np.all(Ts == Ts[0])}
+    true = {j.name: _apart(j, links) for j in mechanism.joints}
     worst: dict[str, tuple[float, tuple[str, float]]] = {}
 
     def note(what: str, name: str, error: Array) -> None:
@@ -225,30 +229,46 @@ def measure_between(
             worst[what] = (float(error[k]), (name, float(times[k])))
 
     for blend in (slerp, nlerp):
-        drawn = {}
+        drawn = dict(links)
+        for name in links.keys() - still:
+            drawn[name] = draw(times, links[name], keys, blend)
         for name, Ts in links.items():
-            at_keys = Ts[keys]
-            if np.all(at_keys == at_keys[0]) and np.all(Ts == Ts[0]):
-                drawn[name] = Ts
+            if name in still:
                 continue
-            q = quaternions_xyzw(at_keys)
-            R = spatial.matrix_from_quat_wxyz(np.roll(blend(q[row], q[after], share), 1, axis=-1))
-            p = at_keys[row, :3, 3] + share[:, None] * (at_keys[after, :3, 3] - at_keys[row, :3, 3])
-            drawn[name] = spatial.pose(R, p)
             off = drawn[name] - Ts
-            moved = off[:, None, :3, :3] @ reaches[name][None, :, :, None]
-            note("position", name, np.linalg.norm(moved[..., 0] + off[:, None, :3, 3], axis=-1).max(axis=1))
+            note("position", name, _furthest(off, reaches[name]))
             # |R - R'| is 2 sqrt(2) times the sine of half the angle: exact where the angle is small, and quick.
             chord = np.linalg.norm(off[:, :3, :3], axis=(1, 2)) / np.sqrt(8)
             note("rotation", name, 2 * np.arcsin(np.minimum(chord, 1.0)))
         for joint in mechanism.joints:
-            locked = [i for i in range(3) if i not in joint.free_axes]
-            seen = joint.relative(drawn[joint.parent], drawn[joint.child])[:, :3, 3]
-            true = joint.relative(links[joint.parent], links[joint.child])[:, :3, 3]
-            note("joint_gap", joint.name, np.linalg.norm((seen - true)[:, locked], axis=1))
+            if joint.parent not in still or joint.child not in still:
+                note("joint_gap", joint.name, np.linalg.norm(_apart(joint, drawn) - true[joint.name], axis=1))
     zero = (0.0, ("", 0.0))
     (p, p_at), (r, r_at), (g, g_at) = (worst.get(k, zero) for k in ("position", "rotation", "joint_gap"))
     return Between(p, r, g, p_at, r_at, g_at)
+
+
+def draw(times: Array, Ts: Array, keys: Index, blend: Callable[[Array, Array, Array], Array]) -> Array:
+    """Return the poses (k, 4, 4) that a player shows at times (k,) if it knows only those of `Ts` at rows `keys`."""
+    row = np.clip(np.searchsorted(keys, np.arange(len(times)), side="right") - 1, 0, max(len(keys) - 2, 0))
+    after = np.minimum(row + 1, len(keys) - 1)
+    t0, t1 = times[keys[row]], times[keys[after]]
+    share = np.where(t1 > t0, (times - t0) / np.where(t1 > t0, t1 - t0, 1.0), 0.0)
+    q, p = quaternions_xyzw(Ts[keys]), Ts[keys, :3, 3]
+    R = spatial.matrix_from_quat_wxyz(np.roll(blend(q[row], q[after], share), 1, axis=-1))
+    return spatial.pose(R, p[row] + share[:, None] * (p[after] - p[row]))
+
+
+def _furthest(off: Array, reach: Array) -> Array:
+    """Return how far (k,) the furthest of points (n, 3) is off, by differences of poses (k, 4, 4)."""
+    moved = off[:, None, :3, :3] @ reach[None, :, :, None]
+    return np.linalg.norm(moved[..., 0] + off[:, None, :3, 3], axis=-1).max(axis=1)
+
+
+def _apart(joint: Joint, links: Mapping[str, Array]) -> Array:
+    """Return how far (k, locked) the two sides of a joint are apart in the directions that it locks."""
+    locked = [i for i in range(3) if i not in joint.free_axes]
+    return joint.relative(links[joint.parent], links[joint.child])[:, locked, 3]
 
 
 def quaternions_xyzw(Ts: Array) -> Array:

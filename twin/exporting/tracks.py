@@ -117,7 +117,7 @@ def _flat(values: Any, transpose: bool = False) -> list[float]:
     return _plain(np.round((array.T if transpose else array).ravel(), _DIGITS))
 
 
-def _plain(values: Array) -> list[float]:
+def _plain(values: Any) -> list[float]:
     """Return numbers as they are written: whole ones without .0, of which a pose has many."""
     return [int(v) if v == int(v) and abs(v) < 1e9 else v for v in (values + 0.0).tolist()]
 

@@ -12,6 +12,7 @@ namespace UnityEngine
 
         public static void DestroyImmediate(Object o) { if (!ReferenceEquals(o, null)) o.destroyed = true; }
         public static void Destroy(Object o) { DestroyImmediate(o); }
+        public static T Instantiate<T>(T original) where T : Object { throw new NotSupportedException("stub"); }
         public static bool operator ==(Object a, Object b) { return ReferenceEquals(Alive(a), Alive(b)); }
         public static bool operator !=(Object a, Object b) { return !(a == b); }
         public static implicit operator bool(Object o) { return Alive(o) != null; }
@@ -26,6 +27,7 @@ namespace UnityEngine
         public GameObject gameObject { get; internal set; }
         public Transform transform { get { return gameObject.transform; } }
         public T GetComponent<T>() where T : Component { return gameObject.GetComponent<T>(); }
+        public T[] GetComponentsInChildren<T>() where T : Component { return gameObject.GetComponentsInChildren<T>(); }
     }
 
     public class Behaviour : Component
@@ -96,6 +98,7 @@ namespace UnityEngine
         public new Transform transform { get { return this; } }
         public int childCount { get { return children.Count; } }
         public Transform GetChild(int i) { return children[i]; }
+        public Vector3 forward { get { return rotation * Vector3.forward; } }
         public Vector3 position { get { return parent == null ? localPosition : parent.TransformPoint(localPosition); } }
 
         public Quaternion rotation
@@ -152,6 +155,10 @@ namespace UnityEngine
             distance = 0f;
             throw new NotSupportedException("stub");
         }
+    }
+
+    public class Animation : Behaviour
+    {
     }
 
     public class Renderer : Component
