@@ -62,7 +62,7 @@ def folder(tmp_path_factory):
 @pytest.mark.parametrize("command", commands())
 def test_command_runs(command, folder):
     arguments = [sys.executable, "-m", *command.split()]
-    if command.startswith("twin view") and "--html" not in command:
+    if command.startswith(("twin view", "twin serve")) and "--html" not in command:
         return serves_until_ctrl_c(arguments, folder)
     if command == "twin build sils":
         arguments += ["--out", str(folder / "usd")]
@@ -72,7 +72,7 @@ def test_command_runs(command, folder):
 
 
 def serves_until_ctrl_c(arguments, folder):
-    """Begin a view on a free port, fetch its page, end it."""
+    """Begin to serve on a free port, fetch its page, end it."""
     arguments += ["--port", "0", "--no-browser"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     with subprocess.Popen(arguments, cwd=folder, **pipes) as process:

@@ -226,10 +226,10 @@ def _parser() -> argparse.ArgumentParser:
     sub = add(
         "serve",
         "serve a robot to headsets and browsers: place it in the room, play, grab it",
-        "  twin serve sils\n  twin serve sher phantom --no-browser\n  twin serve my_robot/        or a bare USD stage\n"
-        "  adb reverse tcp:8765 tcp:8765                   then http://localhost:8765 on a Quest with its cable\n"
+        "  twin serve sils                     Quest with its cable: adb reverse tcp:8765 tcp:8765\n"
+        "  twin serve sher phantom --no-browser\n  twin serve my_robot/                or a bare USD stage\n"
         "  twin serve sils --host 0.0.0.0 --cert cert.pem --key key.pem    for every headset in the network\n"
-        "  twin serve sils --record session.json           what is done, and what is seen of it\n"
+        "  twin serve sils --record session.json        what is done, and what is seen of it\n"
         "  twin serve sils --replay session.json",
     )
     sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a USD stage")

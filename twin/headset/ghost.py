@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 
 from twin.api import Robot
@@ -11,8 +13,11 @@ from twin.live.desk import Desk
 from twin.live.timeline import Playback
 from twin.spatial import Array
 
-_CHUNK = 120
+_CHUNK = 8
 """Samples that are solved between two other jobs."""
+
+_PATIENCE = 10
+"""After a failure nothing is tried by hand for as many times what it took: a drag goes before a ghost."""
 
 
 class Ghost:
@@ -31,7 +36,8 @@ class Ghost:
         self._chosen: str | None = None
         self._playback: Playback | None = None
         self._track: Array | None = None
-        self._solved = 0
+        self._solved = self._failures = 0
+        self._next = 0.0
 
     def forget(self, name: str | None) -> None:
         """Show nothing until `choose` has taken the variant."""
@@ -57,7 +63,8 @@ class Ghost:
             self.choose(self._chosen)
 
     def _begin(self) -> None:
-        self._solved = 0
+        self._solved = self._failures = 0
+        self._next = 0.0
         if self._playback is not None:
             self._track = np.full((len(self._playback.t), 7), np.nan)
 
@@ -67,19 +74,29 @@ class Ghost:
         return self._track is not None and self._solved < len(self._track)
 
     def more(self) -> bool:
-        """Solve some samples; return whether there were any."""
+        """Solve some samples; return whether there were any.
+
+        Where a variant has no solution, finding that out takes a hundred times as long: ever longer stretches are
+        left out then, without a ghost.
+        """
         track, playback, kin = self._track, self._playback, self._kin
         if track is None or playback is None or kin is None or self._solved >= len(track):
             return False
-        rows = slice(self._solved, self._solved + _CHUNK)
+        rows = slice(self._solved, self._solved + (1 if self._failures else _CHUNK))
         try:
             Ts = kin.forward_many(playback.q[rows], playback.Ts_base_tool[rows])
         except KinematicsError:
             Ts = np.full((len(playback.q[rows]), 4, 4), np.nan)
-        good = np.isfinite(Ts).all(axis=(1, 2))
+        good = np.asarray(np.isfinite(Ts).all(axis=(1, 2)))
         track[rows][good] = wire.sevens(Ts[good])
-        self._solved = rows.stop
+        self._failures = 0 if good[-1] else self._failures + 1
+        self._solved = rows.stop + (0 if good[-1] else 2 ** min(self._failures, 6))
         return True
+
+    @property
+    def nowhere(self) -> bool:
+        """Whether the protocol is done and the variant has no tool pose anywhere in it."""
+        return self._track is not None and not self.wanting and not np.isfinite(self._track).any()
 
     def at(self, k: int) -> Array | None:
         """Return the ghost (7,) at a sample of the protocol, or None."""
@@ -92,8 +109,12 @@ class Ghost:
         """Return the ghost (7,) where the desk stands, or None."""
         if self.name is None or self._kin is None:
             return None
-        now = self._desk.assembly
+        now, start = self._desk.assembly, time.monotonic()
+        if start < self._next:
+            return None
         try:
             return wire.sevens(self._kin.forward(now.q, now.T_base_tool))
         except KinematicsError:
+            end = time.monotonic()
+            self._next = end + _PATIENCE * (end - start)
             return None

@@ -289,14 +289,12 @@ def parse(text: str | bytes) -> Message:
         first = error.errors(include_url=False, include_input=False, include_context=False)[0]
         where = ".".join(str(p) for p in first["loc"])
         raise RefusedError("invalid", f"{where + ': ' if where else ''}{first['msg']}"[:300], _id(text)) from None
-    except ValueError:  # a lone surrogate, which no JSON has
-        raise RefusedError("invalid", "the message is not JSON") from None
 
 
 def _id(text: str) -> int | str | None:
     try:
         data = from_json(text)
-    except ValueError:
+    except (ValueError, TypeError):  # no JSON, or a lone surrogate
         return None
     found = data.get("id") if isinstance(data, dict) else None
     return found[:40] if isinstance(found, str) else found if type(found) is int else None

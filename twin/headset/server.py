@@ -114,6 +114,7 @@ class StreamServer:
 
     async def close(self) -> None:
         """Tell the clients (1001) and end; who does not listen is cut."""
+        self._say_state()
         self._server.close(code=1001, reason="the server ends")
         try:
             async with asyncio.timeout(0.5):
@@ -259,6 +260,7 @@ class StreamServer:
     def _record(self, on: bool) -> None:
         if self.recording is None:
             raise RefusedError("refused", "nothing can be recorded: start the server with --record FILE")
+        self._say_state()
         self._write(self.recording.finish())
         if on:
             self.recording.begin(self._tick)

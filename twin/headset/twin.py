@@ -304,7 +304,18 @@ class Twin:
 
         self._worker.ask("look", job, done)
         if self._ghost.wanting:
-            self._worker.ask("ghost", self._ghost.more, lambda more: self._again() if more else None)
+            self._worker.ask("ghost", self._ghost.more, self._more_ghost)
+
+    def _more_ghost(self, more: bool) -> None:
+        if not more:
+            return
+        if self._ghost.wanting:
+            self._worker.ask("ghost", self._ghost.more, self._more_ghost)
+        elif self._ghost.nowhere:
+            text = f"{self._ghost.name}: these equations have no tool pose at the joints of the protocol: no ghost"
+            self.send({"type": "error", "code": "failed", "message": text})
+        if self._sample is not None:
+            self._stand()
 
     # -- protocols ------------------------------------------------------------------------------------
 
