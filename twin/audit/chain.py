@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -15,7 +16,13 @@ from twin.audit import poses
 from twin.audit.poses import Array
 
 _STEP = 1e-6
-_GOOD = 1e-9
+"""Of the finite differences, in m and rad."""
+
+_GOOD = 1e-5
+"""Residual in m and rad that is rounding of the poses; other solutions are much farther off."""
+
+_TRIES = 24
+"""Starts for frames that end elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -54,19 +61,25 @@ def fit(links: Sequence[Link], given: Sequence[Array | None], goal: Array) -> li
     free = [i for i, (link, g) in enumerate(zip(links, given, strict=True)) if g is None and link.kind != "fixed"]
     if not free:
         return list(given)
-    q = np.zeros((len(free), count))
-    q, off = _descend(links, given, free, q, goal)
-    for _ in range(8):
+    q, off = _descend(links, given, free, np.zeros((len(free), count)), goal)
+    starts = iter(product((0.0, 1.3, -1.3), repeat=min(len(free), 3)))
+    for attempt in range(_TRIES):
         bad = off > _GOOD
-        if not bad.any() or bad.all():
+        if not bad.any():
             break
         good = np.flatnonzero(~bad)
-        near = good[np.clip(np.searchsorted(good, np.arange(count)), 0, len(good) - 1)]
-        tried, new = _descend(links, given, free, np.where(bad, q[:, near], q), goal)
-        better = new < off
-        q, off = np.where(better, tried, q), np.where(better, new, off)
-        if not better.any():
-            break
+        if len(good) and attempt % 2 == 0:  # from the nearest frame that was solved: a motion is continuous
+            begin = q[:, good[np.clip(np.searchsorted(good, np.flatnonzero(bad)), 0, len(good) - 1)]]
+        else:
+            begin = np.zeros((len(free), int(bad.sum())))
+            seed = next(starts, None)
+            if seed is None:
+                break
+            begin[: len(seed)] = np.array(seed)[:, None]
+        rows = [None if g is None else g[bad] for g in given]
+        tried, new = _descend(links, rows, free, begin, goal[bad])
+        better = new < off[bad]
+        q[:, bad], off[bad] = np.where(better, tried, q[:, bad]), np.where(better, new, off[bad])
     out = list(given)
     for row, i in enumerate(free):
         out[i] = q[row]
@@ -81,10 +94,8 @@ def _descend(links, given, free: list[int], q: Array, goal: Array) -> tuple[Arra
             values[i] = x[row]
         T = along(links, values, x.shape[1])
         E = np.swapaxes(goal[:, :3, :3], 1, 2) @ T[:, :3, :3]
-        skew = E - np.swapaxes(E, 1, 2)
-        turn = 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
-        # Half a turn away the skew part vanishes as well: the trace tells the two apart.
-        turn = turn + np.where(np.trace(E, axis1=1, axis2=2)[:, None] < -0.5, 1.0, 0.0)
+        xyzw = poses.quaternion(E)  # its vector part grows up to half a turn, where sines of the angle vanish again
+        turn = 2 * xyzw[:, :3] * np.where(xyzw[:, 3:] < 0, -1.0, 1.0)
         return np.concatenate([T[:, :3, 3] - goal[:, :3, 3], turn], axis=1)
 
     r = residual(q)

@@ -68,17 +68,17 @@ class Mjcf:
         for body in range(1, m.nbody):
             self._set(body, clip, qpos)
         names = [n for n in self.bodies if n in clip.links]
-        out = {n: np.zeros((count, 4, 4)) for n in names}
+        place, turn = np.zeros((count, m.nbody, 3)), np.zeros((count, m.nbody, 4))
         worst, where, when = 0.0, "", ""
         for k in range(count):
             d.qpos[:] = qpos[k]
             mujoco.mj_fwdPosition(m, d)
-            for n in names:
-                out[n][k] = self._pose(self.bodies[n])
-            for row in np.flatnonzero(d.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY):
-                if abs(d.efc_pos[row]) > worst:
-                    worst, when = float(abs(d.efc_pos[row])), f"t = {clip.times[k]:.4g} s"
-                    where = m.equality(int(d.efc_id[row])).name
+            place[k], turn[k] = d.xpos, d.xquat
+            gaps = np.where(d.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY, np.abs(d.efc_pos), 0.0)
+            if len(gaps) and gaps.max() > worst:
+                row = int(np.argmax(gaps))
+                worst, when = float(gaps[row]), f"t = {clip.times[k]:.4g} s"
+                where = m.equality(int(d.efc_id[row])).name
         if m.neq:
             self._ledger.row(f"clip '{clip.name}': loops in MuJoCo", worst, "m", LOOP_TOL, where=where, when=when)
         if worst > LOOP_TOL:
@@ -93,7 +93,8 @@ class Mjcf:
                 limit=LOOP_TOL * 1e6,
                 suggestion="check the anchors of its sites, and the joint zeros",
             )
-        return Clip(clip.name, clip.times, out)
+        T = poses.pose(poses.rotation(turn[..., [1, 2, 3, 0]]), place)
+        return Clip(clip.name, clip.times, {n: T[:, self.bodies[n]] for n in names})
 
     def _set(self, body: int, clip: Clip, qpos: Array) -> None:
         """Write the coordinates of one body's joints for all frames: the track's, or what its poses ask for."""

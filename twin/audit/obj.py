@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,13 @@ def read_obj(path: Path) -> tuple[Array, Array]:
     Raises:
         ObjError: a line cannot be read, or a face names a point that does not exist.
     """
+    stat = path.stat()
+    return _read(path, stat.st_mtime_ns, stat.st_size)
+
+
+@lru_cache(maxsize=1000)
+def _read(path: Path, time: int, size: int) -> tuple[Array, Array]:
+    """Read a file once, as long as it does not change: MJCF and URDF share their meshes."""
     points: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []
     try:

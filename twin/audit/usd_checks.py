@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pxr import Usd, UsdPhysics
+from pxr import Usd, UsdGeom, UsdPhysics
 
 from twin.audit.report import Ledger
 from twin.errors import StageError
@@ -72,11 +72,27 @@ def _is_choice(f: Finding, physics: bool) -> bool:
     return f.code == "stage.empty" or (f.code in ("stage.up_axis", "stage.meters_per_unit") and authored)
 
 
+_AR_TYPES = {
+    *("", "Xform", "Scope", "Camera", "Mesh", "GeomSubset", "Points", "Sphere", "Cube", "Cylinder", "Cone", "Capsule"),
+    *("Material", "Shader", "SkelRoot", "Skeleton", "SkelAnimation", "BlendShape", "SpatialAudio", "PhysicsScene"),
+    *("Preliminary_ReferenceImage", "Preliminary_Text", "Preliminary_Trigger"),
+}
+"""Types of prims that AR Quick Look knows, by the ARKit rules of OpenUSD 26.5; those of RealityKit come to it."""
+
+
 def _check_quick_look(path: Path, ledger: Ledger) -> None:
+    """Note what AR Quick Look refuses: z up, physics, lights and other prims it does not know."""
     stage = Usd.Stage.Open(str(path))
+    if UsdGeom.GetStageUpAxis(stage) != UsdGeom.Tokens.y:
+        text = "AR Quick Look wants y up: this robot lies on its side there."
+        ledger.add("usd.ar_up_axis", "warning", text, suggestion="turn the root prim, and say upAxis Y")
     for prim in stage.Traverse():
+        where, kind = str(prim.GetPath()), str(prim.GetTypeName())
         if prim.IsA(UsdPhysics.Joint) or prim.HasAPI(UsdPhysics.RigidBodyAPI):
-            where = str(prim.GetPath())
             text = f"{where} is physics, which AR Quick Look and its checker refuse."
             ledger.add("usd.ar_physics", "warning", text, where=where, suggestion="leave physics out of a .usdz")
+            return
+        if kind not in _AR_TYPES and not kind.startswith("RealityKit"):
+            text = f"{where} is a {kind}, which AR Quick Look does not know."
+            ledger.add("usd.ar_type", "warning", text, where=where, suggestion="leave it out of a .usdz")
             return

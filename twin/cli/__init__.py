@@ -32,8 +32,22 @@ examples:
 exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 """
 
-NAMES = ("list", "info", "build", "plan", "validate", "run", "view", "serve")
-NAMES += ("operate", "track", "study", "export", "doctor")
+NAMES = (
+    "list",
+    "info",
+    "build",
+    "plan",
+    "validate",
+    "run",
+    "view",
+    "serve",
+    "operate",
+    "track",
+    "study",
+    "export",
+    "audit",
+    "doctor",
+)
 """Every command."""
 
 
@@ -337,6 +351,16 @@ def _parser() -> argparse.ArgumentParser:
         help="how far any point of a link may be off between keys, and a joint open, in micrometres (default 100; "
         "0.05 degrees of rotation scale with it); decides the key rate",
     )
+
+    sub = add(
+        "audit",
+        "read exported files with readers of its own, check each, and hold all against one another",
+        "  twin audit twin-out/sils/export/\n  twin audit twin-out/sils/export/ --robot sils    against the mechanism\n"
+        "  twin audit model.glb              a file of anybody\n  twin audit robot.usdz --json",
+    )
+    sub.add_argument("path", help="a folder, or a .glb, .gltf, USD, .usdz, track, MJCF or URDF file")
+    sub.add_argument("--robot", metavar="NAME", help="recompute the poses from this robot's mechanism: name or folder")
+    sub.add_argument("--all", action="store_true", help="show notes and every check, not the worst of each kind")
 
     add("doctor", "show what can be checked on this machine", "  twin doctor")
     return parser

@@ -384,5 +384,6 @@ COMMANDS = {
     "track": _own_file("track"),
     "study": _own_file("study"),
     "export": _own_file("export"),
+    "audit": _own_file("audit"),
     "doctor": doctor,
 }

@@ -88,7 +88,7 @@ def write_bundle(
     order: Order,
     folder: Path,
     formats: Sequence[str],
-    audit: Callable[[Path], Audit],
+    audit: Callable[..., Audit],
     progress: Progress,
 ) -> Bundle:
     """Write a bundle; files of an earlier one that are no longer part of it go, everything else in the folder stays.
@@ -97,7 +97,8 @@ def write_bundle(
         order: what to write.
         folder: where to; on an error it is left as it was.
         formats: see `chosen_formats`.
-        audit: reads a folder with readers of its own.
+        audit: (folder, truth) -> what readers of its own find there; truth: (times (k,), T_world_link (k, 4, 4) by
+            link) by clip, of the independent model.
         progress: see `twin.api.Progress`.
 
     Raises:
@@ -112,7 +113,7 @@ def write_bundle(
             findings += _WRITERS[name](order, work)
         (work / "README.txt").write_text(readme.text(order, formats, findings), encoding="utf-8")
         progress("audit", 0.0)
-        judged = audit(work)
+        judged = audit(work, truth={c.name: (c.times, c.links) for c in order.clips})
         checks, missed = _budgets(order)
         checks += [c.as_dict() for c in judged.checks]
         findings += [*missed, *judged.findings]

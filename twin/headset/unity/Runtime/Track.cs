@@ -39,8 +39,11 @@ namespace Twin.Player
         public string[] phases = new string[0];
         public double[] phase_start = new double[0];
         public double[] phase_end = new double[0];
+        public int[] phase_has_rcm = new int[0];
+        public float[] phase_rcm = new float[0];
         public string tool_link = "";
         public float[] tool_frame = new float[0];
+        public string moved_frame = "";
         public string[] frame_names = new string[0];
         public string[] frame_links = new string[0];
         public float[] frames_local = new float[0];

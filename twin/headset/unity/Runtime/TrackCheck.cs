@@ -78,6 +78,8 @@ namespace Twin.Player
             Length(faults, "joint_upper", t.joint_upper.Length, t.joints.Length, "joints");
             Length(faults, "phase_start", t.phase_start.Length, t.phases.Length, "phases");
             Length(faults, "phase_end", t.phase_end.Length, t.phases.Length, "phases");
+            Length(faults, "phase_has_rcm", t.phase_has_rcm.Length, t.phases.Length, "phases");
+            Length(faults, "phase_rcm", t.phase_rcm.Length, t.phases.Length * 3, "phases * 3");
             Length(faults, "tool_frame", t.tool_frame.Length, Track.PoseSize, "one pose");
             Length(faults, "frame_links", t.frame_links.Length, t.frame_names.Length, "frame_names");
             Length(
@@ -192,6 +194,11 @@ namespace Twin.Player
             if (t.LinkIndex(t.tool_link) < 0)
             {
                 faults.Add("tool_link '" + t.tool_link + "' is none of the links");
+            }
+
+            if (Array.IndexOf(t.frame_names, t.moved_frame) < 0)
+            {
+                faults.Add("moved_frame '" + t.moved_frame + "' is none of the frames");
             }
 
             for (int i = 0; i < t.frame_links.Length; i++)
