@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shutil
 import socket
+import ssl
 import struct
+import subprocess
 import time
 from contextlib import asynccontextmanager, suppress
 from types import SimpleNamespace
@@ -16,6 +19,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import twin
+from twin.cli import serve as command_line
 from twin.errors import TwinError
 from twin.headset import client as clients
 from twin.headset import connection as connections
@@ -291,6 +295,46 @@ def test_an_address_opens_once_and_becomes_a_session(sils):
                 pass
             async with joined(s.port, f"?token={s.tokens[-1]}"):
                 assert len(s.tokens) == 3
+
+    asyncio.run(go())
+
+
+def test_tls_streams_and_its_cookie_is_secure(sils, planned, tmp_path):
+    openssl = shutil.which("openssl")
+    if openssl is None:
+        pytest.skip("NO OPENSSL: https is not tested")
+    command = [openssl, "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=127.0.0.1"]
+    command += [
+        "-addext",
+        "subjectAltName=IP:127.0.0.1",
+        "-keyout",
+        tmp_path / "key.pem",
+        "-out",
+        tmp_path / "cert.pem",
+    ]
+    subprocess.run(command, check=True, capture_output=True)
+    for cert, key in ((None, "k"), (str(tmp_path / "none"), None), (str(tmp_path / "cert.pem"), None)):
+        with pytest.raises(TwinError, match=r"--cert|--key"):
+            command_line._tls(cert, key)
+    context = command_line._tls(str(tmp_path / "cert.pem"), str(tmp_path / "key.pem"))
+    trust = ssl.create_default_context(cafile=str(tmp_path / "cert.pem"))
+
+    async def go():
+        async with serving(sils, host="0.0.0.0", context=context) as s:
+            url = f"wss://127.0.0.1:{s.port}/ws?token={s.tokens[-1]}"
+            origin = f"https://127.0.0.1:{s.port}"
+            async with connect(url, ssl=trust, compression=None, origin=origin) as ws:
+                peer = Peer(ws)
+                await peer.state(protocol="table2")
+                await peer.ask("play", on=True)
+                await peer.until(lambda: len(peer.frames) > 30)
+                assert s.server.clients[0].ws.waiting == 0
+            reader, writer = await asyncio.open_connection("127.0.0.1", s.port, ssl=trust)
+            writer.write(f"GET /?token={s.tokens[-1]} HTTP/1.1\r\nHost: 127.0.0.1:{s.port}\r\n\r\n".encode())
+            answer = await reader.read()
+            assert b"200 OK" in answer
+            assert b"; Secure" in answer
+            writer.close()
 
     asyncio.run(go())
 

@@ -30,7 +30,7 @@ import numpy as np
 from websockets.asyncio.client import connect
 
 import twin
-from twin.headset.protocol import sevens, unpack
+from twin.headset.protocol import Frame, sevens, unpack
 from twin.live.timeline import RATE, prepare
 
 BAR_MS = 50.0
@@ -216,9 +216,19 @@ def judge(title: str, got: list[list[tuple[float, bytes]]], truth, seconds: floa
 def whole(f, t: np.ndarray, poses: np.ndarray) -> bool:
     """Return whether a frame is the one sample that it names."""
     k = int(np.argmin(np.abs(t - f.clip_time)))
-    sign = np.where(np.sum(poses[k, :, 3:] * f.poses[:, 3:], axis=1) < 0, -1.0, 1.0)[:, None]
-    return bool(t[k] == f.clip_time and np.allclose(poses[k] * np.hstack([1, 1, 1, *[1] * 4]) *
-                np.hstack([np.ones_like(sign)] * 3 + [sign] * 4), f.poses, atol=1e-7, rtol=0))  # fmt: skip
+    own = poses[k].copy()
+    own[np.sum(own[:, 3:] * f.poses[:, 3:], axis=1) < 0, 3:] *= -1  # q and -q are one rotation
+    return bool(t[k] == f.clip_time and np.allclose(own, f.poses, atol=1e-7, rtol=0))
+
+
+def bites(t: np.ndarray, poses: np.ndarray) -> bool:
+    """Return whether a frame is seen to be torn that has one link of the sample before, and another is not."""
+    k = len(t) // 4
+    mixed = poses[k].copy()
+    moving = int(np.argmax(np.abs(poses[k] - poses[k - 1]).max(axis=1)))
+    mixed[moving] = poses[k - 1, moving]
+    frames = [Frame(0, 0.0, float(t[k]), p.astype(np.float32), np.zeros(0), 0) for p in (poses[k], mixed)]
+    return whole(frames[0], t, poses) and not whole(frames[1], t, poses)
 
 
 def part(role: str, port: int, seconds: float, count: int, **environment: str) -> subprocess.Popen:
@@ -250,6 +260,7 @@ def main() -> int:
     model = robot.bound(robot.protocol()).reference()
     links = model.link_poses(playback.x)
     truth = playback.t, np.stack([sevens(links[b.name]) for b in robot.mechanism.bodies], axis=1)
+    assert bites(*truth)
     active = robot.mechanism.active[0]
     about = json.dumps({"joint": active.name, "q": float(playback.q[len(playback.q) // 2, 0])})
     command = [sys.executable, "-m", "twin", "serve", args.robot, "--port", "0", "--no-browser"]

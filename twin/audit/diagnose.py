@@ -30,10 +30,10 @@ def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
     M = np.stack([meant[n][rows] for n in names])
     if not (np.all(np.isfinite(F)) and np.all(np.isfinite(M))):
         return ""
-    for text, mistake in _mistakes():
-        if _same(F, mistake(M)):
-            return text
     off = [i for i in range(len(names)) if not _same(F[i], M[i])]
+    for text, mistake in _mistakes():
+        if off and _same(F[off], mistake(M[off])):  # what is right, a base at the origin say, may well be so by chance
+            return text
     for i in off:
         for j in off:
             if i < j and _same(F[i], M[j]) and _same(F[j], M[i]):

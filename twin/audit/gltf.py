@@ -143,7 +143,7 @@ def _check_scales(nodes: list[Node], world: list[Array], animated: set[int], led
         elif (n.is_link if declared else n.index in animated) and np.max(np.abs(size - 1)) > SCALE_TOL:
             ledger.add(
                 "gltf.scale",
-                "disagreement" if n.is_link else "warning",
+                "disagreement" if n.is_link else "info",
                 f"node '{n.label}' is scaled by {size[0]:.5g}, {size[1]:.5g}, {size[2]:.5g} in the world.",
                 where=n.label,
                 size=float(size[np.argmax(np.abs(size - 1))]),

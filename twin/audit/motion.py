@@ -17,7 +17,7 @@ from twin.audit.report import Ledger
 UNIT_TOL = 1e-4
 """Deviation of a quaternion's length from one that is still rounding of single precision."""
 
-MAX_STEP = np.radians(90)
+MAX_STEP = np.radians(120)
 """Largest turn between two keys: players turn the short way, so that half a turn is lost."""
 
 START_TOL = 1e-9
@@ -209,7 +209,7 @@ def check_quaternions(
             when=f"t = {times[k]:.4g} s",
             size=float(np.degrees(turn[k])),
             unit="deg",
-            limit=90.0,
+            limit=float(np.degrees(MAX_STEP)),
             suggestion="write more keys",
         )
 

@@ -208,13 +208,13 @@ def _budgets(order: Order) -> tuple[list[dict[str, Any]], list[Finding]]:
     """Return a row for each number of each clip's budget, and a finding for each that is missed."""
     rows, findings = [], []
     for clip in order.clips:
-        b = clip.between
+        b, budget = clip.between, clip.budget
         for name, worst, (where, when), unit, limit in (
-            ("any point of a link, between keys", b.position, b.position_at, "m", clip.budget.position),
-            ("rotation of a link, between keys", b.rotation, b.rotation_at, "rad", clip.budget.rotation),
-            ("opening of a joint, between keys", b.joint_gap, b.joint_gap_at, "m", clip.budget.joint_gap),
+            ("any point of a link, between keys", b.position, b.position_at, "m", budget and budget.position),
+            ("rotation of a link, between keys", b.rotation, b.rotation_at, "rad", budget and budget.rotation),
+            ("opening of a joint, between keys", b.joint_gap, b.joint_gap_at, "m", budget and budget.joint_gap),
         ):
-            kept = worst <= limit
+            kept = limit is None or worst <= limit
             rows.append(
                 {
                     "check": name,
@@ -223,13 +223,13 @@ def _budgets(order: Order) -> tuple[list[dict[str, Any]], list[Finding]]:
                     "version": __version__,
                     "worst": _short(worst),
                     "unit": unit,
-                    "tolerance": _short(limit),
+                    "tolerance": None if limit is None else _short(limit),
                     "verdict": "agree" if kept else "disagree",
                     "where": where,
                     "when": f"t = {when:.3f} s" if where else "",
                 }
             )
-            if not kept:
+            if limit is not None and not kept:
                 text = (
                     f"{clip.name}: {name}: {_short(worst):g} {unit} at {clip.rate:g} Hz; the budget is {limit:g} {unit}"
                 )
@@ -263,9 +263,15 @@ def _proof(
                 "between_position_m": _short(c.between_position),
                 "between_rotation_rad": _short(c.between_rotation),
                 "joint_gap_m": _short(c.joint_gap),
-                "budget_position_m": _short(c.budget.position),
-                "budget_rotation_rad": _short(c.budget.rotation),
-                "budget_joint_gap_m": _short(c.budget.joint_gap),
+                **(
+                    {
+                        "budget_position_m": _short(c.budget.position),
+                        "budget_rotation_rad": _short(c.budget.rotation),
+                        "budget_joint_gap_m": _short(c.budget.joint_gap),
+                    }
+                    if c.budget
+                    else {}
+                ),
             }
             for c in order.clips
         ],

@@ -93,11 +93,16 @@ def _motions(order: Order) -> Iterator[str]:
     if not order.clips:
         yield "- none"
     for c in order.clips:
+        b = c.budget
+        budget = (
+            f"budget: {b.position / UM:g} um, {b.rotation / DEG:g} degrees, {b.joint_gap / UM:g} um"
+            if b
+            else "measured by leaving out every second sample of the stage: all of them are about four times as good"
+        )
         yield (
             f"- {c.name}: {c.title}; {c.times[-1]:.3f} s, {len(c.times)} keys at {c.rate:g} Hz. A player that draws "
             f"straight lines between keys is at most {c.between_position / UM:.1f} um off at any point of a link and "
-            f"{c.between_rotation / DEG:.4f} degrees; joints open by at most {c.joint_gap / UM:.1f} um (budget: "
-            f"{c.budget.position / UM:g} um, {c.budget.rotation / DEG:g} degrees, {c.budget.joint_gap / UM:g} um)."
+            f"{c.between_rotation / DEG:.4f} degrees; joints open by at most {c.joint_gap / UM:.1f} um ({budget})."
         )
 
 

@@ -79,7 +79,6 @@ def _flattened(mechanism: Mechanism, layers: list[str], end: float) -> Sdf.Layer
     # Before the layers come below it: times of a layer with another rate are rescaled.
     stage.SetTimeCodesPerSecond(TIME_CODES_PER_SECOND)
     stage.GetRootLayer().subLayerPaths = layers
-    stage.SetTimeCodesPerSecond(TIME_CODES_PER_SECOND)  # flattening converts samples from a layer of another rate
     flat = stage.Flatten(False)
     stage = Usd.Stage.Open(flat)
     root = stage.GetPrimAtPath(f"/{mechanism.name}")
