@@ -57,7 +57,7 @@ def main(name: str) -> None:
     print(f"  {'all':30s} {wall:8.2f} {cpu:12.2f}   (limit {LIMIT_S:g} s)")
     for part, size in sizes.items():
         print(f"  {part:30s} {size / 1e6:8.2f} MB")
-    print(f"  {'all':30s} {made.size / 1e6:8.2f} MB   (limit {LIMIT_MB:g} MB)")
+    print(f"  {'all':30s} {sum(sizes.values()) / 1e6:8.2f} MB   (limit {LIMIT_MB:g} MB)")
     print(f"  {len(same)} of {len(again.files)} files have the same bytes the second time")
 
 

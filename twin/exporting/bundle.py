@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -126,7 +126,7 @@ def write_bundle(
         findings += [*missed, *judged.findings]
         files = sorted(p.relative_to(work) for p in work.rglob("*") if p.is_file())
         proof = _proof(order, work, files, checks, findings)
-        (work / PROOF).write_text(json.dumps(proof, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        (work / PROOF).write_text(_lines(proof), encoding="utf-8")
         files = sorted([*files, Path(PROOF)])
     _remove(folder, {f: h for f, h in before.items() if Path(f) not in files})
     return Bundle(folder, tuple(files), order, tuple(findings), tuple(checks))
@@ -279,6 +279,18 @@ def _proof(
         "findings": [f.as_dict() for f in findings],
         "verdict": verdict(findings),
     }
+
+
+def _lines(proof: Mapping[str, Any]) -> str:
+    """Return JSON with a line for each entry and each row of a list: to be read, searched and compared by line."""
+    out = []
+    for key, value in proof.items():
+        if isinstance(value, list) and value:
+            rows = ",\n".join(json.dumps(v, ensure_ascii=False, allow_nan=False) for v in value)
+            out.append(f"{json.dumps(key)}: [\n{rows}\n]")
+        else:
+            out.append(f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False, allow_nan=False)}")
+    return "{\n" + ",\n".join(out) + "\n}\n"
 
 
 def _short(value: float) -> float:

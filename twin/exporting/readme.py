@@ -53,8 +53,8 @@ _USES = [
     ("usdz", "- iPhone, iPad, Vision Pro: open the .usdz in AR Quick Look; the motion plays in a loop."),
     (
         "usd",
-        "- Isaac Sim, Omniverse, Newton, PhysX: open usd/<robot>.usda to simulate (joint state is authored, loops are "
-        "outside of the articulation, self collision is off); usd/<robot>_<protocol>.usda to watch a motion.",
+        "- Isaac Sim, Omniverse, Newton, PhysX: open usd/<robot>_sim.usda to simulate (joint state is authored, loops "
+        "are outside of the articulation, self collision is off); usd/<robot>_<protocol>.usda to watch a motion.",
     ),
     ("unity", "- Unity: add unity/ as a package from disk, then use its menu to import the GLB and the tracks."),
     ("tracks", "- Anything else: tracks/*.csv opens in a spreadsheet, tracks/*.json follows track.schema.json."),
@@ -68,6 +68,7 @@ def _files(order: Order, formats: Sequence[str]) -> Iterator[str]:
     rows = {
         "usd": [
             (f"usd/{name}.usda", "the robot for simulators and editors: physics.usda over geometry.usdc"),
+            (f"usd/{name}_sim.usda", "the same in a physics scene: open this one to simulate"),
             *((f"usd/{name}_{c.name}.usda", f"the same, playing {c.name}") for c in order.clips),
         ],
         "usdz": [
