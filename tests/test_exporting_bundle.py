@@ -85,6 +85,7 @@ def test_every_file_that_was_promised_is_there(made):
         "usd/geometry.usdc",
         "usd/motion/short.usdc",
         "usd/sils_short.usda",
+        "usd/sils_sim.usda",
         "sils_ar.usdz",
         "sils.glb",
         "tracks/short.json",

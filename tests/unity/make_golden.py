@@ -200,7 +200,7 @@ def stream(track: dict[str, Any], rng: Any) -> dict[str, Any]:
 
 def grab(mechanism: Any, clip: Any, to_world: dict[str, np.ndarray], rng: Any) -> dict[str, Any]:
     """Return two poses of a hand in Unity's world, and where the tool must go in the robot's when it is held."""
-    tool = mechanism.frame(mechanism.tool)
+    tool = mechanism.frame("endoscope_tip")  # the robot's own tool frame lies in the origin of its link
     hands = [
         four(Rotation.random(rng=rng).as_matrix(), rng.uniform(0.5, 1.5, 3)),
         four(Rotation.random(rng=rng).as_matrix(), rng.uniform(0.5, 1.5, 3)),
@@ -208,7 +208,8 @@ def grab(mechanism: Any, clip: Any, to_world: dict[str, np.ndarray], rng: Any) -
     moved = hands[1] @ np.linalg.inv(hands[0])
     k = 2
     start = clip.links[tool.body][k] @ tool.T_body_frame
-    out = {"grab_key": k, "grab_hands": flat([seven(h) for h in hands])}
+    out = {"grab_key": k, "tool_link": tool.body, "tool_frame": flat(seven(tool.T_body_frame))}
+    out |= {"grab_hands": flat([seven(h) for h in hands])}
     for n, W in to_world.items():
         out[f"grab_want_{n}"] = flat(seven(np.linalg.inv(W) @ moved @ W @ start))
     return out

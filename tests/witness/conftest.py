@@ -1,7 +1,7 @@
 """Fixtures of the witness tests, and the table of what they found.
 
-    foreign      runs programs that are not ours; a test that needs one which is not built skips loudly, or fails
-                 where TWIN_WITNESS_REQUIRED is set
+    foreign      runs programs that are not ours; a test that needs one which is not built (say so: the mark
+                 witness("bpy")) skips loudly, or fails where TWIN_WITNESS_REQUIRED is set
     case         one robot after the other: its exports, and what they must show; see bundles.py
     judge        compares what a reader printed with that, and keeps it for the table
     figures      keeps the worst error of a witness for the table
@@ -62,10 +62,21 @@ class Foreign:
         return self._environments.read(name, script, *arguments, timeout=timeout)
 
 
+_foreign = Foreign()
+
+
 @pytest.fixture(scope="session")
 def foreign() -> Foreign:
     """Programs that are not ours."""
-    return Foreign()
+    return _foreign
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Let a test marked witness("bpy") skip or fail before anything is exported for it."""
+    for mark in item.iter_markers("witness"):
+        for name in mark.args:
+            _foreign.need(name)
 
 
 class Figures:

@@ -40,6 +40,12 @@ def test_every_requirement_is_pinned():
             assert not line or line[0] == "#" or re.fullmatch(r"[A-Za-z0-9._\-]+==[^ ]+", line), f"{path.name}: {line}"
 
 
+def test_names_are_unique(witness_environments):
+    pins = [*HERE.glob("*.txt"), *HERE.glob("*.apt"), *HERE.glob("*/package-lock.json")]
+    pins += [p for p in [witness_environments.WEB / "package-lock.json"] if p.is_file()]
+    assert sorted(e.pins for e in witness_environments.environments().values()) == sorted(pins)
+
+
 def test_witness_tests_are_where_ci_looks():
     marked = [p for p in (HERE.parent).rglob("test_*.py") if re.search(r"mark\.witness\b", p.read_text("utf-8"))]
     assert {p.name for p in marked if HERE not in p.parents} == set()

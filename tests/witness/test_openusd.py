@@ -23,7 +23,7 @@ made = SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[1] / "test_st
 NO = float("nan")
 
 
-@pytest.mark.witness
+@pytest.mark.witness("arkit")
 def test_another_openusd_shows_every_link_where_it_is(case, foreign, judge, tmp_path):
     printed = foreign.read("arkit", "read_usd.py", case.job(tmp_path / "job.json", "usd", "usdz"))
     for name, found in printed.items():
@@ -32,7 +32,7 @@ def test_another_openusd_shows_every_link_where_it_is(case, foreign, judge, tmp_
     judge(printed, case)
 
 
-@pytest.mark.witness
+@pytest.mark.witness("arkit")
 def test_arkit_rules_find_nothing(case, foreign, figures):
     files = [case.usdz(protocol) for protocol in case.motions]
     printed = foreign.read("arkit", "check_arkit.py", *files)
@@ -137,7 +137,7 @@ def test_audit_of_a_clean_usdz_is_silent(clean):
     assert [f for f in audit(clean).findings if f.severity != "info"] == []
 
 
-@pytest.mark.witness
+@pytest.mark.witness("arkit")
 def test_violations_are_seen_by_both(clean, foreign, figures, tmp_path):
     files = {}
     for name, sow in DEFECTS.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-pytestmark = pytest.mark.witness
+pytestmark = pytest.mark.witness("node")
 
 
 def test_three_shows_every_link_where_it_is(case, foreign, judge, tmp_path):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -126,7 +126,7 @@ def write_bundle(
         findings += [*missed, *judged.findings]
         files = sorted(p.relative_to(work) for p in work.rglob("*") if p.is_file())
         proof = _proof(order, work, files, checks, findings)
-        (work / PROOF).write_text(json.dumps(proof, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        (work / PROOF).write_text(_lines(proof), encoding="utf-8")
         files = sorted([*files, Path(PROOF)])
     _remove(folder, {f: h for f, h in before.items() if Path(f) not in files})
     return Bundle(folder, tuple(files), order, tuple(findings), tuple(checks))
@@ -208,13 +208,13 @@ def _budgets(order: Order) -> tuple[list[dict[str, Any]], list[Finding]]:
     """Return a row for each number of each clip's budget, and a finding for each that is missed."""
     rows, findings = [], []
     for clip in order.clips:
-        b = clip.between
+        b, budget = clip.between, clip.budget
         for name, worst, (where, when), unit, limit in (
-            ("any point of a link, between keys", b.position, b.position_at, "m", clip.budget.position),
-            ("rotation of a link, between keys", b.rotation, b.rotation_at, "rad", clip.budget.rotation),
-            ("opening of a joint, between keys", b.joint_gap, b.joint_gap_at, "m", clip.budget.joint_gap),
+            ("any point of a link, between keys", b.position, b.position_at, "m", budget and budget.position),
+            ("rotation of a link, between keys", b.rotation, b.rotation_at, "rad", budget and budget.rotation),
+            ("opening of a joint, between keys", b.joint_gap, b.joint_gap_at, "m", budget and budget.joint_gap),
         ):
-            kept = worst <= limit
+            kept = limit is None or worst <= limit
             rows.append(
                 {
                     "check": name,
@@ -223,13 +223,13 @@ def _budgets(order: Order) -> tuple[list[dict[str, Any]], list[Finding]]:
                     "version": __version__,
                     "worst": _short(worst),
                     "unit": unit,
-                    "tolerance": _short(limit),
+                    "tolerance": None if limit is None else _short(limit),
                     "verdict": "agree" if kept else "disagree",
                     "where": where,
                     "when": f"t = {when:.3f} s" if where else "",
                 }
             )
-            if not kept:
+            if limit is not None and not kept:
                 text = (
                     f"{clip.name}: {name}: {_short(worst):g} {unit} at {clip.rate:g} Hz; the budget is {limit:g} {unit}"
                 )
@@ -263,9 +263,15 @@ def _proof(
                 "between_position_m": _short(c.between_position),
                 "between_rotation_rad": _short(c.between_rotation),
                 "joint_gap_m": _short(c.joint_gap),
-                "budget_position_m": _short(c.budget.position),
-                "budget_rotation_rad": _short(c.budget.rotation),
-                "budget_joint_gap_m": _short(c.budget.joint_gap),
+                **(
+                    {
+                        "budget_position_m": _short(c.budget.position),
+                        "budget_rotation_rad": _short(c.budget.rotation),
+                        "budget_joint_gap_m": _short(c.budget.joint_gap),
+                    }
+                    if c.budget
+                    else {}
+                ),
             }
             for c in order.clips
         ],
@@ -273,6 +279,18 @@ def _proof(
         "findings": [f.as_dict() for f in findings],
         "verdict": verdict(findings),
     }
+
+
+def _lines(proof: Mapping[str, Any]) -> str:
+    """Return JSON with a line for each entry and each row of a list: to be read, searched and compared by line."""
+    out = []
+    for key, value in proof.items():
+        if isinstance(value, list) and value:
+            rows = ",\n".join(json.dumps(v, ensure_ascii=False, allow_nan=False) for v in value)
+            out.append(f"{json.dumps(key)}: [\n{rows}\n]")
+        else:
+            out.append(f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False, allow_nan=False)}")
+    return "{\n" + ",\n".join(out) + "\n}\n"
 
 
 def _short(value: float) -> float:

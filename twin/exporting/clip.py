@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -73,7 +73,7 @@ class Clip:
         phases: name, start and end in s.
         rate: Hz.
         between: worst errors between keys, for a player that draws lines and turns evenly or by components.
-        budget: what the rate was chosen by.
+        budget: what the rate was chosen by; None: the keys are those of a file, nothing was chosen.
         frame: name of the frame that the protocol moves.
         phase_rcm: for each phase the RCM (3,) in base in m, or None.
         assumed: "name: reason" of numbers that the protocol assumes.
@@ -88,7 +88,7 @@ class Clip:
     phases: tuple[tuple[str, float, float], ...]
     rate: float
     between: Between
-    budget: Budget = field(default_factory=Budget)
+    budget: Budget | None = None
     frame: str = ""
     phase_rcm: tuple[Array | None, ...] = ()
     assumed: tuple[str, ...] = ()

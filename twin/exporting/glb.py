@@ -166,6 +166,7 @@ class _Document:
         self._parts: dict[str, list[bytes]] = {"vertices": [], "keys": [], "uint16": [], "uint32": []}
         self._sizes = dict.fromkeys(self._parts, 0)
         self._accessors: list[tuple[str, dict[str, Any]]] = []
+        self._known: dict[tuple[str, str, bool, bytes], int] = {}
         self._meshes: list[dict[str, Any]] = []
         self._materials: dict[tuple[float, ...], int] = {}
 
@@ -235,6 +236,11 @@ class _Document:
         if bounds:
             accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
         data = values.tobytes()
+        # What moves along with another link has the same keys: they are stored once.
+        same = (part, kind, bounds, data)
+        if part == "keys" and same in self._known:
+            return self._known[same]
+        self._known[same] = len(self._accessors)
         self._parts[part].append(data)
         self._sizes[part] += len(data)
         self._accessors.append((part, accessor))

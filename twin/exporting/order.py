@@ -77,7 +77,7 @@ def order(
         robot: of CAD, or of a USD stage; a stage has no protocols, but may have motion of its own.
         trajectory: the only motion, as planned (of the first of `protocols` if they are given); None: plan them.
         protocols: names or paths; None: every one of the robot.
-        budget: of each clip; None: `Budget()`.
+        budget: of each clip; None: `Budget()`. The keys of a stage are its own samples.
         plan: how a protocol becomes a trajectory.
         progress: see `twin.api.Progress`.
 
@@ -87,7 +87,7 @@ def order(
     if robot.files is None:
         if protocols or trajectory is not None:
             raise TwinError(f"{robot.name} is a USD stage: it has no protocols, only the motion that is baked in it")
-        return _of_stage(robot, budget, progress)
+        return _of_stage(robot, progress)
     from twin.cad.build import inputs, read_mechanism
 
     progress("read CAD, weigh parts", 0.0)
@@ -135,7 +135,7 @@ def order(
     )
 
 
-def _of_stage(robot: Robot, budget: Budget | None, progress: Progress) -> Order:
+def _of_stage(robot: Robot, progress: Progress) -> Order:
     from pxr import Usd
 
     from twin.exporting.sampled import sampled_clip
@@ -143,7 +143,7 @@ def _of_stage(robot: Robot, budget: Budget | None, progress: Progress) -> Order:
     progress("read stage", 0.0)
     mechanism = robot.mechanism
     stage = Path(mechanism.source)
-    clip = sampled_clip(mechanism, stage, budget)
+    clip = sampled_clip(mechanism, stage)
     opened = Usd.Stage.Open(str(stage))  # its layers live as long as it does
     layers = sorted({Path(x.realPath) for x in opened.GetUsedLayers() if x.realPath})
     return Order(

@@ -53,8 +53,8 @@ _USES = [
     ("usdz", "- iPhone, iPad, Vision Pro: open the .usdz in AR Quick Look; the motion plays in a loop."),
     (
         "usd",
-        "- Isaac Sim, Omniverse, Newton, PhysX: open usd/<robot>.usda to simulate (joint state is authored, loops are "
-        "outside of the articulation, self collision is off); usd/<robot>_<protocol>.usda to watch a motion.",
+        "- Isaac Sim, Omniverse, Newton, PhysX: open usd/<robot>_sim.usda to simulate (joint state is authored, loops "
+        "are outside of the articulation, self collision is off); usd/<robot>_<protocol>.usda to watch a motion.",
     ),
     ("unity", "- Unity: add unity/ as a package from disk, then use its menu to import the GLB and the tracks."),
     ("tracks", "- Anything else: tracks/*.csv opens in a spreadsheet, tracks/*.json follows track.schema.json."),
@@ -68,6 +68,7 @@ def _files(order: Order, formats: Sequence[str]) -> Iterator[str]:
     rows = {
         "usd": [
             (f"usd/{name}.usda", "the robot for simulators and editors: physics.usda over geometry.usdc"),
+            (f"usd/{name}_sim.usda", "the same in a physics scene: open this one to simulate"),
             *((f"usd/{name}_{c.name}.usda", f"the same, playing {c.name}") for c in order.clips),
         ],
         "usdz": [
@@ -93,11 +94,16 @@ def _motions(order: Order) -> Iterator[str]:
     if not order.clips:
         yield "- none"
     for c in order.clips:
+        b = c.budget
+        budget = (
+            f"budget: {b.position / UM:g} um, {b.rotation / DEG:g} degrees, {b.joint_gap / UM:g} um"
+            if b
+            else "measured by leaving out every second sample of the stage: all of them are about four times as good"
+        )
         yield (
             f"- {c.name}: {c.title}; {c.times[-1]:.3f} s, {len(c.times)} keys at {c.rate:g} Hz. A player that draws "
             f"straight lines between keys is at most {c.between_position / UM:.1f} um off at any point of a link and "
-            f"{c.between_rotation / DEG:.4f} degrees; joints open by at most {c.joint_gap / UM:.1f} um (budget: "
-            f"{c.budget.position / UM:g} um, {c.budget.rotation / DEG:g} degrees, {c.budget.joint_gap / UM:g} um)."
+            f"{c.between_rotation / DEG:.4f} degrees; joints open by at most {c.joint_gap / UM:.1f} um ({budget})."
         )
 
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from twin import spatial
 from twin.errors import StageError
-from twin.exporting.clip import Budget, Clip, extremes, key_rows, measure_between
+from twin.exporting.clip import Clip, extremes, key_rows, measure_between
 from twin.mechanism import Mechanism
 from twin.spatial import Array
 
 
-def sampled_clip(mechanism: Mechanism, stage: Path, budget: Budget | None = None) -> Clip | None:
+def sampled_clip(mechanism: Mechanism, stage: Path) -> Clip | None:
     """Return the motion of a USD stage as a clip, or None if nothing moves in it.
 
     Between its samples a stage says nothing of the robot. The errors there are those of a player that is given every
@@ -23,7 +23,6 @@ def sampled_clip(mechanism: Mechanism, stage: Path, budget: Budget | None = None
     Args:
         mechanism: as read from the stage.
         stage: its root layer.
-        budget: kept with the clip; there is nothing to choose.
     """
     from twin.stage.read import read_motion
 
@@ -53,9 +52,8 @@ def sampled_clip(mechanism: Mechanism, stage: Path, budget: Budget | None = None
         (("all", 0.0, float(times[-1])),),
         round(float(1 / np.median(np.diff(times))), 6),
         between,
-        budget or Budget(),
-        mechanism.tool,
-        (None,),
+        frame=mechanism.tool,
+        phase_rcm=(None,),
     )
 
 

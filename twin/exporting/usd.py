@@ -80,11 +80,16 @@ def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder:
 def _write_scene(mechanism: Mechanism, path: Path) -> Path:
     """Write a root layer that adds a physics scene beside the robot, so that referencing the robot leaves it behind."""
     layer = new_layer(path)
-    layer.subLayerPaths = [f"./{mechanism.name}.usda"]
     describe(layer, mechanism.name)
     layer.comment = f"{mechanism.name} in a scene, as measured with PhysX on a CPU: {STEPS_PER_SECOND} steps a second."
-    stage = Usd.Stage.Open(layer)
-    scene = UsdPhysics.Scene.Define(stage, "/physicsScene")
+    _add_scene(layer)
+    # Last, when no stage is open: USD looks for sublayers at once, and this layer has no place yet.
+    layer.subLayerPaths = [f"./{mechanism.name}.usda"]
+    return save(layer, path)
+
+
+def _add_scene(layer: Sdf.Layer) -> None:
+    scene = UsdPhysics.Scene.Define(Usd.Stage.Open(layer), "/physicsScene")
     scene.CreateGravityDirectionAttr(Gf.Vec3f(0, 0, -1))
     scene.CreateGravityMagnitudeAttr(GRAVITY)
     prim = scene.GetPrim()
@@ -96,7 +101,6 @@ def _write_scene(mechanism: Mechanism, path: Path) -> Path:
         ("enableExternalForcesEveryIteration", Sdf.ValueTypeNames.Bool, True),
     ):
         prim.CreateAttribute(f"physxScene:{name}", kind, False).Set(value)
-    return save(layer, path)
 
 
 def rounded(poses: Mapping[str, Array]) -> dict[str, Array]:

@@ -17,7 +17,7 @@ _STEP = 1e-5
 
 
 def holding_efforts(model: ReferenceModel, state: Assembly) -> dict[str, float]:
-    """Return the effort in N or N m by which each active joint holds a state at rest; unweighed bodies weigh 0.
+    """Return by which effort in N or N m each active joint holds a state at rest; bodies without mass weigh nothing.
 
     Raises:
         AssemblyError: the mechanism cannot be moved a little from there.

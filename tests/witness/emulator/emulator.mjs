@@ -23,6 +23,7 @@ const PROFILES = {
 globalThis.emulate = (profile, withRoom) => {
   const device = new XRDevice(PROFILES[profile], { stereoEnabled: false });
   device.installRuntime({ forceInstall: true }); // or Chromium's own navigator.xr wins
+  if (profile === 'lens') device.primaryInputMode = 'hand';
   if (withRoom) {
     device.installSEM(SyntheticEnvironmentModule);
     device.sem.loadEnvironment(room);

@@ -88,7 +88,13 @@ namespace Twin.Player
         /// <summary>Return the value (m or rad) that an ArticulationBody has reached, in the robot's sense.</summary>
         public static float Reached(DrivenJoint entry)
         {
-            return entry.body.jointPosition[0] / entry.sign - entry.offset;
+            return Value(entry, entry.body.jointPosition[0]);
+        }
+
+        /// <summary>Return the value (m or rad) in the robot's sense of a position (m or rad) in Unity's.</summary>
+        public static float Value(DrivenJoint entry, float inUnity)
+        {
+            return entry.sign * inUnity - entry.offset;
         }
 
         private void FixedUpdate()

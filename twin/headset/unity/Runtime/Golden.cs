@@ -57,6 +57,8 @@ namespace Twin.Player
         public float[] stream_ghost = new float[0];
 
         public int grab_key;
+        public string tool_link = "";
+        public float[] tool_frame = new float[0];
         public float[] grab_hands = new float[0];
         public float[] grab_want_gltfast = new float[0];
         public float[] grab_want_urdf = new float[0];
@@ -136,8 +138,8 @@ namespace Twin.Player
             var robot = new RobotDescription();
             robot.name = track.robot;
             robot.links = track.links;
-            robot.tool.link = track.tool_link;
-            robot.tool.T_link_tool = track.tool_frame;
+            robot.tool.link = tool_link;
+            robot.tool.T_link_tool = tool_frame;
             return robot;
         }
     }

@@ -1,9 +1,12 @@
 /** `window.twin`: what tests and the curious may look at. Nothing of the page depends on it. */
 
 import type { App } from './app';
+import type { SelfTest } from './selftest';
 
 export interface Hook {
   app: App;
+  /** With `?selftest`. */
+  test?: SelfTest;
   /** World matrix (16 numbers, column after column) of each link's node. */
   links: () => Record<string, number[]>;
   /** Matrix of the world of the robot (z up) in the scene. */

@@ -2,11 +2,11 @@
 
 import { App } from './app';
 import { hook } from './hook';
-import { selfTest } from './selftest';
+import { SelfTest } from './selftest';
 
 const canvas = document.getElementById('view') as HTMLCanvasElement;
 const page = document.getElementById('page') as HTMLElement;
 const app = new App(canvas, page);
 hook(app);
-if (new URLSearchParams(location.search).has('selftest')) selfTest(app, page);
-else app.start();
+app.start();
+if (new URLSearchParams(location.search).has('selftest')) window.twin.test = new SelfTest(app, page);

@@ -7,7 +7,7 @@ import type { Look } from './world';
 
 const WIDTH = 1024; // pixels
 const HEIGHT = 1000;
-const WIDE = 0.62; // m
+const WIDE = 0.48; // m
 const PAD = 24;
 const REDRAW = 90; // ms between two pictures at least
 
@@ -70,7 +70,7 @@ export class XrPanel implements Drawer {
     if (ahead.lengthSq() < 1e-6) ahead.set(0, 0, -1);
     ahead.normalize();
     const left = new Vector3(ahead.z, 0, -ahead.x);
-    this.group.position.copy(viewer).addScaledVector(ahead, 0.62).addScaledVector(left, 0.46).add(new Vector3(0, -0.2, 0));
+    this.group.position.copy(viewer).addScaledVector(ahead, 0.72).addScaledVector(left, 0.36).add(new Vector3(0, -0.14, 0));
     this.group.lookAt(viewer);
   }
 

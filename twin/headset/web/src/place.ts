@@ -2,7 +2,7 @@
 
 import { Group, Matrix4, Mesh, Quaternion, RingGeometry, Vector3 } from 'three';
 import { BLUE, flat } from './overlays';
-import type { World } from './world';
+import { VIEW, type World } from './world';
 
 export const SMALLEST = 0.1;
 export const LARGEST = 10;
@@ -71,7 +71,7 @@ export class Place {
     this.changed();
   }
 
-  /** Put the robot on the floor at a point, facing the viewer. */
+  /** Put the robot on the floor at a point, showing the viewer the side that is seen on the desk. */
   putAt(point: Vector3, viewer: Vector3): void {
     this.ground = point.y;
     this.node.position.copy(point);
@@ -142,9 +142,8 @@ export class Place {
   }
 
   private face(viewer: Vector3): void {
-    // On the desk the robot's +x looks to the right and its -y to the viewer; keep that side to whoever looks.
     const d = viewer.clone().sub(this.node.position);
-    this.node.rotation.set(0, Math.atan2(d.x, d.z), 0);
+    this.node.rotation.set(0, Math.atan2(d.x, d.z) - Math.atan2(VIEW.x, VIEW.z), 0);
   }
 
   private changed(): void {

@@ -162,8 +162,8 @@ export class Robot {
         // An additive display adds light: lift what is dark, keep the hue, and let nothing be nearly black.
         const hsl = { h: 0, s: 0, l: 0 };
         color.getHSL(hsl);
-        material.color.setHSL(hsl.h, hsl.s, 0.6 + 0.4 * hsl.l);
-        if (mark === 'none') material.emissive.copy(material.color).multiplyScalar(0.35);
+        material.color.setHSL(hsl.h, hsl.s, 0.5 + 0.4 * hsl.l);
+        if (mark === 'none') material.emissive.copy(material.color).multiplyScalar(0.18);
         material.emissiveIntensity = 1;
       }
       material.opacity = opacity;

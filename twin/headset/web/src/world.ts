@@ -11,6 +11,9 @@ export type Look = 'normal' | 'additive';
 
 const SKY = 0xe9eef5;
 
+/** From where the robot is looked at first. */
+export const VIEW: Readonly<Vector3> = new Vector3(0.62, 0.36, 0.8).normalize();
+
 export class World {
   readonly renderer: WebGLRenderer;
   readonly scene = new Scene();
@@ -92,8 +95,7 @@ export class World {
     const { clientWidth: w, clientHeight: h } = this.renderer.domElement;
     const free = Math.max(0.2, Math.min((h - this.covered.bottom) / h, (w - this.covered.right) / h));
     const away = (0.95 * radius) / Math.sin(Math.atan(Math.tan((this.camera.fov * Math.PI) / 360) * free));
-    const direction = new Vector3(0.62, 0.36, 0.8).normalize();
-    this.camera.position.copy(middle).addScaledVector(direction, away);
+    this.camera.position.copy(middle).addScaledVector(VIEW, away);
     this.camera.near = Math.max(0.002, away / 200);
     this.camera.far = 60 * Math.max(1, away);
     this.camera.updateProjectionMatrix();
@@ -137,7 +139,7 @@ export class World {
     const additive = look === 'additive';
     // On an additive display black is nothing: on a desk it previews what such a display would show.
     this.scene.background = seeThrough ? null : new Color(additive ? 0x000000 : SKY);
-    this.ambient.intensity = additive ? 1.1 : 0.15;
+    this.ambient.intensity = additive ? 0.5 : 0.15;
     this.sun.castShadow = !additive;
     this.shadow.visible = !additive;
     this.disc.visible = !seeThrough && !additive;

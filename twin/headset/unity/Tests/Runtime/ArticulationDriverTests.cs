@@ -80,6 +80,16 @@ namespace Twin.Player.Tests
         }
 
         [Test]
+        public void WhatWasReachedCountsLikeTheRobot()
+        {
+            int joint = track.JointIndex("rf1");
+            var entry = new DrivenJoint { joint = "rf1", sign = -1f, offset = 0.25f };
+            float target = driver.Target(track, joint, 0.5f, entry) * Mathf.Deg2Rad;
+            Assert.That(target, Is.EqualTo(-0.75f).Within(1e-6f));
+            Assert.That(ArticulationDriver.Value(entry, target), Is.EqualTo(0.5f).Within(1e-6f));
+        }
+
+        [Test]
         public void WrongEntriesAreNamed()
         {
             Refused("no joint 'x'", new DrivenJoint { joint = "x", body = Body(ArticulationJointType.PrismaticJoint) });
