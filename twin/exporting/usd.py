@@ -89,7 +89,7 @@ def _write_scene(mechanism: Mechanism, path: Path) -> Path:
 
 
 def _add_scene(layer: Sdf.Layer) -> None:
-    stage = Usd.Stage.Open(layer)  # the prim lives as long as its stage
+    stage = Usd.Stage.Open(layer)
     scene = UsdPhysics.Scene.Define(stage, "/physicsScene")
     scene.CreateGravityDirectionAttr(Gf.Vec3f(0, 0, -1))
     scene.CreateGravityMagnitudeAttr(GRAVITY)
