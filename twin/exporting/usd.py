@@ -89,7 +89,8 @@ def _write_scene(mechanism: Mechanism, path: Path) -> Path:
 
 
 def _add_scene(layer: Sdf.Layer) -> None:
-    scene = UsdPhysics.Scene.Define(Usd.Stage.Open(layer), "/physicsScene")
+    stage = Usd.Stage.Open(layer)
+    scene = UsdPhysics.Scene.Define(stage, "/physicsScene")
     scene.CreateGravityDirectionAttr(Gf.Vec3f(0, 0, -1))
     scene.CreateGravityMagnitudeAttr(GRAVITY)
     prim = scene.GetPrim()
