@@ -24,8 +24,8 @@ FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader
 WAIT = 180.0
 """Seconds that something may take on a busy machine without a graphics card."""
 
-A = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
-"""Robot's world (z up) in the scene (y up)."""
+FLOAT32 = 2e-6
+"""Worst part of a pose that has gone through float32 and back, of a robot of 2 m that stands some metres away."""
 
 
 def until(condition, what, seconds=WAIT):
@@ -70,6 +70,19 @@ def bundled_emulator(folder):
     done = subprocess.run([node, "build.mjs", out], cwd=folder, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     return out
+
+
+def chromium():
+    """Yield a browser: the body of a fixture."""
+    from playwright.sync_api import sync_playwright
+
+    program = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
+    if program is None:
+        pytest.skip("NO CHROMIUM: the page is not tested. Install it (Debian: apt-get install chromium)")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=FLAGS)
+        yield browser
+        browser.close()
 
 
 def free_port():
@@ -201,15 +214,14 @@ class Page:
 
     def settled(self):
         """Wait until the robot stands still."""
-        last = [None]
-
-        def still():
+        last, same = None, 0
+        end = time.monotonic() + WAIT
+        while same < 4:  # the server may be slow to begin
+            assert time.monotonic() < end, "the robot does not come to rest"
             q = self("[...twin.app.model.frame.q]")
-            same, last[0] = q == last[0], q
+            same = same + 1 if q == last else 0
+            last = q
             time.sleep(0.4)
-            return same
-
-        until(still, "the robot comes to rest")
 
     # -- a device ----------------------------------------------------------------------------------------
 
@@ -258,7 +270,7 @@ def looking(direction):
 
 
 def probes(page, mechanism, rng, each=14):
-    """Compare the colours at pixels where links must be seen with those links' own; return right and all, and the misses.
+    """Compare the colours at pixels where links must be seen; return how many are right, how many there are, misses.
 
     Links are painted flat. Which link a pixel must show comes from rays through the CAD meshes at the poses of the
     frame, by code of this file; pixels whose neighbours show another link are left out.
@@ -331,6 +343,31 @@ def shown(browser, url, **options):
         assert page.errors == []
     finally:
         page.close()
+
+
+def ready(page, robot):
+    """Wait for the plan of the protocol; leave the robot at home, standing still."""
+    page.until("twin.app.model.state.duration > 0", "the plan")
+    page("twin.app.ask('play', {on: false}); twin.app.ask('posture', {name: 'home'})")
+    home = robot.mechanism.posture("home")
+
+    def there():
+        # a hand of the page before may be let go only now
+        page("twin.app.model.state.phase === null || twin.app.ask('posture', {name: 'home'})")
+        return np.allclose(page("[...twin.app.model.frame.q]"), home, atol=1e-6)
+
+    until(there, "the robot goes home")
+    page.settled()
+
+
+def agrees(page, robot):
+    """Check that nodes stand where the stream says, and the stream where the mechanism's loops close; return q (n,)."""
+    q, links, _, poses, _ = page.state()
+    truth = robot.reference().solve(q).link_poses
+    for name, T in links.items():
+        np.testing.assert_allclose(T, poses[name], atol=FLOAT32, err_msg=name)
+        np.testing.assert_allclose(T, truth[name], atol=1e-5, err_msg=name)  # q too went through float32
+    return q
 
 
 def _matrix(numbers):

@@ -142,7 +142,7 @@ export class Overlays {
     if (!on) {
       if (this.ghost) this.ghost.visible = false;
       this.ghostLabel.sprite.visible = false;
-      this.ghostText = '';
+      this.ghostText = model.state.variant ? 'These equations give no tool pose here.' : '';
       return;
     }
     if (!this.ghost) {
