@@ -10,7 +10,7 @@ diagnose    which of the usual mistakes explains a difference
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -86,7 +86,9 @@ def _read(found: Found, tell: Progress) -> Iterator[tuple[Ledger, Content | None
         *((_usd, p) for p in (*found.stages, *found.usdz)),
     ]
     tracks: list[Content] = []
-    jobs += [(partial(_tree, tracks=tracks), p) for p in (*found.mjcf, *found.urdf)]
+    models = [p.stem for p in found.mjcf]
+    jobs += [(partial(_tree, tracks=tracks, models=models), p) for p in found.mjcf]
+    jobs += [(partial(_tree, tracks=tracks, models=()), p) for p in found.urdf]
     for i, (read, path) in enumerate(jobs):
         name = found.name(path)
         tell(f"read {name}", 0.9 * i / len(jobs))
@@ -166,8 +168,17 @@ def _tracks(path: Path, ledger: Ledger) -> Content | None:
     return None
 
 
-def _tree(path: Path, ledger: Ledger, tracks: list[Content]) -> Content | None:
-    """Read a file that holds a tree of joints, and let it play every track."""
+def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
+    """Return whether a model plays a clip: a model called <robot>_<clip> plays that alone, and no other plays it."""
+    own = [f"{m}_{clip}" for m in models if f"{m}_{clip}" in models]
+    return stem in own if own else not any(stem.startswith(f"{m}_") for m in models)
+
+
+def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[str]) -> Content | None:
+    """Read a file that holds a tree of joints, and let it play every track.
+
+    `models` are the files beside it; one may be for a single clip, whose loops have other places.
+    """
     from twin.audit.urdf import Urdf, UrdfError
 
     try:
@@ -190,7 +201,8 @@ def _tree(path: Path, ledger: Ledger, tracks: list[Content]) -> Content | None:
         return None
     for track in tracks:
         for clip in track.clips:
-            tree.content.clips.append(tree.play(clip))
+            if _plays(path.stem, clip.name, models):
+                tree.content.clips.append(tree.play(clip))
         low, high = track.extra.get("lower", {}), track.extra.get("upper", {})
         tree.check_limits(track.file, low, high)
     if not tracks:

@@ -180,6 +180,8 @@ def _mjcf(order: Order, work: Path) -> list[Finding]:
     from twin.exporting.mjcf import mjcf_findings, write_mjcf
 
     write_mjcf(order.mechanism, work)
+    for scene in order.elsewhere:
+        write_mjcf(scene.mechanism, work, f"{order.mechanism.name}_{scene.clip.name}")
     return mjcf_findings(order.mechanism)
 
 

@@ -77,6 +77,7 @@ class Clip:
         frame: name of the frame that the protocol moves.
         phase_rcm: for each phase the RCM (3,) in base in m, or None.
         assumed: "name: reason" of numbers that the protocol assumes.
+        trocar: where the mechanism's trocar is, (3,) in base in m, or None if it has none.
     """
 
     name: str
@@ -92,6 +93,7 @@ class Clip:
     frame: str = ""
     phase_rcm: tuple[Array | None, ...] = ()
     assumed: tuple[str, ...] = ()
+    trocar: Array | None = None
 
     @property
     def between_position(self) -> float:
@@ -166,6 +168,7 @@ def make_clip(
                     trajectory.frame,
                     tuple(None if p.rcm is None else np.asarray(p.rcm, float) for p in trajectory.phases),
                     assumed,
+                    mechanism.trocar_at if mechanism.trocar else None,
                 )
             bad = found.position_at[0]
     raise AssertionError("the last grid holds the last rate")

@@ -40,19 +40,20 @@ OPTION = {"timestep": "0.0001", "integrator": "implicitfast", "iterations": "100
 integrator, which the damping of the drives needs, corrects accelerations after the ties have been satisfied."""
 
 
-def write_mjcf(mechanism: Mechanism, folder: Path) -> Path:
-    """Write <robot>.xml and its meshes; return the .xml file.
+def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
+    """Write <robot>.xml, or <name>.xml, and its meshes; return the .xml file.
 
     Args:
         mechanism: weighed; see `mjcf_findings` for bodies that are not.
         folder: made if it is missing; the caller moves it into place.
+        name: of the file, where one robot has several (its trocar elsewhere).
 
     Raises:
         AssemblyError: the mechanism cannot be assembled as drawn.
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_meshes(mechanism, folder)
-    return write_xml(_Writer(mechanism).root, folder / f"{mechanism.name}.xml")
+    return write_xml(_Writer(mechanism).root, folder / f"{name or mechanism.name}.xml")
 
 
 def mjcf_findings(mechanism: Mechanism) -> list[Finding]:
@@ -107,7 +108,7 @@ class _Writer:
 
     def _body(self, parent: ET.Element, name: str, joint: Joint | None) -> None:
         T = np.eye(4) if joint is None else joint.T_parent_joint @ spatial.inverse(joint.T_child_joint)
-        element = ET.SubElement(parent, "body", name=name, **_place(T))
+        element = ET.SubElement(parent, "body", {"name": name, **_place(T)})
         body = self.mechanism.body(name)
         if joint is not None:
             self._joint(element, joint)
@@ -118,12 +119,12 @@ class _Writer:
             ET.SubElement(element, "geom", shape, contype="0", conaffinity="1")
         marks = [(f"frame_{f.name}", f.T_body_frame) for f in self.mechanism.frames if f.body == name]
         for site, at in [*marks, *self.sites.get(name, [])]:
-            ET.SubElement(element, "site", name=site, size="0.002", **_place(at))
+            ET.SubElement(element, "site", {"name": site, "size": "0.002", **_place(at)})
         for child in self.spanning.tree:
             if child.parent == name:
                 self._body(element, child.child, child)
         for slide in self.carriers.get(name, []):
-            carrier = ET.SubElement(element, "body", name=f"{slide.name}_carrier", **_place(slide.T_parent_joint))
+            carrier = ET.SubElement(element, "body", {"name": f"{slide.name}_carrier", **_place(slide.T_parent_joint)})
             self._moves(carrier, slide, np.eye(4))
             _inertial(carrier, CARRIER)
             ET.SubElement(carrier, "site", name=f"{slide.name}_0_parent", size="0.002")
@@ -141,13 +142,13 @@ class _Writer:
         T = self._relative(joint)
         for kind, axis, value in (
             ("slide", 2, T[2, 3]),
-            ("hinge", 5, self.home.q_full.get(joint.name, np.arctan2(T[1, 0], T[0, 0]))),
+            ("hinge", 5, self.home.q_full.get(joint.name, float(np.arctan2(T[1, 0], T[0, 0])))),
         ):
             if axis not in joint.free_axes:
                 continue
             name = f"{joint.name}_slide" if joint.type == "cylindrical" and kind == "slide" else joint.name
             line = {"pos": numbers(T_body_joint[:3, 3]), "axis": numbers(T_body_joint[:3, 2])}
-            out = ET.SubElement(element, "joint", name=name, type=kind, **line)
+            out = ET.SubElement(element, "joint", {"name": name, "type": kind, **line})
             if joint.limits is not None:
                 out.set("range", numbers(joint.limits))
             self.qpos.append(float(value))
@@ -170,7 +171,7 @@ class _Writer:
             for end, body, T in ends:
                 self.sites.setdefault(body, []).append((f"{joint.name}_{n}_{end}", T @ shift))
             names = {"site1": f"{joint.name}_{n}_parent", "site2": f"{joint.name}_{n}_child"}
-            ET.SubElement(equality, kind, name=f"{joint.name}_{n}", **names, **STIFF)
+            ET.SubElement(equality, kind, {"name": f"{joint.name}_{n}", **names, **STIFF})
 
     def _couplings(self, equality: ET.Element) -> None:
         if not self.mechanism.couplings:
@@ -182,7 +183,9 @@ class _Writer:
                 ET.SubElement(tendon, "joint", joint=name, coef=numbers([ratio]))
             # The length is counted from that at zero, where the sum is zero too.
             total = numbers([coupling.total, 0, 0, 0, 0])
-            ET.SubElement(equality, "tendon", name=coupling.name, tendon1=coupling.name, polycoef=total, **STIFF)
+            ET.SubElement(
+                equality, "tendon", {"name": coupling.name, "tendon1": coupling.name, "polycoef": total, **STIFF}
+            )
 
     def _actuators(self) -> None:
         actuator = ET.SubElement(self.root, "actuator")
@@ -193,7 +196,7 @@ class _Writer:
                 control.append(self.efforts[joint.name])
                 continue
             gains = {"kp": numbers([joint.drive.stiffness]), "kv": numbers([joint.drive.damping])}
-            out = ET.SubElement(actuator, "position", name=joint.name, joint=joint.name, **gains)
+            out = ET.SubElement(actuator, "position", {"name": joint.name, "joint": joint.name, **gains})
             if joint.limits is not None:
                 out.set("ctrlrange", numbers(joint.limits))
             if joint.drive.max_effort is not None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from twin.errors import TwinError
 from twin.exporting.clip import Budget, Clip, make_clip
 from twin.findings import Finding
@@ -61,6 +63,14 @@ class Order:
     def clips(self) -> tuple[Clip, ...]:
         """The clips of all scenes."""
         return tuple(s.clip for s in self.scenes)
+
+    @property
+    def elsewhere(self) -> tuple[Scene, ...]:
+        """Scenes that have the trocar elsewhere than drawn: a loop with a fixed place needs a file for each."""
+        if not self.mechanism.trocar:
+            return ()
+        drawn = self.mechanism.trocar_at
+        return tuple(s for s in self.scenes if not np.array_equal(s.mechanism.trocar_at, drawn))
 
 
 def order(

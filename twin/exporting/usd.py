@@ -51,7 +51,8 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
     files = write_stage(mechanism, folder, rounded(home.link_poses), home.q_full, efforts=efforts)
     out = [files.root, files.physics, files.geometry, _write_scene(mechanism, folder / f"{mechanism.name}_sim.usda")]
     for clip in clips:
-        baked = write_motion(mechanism, folder, Motion(clip.name, clip.times, rounded(clip.links), clip.joints))
+        motion = Motion(clip.name, clip.times, rounded(clip.links), clip.joints, clip.trocar)
+        baked = write_motion(mechanism, folder, motion)
         out += [baked.root, baked.layer]
     return out
 
@@ -74,7 +75,9 @@ def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder:
     model = ReferenceModel(bound)
     run = model.run_poses(trajectory.poses(times), near=trajectory.joints(times))
     values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
-    write_motion(mechanism, folder, Motion(trajectory.protocol, times, rounded(model.link_poses(run.x)), values))
+    trocar = bound.trocar_at if bound.trocar else None
+    motion = Motion(trajectory.protocol, times, rounded(model.link_poses(run.x)), values, trocar)
+    write_motion(mechanism, folder, motion)
 
 
 def _write_scene(mechanism: Mechanism, path: Path) -> Path:

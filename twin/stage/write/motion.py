@@ -31,6 +31,7 @@ class Motion:
         times_s: (k,) increasing, from 0 on.
         link_poses: T_world_body (k, 4, 4) of every body; a body that is left out stays at rest.
         joint_values: coordinate (k,) in m or rad of joints that have one; those left out get no samples.
+        trocar: where the mechanism's trocar is during it, (3,) in base in m; None: as drawn.
 
     """
 
@@ -38,6 +39,7 @@ class Motion:
     times_s: Array
     link_poses: Mapping[str, Array]
     joint_values: Mapping[str, Array] = field(default_factory=dict)
+    trocar: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,11 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFi
         for path, values in samples:
             for code, value in zip(codes, values, strict=True):
                 layer.SetTimeSample(path, float(code), value)
+    if motion.trocar is not None and mechanism.trocar and not np.array_equal(motion.trocar, mechanism.trocar_at):
+        place = f"/{mechanism.name}/joints/{mechanism.trocar}.physics:localPos0"
+        layer.GetAttributeAtPath(_attribute(layer, place, Sdf.ValueTypeNames.Point3f)).default = gf.vec3f(motion.trocar)
+        for path, values in samples:  # as drawn the robot would not meet this trocar: it rests where it begins
+            layer.GetAttributeAtPath(path).default = values[0]
     save(layer, layer_path)
     root = root_layer(
         folder / f"{mechanism.name}_{motion.name}.usda",
