@@ -60,7 +60,7 @@ def stage_of(mechanism, folder: Path) -> Path:
 
 
 def stage_frames(stage: Path, mechanism, links) -> list[dict]:
-    """Return the coordinate of each joint of the articulation at each frame, by the joint frames of the stage itself."""
+    """Return the coordinate of each joint of the articulation at each frame, by the stage's own frames."""
     opened = Usd.Stage.Open(str(stage))
     out: list[dict] = [{} for _ in range(FRAMES)]
     for prim in opened.Traverse():

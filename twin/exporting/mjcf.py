@@ -107,7 +107,7 @@ class _Writer:
 
     def _body(self, parent: ET.Element, name: str, joint: Joint | None) -> None:
         T = np.eye(4) if joint is None else joint.T_parent_joint @ spatial.inverse(joint.T_child_joint)
-        element = ET.SubElement(parent, "body", name=name, **_place(T))
+        element = ET.SubElement(parent, "body", {"name": name, **_place(T)})
         body = self.mechanism.body(name)
         if joint is not None:
             self._joint(element, joint)
@@ -115,15 +115,15 @@ class _Writer:
         for mesh in body.meshes:
             # Neighbours overlap in their joints: links meet the world (whose contype is 1), never one another.
             shape = {"type": "mesh", "mesh": mesh.name, "rgba": srgb(mesh.color_rgba), "mass": "0"}
-            ET.SubElement(element, "geom", shape, contype="0", conaffinity="1")
+            ET.SubElement(element, "geom", {**shape, "contype": "0", "conaffinity": "1"})
         marks = [(f"frame_{f.name}", f.T_body_frame) for f in self.mechanism.frames if f.body == name]
         for site, at in [*marks, *self.sites.get(name, [])]:
-            ET.SubElement(element, "site", name=site, size="0.002", **_place(at))
+            ET.SubElement(element, "site", {"name": site, "size": "0.002", **_place(at)})
         for child in self.spanning.tree:
             if child.parent == name:
                 self._body(element, child.child, child)
         for slide in self.carriers.get(name, []):
-            carrier = ET.SubElement(element, "body", name=f"{slide.name}_carrier", **_place(slide.T_parent_joint))
+            carrier = ET.SubElement(element, "body", {"name": f"{slide.name}_carrier", **_place(slide.T_parent_joint)})
             self._moves(carrier, slide, np.eye(4))
             _inertial(carrier, CARRIER)
             ET.SubElement(carrier, "site", name=f"{slide.name}_0_parent", size="0.002")
@@ -147,7 +147,7 @@ class _Writer:
                 continue
             name = f"{joint.name}_slide" if joint.type == "cylindrical" and kind == "slide" else joint.name
             line = {"pos": numbers(T_body_joint[:3, 3]), "axis": numbers(T_body_joint[:3, 2])}
-            out = ET.SubElement(element, "joint", name=name, type=kind, **line)
+            out = ET.SubElement(element, "joint", {"name": name, "type": kind, **line})
             if joint.limits is not None:
                 out.set("range", numbers(joint.limits))
             self.qpos.append(float(value))
@@ -170,7 +170,7 @@ class _Writer:
             for end, body, T in ends:
                 self.sites.setdefault(body, []).append((f"{joint.name}_{n}_{end}", T @ shift))
             names = {"site1": f"{joint.name}_{n}_parent", "site2": f"{joint.name}_{n}_child"}
-            ET.SubElement(equality, kind, name=f"{joint.name}_{n}", **names, **STIFF)
+            ET.SubElement(equality, kind, {"name": f"{joint.name}_{n}", **names, **STIFF})
 
     def _couplings(self, equality: ET.Element) -> None:
         if not self.mechanism.couplings:
@@ -182,7 +182,8 @@ class _Writer:
                 ET.SubElement(tendon, "joint", joint=name, coef=numbers([ratio]))
             # The length is counted from that at zero, where the sum is zero too.
             total = numbers([coupling.total, 0, 0, 0, 0])
-            ET.SubElement(equality, "tendon", name=coupling.name, tendon1=coupling.name, polycoef=total, **STIFF)
+            line = {"name": coupling.name, "tendon1": coupling.name, "polycoef": total}
+            ET.SubElement(equality, "tendon", {**line, **STIFF})
 
     def _actuators(self) -> None:
         actuator = ET.SubElement(self.root, "actuator")
@@ -193,7 +194,7 @@ class _Writer:
                 control.append(self.efforts[joint.name])
                 continue
             gains = {"kp": numbers([joint.drive.stiffness]), "kv": numbers([joint.drive.damping])}
-            out = ET.SubElement(actuator, "position", name=joint.name, joint=joint.name, **gains)
+            out = ET.SubElement(actuator, "position", {"name": joint.name, "joint": joint.name, **gains})
             if joint.limits is not None:
                 out.set("ctrlrange", numbers(joint.limits))
             if joint.drive.max_effort is not None:
