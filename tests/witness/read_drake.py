@@ -21,8 +21,10 @@ context = plant.CreateDefaultContext()
 bodies = [plant.get_body(i) for i in plant.GetBodyIndices(model)]
 links = {body.name(): [] for body in bodies}
 for frame in job["frames"]:
+    q = plant.GetPositions(context)
     for name, value in frame.items():
-        plant.GetJointByName(name, model).SetPositions(context, [value])
+        q[plant.GetJointByName(name, model).position_start()] = value
+    plant.SetPositions(context, q)
     for body in bodies:
         X = plant.EvalBodyPoseInWorld(context, body)
         q = X.rotation().ToQuaternion()

@@ -116,7 +116,7 @@ class _Writer:
         for mesh in body.meshes:
             # Neighbours overlap in their joints: links meet the world (whose contype is 1), never one another.
             shape = {"type": "mesh", "mesh": mesh.name, "rgba": srgb(mesh.color_rgba), "mass": "0"}
-            ET.SubElement(element, "geom", shape, contype="0", conaffinity="1")
+            ET.SubElement(element, "geom", {**shape, "contype": "0", "conaffinity": "1"})
         marks = [(f"frame_{f.name}", f.T_body_frame) for f in self.mechanism.frames if f.body == name]
         for site, at in [*marks, *self.sites.get(name, [])]:
             ET.SubElement(element, "site", {"name": site, "size": "0.002", **_place(at)})
@@ -183,9 +183,8 @@ class _Writer:
                 ET.SubElement(tendon, "joint", joint=name, coef=numbers([ratio]))
             # The length is counted from that at zero, where the sum is zero too.
             total = numbers([coupling.total, 0, 0, 0, 0])
-            ET.SubElement(
-                equality, "tendon", {"name": coupling.name, "tendon1": coupling.name, "polycoef": total, **STIFF}
-            )
+            line = {"name": coupling.name, "tendon1": coupling.name, "polycoef": total}
+            ET.SubElement(equality, "tendon", {**line, **STIFF})
 
     def _actuators(self) -> None:
         actuator = ET.SubElement(self.root, "actuator")
