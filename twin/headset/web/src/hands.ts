@@ -83,9 +83,10 @@ export class Hands {
     return this.hands.filter((h) => h.source).length;
   }
 
-  /** Ray of the first thing that points, or null. */
-  get pointing(): XRInputSource | null {
-    return this.hands.find((h) => h.source?.targetRayMode === 'tracked-pointer')?.source ?? null;
+  /** What points, the right hand first. */
+  get pointing(): XRInputSource[] {
+    const all = this.hands.flatMap((h) => (h.source?.targetRayMode === 'tracked-pointer' ? [h.source] : []));
+    return all.sort((a, b) => Number(b.handedness === 'right') - Number(a.handedness === 'right'));
   }
 
   update(now: number): void {

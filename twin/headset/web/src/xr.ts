@@ -23,8 +23,8 @@ export class Xr {
 
   private floor = 0;
   private viewerHits: XRHitTestSource | null = null;
-  private pointerHits: XRHitTestSource | null = null;
-  private pointer: XRInputSource | null = null;
+  /** One for each thing that points; null while it is being asked for. */
+  private readonly pointerHits = new Map<XRInputSource, XRHitTestSource | null>();
   private settled = false;
   private awaySince = 0;
   private readonly position = new Vector3();
@@ -146,34 +146,31 @@ export class Xr {
     this.app.refresh();
   }
 
-  /** Where the hand that points, or else the head, sees a surface that one can stand on. */
+  /** Where a hand that points, or else the head, sees a surface that one can stand on. */
   private aim(frame: XRFrame, space: XRReferenceSpace): void {
     const { place, hands } = this.app;
     if (!place.placing) return place.aim(null);
     const pointing = hands.pointing;
-    if (pointing !== this.pointer) {
-      this.pointer = pointing;
-      this.pointerHits?.cancel();
-      this.pointerHits = null;
-      if (pointing)
-        void this.session?.requestHitTestSource?.({ space: pointing.targetRaySpace })?.then(
-          (source) => (this.pointerHits = source),
-          () => undefined,
-        );
-    }
-    for (const source of [this.pointerHits, this.viewerHits]) {
+    for (const source of pointing) if (!this.pointerHits.has(source)) this.askHits(source);
+    for (const source of [...pointing.map((p) => this.pointerHits.get(p)), this.viewerHits]) {
       if (!source) continue;
       for (const hit of frame.getHitTestResults(source)) {
         const pose = hit.getPose(space);
         if (!pose) continue;
         const T = new Matrix4().fromArray(pose.transform.matrix);
-        const up = new Vector3().setFromMatrixColumn(T, 1);
-        if (up.y < 0.8) continue; // a wall
-        T.setPosition(T.elements[12], T.elements[13], T.elements[14]);
-        return place.aim(new Matrix4().makeTranslation(new Vector3().setFromMatrixPosition(T)));
+        if (new Vector3().setFromMatrixColumn(T, 1).y < 0.8) continue; // a wall
+        return place.aim(new Matrix4().setPosition(new Vector3().setFromMatrixPosition(T)));
       }
     }
     place.aim(null);
+  }
+
+  private askHits(source: XRInputSource): void {
+    this.pointerHits.set(source, null);
+    void this.session?.requestHitTestSource?.({ space: source.targetRaySpace })?.then(
+      (hits) => this.pointerHits.set(source, hits),
+      () => undefined, // then the head alone aims
+    );
   }
 
   private fetchPanel(forward: Vector3, now: number): void {
@@ -189,8 +186,8 @@ export class Xr {
     const { app } = this;
     this.session = null;
     this.mode = null;
-    this.viewerHits = this.pointerHits = null;
-    this.pointer = null;
+    this.viewerHits = null;
+    this.pointerHits.clear();
     this.canPlace = false;
     app.hands.forget();
     app.place.placing = app.place.leading = false;
