@@ -141,7 +141,7 @@ class _Writer:
         T = self._relative(joint)
         for kind, axis, value in (
             ("slide", 2, T[2, 3]),
-            ("hinge", 5, self.home.q_full.get(joint.name, np.arctan2(T[1, 0], T[0, 0]))),
+            ("hinge", 5, self.home.q_full.get(joint.name, float(np.arctan2(T[1, 0], T[0, 0])))),
         ):
             if axis not in joint.free_axes:
                 continue
