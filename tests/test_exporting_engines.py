@@ -27,11 +27,13 @@ FRAMES = 21
 
 
 @pytest.fixture(scope="module", params=ROBOTS)
-def case(request):
-    """A weighed mechanism and a motion of it: all driven joints there and back, not in step."""
+def case(request, sils_cad):
+    """A weighed mechanism, one mesh a body, and a motion of it: all driven joints there and back, not in step."""
     from twin.cad.build import read_mechanism
 
-    mechanism = read_mechanism(twin.load(request.param).files.description).mechanism
+    cad = sils_cad if request.param == "sils" else read_mechanism(twin.load(request.param).files.description)
+    bodies = tuple(replace(b, meshes=b.meshes[:1]) for b in cad.mechanism.bodies)
+    mechanism = replace(cad.mechanism, bodies=bodies, joints=tuple(replace(j, mating=()) for j in cad.mechanism.joints))
     return mechanism, swing(mechanism)
 
 

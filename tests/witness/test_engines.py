@@ -26,7 +26,8 @@ POSITION, ROTATION = 1e-6, 1e-4
 CASES = [(r, p) for r in twin.names() for p in twin.load(r).files.protocols()]
 RATE = 1000
 GAP, STILL = 50e-6, 10e-6
-"""m: how far a driven loop may open; how far any link may move in a second after loading."""
+"""m: how far a driven loop may open; how far any point of any link may move in the first second, under its weight.
+SILS and PA10 stay within 1 um, HIBOU and LAPBOT within 2 um, SHER's tool within 7 um (PhysX is single precision)."""
 
 
 @dataclass(frozen=True)
@@ -230,13 +231,17 @@ def test_physx_starts_at_the_authored_poses_and_stays(foreign, figures, tmp_path
     assert moved <= STILL
 
 
-@pytest.mark.parametrize("name", twin.names())
+DRIVEN = {"sils": ("table2", 60.0), "sher": ("sclerotomy", 60.0), "hibou": ("cavity", 6.0), "lapbot": ("cavity", 6.0)}
+"""Robots with loops: the protocol and how many seconds of it; the first two to the end."""
+
+
+@pytest.mark.parametrize("name", DRIVEN)
 def test_physx_keeps_the_loops_closed_while_the_drives_follow_the_protocol(foreign, figures, tmp_path, name):
     from twin.reference import ReferenceModel
     from twin.reference.holding import holding_efforts
 
     foreign.need("physx")
-    protocol = next(p for r, p in CASES if r == name and p in ("table2", "sclerotomy", "circle", "cavity"))
+    protocol, seconds = DRIVEN[name]
     this = case(name, protocol)
     mechanism, model = this.mechanism, ReferenceModel(this.mechanism)
     home = model.home()
@@ -245,7 +250,7 @@ def test_physx_keeps_the_loops_closed_while_the_drives_follow_the_protocol(forei
     lead = max(0.1, 2.5 * float(np.max(np.abs(first - home.q) / speed)))
     s = np.linspace(0, 1, int(lead * RATE) + 1)[1:]
     way = (s**3 * (10 - 15 * s + 6 * s * s))[:, None]
-    times = np.arange(1, int(min(this.trajectory.duration, 20.0) * RATE) + 1) / RATE
+    times = np.arange(1, int(min(this.trajectory.duration, seconds) * RATE) + 1) / RATE
     q = np.concatenate([home.q + way * (first - home.q), this.trajectory.joints(times)])
     # As a controller does, the target is ahead by the weight that the spring bears.
     knots = np.linspace(0, len(q) - 1, 25).astype(int)
