@@ -39,6 +39,8 @@ bench: .venv/.synced-dev
 	$(RUN) python tests/benchmarks/viewer_frames.py
 	$(RUN) python tests/benchmarks/viewer_workspace.py
 	$(RUN) python tests/benchmarks/viewer_first.py
+	$(RUN) python tests/benchmarks/export.py
+	$(RUN) python tests/benchmarks/stream.py
 
 lock-check: | $(UV)
 	$(UV) lock --check
