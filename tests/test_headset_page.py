@@ -105,7 +105,7 @@ def test_a_protocol_is_played_and_scrubbed(desk, robot):
 def test_the_mouse_leads_the_platform(desk, robot):
     before = desk.tool()
     start = desk.pixel(desk.to_scene(before[:3, 3]))
-    wanted = before[:3, 3] + [0.0, -20 * MM, 25 * MM]
+    wanted = before[:3, 3] + np.array([0.0, 0.0, -25 * MM])
     desk.drag(start, desk.pixel(desk.to_scene(wanted)))
     desk.settled()
     after = desk.tool()

@@ -69,7 +69,7 @@ def look_at(page, target):
     page.pictures(3)
 
 
-def led(page, robot, kind, wanted):
+def led(page, robot, kind, wanted, reachable=True):
     """Take the tool by hand or controller, lead it by a step (3,) of the robot's world, and check what follows."""
     before = page.tool()
     handle = page.to_scene(before[:3, 3])
@@ -85,7 +85,12 @@ def led(page, robot, kind, wanted):
         page(f"device.{kind}.right.position.set({at[0]}, {at[1]}, {at[2]})")
         page.pictures(2)
     there = before[:3, 3] + wanted
-    headset.until(lambda: np.linalg.norm(page.tool()[:3, 3] - there) < 1 * MM, "the tool is where it is led")
+    if reachable:
+        headset.until(lambda: np.linalg.norm(page.tool()[:3, 3] - there) < 1 * MM, "the tool is where it is led")
+    else:
+        page.until("twin.app.model.refused && twin.app.model.status().text.startsWith('Not reached: ')", "the refusal")
+        assert page("twin.app.grab.ghostHand.visible && twin.app.grab.label.sprite.visible")
+        np.testing.assert_allclose(page("twin.app.grab.ghostHand.position.toArray()"), there, atol=2 * MM)
     np.testing.assert_allclose(page.tool()[:3, :3], before[:3, :3], atol=1e-5)  # led, not turned
     page.select(False, kind=kind)
     page.until("twin.app.grab.held === null", "it is let go")
@@ -130,7 +135,10 @@ def test_ar_on_a_quest_places_plays_and_is_led(chromium, server, emulator, robot
         assert total >= 60
         assert right >= 0.95 * total, missed
 
-        led(page, robot, "controllers", np.array([-20, 15, 20]) * MM)
+        led(page, robot, "controllers", np.array([15, 10, -20]) * MM)
+
+        # Led out of reach: said, shown where the hand is, and the last good pose stays.
+        led(page, robot, "controllers", np.array([0, 0, 300]) * MM, reachable=False)
 
         # Half as large, by the two grips: it is the picture that shrinks, not the robot.
         scale = page("twin.app.place.scale")
@@ -173,7 +181,7 @@ def test_ar_on_additive_glasses_with_hands_only(chromium, server, emulator, robo
         assert card.max(axis=2).min() > 120  # nothing on the panel is nearly black: there it would be a hole
         colors = page("twin.app.robot.targets().map(m => m.material.color.getHSL({h: 0, s: 0, l: 0}).l)")
         assert min(colors) > 0.2
-        led(page, robot, "hands", np.array([15, -10, 20]) * MM)
+        led(page, robot, "hands", np.array([-15, 10, -20]) * MM)
         page.press("tab-scene", kind="hands")
         page.pictures(8)
         page.press("look", kind="hands")

@@ -49,7 +49,9 @@ export function hook(app: App): void {
     paint: (on) => {
       app.robot?.paint(on);
       if (on) {
-        for (const thing of [app.overlays.group, app.grab.handle, app.xrPanel.group, world.floor])
+        const others = world.scene.children.filter((o) => o !== world.placement);
+        others.push(...world.robotWorld.children.filter((o) => o !== app.robot?.root));
+        for (const thing of others)
           if (thing.visible) {
             thing.visible = false;
             hidden.push(thing);
