@@ -246,7 +246,7 @@ def test_build_check(run, built, tmp_path):
 
     missing = run("build", robot, "--check", "--out", tmp_path / "nowhere", "--json")
     assert missing.code == 1
-    assert len(missing.json["differing"]) == 5
+    assert len(missing.json["differing"]) == 6
     assert not (tmp_path / "nowhere").exists()
 
 
