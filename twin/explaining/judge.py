@@ -7,6 +7,7 @@ computed and passed on; then all rows between two known symbols are suspects tog
 
 from __future__ import annotations
 
+import copy
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -58,6 +59,7 @@ class Step:
     codes: list[CodeType]
     scope: dict[str, Any]
     inputs: tuple[str, ...]
+    required: tuple[str, ...]
     missing: str = ""
     before: list[dict[str, Any]] = field(default_factory=list)
     computed: dict[str, Any] = field(default_factory=dict)
@@ -97,12 +99,28 @@ class Judge:
         self.formula, self.truth, self.tolerance = formula, truth, tolerance or Tolerance()
         self.variants = choose(formula, variants)
         self.rebuild = Rebuilder()
+        self.replaced = dict(replaced or {})
         self.notes: list[str] = []
+        self._helpers: dict[str, list[Helper]] = {}
+        self._zeros: dict[str, Array] = {}
         self.steps = [s for e in formula.equations if (s := self._step(e, replaced or {})) is not None]
         self.residuals: Residuals = {}
+        self._run()
+
+    def _run(self) -> None:
         with np.errstate(all="ignore"):
             for stage in STAGES:
                 self._run_stage(stage)
+
+    def on(self, truth: Truth) -> Judge:
+        """Return the same formula held against another truth."""
+        other = copy.copy(self)
+        other.truth, other.residuals, other.notes, other._zeros = truth, {}, [], {}
+        other.steps = [
+            Step(s.equation, s.variant, s.source, s.codes, s.scope, s.inputs, s.required) for s in self.steps
+        ]
+        other._run()
+        return other
 
     def _step(self, equation: Equation, replaced: Mapping[str, Rows]) -> Step | None:
         variant = self.variants.get(equation.name, equation.default)
@@ -118,7 +136,7 @@ class Judge:
             return None
         codes = [source.compiled(s) for s in source.statements]
         required, optional = arguments(function)
-        return Step(equation, variant, source, codes, scope, (*required, *optional))
+        return Step(equation, variant, source, codes, scope, (*required, *optional), tuple(required))
 
     def step(self, equation: str) -> Step:
         """Return the step of an equation."""
@@ -126,6 +144,8 @@ class Judge:
 
     def helpers(self, step: Step) -> list[Helper]:
         """Return the plain functions of formula files that a step reaches."""
+        if step.equation.name in self._helpers:
+            return self._helpers[step.equation.name]
         seen: dict[int, Helper] = {}
 
         def visit(names: Iterable[str], scope: Mapping[str, Any]) -> None:
@@ -141,7 +161,7 @@ class Judge:
                 visit({n for s in source.statements for n in s.reads}, f.__globals__)
 
         visit({n for s in step.source.statements for n in s.reads}, step.scope)
-        return list(seen.values())
+        return self._helpers.setdefault(step.equation.name, list(seen.values()))
 
     # -- running ---------------------------------------------------------------------------------------
 
@@ -154,7 +174,7 @@ class Judge:
             if step.stage != stage:
                 continue
             step.computed = dict(computed)
-            lost = [n for n in arguments(step.equation.variants[step.variant])[0] if not self._has(n, computed)]
+            lost = [n for n in step.required if not self._has(n, computed)]
             if lost:
                 step.missing = ", ".join(lost)
                 self.notes.append(f"{step.equation.name} ({step.variant}) was not judged: {step.missing} not known")
@@ -216,6 +236,8 @@ class Judge:
     def difference(self, name: str, value: Any) -> Array:
         """Return value minus truth in units of the tolerance, (k, entries)."""
         true, kind = self.truth.symbols[name], self.truth.kinds[name]
+        if value is true:
+            return self._zeros.setdefault(name, np.zeros_like(to_array(true, self.truth.k)))
         if isinstance(true, Matrix) and (not isinstance(value, Matrix) or value.shape != true.shape):
             raise ValueError(f"{name} has another shape than the mechanism's")
         if not isinstance(true, Matrix) and isinstance(value, Matrix):
@@ -283,9 +305,21 @@ class Judge:
         for name, value in extra.items():
             env.setdefault(name, value)
         found: Residuals = {}
+        edited = {e.statement for e in edits}
+        dirty: set[str] = set()
         for s in source.statements[first:]:
+            mine = writes[s.index]
+            if not anew and s.index not in edited and not dirty & s.reads:
+                if s.returns:
+                    return found
+                after = step.before[s.index + 1]
+                for name in mine:  # as they were: what they are made of has not changed
+                    env[name] = after[name]
+                    dirty.discard(name)
+                continue
             exec(codes[s.index], env)  # noqa: S102
-            self._check(step, s, writes[s.index], env, found)
+            self._check(step, s, mine, env, found)
+            dirty |= {n for n in mine if not self._known(step, n)}
         gave = self._outputs(step, env, found)
         changed = {n for n in gave if n not in self.truth.kinds}
         if changed:

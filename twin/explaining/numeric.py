@@ -323,6 +323,8 @@ def _missing(name: str) -> Callable:
 def to_array(x: Any, k: int) -> Array:
     """Return a scalar or matrix as (k, entries); entries row by row."""
     a = x.a.reshape(len(x.a), -1) if isinstance(x, Matrix) else np.asarray(x, float).reshape(-1, 1)
+    if len(a) == k:
+        return a
     return np.broadcast_to(a, (k, a.shape[1]))
 
 

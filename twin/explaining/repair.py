@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -151,6 +152,11 @@ class Search:
 
     def run(self, budget: float = 8.0) -> tuple[list[Found], list[Key]]:
         """Return what was found, by groups of rows, and the rows that neither one edit nor two can cure."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)  # a moved parenthesis may call a number: it is tried, and fails
+            return self._run(budget)
+
+    def _run(self, budget: float) -> tuple[list[Found], list[Key]]:
         singles = self.singles()
         left = list(self.failing)
         out = []
@@ -226,9 +232,7 @@ class Search:
     def _off_the_mechanism(self, c: Candidate, rows: list[Key]) -> dict[Key, Array] | None:
         """Return the residuals of a candidate where no mechanism is: they tell functions apart."""
         if self._shaken is None:
-            j = self.judge
-            replaced = {s.equation.name: s.equation.variants[s.variant] for s in j.steps}
-            self._shaken = Judge(j.formula, j.variants, j.truth.perturbed(), j.tolerance, replaced)
+            self._shaken = self.judge.on(self.judge.truth.perturbed())
         try:
             step = self._shaken.step(c.step.equation.name)
             extra = self._extra(self._shaken, step, c.edits)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -13,7 +14,7 @@ from twin.errors import AssemblyError, TwinError
 from twin.explaining.numeric import Matrix, Rebuilder
 from twin.explaining.source import Source
 from twin.kinematics.contract import POSE_SYMBOL, Formula
-from twin.reference import ReferenceModel, Run
+from twin.reference import Assembly, ReferenceModel, Run
 from twin.spatial import Array
 
 SAMPLES = 24
@@ -84,7 +85,7 @@ def sample(
     rng = np.random.default_rng(seed)
     ranges = np.array([(j.limits or ((-0.5, 0.5) if j.is_angle else (-0.1, 0.1))) for j in m.active])
     ranges = np.where(np.isfinite(ranges), ranges, np.sign(ranges) * np.pi)
-    half = np.minimum(_SPREAD * np.ptp(ranges, axis=1), [0.3 if j.is_angle else 0.03 for j in m.active])
+    half = np.minimum(_SPREAD * np.ptp(ranges, axis=1), [0.3 if j.is_angle else 0.02 for j in m.active])
     starts = []
     for name in list(m.postures)[:4]:
         try:
@@ -93,20 +94,30 @@ def sample(
             continue
     starts = starts or [model.home()]
     states: list[Array] = []
-    for attempt in range(6 * samples):
-        start = starts[attempt % len(starts)]
-        shrink = 1.0 if attempt < 3 * samples else 0.2
-        q = np.clip(start.q + shrink * half * rng.uniform(-1, 1, len(half)), ranges[:, 0], ranges[:, 1])
-        try:
-            states.append(model.solve(q, start).x)
-        except AssemblyError:
-            continue
-        progress(len(states) / samples)
-        if len(states) == samples:
+    for shrink in (1.0, 0.5, 0.2, 0.05):
+        for i, start in enumerate(starts):
+            wanted = (samples - len(states)) // (len(starts) - i)
+            q = start.q + shrink * half * rng.uniform(-1, 1, (wanted, len(half)))
+            q = np.clip(q, ranges[:, 0], ranges[:, 1])
+            states += _solved(model, q, start)
+            progress(len(states) / samples)
+        if len(states) >= samples:
             break
     if len(states) < 6:
         raise TwinError(f"{m.name}: the mechanism hardly moves around its postures: there are no poses to judge at")
     return model.collect(np.array(states))
+
+
+def _solved(model: ReferenceModel, q: Array, start: Assembly) -> list[Array]:
+    """Return the states at those of the joint values q (k, n) that can be reached: all at once, or one by one."""
+    try:
+        return list(model.solve_many(q, start).x) if len(q) else []
+    except AssemblyError:
+        out = []
+        for one in q:
+            with contextlib.suppress(AssemblyError):
+                out.append(model.solve(one, start).x)
+        return out
 
 
 def gather(formula: Formula, run: Run, model: ReferenceModel, parameters: Mapping[str, float] | None = None) -> Truth:
