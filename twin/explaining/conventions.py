@@ -83,9 +83,7 @@ def euler_angles(R: Array, order: str) -> Array:
     return np.column_stack([first, second, third])
 
 
-ORDERS = tuple(
-    "".join(o) for o in product("xyz", repeat=3) if o[0] != o[1] and o[1] != o[2]
-)
+ORDERS = tuple("".join(o) for o in product("xyz", repeat=3) if o[0] != o[1] and o[1] != o[2])
 """The twelve sequences of axes."""
 
 
@@ -178,7 +176,9 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
                 continue
             zero = ""
             if abs(middle) > tolerance:
-                shown = f"{np.degrees(middle):.6g}°" if truth.kinds[place.symbol] == "angle" else f"{middle * 1e3:.6g} mm"
+                shown = (
+                    f"{np.degrees(middle):.6g}°" if truth.kinds[place.symbol] == "angle" else f"{middle * 1e3:.6g} mm"
+                )
                 zero = f"its zero is {shown} from the mechanism's"
             message = " and ".join(x for x in (text, zero) if x)
             if message:
@@ -217,7 +217,9 @@ def _axes(judge: Judge) -> Iterator[Convention]:
                 if not left <= 1 or (order == (0, 1, 2) and min(signs) > 0):
                     continue
                 matrix = np.eye(3)[list(order)] * np.array(signs)[:, None]
-                text = ", ".join(f"{a} = {'-' if s < 0 else ''}{'xyz'[o]}" for a, o, s in zip("xyz", order, signs, strict=True))  # noqa: E501
+                text = ", ".join(
+                    f"{a} = {'-' if s < 0 else ''}{'xyz'[o]}" for a, o, s in zip("xyz", order, signs, strict=True)
+                )  # noqa: E501
                 hand = "" if np.linalg.det(matrix) > 0 else ": a left-handed frame"
                 rows = tuple(_name(p) for _, places, _, _ in pairs for p in places)
                 yield Convention(

@@ -242,8 +242,10 @@ def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair
         runner = f"{' and '.join(_phrase(e) for e in nearest.edits)} leaves {_size(judge, f.rows, f.next)}"
     note = ""
     if not f.ways:
-        note = "no edit of the kinds known here, and no two of them" + ("" if f.complete else " that were tried") + (
-            f", make it agree; the nearest: {runner}" if runner else ", make it agree"
+        note = (
+            "no edit of the kinds known here, and no two of them"
+            + ("" if f.complete else " that were tried")
+            + (f", make it agree; the nearest: {runner}" if runner else ", make it agree")
         )
     return Repair(
         names,

@@ -128,7 +128,8 @@ def identify(judge: Judge, progress: Callable[[float], None] = lambda f: None, n
     moved = tuple(
         _moved(p, numbers.start[p.name], everything, i, noise)
         for i, p in enumerate(parameters)
-        if abs(everything.values[i] - numbers.start[p.name]) > max(4 * sigma[i], 1e-9 * max(1, abs(numbers.start[p.name])))
+        if abs(everything.values[i] - numbers.start[p.name])
+        > max(4 * sigma[i], 1e-9 * max(1, abs(numbers.start[p.name])))
     )
     return Identified(
         exact, before, everything.worst, moved if exact else (), False, blind, everything.names, _plain(covariance)
@@ -164,9 +165,7 @@ def _blind(fit: Fit, parameters: list[Parameter]) -> tuple[str, ...]:
     for v in _sparse(null) if len(null) else []:
         change = v / scale
         change = change / np.abs(change).max()
-        parts = [
-            f"{c:+.3g} {p.name}" for c, p in zip(change, parameters, strict=True) if abs(c) > 1e-6
-        ]
+        parts = [f"{c:+.3g} {p.name}" for c, p in zip(change, parameters, strict=True) if abs(c) > 1e-6]
         out.append(" ".join(parts).removeprefix("+"))
     return tuple(out)
 

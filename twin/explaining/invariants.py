@@ -10,8 +10,8 @@ import numpy as np
 
 from twin.explaining.judge import Judge, Place, worst
 from twin.explaining.numeric import Matrix, to_array
-from twin.explaining.truth import Truth
 from twin.explaining.source import OUT
+from twin.explaining.truth import Truth
 from twin.findings import Finding
 from twin.mechanism import Joint
 from twin.reference import ReferenceModel
@@ -29,7 +29,9 @@ def said(judge: Judge) -> dict[str, Any]:
             continue
         true = to_array(truth.symbols[place.symbol], truth.k)
         value = true + r * units[kind]
-        out[place.symbol] = Matrix(value[:, :, None]) if isinstance(truth.symbols[place.symbol], Matrix) else value[:, 0]
+        out[place.symbol] = (
+            Matrix(value[:, :, None]) if isinstance(truth.symbols[place.symbol], Matrix) else value[:, 0]
+        )
     return out
 
 
@@ -98,11 +100,11 @@ def _rigid(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Itera
                 continue
             true = float(np.linalg.norm(where[a] - where[b]))
             length = np.linalg.norm(placed[a] - placed[b], axis=1)
-            yield from _distance(judge, length, true, f"{a}-{b}", f"on '{body}'", "invariant.rigid")
+            yield from _distance(judge, length, true, f"{a}-{b}", f"on '{body}' ", "invariant.rigid")
 
 
 def _distance(
-    judge: Judge, length: Array, true: float, name: str, where: str, code: str, what: str = "the formula makes"
+    judge: Judge, length: Array, true: float, name: str, where: str, code: str, what: str = ""
 ) -> Iterator[Finding]:
     off = np.abs(length - true)
     if float(np.nanmax(off)) <= judge.tolerance.length:
@@ -113,8 +115,8 @@ def _distance(
     yield Finding(
         code,
         "disagreement",
-        f"{what} {name} {much} long; {where} in the CAD it is {true / MM:.3f} mm"
-        + ("" if constant else ": not constant, so no rigid body"),
+        f"{what or f'the formula makes {name}'} {much} long; {where}in the CAD it is {true / MM:.3f} mm"
+        + ("" if constant else ": no rigid body is that long at every pose"),
         where=name,
         when=judge.truth.pose_text(int(np.nanargmax(off))),
         size=float(np.nanmax(off)) / MM,
@@ -147,8 +149,9 @@ def _rods(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterat
                 if true < 1e-6 or j.type == "prismatic" or np.ptp(np.linalg.norm(held - end, axis=1)) > 1e-6:
                     continue
                 length = np.linalg.norm(pivot - end, axis=1)
-                what = f"with {driven[_other(j, link.name)]} as the formula has it, '{link.name}' must be, from"
-                yield from _distance(judge, length, true, f"{j.name} to {name},", "", "invariant.rod", what)
+                drive = driven[_other(j, link.name)]
+                what = f"with {drive} as the formula has it, '{link.name}' would be, from {j.name} to {name},"
+                yield from _distance(judge, length, true, link.name, "", "invariant.rod", what)
 
 
 def _moved(judge: Judge, name: str, value: Any) -> bool:

@@ -184,7 +184,7 @@ class Judge:
             try:
                 for s, code in zip(step.source.statements, step.codes, strict=True):
                     step.before.append(dict(env))
-                    exec(code, env)  # noqa: S102 - the formula's own code
+                    exec(code, env)
                     self._check(step, s, s.writes, env, found)
                 step.gave = self._outputs(step, env, found)
             except Exception as error:
@@ -278,7 +278,7 @@ class Judge:
         """Put an edited helper where the old one was; return what undoes it."""
         helper = next(h for h in self.helpers(step) if h.source.name == edits[0].function)
         scope: dict[str, Any] = dict(helper.function.__globals__)
-        exec(helper.source.whole(edits), scope)  # noqa: S102
+        exec(helper.source.whole(edits), scope)
         made = scope[helper.source.name]
         new = FunctionType(made.__code__, helper.function.__globals__, made.__name__, helper.function.__defaults__)
         undo = []
@@ -317,7 +317,7 @@ class Judge:
                     env[name] = after[name]
                     dirty.discard(name)
                 continue
-            exec(codes[s.index], env)  # noqa: S102
+            exec(codes[s.index], env)
             self._check(step, s, mine, env, found)
             dirty |= {n for n in mine if not self._known(step, n)}
         gave = self._outputs(step, env, found)
@@ -336,7 +336,7 @@ class Judge:
                 continue
             env = self._environment(later, computed)
             for s, code in zip(later.source.statements, later.codes, strict=True):
-                exec(code, env)  # noqa: S102
+                exec(code, env)
                 self._check(later, s, s.writes, env, found)
             new = self._outputs(later, env, found)
             changed |= {n for n in new if n not in self.truth.kinds}

@@ -143,7 +143,7 @@ class Search:
                 env = dict(judge.step(step.equation.name).before[e.statement])
                 try:
                     with np.errstate(all="ignore"):
-                        out[e.define[0]] = eval(e.define[1], env)  # noqa: S307 - an expression made by `edits`
+                        out[e.define[0]] = eval(e.define[1], env)
                 except Exception:
                     return None
         return out
@@ -153,7 +153,9 @@ class Search:
     def run(self, budget: float = 8.0) -> tuple[list[Found], list[Key]]:
         """Return what was found, by groups of rows, and the rows that neither one edit nor two can cure."""
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SyntaxWarning)  # a moved parenthesis may call a number: it is tried, and fails
+            warnings.simplefilter(
+                "ignore", SyntaxWarning
+            )  # a moved parenthesis may call a number: it is tried, and fails
             return self._run(budget)
 
     def _run(self, budget: float) -> tuple[list[Found], list[Key]]:
@@ -179,9 +181,7 @@ class Search:
     def _cover(self, candidates: list[Candidate], rows: list[Key]) -> list[list[Key]]:
         """Return groups of rows that one edit cures, the largest first."""
         left, groups = set(rows), []
-        cures = [
-            frozenset(k for k, s in c.scores.items() if s <= 1 and k in left) for c in candidates if not c.broken
-        ]
+        cures = [frozenset(k for k, s in c.scores.items() if s <= 1 and k in left) for c in candidates if not c.broken]
         while left:
             best = max((c & left for c in cures), key=len, default=frozenset())
             if not best:
