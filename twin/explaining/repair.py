@@ -92,43 +92,71 @@ class Search:
 
     # -- one edit ------------------------------------------------------------------------------------------
 
-    def sites(self) -> list[tuple[Step, Source, Statement, Helper | None]]:
-        """Return the statements that some failing row depends on, those of helper functions last."""
-        own: dict[tuple[str, int], tuple] = {}
-        foreign: dict[tuple[str, str, int], tuple] = {}
+    def own_sites(self) -> list[tuple[Step, Statement]]:
+        """Return the statements of the equations that some failing row depends on."""
+        out: dict[tuple[str, int], tuple[Step, Statement]] = {}
         for place in self.judge.failing():
             for equation, indices in self.judge.suspects(place).items():
                 step = self.judge.step(equation)
                 for i in sorted(indices):
-                    own.setdefault((equation, i), (step, step.source, step.source.statements[i], None))
-                reached = {n for i in indices for n in step.source.statements[i].reads}
-                for h in self.judge.helpers(step):
-                    direct = any(step.scope.get(n) is h.function for n in reached)
-                    if direct or any(h.source.name in _reads(o.source) for o in self.judge.helpers(step)):
-                        for s in h.source.statements:
-                            foreign.setdefault((equation, h.source.name, s.index), (step, h.source, s, h))
-        return [*own.values(), *foreign.values()]
+                    out.setdefault((equation, i), (step, step.source.statements[i]))
+        return list(out.values())
 
     def singles(self) -> list[Candidate]:
-        """Return every single edit that can be evaluated."""
+        """Return every single edit of those statements that can be evaluated."""
         out: list[Candidate] = []
-        sites = self.sites()
-        for n, (step, source, statement, helper) in enumerate(sites):
+        sites = self.own_sites()
+        for n, (step, statement) in enumerate(sites):
             self.progress(n / len(sites))
-            available = set(source.arguments) if helper else self.judge.available(step)
-            choice = pool(source, statement, available, self.parameters)
-            for edit in edits(source, statement, choice):
+            choice = pool(step.source, statement, self.judge.available(step), self.parameters)
+            for edit in edits(step.source, statement, choice):
                 candidate = self.attempt(step, [edit])
                 if candidate is not None:
                     out.append(candidate)
         return out
 
+    def in_helpers(self) -> list[Candidate]:
+        """Return every single edit of the plain functions that those statements call."""
+        out: list[Candidate] = []
+        reached: dict[int, tuple[Helper, list[Step]]] = {}
+        for step in {id(s): s for s, _ in self.own_sites()}.values():
+            for h in self.judge.helpers(step):
+                reached.setdefault(id(h.function), (h, []))[1].append(step)
+        for n, (helper, steps) in enumerate(reached.values()):
+            self.progress(n / len(reached))
+            source = helper.source
+            # An edit of a helper counts wherever it is called, also where all is well.
+            others = [s for s in self.judge.steps if any(h.function is helper.function for h in self.judge.helpers(s))]
+            every = [*steps, *(s for s in others if s not in steps and not s.missing)]
+            for statement in source.statements:
+                choice = pool(source, statement, set(source.arguments), self.parameters)
+                for edit in edits(source, statement, choice):
+                    candidate = self._everywhere(every, [edit])
+                    if candidate is not None:
+                        out.append(candidate)
+        return out
+
+    def _everywhere(self, steps: list[Step], change: list[Edit]) -> Candidate | None:
+        """Return the candidate of an edited helper, judged in every equation that calls it."""
+        first = self.attempt(steps[0], change)
+        if first is None or not first.scores:
+            return None
+        for step in steps[1:]:
+            c = self.attempt(step, change)
+            if c is None:
+                first.broken = True
+                return first
+            first.scores |= {k: max(v, first.scores.get(k, 0.0)) for k, v in c.scores.items()}
+            first.changed |= c.changed
+            first.broken |= c.broken
+        return first
+
     def attempt(self, step: Step, change: list[Edit]) -> Candidate | None:
-        """Return the candidate, or None if it makes no formula or changes no row."""
+        """Return the candidate, or None if it makes no formula."""
         self.tried += 1
         extra = self._extra(self.judge, step, change)
         found = None if extra is None else evaluate(self.judge, step, change, extra)
-        if not found:
+        if found is None:
             return None
         changed = {key(p): r for p, r in found.items()}
         scores = {k: worst(r) for k, r in changed.items()}
@@ -162,9 +190,12 @@ class Search:
         singles = self.singles()
         left = list(self.failing)
         out = []
-        for group in self._cover(singles, left):
-            out.append(self._found(group, singles, singles))
-            left = [k for k in left if k not in group]
+        for more in (list, self.in_helpers):
+            if left:
+                singles += more()
+                for group in self._cover(singles, left):
+                    out.append(self._found(group, singles, singles))
+                    left = [k for k in left if k not in group]
         lost: list[Key] = []
         if left:
             deadline = time.monotonic() + budget
@@ -285,10 +316,6 @@ class Search:
                     return out, False
                 add(a, b)
         return out, True
-
-
-def _reads(source: Source) -> set[str]:
-    return {n for s in source.statements for n in s.reads}
 
 
 def _same(a: dict[Key, Array], b: dict[Key, Array]) -> bool:

@@ -188,6 +188,14 @@ def apply(data: bytes, edits: Iterable[Edit], start: int, end: int) -> str:
     return b"".join([*out, data[at:end]]).decode()
 
 
+def patched(edits: Iterable[Edit]) -> str:
+    """Return the whole file after edits of it; what they need is defined as well."""
+    edits = list(edits)
+    data = edits[0].path.read_bytes()
+    extra = {d for e in edits if e.define for d in definitions(data, e)}
+    return apply(data, [*dict.fromkeys(edits), *extra], 0, len(data))
+
+
 def diff(edits: Iterable[Edit], shown: str | None = None) -> str:
     """Return the unified diff of edits of one file, without context; what they need is defined as well.
 
@@ -196,16 +204,10 @@ def diff(edits: Iterable[Edit], shown: str | None = None) -> str:
         shown: name of the file in the head; default its path.
     """
     edits = list(edits)
-    path = edits[0].path
-    data = path.read_bytes()
-    whole = [e for e in edits if e.end >= e.start]
-    extra = [d for e in edits if e.define for d in definitions(data, e)]
-    new = apply(data, {*whole, *extra}, 0, len(data))
-    old = data.decode()
-    lines = difflib.unified_diff(
-        old.splitlines(), new.splitlines(), shown or str(path), shown or str(path), n=0, lineterm=""
+    old, name = edits[0].path.read_text(encoding="utf-8"), shown or str(edits[0].path)
+    return "\n".join(
+        difflib.unified_diff(old.splitlines(), patched(edits).splitlines(), name, name, n=0, lineterm="")
     )
-    return "\n".join(lines)
 
 
 def definitions(data: bytes, edit: Edit) -> list[Edit]:
