@@ -219,7 +219,7 @@ def _axes(judge: Judge) -> Iterator[Convention]:
                 matrix = np.eye(3)[list(order)] * np.array(signs)[:, None]
                 text = ", ".join(
                     f"{a} = {'-' if s < 0 else ''}{'xyz'[o]}" for a, o, s in zip("xyz", order, signs, strict=True)
-                )  # noqa: E501
+                )
                 hand = "" if np.linalg.det(matrix) > 0 else ": a left-handed frame"
                 rows = tuple(_name(p) for _, places, _, _ in pairs for p in places)
                 yield Convention(

@@ -9,7 +9,7 @@ import ast
 import io
 import re
 import tokenize
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
 from twin.explaining.source import Edit, Source, Statement, apply
@@ -84,18 +84,18 @@ def _assigned(node: ast.stmt) -> list[tuple[str, ast.expr]]:
     return [(t.id, v) for t, v in pairs if isinstance(t, ast.Name)]
 
 
-def edits(source: Source, statement: Statement, pool: Pool, only: ast.AST | None = None) -> Iterator[Edit]:
-    """Yield the edits of one statement (or of one node of it), the commonest kinds first."""
+def edits(source: Source, statement: Statement, pool: Pool, kinds: Container[str]) -> Iterator[Edit]:
+    """Yield the edits of one statement that are of some kinds."""
     seen: set[tuple[int, int, str]] = set()
-    root = only if only is not None else statement.node
     writer = _Writer(source, statement, pool)
     for make in (_names, _calls, _signs, _operators, _numbers, _sides, _terms, _factors):
-        for edit in make(writer, root):
+        for edit in make(writer, statement.node):
             key = (edit.start, edit.end, edit.new)
-            if key not in seen and edit.new != edit.old:
+            if edit.kind in kinds and key not in seen and edit.new != edit.old:
                 seen.add(key)
                 yield edit
-    yield from _parentheses(writer, root)
+    if "parenthesis" in kinds:
+        yield from _parentheses(writer, statement.node)
 
 
 class _Writer:

@@ -64,7 +64,16 @@ class Step:
     before: list[dict[str, Any]] = field(default_factory=list)
     computed: dict[str, Any] = field(default_factory=dict)
     gave: dict[str, Any] = field(default_factory=dict)
-    places: list[Place] = field(default_factory=list)
+    known: frozenset[str] = frozenset()
+    lines: tuple[int, ...] = ()
+    places: dict[tuple[int, int, str], Place] = field(default_factory=dict)
+
+    def place(self, statement: int, position: int, symbol: str, line: int) -> Place:
+        """Return the place of a row."""
+        k = (statement, position, symbol)
+        if k not in self.places:
+            self.places[k] = Place(self.equation.name, self.variant, statement, position, symbol, line)
+        return self.places[k]
 
     @property
     def stage(self) -> Stage:
@@ -174,6 +183,11 @@ class Judge:
             if step.stage != stage:
                 continue
             step.computed = dict(computed)
+            step.known = frozenset(n for n in step.equation.outputs if n in self.truth.kinds)
+            last = step.source.statements[-1]
+            elements = getattr(getattr(last.node, "value", None), "elts", [])
+            names = step.equation.outputs
+            step.lines = tuple(e.lineno for e in elements) if len(elements) == len(names) else (last.line,) * len(names)
             lost = [n for n in step.required if not self._has(n, computed)]
             if lost:
                 step.missing = ", ".join(lost)
@@ -191,7 +205,6 @@ class Judge:
                 step.missing = str(error)
                 self.notes.append(f"{step.equation.name} ({step.variant}) fails on arrays: {error}")
                 continue
-            step.places = list(found)
             self.residuals |= found
             for name, value in step.gave.items():
                 computed.setdefault(name, value)
@@ -204,15 +217,11 @@ class Judge:
         free = {n: v for n, v in known.items() if n not in step.scope}
         return {**step.scope, **free, **{n: known[n] for n in step.inputs if n in known}}
 
-    def _known(self, step: Step, name: str) -> bool:
-        return name in step.equation.outputs and name in self.truth.kinds
-
     def _check(self, step: Step, s: Statement, names: Iterable[str], env: dict[str, Any], found: Residuals) -> None:
         """Note how far the outputs that a statement assigned are off, and put the true values in their place."""
         for i, name in enumerate(names):
-            if self._known(step, name):
-                place = Place(step.equation.name, step.variant, s.index, i, name, s.line)
-                found[place] = self.difference(name, env[name])
+            if name in step.known:
+                found[step.place(s.index, i, name, s.line)] = self.difference(name, env[name])
                 env[name] = self.truth.symbols[name]
 
     def _outputs(self, step: Step, env: dict[str, Any], found: Residuals) -> dict[str, Any]:
@@ -221,15 +230,13 @@ class Judge:
         names = step.equation.outputs
         if len(values) != len(names):
             raise ValueError(f"{len(values)} values for {len(names)} outputs")
-        last = step.source.statements[-1]
+        last = len(step.source.statements) - 1
         out: dict[str, Any] = {}
-        elements = getattr(getattr(last.node, "value", None), "elts", [])
         for i, (name, value) in enumerate(zip(names, values, strict=True)):
-            if not self._known(step, name):
+            if name not in step.known:
                 out[name] = value
                 continue
-            line = elements[i].lineno if len(elements) == len(names) else last.line
-            found[Place(step.equation.name, step.variant, last.index, i, name, line)] = self.difference(name, value)
+            found[step.place(last, i, name, step.lines[i])] = self.difference(name, value)
             out[name] = self.truth.symbols[name]
         return out
 
@@ -254,7 +261,7 @@ class Judge:
     # -- trying ----------------------------------------------------------------------------------------
 
     def trial(self, step: Step, edits: list[Edit], extra: Mapping[str, Any] | None = None) -> Residuals:
-        """Return the residuals that an edited equation changes.
+        """Return the residuals that an edited equation changes; to be called with numpy's warnings off.
 
         Args:
             step: the equation.
@@ -266,13 +273,12 @@ class Judge:
         """
         own = [e for e in edits if e.function == step.source.name and e.path == step.source.path]
         foreign = [e for e in edits if e not in own]
-        with np.errstate(all="ignore"):
-            undo = self._patch(step, foreign) if foreign else []
-            try:
-                return self._retry(step, own, extra or {}, bool(foreign))
-            finally:
-                for scope, name, old in undo:
-                    scope[name] = old
+        undo = self._patch(step, foreign) if foreign else []
+        try:
+            return self._retry(step, own, extra or {}, bool(foreign))
+        finally:
+            for scope, name, old in undo:
+                scope[name] = old
 
     def _patch(self, step: Step, edits: list[Edit]) -> list[tuple[dict[str, Any], str, Any]]:
         """Put an edited helper where the old one was; return what undoes it."""
@@ -319,7 +325,7 @@ class Judge:
                 continue
             exec(codes[s.index], env)
             self._check(step, s, mine, env, found)
-            dirty |= {n for n in mine if not self._known(step, n)}
+            dirty |= {n for n in mine if n not in step.known}
         gave = self._outputs(step, env, found)
         changed = {n for n in gave if n not in self.truth.kinds}
         if changed:
@@ -334,7 +340,8 @@ class Judge:
             if not changed & set(later.inputs):
                 computed = {**later.gave, **computed}
                 continue
-            env = self._environment(later, computed)
+            env = dict(later.before[0])
+            env.update((n, computed[n]) for n in later.inputs if n in changed)
             for s, code in zip(later.source.statements, later.codes, strict=True):
                 exec(code, env)
                 self._check(later, s, s.writes, env, found)
@@ -365,7 +372,7 @@ class Judge:
         for i in range(index - 1, -1, -1):
             if wanted & set(statements[i].writes):
                 hit = wanted & set(statements[i].writes)
-                if all(self._known(step, n) for n in hit):
+                if hit <= step.known:
                     wanted -= hit
                     continue
                 mine.add(i)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,7 +19,9 @@ from twin.spatial import Array
 TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
 """Kinds of edits that change one token: what misprints usually are. Others rank behind them."""
 
-_ORDER = (*TOKENS, "order", "transpose", "parenthesis", "surplus", "missing")
+_REST = ("order", "transpose", "parenthesis", "surplus", "missing")
+
+_ORDER = (*TOKENS, *_REST)
 
 Key = tuple[str, int, int]
 """A row whatever symbol it assigns: equation, statement, position."""
@@ -102,20 +104,20 @@ class Search:
                     out.setdefault((equation, i), (step, step.source.statements[i]))
         return list(out.values())
 
-    def singles(self) -> list[Candidate]:
-        """Return every single edit of those statements that can be evaluated."""
+    def singles(self, kinds: Container[str], only: Container[tuple[str, int]] | None = None) -> list[Candidate]:
+        """Return every single edit of some kinds that can be evaluated, of all those statements or only of some."""
         out: list[Candidate] = []
-        sites = self.own_sites()
+        sites = [x for x in self.own_sites() if only is None or (x[0].equation.name, x[1].index) in only]
         for n, (step, statement) in enumerate(sites):
             self.progress(n / len(sites))
             choice = pool(step.source, statement, self.judge.available(step), self.parameters)
-            for edit in edits(step.source, statement, choice):
+            for edit in edits(step.source, statement, choice, kinds):
                 candidate = self.attempt(step, [edit])
                 if candidate is not None:
                     out.append(candidate)
         return out
 
-    def in_helpers(self) -> list[Candidate]:
+    def in_helpers(self, kinds: Container[str]) -> list[Candidate]:
         """Return every single edit of the plain functions that those statements call."""
         out: list[Candidate] = []
         reached: dict[int, tuple[Helper, list[Step]]] = {}
@@ -130,7 +132,7 @@ class Search:
             every = [*steps, *(s for s in others if s not in steps and not s.missing)]
             for statement in source.statements:
                 choice = pool(source, statement, set(source.arguments), self.parameters)
-                for edit in edits(source, statement, choice):
+                for edit in edits(source, statement, choice, kinds):
                     candidate = self._everywhere(every, [edit])
                     if candidate is not None:
                         out.append(candidate)
@@ -180,22 +182,34 @@ class Search:
 
     def run(self, budget: float = 8.0) -> tuple[list[Found], list[Key]]:
         """Return what was found, by groups of rows, and the rows that neither one edit nor two can cure."""
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter(
                 "ignore", SyntaxWarning
             )  # a moved parenthesis may call a number: it is tried, and fails
             return self._run(budget)
 
     def _run(self, budget: float) -> tuple[list[Found], list[Key]]:
-        singles = self.singles()
+        singles: list[Candidate] = []
         left = list(self.failing)
-        out = []
-        for more in (list, self.in_helpers):
-            if left:
-                singles += more()
-                for group in self._cover(singles, left):
-                    out.append(self._found(group, singles, singles))
-                    left = [k for k in left if k not in group]
+        groups: list[list[Key]] = []
+        # One token first; where nothing of that kind serves, terms, factors and parentheses; then the functions called.
+        for more in (
+            lambda: self.singles(TOKENS),
+            lambda: self.singles(_REST),
+            lambda: self.in_helpers(TOKENS),
+            lambda: self.in_helpers(_REST),
+        ):
+            if not left:
+                break
+            singles += more()
+            new = self._cover(singles, left)
+            groups += new
+            left = [k for k in left if not any(k in g for g in new)]
+        # Where one token serves, what else could be meant in the same statement is looked at as well.
+        looked = {(c.step.equation.name, c.edits[0].statement) for g in groups for c in self._exact(g, singles)}
+        if not any(c.edits[0].kind in _REST for c in singles):
+            singles += self.singles(_REST, looked)
+        out = [self._found(group, singles, singles) for group in groups]
         lost: list[Key] = []
         if left:
             deadline = time.monotonic() + budget
@@ -222,8 +236,7 @@ class Search:
         return groups
 
     def _found(self, rows: list[Key], exact_from: list[Candidate], all_: list[Candidate]) -> Found:
-        touching = [c for c in exact_from if any(k in c.scores for k in rows)]
-        exact = [c for c in touching if not c.broken and c.over(rows, self.base) <= 1]
+        exact = self._exact(rows, exact_from)
         ways = self._ways(sorted(exact, key=lambda c: c.rank), rows)
         mine = {id(c) for c in exact}
         rest = [(c.over(rows, self.base), c) for c in all_ if id(c) not in mine and any(k in c.scores for k in rows)]
@@ -231,6 +244,10 @@ class Search:
         nearest = min((x for x in rest if x[0] > 1), key=lambda x: x[0], default=(float("inf"), None))
         after = min((c.over(rows, self.base) for c in exact), default=max(self.base[k] for k in rows))
         return Found(rows, ways, nearest[1], after, nearest[0], self.tried)
+
+    def _exact(self, rows: list[Key], candidates: list[Candidate]) -> list[Candidate]:
+        touching = [c for c in candidates if not c.broken and any(k in c.scores for k in rows)]
+        return [c for c in touching if c.over(rows, self.base) <= 1]
 
     def _ways(self, exact: list[Candidate], rows: list[Key]) -> list[list[Candidate]]:
         """Sort exact candidates into functions, and each function into canonically different readings."""

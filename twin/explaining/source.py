@@ -205,9 +205,7 @@ def diff(edits: Iterable[Edit], shown: str | None = None) -> str:
     """
     edits = list(edits)
     old, name = edits[0].path.read_text(encoding="utf-8"), shown or str(edits[0].path)
-    return "\n".join(
-        difflib.unified_diff(old.splitlines(), patched(edits).splitlines(), name, name, n=0, lineterm="")
-    )
+    return "\n".join(difflib.unified_diff(old.splitlines(), patched(edits).splitlines(), name, name, n=0, lineterm=""))
 
 
 def definitions(data: bytes, edit: Edit) -> list[Edit]:
