@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from casadi import cos, pi, sin, sqrt, vertcat
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin import api
@@ -36,6 +36,7 @@ def turn(axis, a):
     return np.array(__import__("casadi").DM(f(float(a))))
 
 
+@settings(deadline=None, max_examples=40)
 @given(st.sampled_from(ORDERS), st.floats(-3, 3), st.floats(0.1, 1.4), st.floats(-3, 3))
 def test_angles_of_every_sequence(order, a, b, c):
     R = turn(order[0], a) @ turn(order[1], b) @ turn(order[2], c)
@@ -88,13 +89,11 @@ def test_a_left_handed_frame(sils):
 
 def test_sign_and_zero_of_a_joint(sils):
     formula, truth = sils
-    order = {f"q{i}": -truth.symbols[f"q{i}"] for i in (1, 2)}
     rows = {"rf1": truth.symbols["rf1"] + 0.1}
     found = conventions(Judge(formula, None, replace(truth, symbols={**truth.symbols, **rows})))
     assert any("its zero is -5.72958°" in c.message for c in found)
     found = conventions(Judge(formula, None, replace(truth, symbols={**truth.symbols, "rf2": -truth.symbols["rf2"]})))
     assert any(c.kind == "sign" and "rf2" in c.message for c in found)
-    assert order
 
 
 def standard(alpha, d, theta, r):

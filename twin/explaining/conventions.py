@@ -93,6 +93,11 @@ def _euler(judge: Judge) -> Iterator[Convention]:
     angles = [n for n, unit in truth.coordinates if unit == "rad"]
     if len(angles) != 3:
         return
+    bad = [p for p in judge.failing() if judge.step(p.equation).stage == "inverse"]
+    if not bad:
+        return
+    involved = {e for p in bad for e in judge.suspects(p)}
+    keys = {(p.equation, p.statement, p.position) for p in bad}
     R = truth.Ts[:, :3, :3]
     now = np.column_stack([truth.symbols[a] for a in angles])
     for order in ORDERS:
@@ -106,8 +111,14 @@ def _euler(judge: Judge) -> Iterator[Convention]:
                     if np.abs(np.sin(v - now)).max() < 1e-9:
                         continue  # what the formula says already
                     symbols = {**truth.symbols, **dict(zip(angles, v.T, strict=True))}
-                    found = _cured(judge, judge.on(replace(truth, symbols=symbols)))
-                    if found is None or any(s.stage == "inverse" and s.missing for s in judge.steps):
+                    other = replace(truth, symbols=symbols)
+                    quick = judge.on(other, involved).residuals
+                    if not any(
+                        worst(r) <= 1 for p, r in quick.items() if (p.equation, p.statement, p.position) in keys
+                    ):
+                        continue
+                    found = _cured(judge, judge.on(other))
+                    if found is None:
                         continue
                     terms = [""] * 3
                     for k, (p, s) in enumerate(zip(place, signs, strict=True)):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import CodeType, FunctionType
@@ -121,12 +121,14 @@ class Judge:
             for stage in STAGES:
                 self._run_stage(stage)
 
-    def on(self, truth: Truth) -> Judge:
-        """Return the same formula held against another truth."""
+    def on(self, truth: Truth, only: Collection[str] | None = None) -> Judge:
+        """Return the same formula, or some of its equations, held against another truth."""
         other = copy.copy(self)
         other.truth, other.residuals, other.notes, other._zeros = truth, {}, [], {}
         other.steps = [
-            Step(s.equation, s.variant, s.source, s.codes, s.scope, s.inputs, s.required) for s in self.steps
+            Step(s.equation, s.variant, s.source, s.codes, s.scope, s.inputs, s.required)
+            for s in self.steps
+            if only is None or s.equation.name in only
         ]
         other._run()
         return other

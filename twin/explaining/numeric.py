@@ -125,11 +125,20 @@ def _stack(args: tuple, axis: int) -> Any:
     return Matrix(np.concatenate([np.broadcast_to(p, (k, *p.shape[1:])) for p in parts], axis=axis))
 
 
-def _each(op: Callable) -> Callable:
-    """Return an elementwise function of scalars or matrices."""
+def _one(op: Callable) -> Callable:
+    """Return an elementwise function of one scalar or matrix; numpy's own would write into a second argument."""
 
-    def apply(*args: Any) -> Any:
-        return _apply(op, *args) if any(isinstance(x, Matrix) for x in args) else op(*args)
+    def apply(x: Any) -> Any:
+        return _apply(op, x) if isinstance(x, Matrix) else op(x)
+
+    return apply
+
+
+def _two(op: Callable) -> Callable:
+    """Return an elementwise function of two scalars or matrices."""
+
+    def apply(x: Any, y: Any) -> Any:
+        return _apply(op, x, y) if isinstance(x, Matrix) or isinstance(y, Matrix) else op(x, y)
 
     return apply
 
@@ -176,11 +185,14 @@ class _SX:
         return Matrix(np.ones((1, rows, columns)))
 
 
+_UNARY = ("sin", "cos", "tan", "sqrt", "exp", "log", "sinh", "cosh", "tanh", "floor", "sign", "fabs")
+_ARC = {"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan}
+
 _FUNCTIONS: dict[str, Any] = {
-    **{n: _each(getattr(np, n)) for n in ("sin", "cos", "tan", "sqrt", "exp", "log", "sinh", "cosh", "tanh", "floor")},
-    **{n: _each(getattr(np, n)) for n in ("fmin", "fmax", "sign", "hypot", "fabs")},
-    **{f"{short}{f}": _each(getattr(np, f"arc{f}")) for f in ("sin", "cos") for short in ("a", "arc")},
-    **{"atan": _each(np.arctan), "arctan": _each(np.arctan), "atan2": _each(np.arctan2), "arctan2": _each(np.arctan2)},
+    **{n: _one(getattr(np, n)) for n in _UNARY},
+    **{name: _one(f) for short, f in _ARC.items() for name in (short, f"arc{short[1:]}")},
+    **{n: _two(getattr(np, n)) for n in ("fmin", "fmax", "hypot")},
+    **{n: _two(np.arctan2) for n in ("atan2", "arctan2")},
     "vertcat": lambda *a: _stack(a, 1),
     "horzcat": lambda *a: _stack(a, 2),
     "vcat": lambda a: _stack(tuple(a), 1),
@@ -192,9 +204,9 @@ _FUNCTIONS: dict[str, Any] = {
     "sumsqr": lambda x: np.sum(_column(x) ** 2, axis=1),
     "mtimes": lambda *a: a[0] @ a[1] if len(a) == 2 else a[0] @ _FUNCTIONS["mtimes"](*a[1:]),
     "if_else": _if_else,
-    "logic_and": np.logical_and,
-    "logic_or": np.logical_or,
-    "logic_not": np.logical_not,
+    "logic_and": _two(np.logical_and),
+    "logic_or": _two(np.logical_or),
+    "logic_not": _one(np.logical_not),
     "densify": lambda x: x,
     "vec": lambda x: Matrix(_column(x)[:, :, None]),
     "trace": lambda x: np.trace(x.a, axis1=1, axis2=2),

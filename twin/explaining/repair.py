@@ -87,7 +87,10 @@ class Search:
         self.progress = progress
         self.base = {key(p): worst(r) for p, r in judge.residuals.items()}
         self.raw = {key(p): r for p, r in judge.residuals.items()}
-        self.failing = [key(p) for p in judge.failing()]
+        bad = judge.failing()
+        # What no printed equation says (helpers) often only repeats their error: it is looked at when they are right.
+        self.targets = [p for p in bad if judge.step(p.equation).stage != "helper"] or bad
+        self.failing = [key(p) for p in self.targets]
         self.tried = 0
         self._shaken: Judge | None = None
         self.parameters = {p.name for p in judge.formula.parameters}
@@ -97,7 +100,7 @@ class Search:
     def own_sites(self) -> list[tuple[Step, Statement]]:
         """Return the statements of the equations that some failing row depends on."""
         out: dict[tuple[str, int], tuple[Step, Statement]] = {}
-        for place in self.judge.failing():
+        for place in self.targets:
             for equation, indices in self.judge.suspects(place).items():
                 step = self.judge.step(equation)
                 for i in sorted(indices):
