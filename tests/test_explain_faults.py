@@ -51,13 +51,15 @@ def fault(f, rng):
     source, first = inspect.getsourcelines(f)
     tree = ast.parse("".join(source)).body[0]
     start = tree.body[1].lineno if isinstance(tree.body[0], ast.Expr) else tree.body[0].lineno
-    names = sorted({*f.__code__.co_varnames[: f.__code__.co_argcount], *re.findall(r"\b([A-Za-z_]\w*) = ", "".join(source))})
+    arguments = f.__code__.co_varnames[: f.__code__.co_argcount]
+    names = sorted({*arguments, *re.findall(r"\b([A-Za-z_]\w*) = ", "".join(source))})
     tokens = [
         t
         for t in tokenize.generate_tokens(io.StringIO("".join(source)).readline)
         if t.start[0] >= start and t.type in (tokenize.NAME, tokenize.OP, tokenize.NUMBER)
     ]
-    assigned = {(n.lineno, n.col_offset) for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+    stored = (n for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store))
+    assigned = {(n.lineno, n.col_offset) for n in stored}
     usable = []
     for i, t in enumerate(tokens):
         s = t.string

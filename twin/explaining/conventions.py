@@ -21,11 +21,13 @@ from twin.explaining.result import Convention
 from twin.kinematics.contract import POSE_SYMBOL
 from twin.spatial import Array
 
-_EXACT = 1e-7
-"""Relative misfit of a straight line between formula and mechanism that counts as none."""
-
-_NAMED = ((-1.0, "the opposite sign"), (1e3, "millimetres where metres are due"), (1e-3, "metres where millimetres are due"),
-          (180 / np.pi, "degrees where radians are due"), (np.pi / 180, "radians where degrees are due"))  # fmt: skip
+_NAMED = (
+    (-1.0, "the opposite sign"),
+    (1e3, "millimetres where metres are due"),
+    (1e-3, "metres where millimetres are due"),
+    (180 / np.pi, "degrees where radians are due"),
+    (np.pi / 180, "radians where degrees are due"),
+)
 
 
 def conventions(judge: Judge) -> list[Convention]:
@@ -45,11 +47,10 @@ def _cured(judge: Judge, other: Judge) -> tuple[list[Place], float] | None:
     """Return the rows that another judge finds right and what is left of them; None if it harms a row."""
     bad = judge.failing()
     now = {(p.equation, p.statement, p.position): worst(r) for p, r in other.residuals.items()}
-    keys = {(p.equation, p.statement, p.position) for p in bad}
-    if any(now.get((p.equation, p.statement, p.position), np.inf) > 1
-           for p in judge.residuals
-           if (p.equation, p.statement, p.position) not in keys and judge.step(p.equation).stage != "helper"):  # fmt: skip
-        return None
+    for p in judge.residuals:
+        if p not in bad and judge.step(p.equation).stage != "helper":
+            if not now.get((p.equation, p.statement, p.position), np.inf) <= 1:
+                return None
     cured = [p for p in bad if now.get((p.equation, p.statement, p.position), np.inf) <= 1]
     if not cured:
         return None
@@ -88,7 +89,7 @@ ORDERS = tuple("".join(o) for o in product("xyz", repeat=3) if o[0] != o[1] and 
 
 
 def _euler(judge: Judge) -> Iterator[Convention]:
-    """The rows read the pose's angles by another sequence of axes, or with other signs."""
+    """Yield the sequence of axes, with signs, by which the rows hold."""
     truth = judge.truth
     angles = [n for n, unit in truth.coordinates if unit == "rad"]
     if len(angles) != 3:
@@ -133,7 +134,7 @@ def _euler(judge: Judge) -> Iterator[Convention]:
 
 
 def _angles_in(judge: Judge) -> Iterator[Convention]:
-    """The rows want degrees, or lengths in millimetres."""
+    """Yield whether the rows want degrees, or lengths in millimetres."""
     truth = judge.truth
     for kind, factor, text in (
         ("angle", 180 / np.pi, "the rows take angles in degrees; they are given in radians"),
@@ -164,7 +165,7 @@ def _angles_in(judge: Judge) -> Iterator[Convention]:
 
 
 def _scalars(judge: Judge) -> Iterator[Convention]:
-    """A row is a straight line of the mechanism's value: another sign, unit or zero."""
+    """Yield signs, units and zeros: rows that are a straight line of the mechanism's value."""
     truth, values = judge.truth, said(judge)
     groups: dict[str, list[tuple[Place, float]]] = {}
     for place in judge.failing():
@@ -204,7 +205,7 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
 
 
 def _axes(judge: Judge) -> Iterator[Convention]:
-    """Named points come in other axes: permuted, mirrored, in another unit."""
+    """Yield the axes that named points come in: permuted, mirrored, in another unit."""
     truth, values = judge.truth, said(judge)
     pairs = []
     for name, symbol in judge.formula.points.items():
@@ -242,15 +243,12 @@ def _axes(judge: Judge) -> Iterator[Convention]:
 
 def signed_permutations() -> list[Array]:
     """Return the 48 signed permutation matrices (3, 3), the identity first."""
-    out = []
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            out.append(np.eye(3)[list(order)] * np.array(signs)[:, None])
-    return out
+    signs = list(product((1.0, -1.0), repeat=3))
+    return [np.eye(3)[list(order)] * np.array(s)[:, None] for order in permutations(range(3)) for s in signs]
 
 
 def _frames(judge: Judge) -> Iterator[Convention]:
-    """A pose that a row makes differs by a fixed turn of the base, of the tool, or is inverted."""
+    """Yield fixed turns of base or tool by which a pose differs, or that it is inverted."""
     for place in judge.failing():
         if judge.truth.kinds[place.symbol] != "pose":
             continue
@@ -295,7 +293,7 @@ def _axes_text(P: Array) -> str:
 
 
 def _dh(judge: Judge) -> Iterator[Convention]:
-    """Helpers that multiply a row of a Denavit-Hartenberg table, in the other form."""
+    """Yield helpers that multiply rows of a Denavit-Hartenberg table in the wrong form."""
     for step in judge.steps:
         bad = [p for p in judge.failing() if p.equation == step.equation.name]
         if not bad or step.stage == "helper":

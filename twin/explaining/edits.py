@@ -262,7 +262,7 @@ def _numbers(w: _Writer, root: ast.AST) -> Iterator[Edit]:
             for i in (1, 2, 3, 4):
                 yield w.replace(node, str(i), "exponent")
             continue
-        values = {n + 1, n - 1, 2 * n, n / 2, 0, 1, 2, 3, 4, 6, 10 * n, n / 10}
+        values = {n + 1, n - 1, 2 * n, n / 2, 0, 1, 2, 3, 4, 6}
         for value in sorted(values - {n}):
             if value >= 0:
                 yield w.replace(node, f"{value:g}", "number")
@@ -281,7 +281,7 @@ def _numbers(w: _Writer, root: ast.AST) -> Iterator[Edit]:
 
 
 def _sides(w: _Writer, root: ast.AST) -> Iterator[Edit]:
-    """The index on the left of an implicit row."""
+    """Yield other indices on the left of an implicit row."""
     s = w.statement
     if root is not s.node or not isinstance(s.node, ast.Assign) or not isinstance(s.node.targets[0], ast.Name):
         return

@@ -61,8 +61,10 @@ def explain(
 
     Args:
         robot: its name.
-        formula, variants, parameters: the equations, the readings to judge, values in SI that replace published ones.
+        formula: the equations.
         model: the independent model.
+        variants: the readings to judge; default each equation's own.
+        parameters: values in SI that replace published ones.
         tolerance: what counts as agreement.
         truth: the mechanism's values, if they are known already.
         progress: called with what is being done and the fraction of it.

@@ -67,7 +67,7 @@ class Numbers:
         return out
 
     def fit(self, names: tuple[str, ...]) -> Fit:
-        """Return the least-squares fit of some parameters, by Gauss-Newton with halved steps; least norm where blind."""
+        """Return the least-squares fit of some parameters: Gauss-Newton with halved steps, least norm where blind."""
         x = np.array([self.start[n] for n in names])
         scale = np.maximum(np.abs(x), 0.01)
 
@@ -122,6 +122,7 @@ def identify(judge: Judge, progress: Callable[[float], None] = lambda f: None, n
         return Identified(
             True, before, fit.worst, moved, len(moved) > 1, blind, fit.names, _plain(_covariance(fit, noise))
         )
+    start = np.array([numbers.start[n] for n in everything.names])
     covariance = _covariance(everything, noise)
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
     exact = everything.worst <= limit
@@ -173,8 +174,7 @@ def _blind(fit: Fit, parameters: list[Parameter]) -> tuple[str, ...]:
 def _sparse(null: Array) -> Array:
     """Return a basis of the same space with many zeros: reduced row echelon form, largest pivots first."""
     A = null.copy()
-    row = 0
-    for _ in range(len(A)):
+    for row in range(len(A)):
         rest = np.abs(A[row:])
         i, j = np.unravel_index(int(np.argmax(rest)), rest.shape)
         A[[row, row + i]] = A[[row + i, row]]
@@ -182,7 +182,6 @@ def _sparse(null: Array) -> Array:
         for k in range(len(A)):
             if k != row:
                 A[k] -= A[k, j] * A[row]
-        row += 1
     return np.where(np.abs(A) < 1e-7, 0.0, A)
 
 

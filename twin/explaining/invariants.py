@@ -20,7 +20,7 @@ from twin.units import DEG, MM
 
 
 def said(judge: Judge) -> dict[str, Any]:
-    """Return what the formula itself gives for each symbol that the mechanism knows, from the true inputs of its row."""
+    """Return what the formula gives for each symbol that the mechanism knows, from the true inputs of its row."""
     truth, out = judge.truth, {}
     units = {"length": judge.tolerance.length, "angle": judge.tolerance.angle}
     for place, r in judge.residuals.items():
@@ -126,7 +126,7 @@ def _distance(
 
 
 def _rods(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
-    """A link keeps the distances between its joints when the drives stand where the formula puts them."""
+    """Yield links that would have to change the distance between their joints with the drives as the formula has them."""
     truth = judge.truth
     active = {j.name for j in model.mechanism.active if j.name in values}
     wrong = {n for n in active if _moved(judge, n, values[n])}
@@ -211,7 +211,8 @@ def _rotations(judge: Judge) -> Iterator[Finding]:
                 left = off <= 1e-9
                 what = "left-handed (its determinant is -1)" if left else f"not orthogonal (off by {off:.2g})"
                 yield Finding(
-                    "invariant.rotation", "disagreement", f"{name} of {step.equation.name} holds a rotation that is {what}",
+                    "invariant.rotation", "disagreement",
+                    f"{name} of {step.equation.name} holds a rotation that is {what}",
                     where=f"{step.equation.name}.{name}", size=off, unit="", limit=1e-9,
                 )  # fmt: skip
 

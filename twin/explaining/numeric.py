@@ -34,7 +34,8 @@ class Matrix:
         return self.a.shape[1], self.a.shape[2]
 
     @property
-    def T(self) -> Matrix:  # noqa: D102
+    def T(self) -> Matrix:  # noqa: N802
+        """The transposed matrices."""
         return Matrix(np.swapaxes(self.a, 1, 2))
 
     def numel(self) -> int:

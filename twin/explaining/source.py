@@ -26,7 +26,7 @@ class Edit:
         path, line: where; the line counts from 1.
         start, end: bytes of the file that are replaced.
         old, new: what stood there, what stands there now.
-        kind: "name", "index", "trig", "sign", "operator", "number", "exponent", "parenthesis", "missing", "surplus", ...
+        kind: "name", "index", "trig", "sign", "operator", "number", "parenthesis", "missing", "surplus", ...
         statement: index of the statement in its function.
         function: name of that function.
         define: (name, expression) that the new text needs and the function does not have yet, or None.
