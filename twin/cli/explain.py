@@ -161,9 +161,7 @@ def _identified(x: Identified) -> Iterator[tuple[str, str]]:
         yield "  one of these alone makes every row agree; the rows do not tell which:", "yellow"
     for m in x.moved:
         note = f"  ({m.note})" if m.note else ""
-        yield (
-            f"  {m.name}: {m.formula:g} {m.unit} in the formula, {m.fitted:.9g} ± {m.sigma:.1g} {m.unit} in the CAD{note}",
-            "green",
-        )
+        fitted = f"{m.fitted:.9g} ± {m.sigma:.1g} {m.unit} in the CAD"
+        yield f"  {m.name}: {m.formula:g} {m.unit} in the formula, {fitted}{note}", "green"
     for b in x.blind:
         yield f"  no row depends on this change together: {b}", "dim"

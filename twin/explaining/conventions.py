@@ -48,9 +48,9 @@ def _cured(judge: Judge, other: Judge) -> tuple[list[Place], float] | None:
     bad = judge.failing()
     now = {(p.equation, p.statement, p.position): worst(r) for p, r in other.residuals.items()}
     for p in judge.residuals:
-        if p not in bad and judge.step(p.equation).stage != "helper":
-            if not now.get((p.equation, p.statement, p.position), np.inf) <= 1:
-                return None
+        agreed = p not in bad and judge.step(p.equation).stage != "helper"
+        if agreed and not now.get((p.equation, p.statement, p.position), np.inf) <= 1:
+            return None
     cured = [p for p in bad if now.get((p.equation, p.statement, p.position), np.inf) <= 1]
     if not cured:
         return None

@@ -6,13 +6,13 @@ An edit is a replacement in the text of the file. What makes no Python, or no nu
 from __future__ import annotations
 
 import ast
-import io
 import re
 import tokenize
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
-from twin.explaining.source import Edit, Source, Statement, apply
+from twin.explaining.source import Edit, Source, Statement
+from twin.explaining.tokens import cut, shape, tokens_of
 
 _FUNCTIONS = (
     ("sin", "cos", "tan"),
@@ -344,8 +344,8 @@ def _parentheses(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     text = w.source.text(start, end)
     if not text.isascii():
         return
-    tokens = _tokens(text)
-    done = {_shape(text)}
+    tokens = tokens_of(text)
+    done = {shape(text)}
     level: list[int] = []
     pairs: list[tuple[int, int]] = []
     for i, (kind, string, _, _) in enumerate(tokens):
@@ -355,9 +355,9 @@ def _parentheses(w: _Writer, root: ast.AST) -> Iterator[Edit]:
             pairs.append((level.pop(), i))
 
     def made(new: str, kind: str = "parenthesis") -> Iterator[Edit]:
-        shape = _shape(new)
-        if shape and shape not in done:
-            done.add(shape)
+        form = shape(new)
+        if form and form not in done:
+            done.add(form)
             # As short an edit as shows both ends.
             a = next((i for i in range(min(len(text), len(new))) if text[i] != new[i]), 0)
             b = next((i for i in range(min(len(text), len(new)) - a) if text[-1 - i] != new[-1 - i]), 0)
@@ -374,93 +374,18 @@ def _parentheses(w: _Writer, root: ast.AST) -> Iterator[Edit]:
             if abs(j - closing) > _LONG or j <= opening or j in (closing, closing - 1):
                 continue
             if kind in (tokenize.NAME, tokenize.NUMBER) or string == ")":
-                cut = sorted([(c[2], c[3], ""), (finish, finish, ")")])
-                yield from made(_cut(text, cut))
+                parts = sorted([(c[2], c[3], ""), (finish, finish, ")")])
+                yield from made(cut(text, parts))
         if not called:
             for j, (kind, string, begin, _) in enumerate(tokens):
                 if abs(j - opening) > _LONG or j >= closing or j == opening:
                     continue
                 if kind in (tokenize.NAME, tokenize.NUMBER) or string in ("(", "-"):
-                    cut = sorted([(o[2], o[3], ""), (begin, begin, "(")])
-                    yield from made(_cut(text, cut))
+                    parts = sorted([(o[2], o[3], ""), (begin, begin, "(")])
+                    yield from made(cut(text, parts))
     ends = [i for i, t in enumerate(tokens) if t[0] in (tokenize.NAME, tokenize.NUMBER) or t[1] in ")]"]
     begins = [i for i, t in enumerate(tokens) if t[0] in (tokenize.NAME, tokenize.NUMBER) or t[1] == "("]
     for i in begins:
         for j in ends:
             if i < j <= i + _LONG // 2:
-                yield from made(_cut(text, [(tokens[i][2], tokens[i][2], "("), (tokens[j][3], tokens[j][3], ")")]))
-
-
-def _cut(text: str, parts: list[tuple[int, int, str]]) -> str:
-    for a, b, new in reversed(parts):
-        text = text[:a] + new + text[b:]
-    return text
-
-
-def _tokens(text: str) -> list[tuple[int, str, int, int]]:
-    lines = [0]
-    for line in text.splitlines(keepends=True):
-        lines.append(lines[-1] + len(line))
-    out = []
-    try:
-        for t in tokenize.generate_tokens(io.StringIO(text).readline):
-            if t.type in (tokenize.NAME, tokenize.NUMBER, tokenize.OP):
-                out.append((t.type, t.string, lines[t.start[0] - 1] + t.start[1], lines[t.end[0] - 1] + t.end[1]))
-    except (tokenize.TokenError, IndentationError):
-        return out
-    return out
-
-
-def _shape(text: str) -> str:
-    try:
-        return ast.dump(ast.parse(text.strip()))
-    except (SyntaxError, ValueError):
-        return ""
-
-
-def canonical(source: Source, statement: Statement, change: list[Edit]) -> str:
-    """Return the edited statement with sums and products in a fixed order: equal texts say the same thing."""
-    text = apply(source.data, [e for e in change if e.statement == statement.index], statement.start, statement.end)
-    text = text[len("return") :].strip() if statement.returns else text
-    tree = ast.parse(text)
-    return "; ".join(_sorted(n) for n in tree.body)
-
-
-def _sorted(node: ast.AST) -> str:
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
-        return "(" + " ".join(sorted(_sum(node, "+"))) + ")"
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div):
-        sign, factors = _product(node)
-        return f"[{sign}" + " ".join(sorted(factors)) + "]"
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        return "(" + " ".join(sorted(_sum(node, "+"))) + ")"
-    if isinstance(node, ast.Name):
-        return node.id
-    if isinstance(node, ast.Constant):
-        return repr(node.value)
-    parts = [_sorted(c) for c in ast.iter_child_nodes(node) if not isinstance(c, ast.expr_context)]
-    extra = getattr(node, "attr", "")
-    return f"{type(node).__name__}{extra}({', '.join(parts)})"
-
-
-def _sum(node: ast.AST, sign: str) -> list[str]:
-    other = "-" if sign == "+" else "+"
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
-        return _sum(node.left, sign) + _sum(node.right, sign if isinstance(node.op, ast.Add) else other)
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        return _sum(node.operand, other)
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div):
-        minus, factors = _product(node)
-        return [(other if minus else sign) + " ".join(sorted(factors))]
-    return [sign + _sorted(node)]
-
-
-def _product(node: ast.AST, divided: bool = False) -> tuple[str, list[str]]:
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div):
-        s1, left = _product(node.left, divided)
-        s2, right = _product(node.right, divided != isinstance(node.op, ast.Div))
-        return ("-" if (s1 == "-") != (s2 == "-") else ""), left + right
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        s, factors = _product(node.operand, divided)
-        return ("" if s else "-"), factors
-    return "", [("/" if divided else "*") + _sorted(node)]
+                yield from made(cut(text, [(tokens[i][2], tokens[i][2], "("), (tokens[j][3], tokens[j][3], ")")]))

@@ -129,8 +129,7 @@ def identify(judge: Judge, progress: Callable[[float], None] = lambda f: None, n
     moved = tuple(
         _moved(p, numbers.start[p.name], everything, i, noise)
         for i, p in enumerate(parameters)
-        if abs(everything.values[i] - numbers.start[p.name])
-        > max(4 * sigma[i], 1e-9 * max(1, abs(numbers.start[p.name])))
+        if abs(everything.values[i] - start[i]) > max(4 * sigma[i], 1e-9 * max(1, abs(start[i])))
     )
     return Identified(
         exact, before, everything.worst, moved if exact else (), False, blind, everything.names, _plain(covariance)

@@ -126,7 +126,7 @@ def _distance(
 
 
 def _rods(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
-    """Yield links that would have to change the distance between their joints with the drives as the formula has them."""
+    """Yield links that would have to change their length with the drives as the formula has them."""
     truth = judge.truth
     active = {j.name for j in model.mechanism.active if j.name in values}
     wrong = {n for n in active if _moved(judge, n, values[n])}

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from twin.errors import KinematicsError
-from twin.explaining.edits import canonical, edits, pool
+from twin.explaining.canonical import canonical
+from twin.explaining.edits import edits, pool
 from twin.explaining.judge import Helper, Judge, Place, Residuals, Step, evaluate, worst
 from twin.explaining.source import Edit, Source, Statement
 from twin.spatial import Array
