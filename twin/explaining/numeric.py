@@ -300,7 +300,7 @@ class Rebuilder:
         if isinstance(x, types.ModuleType):
             if x.__name__.split(".")[0] == "casadi":
                 return types.SimpleNamespace(**_FUNCTIONS)
-            if x.__name__ == _SYMBOLIC:
+            if x.__name__ == _SYMBOLIC or x.__name__.startswith("twin.robots."):
                 return self._module(x)
             return x
         module = getattr(x, "__module__", None) or ""
@@ -316,7 +316,8 @@ class Rebuilder:
             self._done[id(module)] = space
             for name, value in vars(module).items():
                 if not name.startswith("__"):
-                    setattr(space, name, _FAST.get(name) or self.value(value))
+                    fast = _FAST.get(name) if module.__name__ == _SYMBOLIC else None
+                    setattr(space, name, fast or self.value(value))
         return self._done[id(module)]
 
 
