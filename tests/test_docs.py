@@ -20,6 +20,7 @@ EXIT_1 = (
     "--variant eq1=printed",
     "--variant eq2=printed",
     "--variant eq2=literal",
+    "explain sils --variant printed",
     "--protocol table2_printed",
     "tilt_inverse=drawn",
     "eq3=printed",

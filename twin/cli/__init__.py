@@ -25,6 +25,7 @@ examples:
   twin validate sils                              judge the equations on the default protocol
   twin validate sils --variant eq1=printed        judge equation (1) as the paper prints it
   twin validate sils --all-protocols --json       every protocol, for scripts
+  twin explain sils --variant printed             where it is wrong, and the edit that cures it
   twin plan sils lowered_patient --out plan/      timed joint and tool motion as CSV
   twin build my_robot/                            USD stage of a robot of your own
   twin export sils --to glb,tracks                for headsets and engines, read again and proven
@@ -32,7 +33,7 @@ examples:
 exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 """
 
-NAMES = ("list", "info", "build", "plan", "validate", "run", "view", "serve")
+NAMES = ("list", "info", "build", "plan", "validate", "explain", "run", "view", "serve")
 NAMES += ("operate", "track", "study", "export", "audit", "doctor")
 """Every command."""
 
@@ -134,14 +135,14 @@ def _parser() -> argparse.ArgumentParser:
         group.add_argument("--protocol", metavar="NAME", help="a protocol of the robot, or the path of a protocol file")
         group.add_argument("--all-protocols", action="store_true", help="every protocol of the robot")
 
-    def variants(sub: argparse.ArgumentParser) -> None:
+    def variants(sub: argparse.ArgumentParser, bare: str) -> None:
+        help_ = f"judge an equation in another variant, as in eq1=printed; a bare name, as in `printed`, judges {bare}"
         sub.add_argument(
             "--variant",
             metavar="EQ=NAME",
             action="append",
             default=[],
-            help="judge an equation in another variant, as in eq1=printed; a bare name, as in `printed`, judges "
-            "each equation that has it alone and then all together",
+            help=help_,
         )
 
     add("list", "list the built-in robots", "  twin list\n  twin list --json")
@@ -179,7 +180,7 @@ def _parser() -> argparse.ArgumentParser:
     robot(sub)
     out(sub, "./twin-out/<robot>/<protocol>/")
     chosen(sub)
-    variants(sub)
+    variants(sub, "each equation that has it alone and then all together")
     sub.add_argument(
         "--tolerance-um",
         type=float,
@@ -197,6 +198,26 @@ def _parser() -> argparse.ArgumentParser:
         "--compare",
         metavar="NAMES",
         help="with a sweep: what stand-ins for the loops would have cost; of serial,mimic",
+    )
+
+    sub = add(
+        "explain",
+        "say which row of which equation disagrees with the mechanism, why, and the edit that cures it",
+        "  twin explain sils                         nothing to explain\n"
+        "  twin explain sils --variant printed       every equation as the paper prints it\n"
+        "  twin explain sils --variant eq1=printed --json\n"
+        "  twin explain my_robot/ --seconds 60       search longer for two edits in one row",
+    )
+    robot(sub)
+    variants(sub, "every equation that has it")
+    sub.add_argument(
+        "--tolerance-um",
+        type=float,
+        metavar="UM",
+        help="how well the CAD is known: differences up to this many micrometres agree (default 0.001)",
+    )
+    sub.add_argument(
+        "--seconds", type=float, default=8.0, metavar="S", help="for the search for two edits in one row (default 8)"
     )
 
     sub = add(

@@ -377,6 +377,7 @@ COMMANDS = {
     "build": build,
     "plan": plan,
     "validate": validate,
+    "explain": _own_file("explain"),
     "run": run,
     "view": _own_file("view"),
     "serve": _own_file("serve"),
