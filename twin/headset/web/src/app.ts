@@ -115,7 +115,7 @@ export class App {
     this.world.setLook(look, seeThrough);
     this.robot?.brighten(look === 'additive');
     this.xrPanel.look = look;
-    this.grab.accent = setAccent(look === 'additive');
+    setAccent(look === 'additive');
     document.documentElement.dataset['look'] = look;
     this.refresh();
   }

@@ -34,8 +34,6 @@ export class Grab {
   mode: Mode = 'auto';
   /** Whether the tool turns with a hand or controller. */
   turning = false;
-  /** Colour of the handle. */
-  accent = BLUE;
   /** A handle at the tool, that is easier to hit than the tool. */
   readonly handle = new Group();
   held: Held | null = null;
@@ -198,7 +196,7 @@ export class Grab {
     this.handle.scale.setScalar(0.026 * size);
     const refused = this.held !== null && this.model.refused;
     if (this.held) robot.mark(this.held.link, refused ? 'refused' : 'held');
-    const color = refused ? RED : this.model.heldByOther ? 0x8a93a0 : this.accent;
+    const color = refused ? RED : this.model.heldByOther ? 0x8a93a0 : BLUE;
     for (const part of this.handle.children) ((part as Mesh).material as ReturnType<typeof flat>).color.setHex(color);
     this.drawGhostHand(refused, pose);
   }

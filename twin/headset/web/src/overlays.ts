@@ -19,6 +19,7 @@ const VIOLET = 0x8a3fd1;
 
 /** Factors by which the ghost's distance may be enlarged. */
 const ENLARGEMENTS = [1, 10, 100, 1000, 10000, 100000];
+const MISSED = 2e-3; // m
 const SEEN = 0.03; // of the robot's size: a distance that is well seen
 
 export interface Shows {
@@ -117,7 +118,9 @@ export class Overlays {
   private drawRcm(model: Model, tool: Matrix4 | null): void {
     const at = model.state.rcm;
     const on = this.shows.rcm && at !== null && tool !== null;
-    this.rcmBall.visible = this.shaft.visible = on;
+    // A shaft that misses the RCM visibly does not lead from the tool to it.
+    this.rcmBall.visible = on;
+    this.shaft.visible = on && (model.state.rcm_error_m ?? 0) < MISSED;
     this.rcmLabel.sprite.visible = on && this.shows.labels;
     if (!on) return;
     const size = this.world.size;
@@ -249,10 +252,9 @@ export function accentuate<M extends { color: Color }>(material: M): M {
   return material;
 }
 
-export function setAccent(additive: boolean): number {
+export function setAccent(additive: boolean): void {
   accent = additive ? LIGHT_BLUE : BLUE;
   for (const material of accented) material.color.setHex(accent);
-  return accent;
 }
 
 /** A material that shows one colour and takes no light. */
