@@ -9,7 +9,7 @@ import { Hands } from './hands';
 import { Header } from './header';
 import { Model } from './model';
 import { Mouse } from './mouse';
-import { Overlays, type Shows } from './overlays';
+import { Overlays, setAccent, type Shows } from './overlays';
 import { DomPanel } from './panel_dom';
 import { XrPanel } from './panel_xr';
 import { Place } from './place';
@@ -115,6 +115,7 @@ export class App {
     this.world.setLook(look, seeThrough);
     this.robot?.brighten(look === 'additive');
     this.xrPanel.look = look;
+    setAccent(look === 'additive');
     document.documentElement.dataset['look'] = look;
     this.refresh();
   }
@@ -124,6 +125,15 @@ export class App {
     return this.hands.count
       ? 'Pinch or pull the trigger on it.'
       : 'No hand or controller is seen: look at it for a moment to take it, keep still to let go.';
+  }
+
+  /** What to do next, in the headset. */
+  private hint(): string {
+    if (!this.xr.presenting) return '';
+    const act = this.hands.count ? 'pinch or pull the trigger' : 'look there for a moment';
+    if (this.place.placing) return `Point at the floor and ${act}: the robot will stand there.`;
+    if (this.place.leading) return 'Pinch to move the whole robot; with both hands it is turned and scaled.';
+    return '';
   }
 
   cloudText(): string {
@@ -188,6 +198,7 @@ export class App {
 
   private wire(): void {
     this.model.onChange = () => this.refresh();
+    this.model.hint = () => this.hint();
     this.grab.onChange = () => this.refresh();
     this.place.onChange = () => this.refresh();
     this.line.onMessage = (message) => this.hear(message);

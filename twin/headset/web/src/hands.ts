@@ -3,7 +3,7 @@
 import { BufferGeometry, Group, Line, LineBasicMaterial, Matrix4, Mesh, Plane, Quaternion, Raycaster, RingGeometry, SphereGeometry, Vector2, Vector3 } from 'three';
 import type { XRGripSpace, XRHandSpace, XRTargetRaySpace } from 'three';
 import type { App } from './app';
-import { BLUE, flat } from './overlays';
+import { accentuate, BLUE, flat } from './overlays';
 import { pickNear, pickRay, rayOf } from './pick';
 
 const SLOTS = 4; // input sources that are listened to
@@ -26,12 +26,12 @@ class Hand {
   constructor(readonly ray: XRTargetRaySpace, readonly grip: XRGripSpace, readonly hand: XRHandSpace) {
     this.beam = new Line(
       new BufferGeometry().setFromPoints([new Vector3(), new Vector3(0, 0, -1)]),
-      new LineBasicMaterial({ color: BLUE, transparent: true, opacity: 0.7, toneMapped: false }),
+      accentuate(new LineBasicMaterial({ transparent: true, opacity: 0.7, toneMapped: false })),
     );
     this.beam.visible = false;
     this.beam.frustumCulled = false;
     ray.add(this.beam);
-    this.dot = new Mesh(new SphereGeometry(0.006, 12, 8), flat(BLUE));
+    this.dot = new Mesh(new SphereGeometry(0.006, 12, 8), accentuate(flat(BLUE)));
     this.dot.visible = false;
   }
 
@@ -71,7 +71,7 @@ export class Hands {
     }
     this.gazeHand = new Hand(this.gaze as XRTargetRaySpace, this.gaze as unknown as XRGripSpace, new Group() as XRHandSpace);
     scene.add(this.gaze);
-    this.cursor = new Mesh(new RingGeometry(0.006, 0.011, 24, 1, 0, 2 * Math.PI), flat(BLUE));
+    this.cursor = new Mesh(new RingGeometry(0.006, 0.011, 24, 1, 0, 2 * Math.PI), accentuate(flat(BLUE)));
     this.cursor.visible = false;
     this.cursor.renderOrder = 12;
     (this.cursor.material as ReturnType<typeof flat>).depthTest = false;

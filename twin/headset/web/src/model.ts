@@ -24,6 +24,8 @@ export class Model {
   /** Why there is no robot to see. */
   failure = '';
   onChange: () => void = () => undefined;
+  /** What to do next, or nothing. */
+  hint: () => string = () => '';
 
   private said = '';
   private saidAt = -Infinity;
@@ -77,6 +79,8 @@ export class Model {
     if (performance.now() - this.saidAt < SAID_FOR) return { tone: 'warn', text: this.said };
     if (this.heldByOther) return { tone: 'warn', text: `Client ${s.holder} holds the robot.` };
     if (this.holding) return { tone: 'good', text: 'You hold the robot.' };
+    const hint = this.hint();
+    if (hint) return { tone: 'good', text: hint };
     if (s.planning) return { tone: 'plain', text: 'Planning the protocol …' };
     if (s.playing && s.phase) return { tone: 'plain', text: `Playing: ${s.phase}` };
     return { tone: 'plain', text: 'Ready.' };

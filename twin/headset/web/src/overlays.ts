@@ -11,12 +11,15 @@ import { matrixOf, poseOf, type Robot } from './robot';
 import { discard, type World } from './world';
 
 export const BLUE = 0x2268c9;
+/** The same for displays that add light: a dark blue would hardly be seen. */
+const LIGHT_BLUE = 0x62adff;
 export const ORANGE = 0xe07b00;
 export const RED = 0xd81b2a;
 const VIOLET = 0x8a3fd1;
 
 /** Factors by which the ghost's distance may be enlarged. */
 const ENLARGEMENTS = [1, 10, 100, 1000, 10000, 100000];
+const MISSED = 2e-3; // m
 const SEEN = 0.03; // of the robot's size: a distance that is well seen
 
 export interface Shows {
@@ -37,7 +40,7 @@ export class Overlays {
   cloudCount = 0;
   cloudDone = false;
 
-  private path: Object3D | null = null;
+  private path: InstancedMesh | null = null;
   private readonly rcmBall: Mesh;
   private readonly shaft: Mesh;
   private readonly rcmLabel = new Label();
@@ -60,7 +63,7 @@ export class Overlays {
   /** Draw the way of the tool's tip: x y z after x y z. */
   setPath(points: Numbers): void {
     if (this.path) discard(this.path);
-    this.path = points.length >= 6 ? tube(points, 0.0016 * this.world.size, BLUE) : null;
+    this.path = points.length >= 6 ? tube(points, 0.0016 * this.world.size) : null;
     if (this.path) this.group.add(this.path);
     this.world.touch();
   }
@@ -100,7 +103,10 @@ export class Overlays {
   /** Bring everything to the newest state. */
   update(model: Model, robot: Robot): void {
     const s = this.shows;
-    if (this.path) this.path.visible = s.path;
+    if (this.path) {
+      this.path.visible = s.path;
+      (this.path.material as MeshBasicMaterial).color.setHex(accent);
+    }
     if (model.state.rcm) this.standScenery(model.state.rcm);
     this.scenery.visible = s.scenery;
     if (this.cloud) this.cloud.visible = s.workspace;
@@ -112,7 +118,9 @@ export class Overlays {
   private drawRcm(model: Model, tool: Matrix4 | null): void {
     const at = model.state.rcm;
     const on = this.shows.rcm && at !== null && tool !== null;
-    this.rcmBall.visible = this.shaft.visible = on;
+    // A shaft that misses the RCM visibly does not lead from the tool to it.
+    this.rcmBall.visible = on;
+    this.shaft.visible = on && (model.state.rcm_error_m ?? 0) < MISSED;
     this.rcmLabel.sprite.visible = on && this.shows.labels;
     if (!on) return;
     const size = this.world.size;
@@ -234,14 +242,29 @@ export function stretch(mesh: Object3D, a: Vector3, b: Vector3, radius: number):
   mesh.scale.set(radius, long, radius);
 }
 
+const accented: { color: Color }[] = [];
+let accent = BLUE;
+
+/** Let a material have the colour of what can be taken and pressed, as the display needs it. */
+export function accentuate<M extends { color: Color }>(material: M): M {
+  material.color.setHex(accent);
+  accented.push(material);
+  return material;
+}
+
+export function setAccent(additive: boolean): void {
+  accent = additive ? LIGHT_BLUE : BLUE;
+  for (const material of accented) material.color.setHex(accent);
+}
+
 /** A material that shows one colour and takes no light. */
 export function flat(color: number, opacity = 1): MeshBasicMaterial {
   return new MeshBasicMaterial({ color, opacity, transparent: opacity < 1, depthWrite: opacity >= 1, toneMapped: false });
 }
 
-function tube(points: Numbers, radius: number, color: number): InstancedMesh {
+function tube(points: Numbers, radius: number): InstancedMesh {
   const n = points.length / 3 - 1;
-  const mesh = new InstancedMesh(new CylinderGeometry(1, 1, 1, 6, 1, true), flat(color), n);
+  const mesh = new InstancedMesh(new CylinderGeometry(1, 1, 1, 6, 1, true), flat(accent), n);
   const piece = new Object3D();
   const [a, b] = [new Vector3(), new Vector3()];
   for (let i = 0; i < n; i++) {

@@ -1,7 +1,7 @@
 /** Where the robot stands in the room, and how large it is drawn. */
 
 import { Group, Matrix4, Mesh, Quaternion, RingGeometry, Vector3 } from 'three';
-import { BLUE, flat } from './overlays';
+import { accentuate, BLUE, flat } from './overlays';
 import { VIEW, type World } from './world';
 
 export const SMALLEST = 0.1;
@@ -21,8 +21,8 @@ export class Place {
   private two: { mid: Vector3; apart: number; angle: number; scale: number; yaw: number; position: Vector3 } | null = null;
 
   constructor(private readonly world: World) {
-    const ring = new Mesh(new RingGeometry(0.085, 0.1, 48).rotateX(-Math.PI / 2), flat(BLUE));
-    const dot = new Mesh(new RingGeometry(0, 0.012, 24).rotateX(-Math.PI / 2), flat(BLUE));
+    const ring = new Mesh(new RingGeometry(0.085, 0.1, 48).rotateX(-Math.PI / 2), accentuate(flat(BLUE)));
+    const dot = new Mesh(new RingGeometry(0, 0.012, 24).rotateX(-Math.PI / 2), accentuate(flat(BLUE)));
     this.reticle.add(ring, dot);
     this.reticle.visible = false;
     this.reticle.matrixAutoUpdate = false;
