@@ -299,7 +299,7 @@ def _dh(judge: Judge) -> Iterator[Convention]:
         if not bad or step.stage == "helper":
             continue
         for helper in judge.helpers(step):
-            form = dh_form(helper.function)
+            form = dh_form(helper.function)  # type: ignore[arg-type] - a field, not a method
             if form is None:
                 continue
             kind, order = form

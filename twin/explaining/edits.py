@@ -248,7 +248,11 @@ def _operators(w: _Writer, root: ast.AST) -> Iterator[Edit]:
 
 def _numbers(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     for node in _expressions(root):
-        if not isinstance(node, ast.Constant) or isinstance(node.value, bool | str | type(None)):
+        if (
+            not isinstance(node, ast.Constant)
+            or isinstance(node.value, bool)
+            or not isinstance(node.value, int | float)
+        ):
             continue
         parent, n = w.parent(node), node.value
         index = isinstance(parent, ast.Subscript | ast.Slice)

@@ -68,7 +68,7 @@ class Numbers:
 
     def fit(self, names: tuple[str, ...]) -> Fit:
         """Return the least-squares fit of some parameters: Gauss-Newton with halved steps, least norm where blind."""
-        x = np.array([self.start[n] for n in names])
+        x: Array = np.array([self.start[n] for n in names], float)
         scale = np.maximum(np.abs(x), 0.01)
 
         def at(values: Array) -> Array:
@@ -84,7 +84,7 @@ class Numbers:
                 J[:, i] = (at(x + h) - at(x - h)) / 2e-6
             if not np.isfinite(J).all():
                 break
-            step = np.linalg.lstsq(J, -r, rcond=_BLIND)[0] * scale
+            step = np.asarray(np.linalg.lstsq(J, -r, rcond=_BLIND)[0], np.float64) * scale
             new, factor = at(x + step), 1.0
             while not (np.isfinite(new).all() and new @ new <= r @ r) and factor > 1e-3:
                 factor /= 2

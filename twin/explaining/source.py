@@ -101,16 +101,11 @@ class Source:
         self.path = Path(code.co_filename)
         stat = self.path.stat()
         self.data, tree, self._starts = _parsed(str(self.path), (stat.st_mtime_ns, stat.st_size))
-        self.node = next(
-            (
-                n
-                for n in ast.walk(tree)
-                if isinstance(n, ast.FunctionDef) and n.name == code.co_name and _first_line(n) == code.co_firstlineno
-            ),
-            None,
-        )  # type: ignore[assignment]
-        if self.node is None:
+        plain = (n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef) and n.name == code.co_name)
+        node = next((n for n in plain if _first_line(n) == code.co_firstlineno), None)
+        if node is None:
             raise KinematicsError(f"{self.path}:{code.co_firstlineno}: '{code.co_name}' is no plain function")
+        self.node: ast.FunctionDef = node
         self.name = self.node.name
         a = self.node.args
         self.arguments = tuple(x.arg for x in (*a.posonlyargs, *a.args, *a.kwonlyargs))
