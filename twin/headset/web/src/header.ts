@@ -44,5 +44,6 @@ export class Header {
     this.other.textContent = 'Enter VR';
     this.other.hidden = !(xr.ar && xr.vr);
     this.about.textContent = xr.text;
+    this.help.hidden = model.status().tone !== 'plain'; // there a longer sentence needs the place
   }
 }

@@ -29,6 +29,7 @@ export class Model {
 
   private said = '';
   private saidAt = -Infinity;
+  private refusedAt = -Infinity;
 
   /** Take over a message of the server. */
   hear(message: Message): void {
@@ -48,6 +49,14 @@ export class Model {
     this.said = text;
     this.saidAt = performance.now();
     this.onChange();
+  }
+
+  /** A frame has come in. */
+  take(frame: Frame): void {
+    const before = this.frame?.flags ?? 0;
+    this.frame = frame;
+    // What was refused is told as long as a hand asks for it, and for some seconds after.
+    if (frame.flags & REFUSED && (frame.flags & HELD || !(before & REFUSED))) this.refusedAt = performance.now();
   }
 
   get refused(): boolean {
@@ -75,7 +84,7 @@ export class Model {
       return { tone: 'bad', text: 'Not admitted: open the address with the token that the terminal of twin serve shows.' };
     if (this.line === 'reconnecting') return { tone: 'warn', text: 'Connection lost: reconnecting …' };
     if (this.line === 'connecting') return { tone: 'plain', text: 'Connecting …' };
-    if (this.refused && s.reason) return { tone: 'bad', text: `Not reached: ${s.reason}` };
+    if (this.refused && s.reason && performance.now() - this.refusedAt < SAID_FOR) return { tone: 'bad', text: `Not reached: ${s.reason}` };
     if (performance.now() - this.saidAt < SAID_FOR) return { tone: 'warn', text: this.said };
     if (this.heldByOther) return { tone: 'warn', text: `Client ${s.holder} holds the robot.` };
     if (this.holding) return { tone: 'good', text: 'You hold the robot.' };

@@ -210,7 +210,7 @@ export class Overlays {
     geometry.setAttribute('position', new Float32BufferAttribute(positions, 3));
     geometry.setAttribute('color', new Float32BufferAttribute(colors, 3));
     const material = new PointsMaterial({
-      vertexColors: true, size: 0.006 * this.world.size, transparent: true, opacity: 0.55, depthWrite: false,
+      vertexColors: true, size: 0.018 * this.world.size, transparent: true, opacity: 0.75, depthWrite: false,
     });
     this.cloud = new Points(geometry, material);
     this.cloud.visible = this.shows.workspace;

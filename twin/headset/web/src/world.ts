@@ -144,7 +144,7 @@ export class World {
     this.shadow.visible = !additive;
     this.disc.visible = !seeThrough && !additive;
     this.grid.visible = !seeThrough;
-    (this.grid.material as LineBasicMaterial).opacity = additive ? 0.6 : 1;
+    (this.grid.material as LineBasicMaterial).opacity = additive ? 0.35 : 1;
     this.touch();
   }
 }
