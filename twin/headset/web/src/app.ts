@@ -72,7 +72,10 @@ export class App {
       },
       (error: Error) => this.fail(error),
     );
-    Robot.load('robot.glb', info).then((robot) => this.adopt(robot), (error: Error) => this.fail(error));
+    Robot.load('robot.glb', info).then(
+      (robot) => this.adopt(robot),
+      (error: Error) => this.fail(error),
+    );
   }
 
   // -- what the controls ask for ------------------------------------------------------------------------

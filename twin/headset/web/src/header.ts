@@ -11,7 +11,10 @@ export class Header {
   private readonly about = document.createElement('p');
   private readonly help = document.createElement('p');
 
-  constructor(parent: HTMLElement, private readonly app: App) {
+  constructor(
+    parent: HTMLElement,
+    private readonly app: App,
+  ) {
     this.dot.className = 'dot';
     this.enter.className = 'enter';
     this.enter.dataset['id'] = 'enter';

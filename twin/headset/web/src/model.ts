@@ -81,10 +81,14 @@ export class Model {
     const s = this.state;
     if (this.failure) return { tone: 'bad', text: this.failure };
     if (this.line === 'refused')
-      return { tone: 'bad', text: 'Not admitted: open the address with the token that the terminal of twin serve shows.' };
+      return {
+        tone: 'bad',
+        text: 'Not admitted: open the address with the token that the terminal of twin serve shows.',
+      };
     if (this.line === 'reconnecting') return { tone: 'warn', text: 'Connection lost: reconnecting …' };
     if (this.line === 'connecting') return { tone: 'plain', text: 'Connecting …' };
-    if (this.refused && s.reason && performance.now() - this.refusedAt < SAID_FOR) return { tone: 'bad', text: `Not reached: ${s.reason}` };
+    if (this.refused && s.reason && performance.now() - this.refusedAt < SAID_FOR)
+      return { tone: 'bad', text: `Not reached: ${s.reason}` };
     if (performance.now() - this.saidAt < SAID_FOR) return { tone: 'warn', text: this.said };
     if (this.heldByOther) return { tone: 'warn', text: `Client ${s.holder} holds the robot.` };
     if (this.holding) return { tone: 'good', text: 'You hold the robot.' };
@@ -116,6 +120,9 @@ export function isAngle(joint: { unit: string; type: string }): boolean {
 }
 
 /** Return the seven numbers of a pose as an array that JSON can hold. */
-export function seven(p: { x: number; y: number; z: number }, q: { x: number; y: number; z: number; w: number }): Numbers {
+export function seven(
+  p: { x: number; y: number; z: number },
+  q: { x: number; y: number; z: number; w: number },
+): Numbers {
   return [p.x, p.y, p.z, q.x, q.y, q.z, q.w];
 }
