@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import json
 import shutil
 import socket
@@ -24,6 +25,7 @@ from twin.errors import TwinError
 from twin.headset import client as clients
 from twin.headset import connection as connections
 from twin.headset import protocol as wire
+from twin.headset import reach
 from twin.headset import server as servers
 from twin.headset import twin as live
 from twin.headset.files import File, robot_files
@@ -32,6 +34,7 @@ from twin.headset.limits import Bucket, Doorman, household
 from twin.headset.protocol import sevens, unpack
 from twin.headset.recording import Recording, Replay
 from twin.headset.server import StreamServer
+from twin.live import workspace
 from twin.live.timeline import prepare
 from twin.units import MM
 
@@ -523,6 +526,47 @@ def test_a_variant_shows_where_the_printed_equations_put_the_tool(sils, planned,
     asyncio.run(go())
 
 
+def test_the_workspace_comes_in_pieces_and_goes(sils, monkeypatch):
+    class Found:
+        """In place of the process that finds it."""
+
+        started, left = [], []
+
+        def start(self, job):
+            self.started.append(job)
+            rows = np.arange(6000.0, dtype=np.float32)
+            self.left[:] = [workspace.Chunk(np.stack([rows] * 3, 1), rows, n, 40_000) for n in (20_000, 40_000)]
+
+        def poll(self):
+            return self.left.pop(0) if self.left else None
+
+        def cancel(self):
+            self.left.clear()
+
+        close = cancel
+
+    monkeypatch.setattr(reach, "Cloud", Found)
+
+    async def go():
+        async with serving(sils, plans=False) as s, joined(s.port) as peer:
+            assert (await peer.ask("workspace", on=True))["type"] == "ack"
+            await peer.until(lambda: any(d["type"] == "cloud" and d["done"] for d in peer.documents))
+            clouds = [d for d in peer.documents if d["type"] == "cloud"]
+            assert [c["first"] for c in clouds] == [True, False]
+            points = np.frombuffer(base64.b64decode(clouds[0]["points"]), "<f4").reshape(-1, 3)
+            values = np.frombuffer(base64.b64decode(clouds[0]["values"]), "<f4")
+            assert np.array_equal(points[:, 0], values)
+            assert len(values) == 3000  # what a headset can draw
+            assert np.allclose(Found.started[0].T_base_tool, s.twin.desk.assembly.T_base_tool)
+            async with joined(s.port) as late:
+                await late.until(lambda: sum(d["type"] == "cloud" for d in late.documents) == 2)
+            await peer.ask("workspace", on=False)
+            await peer.until(lambda: peer.last("cloud")["points"] == "")
+            await peer.state(workspace=False)
+
+    asyncio.run(go())
+
+
 def test_a_robot_without_protocols_or_equations_is_served(tmp_path):
     """A bare stage: it has no equations, no protocol, no title; it is dragged by its loops."""
 
@@ -629,7 +673,7 @@ def test_a_recorded_session_replays_byte_for_byte(sils, planned, tmp_path):
     sent = asyncio.run(record())
     data = json.loads(file.read_text())
     hash_ = data["model_hash"]
-    kept = [__import__("base64").b64decode(f["frame"]) for f in data["frames"]]
+    kept = [base64.b64decode(f["frame"]) for f in data["frames"]]
     # What was recorded is what was sent, from the frame that the client saw first.
     assert kept[kept.index(sent[0]) :] == sent[: len(kept) - kept.index(sent[0])]
     assert [r["message"]["type"] for r in data["requests"]][:3] == ["play", "grab", "drag"]

@@ -44,6 +44,8 @@ async def _run(args: argparse.Namespace, robot: api.Robot, port: int, context: s
     from twin.headset.server import StreamServer
     from twin.headset.twin import Twin
 
+    # Each send lets go of the interpreter; the thread that solves would keep it for 5 ms each time.
+    sys.setswitchinterval(5e-4)
     stopping = asyncio.Event()
     _on_ctrl_c(stopping)
     from twin.exporting.glb import glb_bytes

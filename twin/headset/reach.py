@@ -28,6 +28,7 @@ class Reach:
     def __init__(self, desk: Desk, source: str) -> None:
         self.on = False
         self.sent: list[dict[str, Any]] = []
+        self._new: list[dict[str, Any]] = []
         self._desk, self._source, self._cloud = desk, source, Cloud()
         boxes = [m.vertices for b in desk.mechanism.bodies for m in b.meshes]
         self._size = max((float(np.linalg.norm(np.ptp(v, axis=0))) for v in boxes), default=0.5)
@@ -47,6 +48,7 @@ class Reach:
         if not on:
             self.on = False
             self._cloud.cancel()
+            self._new = [{"type": "cloud", "first": True, "points": "", "values": "", "done": True}]
             return
         if desk.kin is None or not desk.kin.closed_inverse:
             raise RefusedError("refused", f"{desk.robot.name} has no closed inverse: its workspace takes too long")
@@ -59,6 +61,9 @@ class Reach:
 
     def poll(self) -> list[dict[str, Any]]:
         """Return what is new, as documents."""
+        if self._new:
+            new, self._new = self._new, []
+            return new
         chunk = self._cloud.poll() if self.on else None
         if chunk is None:
             return []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from twin.api import Robot
 from twin.errors import TwinError
+from twin.headset.protocol import pose_of
 from twin.live.desk import Desk
 from twin.live.timeline import Playback
 from twin.spatial import Array
@@ -70,3 +72,11 @@ def protocols_of(robot: Robot, given: str | None) -> dict[str, str]:
     if name in own and given != name:
         raise TwinError(f"{given}: the protocol is named '{name}' as one of the robot's own: give it another name")
     return {**own, name: given}
+
+
+def apart(shown: Shown, links: tuple[str, ...], tool: Mapping[str, Any]) -> float | None:
+    """Return how far the ghost is from the tool, in m; None without a ghost. `tool` is as described."""
+    if shown.ghost is None:
+        return None
+    T = pose_of(shown.poses[links.index(tool["link"])]) @ pose_of(tool["T_link_tool"])
+    return float(np.linalg.norm(T[:3, 3] - shown.ghost[:3]))

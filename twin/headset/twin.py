@@ -19,7 +19,7 @@ from twin.headset.ghost import Ghost
 from twin.headset.hold import Hold, hold_of, lead
 from twin.headset.protocol import RefusedError
 from twin.headset.reach import Reach
-from twin.headset.track import Shown, Track, number, path, protocols_of, rcm_at
+from twin.headset.track import Shown, Track, apart, number, path, protocols_of, rcm_at
 from twin.headset.worker import Worker
 from twin.live import instruments
 from twin.live.desk import Desk, Moved
@@ -66,6 +66,7 @@ class Twin:
         self._failed = ""
         self._tick, self._looked, self._sent, self._seq = -1, -LOOK, -HEARTBEAT, 0
         self._told: tuple[Any, ...] = ()
+        self._moved, self._wish = -1, None
         self._shown = self._of(self.desk.assembly, None)
         self.description = description.describe(robot, self.desk, self._protocols)
         first = next((n for n, p in self._protocols.items() if p == protocol), None)
@@ -95,6 +96,8 @@ class Twin:
         self._tick = tick
         if self._planner is not None and self._planner.done:
             self._take_plan()
+        if self._wish is not None:
+            self._move(self._wish)
         if self.clock.advance(passed):
             self._stand()
         if tick - self._looked >= LOOK:
@@ -149,7 +152,7 @@ class Twin:
         if isinstance(message, wire.Variant):
             return self._variant(message.name)
         if isinstance(message, wire.Workspace):
-            return self._workspace(message.on)
+            return self._reach.ask(message.on)
         if self._hold is not None and self._hold.client != client:
             raise RefusedError("held", f"{self._hold.client} holds the robot")
         if isinstance(message, wire.Grab):
@@ -196,7 +199,7 @@ class Twin:
 
     def _leave_track(self) -> None:
         """Stop playing; the desk stands where the protocol was."""
-        self.clock.playing = False
+        self.clock.playing, self._wish = False, None
         self._worker.drop("look", "move")
         if self._track is None or self._sample is None:
             return
@@ -235,11 +238,6 @@ class Twin:
 
         self._worker.ask("variant", lambda: self._ghost.choose(name), done)
 
-    def _workspace(self, on: bool) -> None:
-        self._reach.ask(on)
-        if not on:
-            self.send({"type": "cloud", "first": True, "points": "", "values": "", "done": True})
-
     def _broken(self, error: Exception) -> None:
         text = f"internal error, {type(error).__name__}: {error}. Please report it."
         self.send({"type": "error", "code": "failed", "message": text[:500]})
@@ -247,7 +245,11 @@ class Twin:
     # -- jobs and what they find ----------------------------------------------------------------------
 
     def _move(self, move: Callable[[], Moved]) -> None:
-        """Let the desk move; the newest wish counts, and what comes of it is shown."""
+        """Let the desk move, once a tick; the newest wish counts, and what comes of it is shown."""
+        if self._moved == self._tick:  # what is solved twice a tick is seen once
+            self._wish = move
+            return
+        self._moved, self._wish = self._tick, None
 
         def job() -> Shown:
             moved = move()
@@ -284,7 +286,7 @@ class Twin:
         if track is None:
             return
         k = int(np.clip(round(self.clock.time * RATE), 0, len(track.playback.t) - 1))
-        self._sample = k
+        self._sample, self._wish = k, None
         self._worker.drop("move")
         self._show(Shown(track.poses[k], track.playback.q[k], self._ghost.at(k)))
 
@@ -367,6 +369,8 @@ class Twin:
         reading, shown = self._reading, self._shown
         rcm = None if playback is None else rcm_at(self.desk, playback, self.clock.time)
         residual = None if reading is None or reading.residual is None else reading.residual[0]
+        if shown.ghost is not None:
+            residual = apart(shown, self.links, self.description["tool"])
         return {
             "type": "state",
             "playing": self.clock.playing,
@@ -381,7 +385,9 @@ class Twin:
             "holder": self.holder,
             "reason": shown.reason or self._failed or None,
             "gap_m": None if reading is None else number(reading.gap),
-            "residual_m": number(residual if shown.ghost is None else self._apart()),
+            "residual_m": number(
+                residual if shown.ghost is None else apart(shown, self.links, self.description["tool"])
+            ),
             "rcm": None if rcm is None else [number(v) for v in rcm],
             "rcm_error_m": None if reading is None else number(reading.rcm_error),
             "depth_m": None if reading is None else number(reading.depth),
@@ -389,11 +395,3 @@ class Twin:
             "workspace": self._reach.on,
             "postures": list(self.desk.postures),
         }
-
-    def _apart(self) -> float | None:
-        """Return how far the ghost is from the tool, in m."""
-        shown, tool = self._shown, self.description["tool"]
-        if shown.ghost is None:
-            return None
-        T = wire.pose_of(shown.poses[self.links.index(tool["link"])]) @ wire.pose_of(tool["T_link_tool"])
-        return float(np.linalg.norm(T[:3, 3] - shown.ghost[:3]))

@@ -43,7 +43,7 @@ class Worker:
         with self._condition:
             return kind in self._jobs
 
-    def close(self, patience: float = 0.4) -> None:
+    def close(self, patience: float = 0.2) -> None:
         """End the thread; what it is doing gets `patience` s."""
         with self._condition:
             self._jobs.clear()
