@@ -72,7 +72,10 @@ export class App {
       },
       (error: Error) => this.fail(error),
     );
-    Robot.load('robot.glb', info).then((robot) => this.adopt(robot), (error: Error) => this.fail(error));
+    Robot.load('robot.glb', info).then(
+      (robot) => this.adopt(robot),
+      (error: Error) => this.fail(error),
+    );
   }
 
   // -- what the controls ask for ------------------------------------------------------------------------
@@ -254,12 +257,12 @@ export class App {
   private takeFrame(buffer: ArrayBuffer): void {
     const { model, robot } = this;
     try {
-      model.frame = parseFrame(buffer);
+      model.take(parseFrame(buffer));
     } catch (error) {
       model.say((error as Error).message);
       return;
     }
-    if (robot && model.info) {
+    if (robot && model.info && model.frame) {
       robot.apply(model.frame, model.info.links);
       this.overlays.update(model, robot);
       this.world.touch();

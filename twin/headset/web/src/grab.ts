@@ -1,6 +1,17 @@
 /** Holding the robot: what the hand has taken, where it leads it, and how the server's answer is shown. */
 
-import { BufferGeometry, Group, Line, LineDashedMaterial, Matrix4, Mesh, Quaternion, SphereGeometry, TorusGeometry, Vector3 } from 'three';
+import {
+  BufferGeometry,
+  Group,
+  Line,
+  LineDashedMaterial,
+  Matrix4,
+  Mesh,
+  Quaternion,
+  SphereGeometry,
+  TorusGeometry,
+  Vector3,
+} from 'three';
 import type { Connection } from './connection';
 import { Label } from './label';
 import { isAngle, length, type Model, seven } from './model';
@@ -123,7 +134,17 @@ export class Grab {
     pose.decompose(tool.p, tool.q, new Vector3());
     const value = joint ? this.model.joint(joint.name) : 0;
     const held: Held = {
-      target, link, joint, from, local, tool, value, last: 0, axis: this.axisOf(joint), sent: false, granted: false,
+      target,
+      link,
+      joint,
+      from,
+      local,
+      tool,
+      value,
+      last: 0,
+      axis: this.axisOf(joint),
+      sent: false,
+      granted: false,
     };
     this.held = held;
     this.hovered = '';

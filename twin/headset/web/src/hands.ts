@@ -1,6 +1,20 @@
 /** Hands and controllers in XR, and a long look where there is neither. */
 
-import { BufferGeometry, Group, Line, LineBasicMaterial, Matrix4, Mesh, Plane, Quaternion, Raycaster, RingGeometry, SphereGeometry, Vector2, Vector3 } from 'three';
+import {
+  BufferGeometry,
+  Group,
+  Line,
+  LineBasicMaterial,
+  Matrix4,
+  Mesh,
+  Plane,
+  Quaternion,
+  Raycaster,
+  RingGeometry,
+  SphereGeometry,
+  Vector2,
+  Vector3,
+} from 'three';
 import type { XRGripSpace, XRHandSpace, XRTargetRaySpace } from 'three';
 import type { App } from './app';
 import { accentuate, BLUE, flat } from './overlays';
@@ -23,7 +37,11 @@ class Hand {
   readonly beam: Line;
   readonly dot: Mesh;
 
-  constructor(readonly ray: XRTargetRaySpace, readonly grip: XRGripSpace, readonly hand: XRHandSpace) {
+  constructor(
+    readonly ray: XRTargetRaySpace,
+    readonly grip: XRGripSpace,
+    readonly hand: XRHandSpace,
+  ) {
     this.beam = new Line(
       new BufferGeometry().setFromPoints([new Vector3(), new Vector3(0, 0, -1)]),
       accentuate(new LineBasicMaterial({ transparent: true, opacity: 0.7, toneMapped: false })),
@@ -69,7 +87,11 @@ export class Hands {
       this.listen(hand);
       this.hands.push(hand);
     }
-    this.gazeHand = new Hand(this.gaze as XRTargetRaySpace, this.gaze as unknown as XRGripSpace, new Group() as XRHandSpace);
+    this.gazeHand = new Hand(
+      this.gaze as XRTargetRaySpace,
+      this.gaze as unknown as XRGripSpace,
+      new Group() as XRHandSpace,
+    );
     scene.add(this.gaze);
     this.cursor = new Mesh(new RingGeometry(0.006, 0.011, 24, 1, 0, 2 * Math.PI), accentuate(flat(BLUE)));
     this.cursor.visible = false;
@@ -218,7 +240,8 @@ export class Hands {
     const plane = new Plane().setFromNormalAndCoplanarPoint(normal, mesh.getWorldPosition(new Vector3()));
     const p = caster.ray.intersectPlane(plane, new Vector3());
     if (!p) return null;
-    const { width, height } = (mesh.geometry as unknown as { parameters: { width: number; height: number } }).parameters;
+    const { width, height } = (mesh.geometry as unknown as { parameters: { width: number; height: number } })
+      .parameters;
     mesh.worldToLocal(p);
     return new Vector2(p.x / width + 0.5, p.y / height + 0.5);
   }
@@ -247,7 +270,8 @@ export class Hands {
     const id = panel?.uv ? app.xrPanel.hover(panel.uv) : '';
     const robotHit = panel || !app.robot ? null : pickRay(caster, app.robot, app.grab);
     const aim = app.place.placing && app.place.reticle.visible && !panel;
-    const target = id || (hand.doing === 'grab' ? 'holding' : aim ? 'floor' : robotHit ? (robotHit.link ?? 'handle') : '');
+    const target =
+      id || (hand.doing === 'grab' ? 'holding' : aim ? 'floor' : robotHit ? (robotHit.link ?? 'handle') : '');
     const at = panel?.point ?? robotHit?.point ?? caster.ray.at(1.5, new Vector3());
     if (hand.doing === 'grab') this.drag(hand);
     this.timeLook(now, target, at);
@@ -279,4 +303,3 @@ export class Hands {
     this.cursor.scale.setScalar((1 + 0.9 * full) * Math.max(0.6, at.distanceTo(head)));
   }
 }
-

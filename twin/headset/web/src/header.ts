@@ -11,7 +11,10 @@ export class Header {
   private readonly about = document.createElement('p');
   private readonly help = document.createElement('p');
 
-  constructor(parent: HTMLElement, private readonly app: App) {
+  constructor(
+    parent: HTMLElement,
+    private readonly app: App,
+  ) {
     this.dot.className = 'dot';
     this.enter.className = 'enter';
     this.enter.dataset['id'] = 'enter';
@@ -44,5 +47,6 @@ export class Header {
     this.other.textContent = 'Enter VR';
     this.other.hidden = !(xr.ar && xr.vr);
     this.about.textContent = xr.text;
+    this.help.hidden = model.status().tone !== 'plain'; // there a longer sentence needs the place
   }
 }

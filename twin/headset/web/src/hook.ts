@@ -51,7 +51,8 @@ export function hook(app: App): void {
       if (on) {
         const others = world.scene.children.filter((o) => o !== world.placement);
         others.push(...world.robotWorld.children.filter((o) => o !== app.robot?.root));
-        for (const thing of others.flatMap((o) => [o, ...o.children])) // a device sets its rays visible itself
+        for (const thing of others.flatMap((o) => [o, ...o.children]))
+          // a device sets its rays visible itself
           if (thing.visible) {
             thing.visible = false;
             hidden.push(thing);

@@ -29,6 +29,7 @@ export class Model {
 
   private said = '';
   private saidAt = -Infinity;
+  private refusedAt = -Infinity;
 
   /** Take over a message of the server. */
   hear(message: Message): void {
@@ -48,6 +49,14 @@ export class Model {
     this.said = text;
     this.saidAt = performance.now();
     this.onChange();
+  }
+
+  /** A frame has come in. */
+  take(frame: Frame): void {
+    const before = this.frame?.flags ?? 0;
+    this.frame = frame;
+    // What was refused is told as long as a hand asks for it, and for some seconds after.
+    if (frame.flags & REFUSED && (frame.flags & HELD || !(before & REFUSED))) this.refusedAt = performance.now();
   }
 
   get refused(): boolean {
@@ -72,10 +81,14 @@ export class Model {
     const s = this.state;
     if (this.failure) return { tone: 'bad', text: this.failure };
     if (this.line === 'refused')
-      return { tone: 'bad', text: 'Not admitted: open the address with the token that the terminal of twin serve shows.' };
+      return {
+        tone: 'bad',
+        text: 'Not admitted: open the address with the token that the terminal of twin serve shows.',
+      };
     if (this.line === 'reconnecting') return { tone: 'warn', text: 'Connection lost: reconnecting …' };
     if (this.line === 'connecting') return { tone: 'plain', text: 'Connecting …' };
-    if (this.refused && s.reason) return { tone: 'bad', text: `Not reached: ${s.reason}` };
+    if (this.refused && s.reason && performance.now() - this.refusedAt < SAID_FOR)
+      return { tone: 'bad', text: `Not reached: ${s.reason}` };
     if (performance.now() - this.saidAt < SAID_FOR) return { tone: 'warn', text: this.said };
     if (this.heldByOther) return { tone: 'warn', text: `Client ${s.holder} holds the robot.` };
     if (this.holding) return { tone: 'good', text: 'You hold the robot.' };
@@ -107,6 +120,9 @@ export function isAngle(joint: { unit: string; type: string }): boolean {
 }
 
 /** Return the seven numbers of a pose as an array that JSON can hold. */
-export function seven(p: { x: number; y: number; z: number }, q: { x: number; y: number; z: number; w: number }): Numbers {
+export function seven(
+  p: { x: number; y: number; z: number },
+  q: { x: number; y: number; z: number; w: number },
+): Numbers {
   return [p.x, p.y, p.z, q.x, q.y, q.z, q.w];
 }

@@ -1,8 +1,23 @@
 /** What is drawn about the robot: tool path, RCM and shaft, workspace, the tool by the equations, table and patient. */
 
 import {
-  BoxGeometry, BufferGeometry, Color, CylinderGeometry, Float32BufferAttribute, Group, InstancedMesh, Matrix4, Mesh,
-  MeshBasicMaterial, MeshStandardMaterial, Object3D, Points, PointsMaterial, Quaternion, SphereGeometry, Vector3,
+  BoxGeometry,
+  BufferGeometry,
+  Color,
+  CylinderGeometry,
+  Float32BufferAttribute,
+  Group,
+  InstancedMesh,
+  Matrix4,
+  Mesh,
+  MeshBasicMaterial,
+  MeshStandardMaterial,
+  Object3D,
+  Points,
+  PointsMaterial,
+  Quaternion,
+  SphereGeometry,
+  Vector3,
 } from 'three';
 import { Label } from './label';
 import { length, type Model } from './model';
@@ -169,7 +184,8 @@ export class Overlays {
     const angle = 2 * Math.atan2(sine, difference.w);
     const factor = enlargement(Math.max(gap.length() / this.world.size, angle / 6));
     const shown = position.clone().addScaledVector(gap, factor);
-    const axis = sine > 1e-9 ? new Vector3(difference.x, difference.y, difference.z).divideScalar(sine) : gap.set(0, 0, 1);
+    const axis =
+      sine > 1e-9 ? new Vector3(difference.x, difference.y, difference.z).divideScalar(sine) : gap.set(0, 0, 1);
     const enlarged = new Quaternion().setFromAxisAngle(axis, Math.min(angle * factor, 1)).multiply(turn);
     const T = new Matrix4().compose(shown, enlarged, new Vector3(1, 1, 1));
     T.multiply(matrixOf(info.tool.T_link_tool).invert());
@@ -185,7 +201,9 @@ export class Overlays {
     this.ghostLabel.sprite.position.copy(shown).addScaledVector(new Vector3(0, 0, 1), 0.09 * this.world.size);
     this.ghostLabel.say(
       `by the equations: ${length(far)} off\n${factor > 1 ? `drawn ×${factor.toLocaleString('en')}` : 'drawn to scale'}`,
-      '#6a25ad', this.world.look, 0.024 * this.world.size,
+      '#6a25ad',
+      this.world.look,
+      0.024 * this.world.size,
     );
   }
 
@@ -210,7 +228,11 @@ export class Overlays {
     geometry.setAttribute('position', new Float32BufferAttribute(positions, 3));
     geometry.setAttribute('color', new Float32BufferAttribute(colors, 3));
     const material = new PointsMaterial({
-      vertexColors: true, size: 0.006 * this.world.size, transparent: true, opacity: 0.55, depthWrite: false,
+      vertexColors: true,
+      size: 0.018 * this.world.size,
+      transparent: true,
+      opacity: 0.75,
+      depthWrite: false,
     });
     this.cloud = new Points(geometry, material);
     this.cloud.visible = this.shows.workspace;
@@ -259,7 +281,13 @@ export function setAccent(additive: boolean): void {
 
 /** A material that shows one colour and takes no light. */
 export function flat(color: number, opacity = 1): MeshBasicMaterial {
-  return new MeshBasicMaterial({ color, opacity, transparent: opacity < 1, depthWrite: opacity >= 1, toneMapped: false });
+  return new MeshBasicMaterial({
+    color,
+    opacity,
+    transparent: opacity < 1,
+    depthWrite: opacity >= 1,
+    toneMapped: false,
+  });
 }
 
 function tube(points: Numbers, radius: number): InstancedMesh {
@@ -279,7 +307,13 @@ function tube(points: Numbers, radius: number): InstancedMesh {
 /** A table that stands on the floor, and an abdomen on it. */
 function propsOf(s: Scenery, port: Numbers): Mesh[] {
   const at = new Vector3().fromArray(port);
-  const skin = new MeshStandardMaterial({ color: 0xe2a080, roughness: 0.8, opacity: 0.42, transparent: true, depthWrite: false });
+  const skin = new MeshStandardMaterial({
+    color: 0xe2a080,
+    roughness: 0.8,
+    opacity: 0.42,
+    transparent: true,
+    depthWrite: false,
+  });
   const steel = new MeshStandardMaterial({ color: 0xa0aeba, roughness: 0.55 });
   const [a = 0.1, b = 0.1, c = 0.1] = s.patient.radii;
   const dome = new SphereGeometry(1, 48, 24, 0, 2 * Math.PI, 0, Math.PI / 2).rotateX(Math.PI / 2).scale(a, b, c);

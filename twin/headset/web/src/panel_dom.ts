@@ -76,11 +76,14 @@ export class DomPanel implements Drawer {
         const node = make('p', 'text');
         node.dataset['id'] = c.id;
         if (c.id === 'status') node.setAttribute('role', 'status');
-        this.on(() => `${c.tone?.() ?? 'plain'}|${c.text()}`, () => {
-          node.textContent = c.text();
-          node.dataset['tone'] = c.tone?.() ?? 'plain';
-          node.hidden = !c.text();
-        });
+        this.on(
+          () => `${c.tone?.() ?? 'plain'}|${c.text()}`,
+          () => {
+            node.textContent = c.text();
+            node.dataset['tone'] = c.tone?.() ?? 'plain';
+            node.hidden = !c.text();
+          },
+        );
         return node;
       }
       case 'button':
@@ -102,11 +105,14 @@ export class DomPanel implements Drawer {
     node.dataset['id'] = c.id;
     if (c.hint) node.title = c.hint;
     node.onclick = () => c.press();
-    this.on(() => `${c.label()}|${c.on?.() ?? ''}|${c.off?.() ?? ''}`, () => {
-      node.textContent = c.label();
-      node.disabled = c.off?.() ?? false;
-      if (c.on) node.setAttribute('aria-pressed', String(c.on()));
-    });
+    this.on(
+      () => `${c.label()}|${c.on?.() ?? ''}|${c.off?.() ?? ''}`,
+      () => {
+        node.textContent = c.label();
+        node.disabled = c.off?.() ?? false;
+        if (c.on) node.setAttribute('aria-pressed', String(c.on()));
+      },
+    );
     return node;
   }
 
@@ -116,14 +122,19 @@ export class DomPanel implements Drawer {
     node.dataset['id'] = c.id;
     label.append(node);
     node.onchange = () => c.set(node.value);
-    this.on(() => JSON.stringify([c.options(), c.get()]), () => {
-      node.replaceChildren(...c.options().map(([value, text]) => {
-        const option = make('option', '', text);
-        option.value = value;
-        return option;
-      }));
-      node.value = c.get();
-    });
+    this.on(
+      () => JSON.stringify([c.options(), c.get()]),
+      () => {
+        node.replaceChildren(
+          ...c.options().map(([value, text]) => {
+            const option = make('option', '', text);
+            option.value = value;
+            return option;
+          }),
+        );
+        node.value = c.get();
+      },
+    );
     return label;
   }
 
@@ -156,39 +167,52 @@ export class DomPanel implements Drawer {
     };
     bar.onpointerup = bar.onpointercancel = bar.onlostpointercapture = end;
     if (c.segments) box.prepend(this.segments(c));
-    this.on(() => `${c.range().join()}|${c.get()}|${c.off?.() ?? ''}`, () => {
-      const [low, high] = c.range();
-      bar.min = String(low);
-      bar.max = String(high);
-      if (!held) bar.value = String(c.get());
-      bar.disabled = c.off?.() ?? false;
-      value.textContent = c.show(c.get());
-      bar.setAttribute('aria-valuetext', c.show(c.get()));
-    });
+    this.on(
+      () => `${c.range().join()}|${c.get()}|${c.off?.() ?? ''}`,
+      () => {
+        const [low, high] = c.range();
+        bar.min = String(low);
+        bar.max = String(high);
+        if (!held) bar.value = String(c.get());
+        bar.disabled = c.off?.() ?? false;
+        value.textContent = c.show(c.get());
+        bar.setAttribute('aria-valuetext', c.show(c.get()));
+      },
+    );
     return box;
   }
 
   /** The phases above the bar, as wide as they are long. */
   private segments(c: Slider): HTMLElement {
     const strip = make('div', 'phases');
-    this.on(() => JSON.stringify(c.segments?.()), () => {
-      const [low, high] = c.range();
-      strip.replaceChildren(...(c.segments?.() ?? []).map(([name, a, b]) => {
-        const node = make('button', 'phase', name);
-        node.title = `${name}: ${a.toFixed(2)}–${b.toFixed(2)} s`;
-        node.style.left = `${(100 * (a - low)) / (high - low)}%`;
-        node.style.width = `${(100 * (b - a)) / (high - low)}%`;
-        node.onclick = () => c.set(a);
-        node.dataset['start'] = String(a);
-        return node;
-      }));
-    });
-    this.on(() => String(c.get()), () => {
-      const t = c.get();
-      const all = [...strip.children] as HTMLElement[];
-      const spans = c.segments?.() ?? [];
-      all.forEach((node, i) => node.toggleAttribute('data-now', t >= (spans[i]?.[1] ?? 0) && t < (spans[i]?.[2] ?? 0)));
-    });
+    this.on(
+      () => JSON.stringify(c.segments?.()),
+      () => {
+        const [low, high] = c.range();
+        strip.replaceChildren(
+          ...(c.segments?.() ?? []).map(([name, a, b]) => {
+            const node = make('button', 'phase', name);
+            node.title = `${name}: ${a.toFixed(2)}–${b.toFixed(2)} s`;
+            node.style.left = `${(100 * (a - low)) / (high - low)}%`;
+            node.style.width = `${(100 * (b - a)) / (high - low)}%`;
+            node.onclick = () => c.set(a);
+            node.dataset['start'] = String(a);
+            return node;
+          }),
+        );
+      },
+    );
+    this.on(
+      () => String(c.get()),
+      () => {
+        const t = c.get();
+        const all = [...strip.children] as HTMLElement[];
+        const spans = c.segments?.() ?? [];
+        all.forEach((node, i) =>
+          node.toggleAttribute('data-now', t >= (spans[i]?.[1] ?? 0) && t < (spans[i]?.[2] ?? 0)),
+        );
+      },
+    );
     return strip;
   }
 

@@ -1,6 +1,17 @@
 /** The controls in the headset: a card that floats in the room, pressed by a ray, a pinch or a look. */
 
-import { CanvasTexture, Group, LinearFilter, Mesh, MeshBasicMaterial, Object3D, PlaneGeometry, SRGBColorSpace, Vector2, Vector3 } from 'three';
+import {
+  CanvasTexture,
+  Group,
+  LinearFilter,
+  Mesh,
+  MeshBasicMaterial,
+  Object3D,
+  PlaneGeometry,
+  SRGBColorSpace,
+  Vector2,
+  Vector3,
+} from 'three';
 import type { Button, Choice, Control, Drawer, Sheet, Slider } from './controls';
 import { colorsOf, Pen } from './pen';
 import type { Look } from './world';
@@ -70,7 +81,11 @@ export class XrPanel implements Drawer {
     if (ahead.lengthSq() < 1e-6) ahead.set(0, 0, -1);
     ahead.normalize();
     const left = new Vector3(ahead.z, 0, -ahead.x);
-    this.group.position.copy(viewer).addScaledVector(ahead, 0.72).addScaledVector(left, 0.36).add(new Vector3(0, -0.14, 0));
+    this.group.position
+      .copy(viewer)
+      .addScaledVector(ahead, 0.72)
+      .addScaledVector(left, 0.36)
+      .add(new Vector3(0, -0.14, 0));
     this.group.lookAt(viewer);
   }
 
@@ -194,8 +209,22 @@ export class XrPanel implements Drawer {
     if (this.deepest <= 0) return;
     const by = 0.7 * (bottom - top);
     const x = WIDTH - PAD - 56;
-    const up: Zone = { id: 'scroll-up', x, y: top, w: 56, h: 120, press: () => (this.scroll = Math.max(0, this.scroll - by)) };
-    const down: Zone = { id: 'scroll-down', x, y: bottom - 120, w: 56, h: 120, press: () => (this.scroll = Math.min(this.deepest, this.scroll + by)) };
+    const up: Zone = {
+      id: 'scroll-up',
+      x,
+      y: top,
+      w: 56,
+      h: 120,
+      press: () => (this.scroll = Math.max(0, this.scroll - by)),
+    };
+    const down: Zone = {
+      id: 'scroll-down',
+      x,
+      y: bottom - 120,
+      w: 56,
+      h: 120,
+      press: () => (this.scroll = Math.min(this.deepest, this.scroll + by)),
+    };
     this.pen.button(up, '▲', false, this.scroll <= 0, this.hot === up.id);
     this.pen.button(down, '▼', false, this.scroll >= this.deepest, this.hot === down.id);
     this.zones.unshift(up, down);
@@ -239,7 +268,10 @@ export class XrPanel implements Drawer {
   /** A choice is stepped through: a list that drops down is hard to press in the air. */
   private choice(c: Choice, x: number, y: number, w: number, zone: (z: Zone) => Zone): number {
     const options = c.options();
-    const i = Math.max(0, options.findIndex(([value]) => value === c.get()));
+    const i = Math.max(
+      0,
+      options.findIndex(([value]) => value === c.get()),
+    );
     const go = (by: number) => () => c.set(options[(i + by + options.length) % options.length]?.[0] ?? '');
     this.pen.text(c.label, x, y, w, 'faint', 25, 1);
     const left = zone({ id: `${c.id}-previous`, x, y: y + 34, w: 72, h: 60, press: go(-1) });

@@ -25,14 +25,32 @@ export interface Box {
 }
 
 const NORMAL: Colors = {
-  paper: '#f7f9fcf2', edge: '#b9c4d1', ink: '#17212e', faint: '#55616f', button: '#e3e9f1', hot: '#c9dbf3',
-  on: '#2268c9', onInk: '#ffffff', good: '#0c7a43', warn: '#9a5200', bad: '#b3101e',
+  paper: '#f7f9fcf2',
+  edge: '#b9c4d1',
+  ink: '#17212e',
+  faint: '#55616f',
+  button: '#e3e9f1',
+  hot: '#c9dbf3',
+  on: '#2268c9',
+  onInk: '#ffffff',
+  good: '#0c7a43',
+  warn: '#9a5200',
+  bad: '#b3101e',
 };
 
 /** Nothing here is nearly black: on an additive display that would be a hole. */
 const BRIGHT: Colors = {
-  paper: '#eaf3ff', edge: '#ffffff', ink: '#2a5db0', faint: '#4d7cc4', button: '#cfe3ff', hot: '#ffffff',
-  on: '#3f8cff', onInk: '#ffffff', good: '#12a35c', warn: '#c97400', bad: '#e0283a',
+  paper: '#eaf3ff',
+  edge: '#ffffff',
+  ink: '#2a5db0',
+  faint: '#4d7cc4',
+  button: '#cfe3ff',
+  hot: '#ffffff',
+  on: '#3f8cff',
+  onInk: '#ffffff',
+  good: '#12a35c',
+  warn: '#c97400',
+  bad: '#e0283a',
 };
 
 export function colorsOf(look: Look): Colors {
@@ -143,7 +161,14 @@ export class Pen {
     c.globalAlpha = 1;
   }
 
-  segments(x: number, y: number, w: number, h: number, spans: (readonly [string, number, number])[], now: number): void {
+  segments(
+    x: number,
+    y: number,
+    w: number,
+    h: number,
+    spans: (readonly [string, number, number])[],
+    now: number,
+  ): void {
     const { c, colors } = this;
     for (const [name, a, b] of spans) {
       const box = { x: x + a * w + 1, y, w: (b - a) * w - 2, h };

@@ -18,7 +18,8 @@ export class Place {
 
   /** Height of the floor below it, in the scene. */
   private ground = 0;
-  private two: { mid: Vector3; apart: number; angle: number; scale: number; yaw: number; position: Vector3 } | null = null;
+  private two: { mid: Vector3; apart: number; angle: number; scale: number; yaw: number; position: Vector3 } | null =
+    null;
 
   constructor(private readonly world: World) {
     const ring = new Mesh(new RingGeometry(0.085, 0.1, 48).rotateX(-Math.PI / 2), accentuate(flat(BLUE)));
@@ -87,7 +88,10 @@ export class Place {
     if (ahead.lengthSq() < 1e-6) ahead.set(0, 0, -1);
     const s = this.world.size * this.scale;
     this.ground = floor;
-    this.node.position.copy(viewer).addScaledVector(ahead.normalize(), Math.max(0.6, 0.75 + 0.7 * s)).setY(floor);
+    this.node.position
+      .copy(viewer)
+      .addScaledVector(ahead.normalize(), Math.max(0.6, 0.75 + 0.7 * s))
+      .setY(floor);
     // Something small is seen best where a table would hold it; whatever is large stands on the floor.
     if (s < 1) this.node.position.y = floor + Math.max(0, Math.min(0.75, viewer.y - floor - 0.35 - 0.6 * s));
     this.face(viewer);
@@ -124,7 +128,10 @@ export class Place {
     const scale = Math.min(LARGEST, Math.max(SMALLEST, (t.scale * a.distanceTo(b)) / t.apart));
     const turn = Math.atan2(b.x - a.x, b.z - a.z) - t.angle;
     const mid = a.clone().add(b).multiplyScalar(0.5);
-    const arm = t.position.clone().sub(t.mid).multiplyScalar(scale / t.scale);
+    const arm = t.position
+      .clone()
+      .sub(t.mid)
+      .multiplyScalar(scale / t.scale);
     arm.applyQuaternion(new Quaternion().setFromAxisAngle(UP, turn));
     this.node.position.copy(mid).add(arm);
     this.node.scale.setScalar(scale);

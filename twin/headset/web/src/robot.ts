@@ -1,8 +1,20 @@
 /** The robot's meshes. Link poses of the stream are applied to the nodes as they are: no kinematics here. */
 
 import {
-  Box3, Color, EdgesGeometry, Float32BufferAttribute, Group, LineBasicMaterial, LineSegments, Matrix4, Mesh, MeshBasicMaterial,
-  MeshStandardMaterial, Object3D, Quaternion, Vector3,
+  Box3,
+  Color,
+  EdgesGeometry,
+  Float32BufferAttribute,
+  Group,
+  LineBasicMaterial,
+  LineSegments,
+  Matrix4,
+  Mesh,
+  MeshBasicMaterial,
+  MeshStandardMaterial,
+  Object3D,
+  Quaternion,
+  Vector3,
 } from 'three';
 import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import type { Frame } from './frame';
@@ -220,8 +232,6 @@ function outlineOf(link: Link): LineSegments {
   group.userData['twinLink'] = link.name;
   return group;
 }
-
-
 
 /** Position and rotation of a pose of seven numbers. */
 export function poseOf(v: ArrayLike<number>): { p: Vector3; q: Quaternion } {

@@ -34,7 +34,10 @@ export class SelfTest {
   private readonly verdict = document.createElement('p');
   private readonly markers = new Group();
 
-  constructor(private readonly app: App, page: HTMLElement) {
+  constructor(
+    private readonly app: App,
+    page: HTMLElement,
+  ) {
     const box = document.createElement('section');
     box.className = 'selftest';
     const title = document.createElement('h1');
@@ -79,7 +82,15 @@ export class SelfTest {
     this.attempt('a frame of the stream is read', () => {
       const bytes = Uint8Array.from(atob(FRAME), (c) => c.charCodeAt(0));
       const frame = parseFrame(bytes.buffer);
-      const is = [frame.seq, frame.serverTime, frame.clipTime, frame.flags, frame.q[0], frame.poses[8], frame.ghost?.[6]];
+      const is = [
+        frame.seq,
+        frame.serverTime,
+        frame.clipTime,
+        frame.flags,
+        frame.q[0],
+        frame.poses[8],
+        frame.ghost?.[6],
+      ];
       return worst(is.map(Number), [7, 12.5, 3.25, 5, 0.75, -0.5, Math.fround(0.8)]);
     });
     this.attempt('z up becomes y up, once', () => {
@@ -168,7 +179,9 @@ export class SelfTest {
     const label = new Label();
     label.say(
       'cube: 10 cm, 1 m ahead, on the floor\nrod: 1 m high, pieces of 10 cm\nred: right (x)  green: ahead (y)  blue: up (z)',
-      '#12438a', 'normal', 0.035,
+      '#12438a',
+      'normal',
+      0.035,
     );
     label.sprite.position.set(-0.3, 1.05, -1);
     label.sprite.visible = true;
@@ -217,10 +230,22 @@ export class SelfTest {
         {
           id: 'simulation', // the tab that is open first
           label: 'Self-test',
-          controls: this.results.map((r, i) => ({ kind: 'text', id: `result-${i}`, text: () => `${r.verdict}: ${r.name} (${r.said})`, tone: () => tone(r) })),
+          controls: this.results.map((r, i) => ({
+            kind: 'text',
+            id: `result-${i}`,
+            text: () => `${r.verdict}: ${r.name} (${r.said})`,
+            tone: () => tone(r),
+          })),
         },
       ],
-      transport: [{ kind: 'row', items: [{ kind: 'button', id: 'leave', label: () => 'Leave the headset', press: () => void this.app.xr.leave() }] }],
+      transport: [
+        {
+          kind: 'row',
+          items: [
+            { kind: 'button', id: 'leave', label: () => 'Leave the headset', press: () => void this.app.xr.leave() },
+          ],
+        },
+      ],
       status: { kind: 'text', id: 'status', text: () => this.verdict.textContent ?? '', tone: () => 'plain' },
     };
   }

@@ -1,7 +1,14 @@
 /** Three squares drawn by this device's graphics, and their pixels read back: place and colour are known. */
 
 import {
-  Mesh, MeshBasicMaterial, NoColorSpace, PerspectiveCamera, PlaneGeometry, Scene, WebGLRenderer, WebGLRenderTarget,
+  Mesh,
+  MeshBasicMaterial,
+  NoColorSpace,
+  PerspectiveCamera,
+  PlaneGeometry,
+  Scene,
+  WebGLRenderer,
+  WebGLRenderTarget,
 } from 'three';
 
 interface Result {
@@ -30,7 +37,10 @@ export function checkPicture(webgl2: boolean): Result[] {
   const target = new WebGLRenderTarget(SIZE, SIZE, { colorSpace: NoColorSpace });
   const scene = new Scene();
   for (const [color, x, y] of SQUARES) {
-    const square = new Mesh(new PlaneGeometry(0.3, 0.3), new MeshBasicMaterial({ color: `#${color}`, toneMapped: false }));
+    const square = new Mesh(
+      new PlaneGeometry(0.3, 0.3),
+      new MeshBasicMaterial({ color: `#${color}`, toneMapped: false }),
+    );
     square.position.set(x, y, 0);
     scene.add(square);
   }

@@ -4,7 +4,7 @@ import type { App } from './app';
 import type { Button, Control, Sheet, Slider, Tab } from './controls';
 import type { Mode } from './grab';
 import { isAngle, jointValue, length } from './model';
-import type { Shows } from './overlays';
+import { robot, scene } from './sheet_scene';
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 
@@ -25,12 +25,45 @@ function transport(app: App): Control[] {
     {
       kind: 'row',
       items: [
-        { kind: 'button', id: 'play', label: () => (s().playing ? '❚❚ Pause' : '▶ Play'), off: none, on: () => s().playing, press: () => app.ask('play', { on: !s().playing }) },
+        {
+          kind: 'button',
+          id: 'play',
+          label: () => (s().playing ? '❚❚ Pause' : '▶ Play'),
+          off: none,
+          on: () => s().playing,
+          press: () => app.ask('play', { on: !s().playing }),
+        },
         { kind: 'button', id: 'begin', label: () => '|◀ Start', off: none, press: () => app.ask('seek', { t: 0 }) },
-        { kind: 'button', id: 'loop', label: () => '↻ Loop', off: none, on: () => s().loop, press: () => app.ask('loop', { on: !s().loop }) },
-        { kind: 'button', id: 'slower', label: () => '– slower', off: none, press: () => app.ask('speed', { value: step(s().speed, -1) }) },
-        { kind: 'button', id: 'speed', label: () => `${s().speed}×`, off: none, press: () => app.ask('speed', { value: 1 }), hint: 'Back to real time' },
-        { kind: 'button', id: 'faster', label: () => '+ faster', off: none, press: () => app.ask('speed', { value: step(s().speed, 1) }) },
+        {
+          kind: 'button',
+          id: 'loop',
+          label: () => '↻ Loop',
+          off: none,
+          on: () => s().loop,
+          press: () => app.ask('loop', { on: !s().loop }),
+        },
+        {
+          kind: 'button',
+          id: 'slower',
+          label: () => '– slower',
+          off: none,
+          press: () => app.ask('speed', { value: step(s().speed, -1) }),
+        },
+        {
+          kind: 'button',
+          id: 'speed',
+          label: () => `${s().speed}×`,
+          off: none,
+          press: () => app.ask('speed', { value: 1 }),
+          hint: 'Back to real time',
+        },
+        {
+          kind: 'button',
+          id: 'faster',
+          label: () => '+ faster',
+          off: none,
+          press: () => app.ask('speed', { value: step(s().speed, 1) }),
+        },
       ],
     },
     {
@@ -78,12 +111,29 @@ function simulation(app: App): Tab {
       },
     },
     { kind: 'text', id: 'phase', text: () => phaseText(app) },
-    { kind: 'text', id: 'phases', tone: () => 'faint', text: () => m.state.phases.map(([n, a, b], i) => `${i + 1}  ${n}  ${a.toFixed(1)}–${seconds(b)}`).join('\n') },
+    {
+      kind: 'text',
+      id: 'phases',
+      tone: () => 'faint',
+      text: () => m.state.phases.map(([n, a, b], i) => `${i + 1}  ${n}  ${a.toFixed(1)}–${seconds(b)}`).join('\n'),
+    },
     {
       kind: 'row',
       items: [
-        { kind: 'button', id: 'previous', label: () => '‹ previous phase', off: () => !m.state.phases.length, press: () => app.phase(-1) },
-        { kind: 'button', id: 'next', label: () => 'next phase ›', off: () => !m.state.phases.length, press: () => app.phase(1) },
+        {
+          kind: 'button',
+          id: 'previous',
+          label: () => '‹ previous phase',
+          off: () => !m.state.phases.length,
+          press: () => app.phase(-1),
+        },
+        {
+          kind: 'button',
+          id: 'next',
+          label: () => 'next phase ›',
+          off: () => !m.state.phases.length,
+          press: () => app.phase(1),
+        },
       ],
     },
     { kind: 'text', id: 'measures', text: () => measures(app) },
@@ -91,7 +141,15 @@ function simulation(app: App): Tab {
   if (m.state.recording !== undefined)
     controls.push({
       kind: 'row',
-      items: [{ kind: 'button', id: 'record', label: () => (m.state.recording ? '■ Stop recording' : '● Record'), on: () => m.state.recording === true, press: () => app.ask('record', { on: !m.state.recording }) }],
+      items: [
+        {
+          kind: 'button',
+          id: 'record',
+          label: () => (m.state.recording ? '■ Stop recording' : '● Record'),
+          on: () => m.state.recording === true,
+          press: () => app.ask('record', { on: !m.state.recording }),
+        },
+      ],
     });
   return { id: 'simulation', label: 'Simulation', controls };
 }
@@ -101,7 +159,9 @@ function phaseText(app: App): string {
   if (!s.phases.length) return '';
   const t = app.clipTime();
   const i = s.phases.findIndex(([, , end]) => t <= end + 1e-9);
-  return s.phase ? `Phase ${(i < 0 ? s.phases.length - 1 : i) + 1} of ${s.phases.length}: ${s.phase}` : 'Not on the protocol: press Play to return to it.';
+  return s.phase
+    ? `Phase ${(i < 0 ? s.phases.length - 1 : i) + 1} of ${s.phases.length}: ${s.phase}`
+    : 'Not on the protocol: press Play to return to it.';
 }
 
 function measures(app: App): string {
@@ -122,20 +182,55 @@ function interaction(app: App): Tab {
     ['link', 'Link', 'Take any link at any point: the mechanism follows that point.'],
   ];
   const mode = (value: Mode, label: string): Button => ({
-    kind: 'button', id: `mode-${value}`, label: () => label, on: () => app.grab.mode === value,
-    press: () => { app.grab.mode = value; app.refresh(); },
+    kind: 'button',
+    id: `mode-${value}`,
+    label: () => label,
+    on: () => app.grab.mode === value,
+    press: () => {
+      app.grab.mode = value;
+      app.refresh();
+    },
   });
   const controls: Control[] = [
     { kind: 'head', text: 'What a hand takes' },
     { kind: 'row', items: modes.map(([value, label]) => mode(value, label)) },
-    { kind: 'text', id: 'how', tone: () => 'faint', text: () => `${modes.find(([v]) => v === app.grab.mode)?.[2] ?? ''} ${app.how()}` },
-    { kind: 'row', items: [{ kind: 'button', id: 'turning', label: () => 'Tool turns with the hand', on: () => app.grab.turning, press: () => { app.grab.turning = !app.grab.turning; app.refresh(); } }] },
+    {
+      kind: 'text',
+      id: 'how',
+      tone: () => 'faint',
+      text: () => `${modes.find(([v]) => v === app.grab.mode)?.[2] ?? ''} ${app.how()}`,
+    },
+    {
+      kind: 'row',
+      items: [
+        {
+          kind: 'button',
+          id: 'turning',
+          label: () => 'Tool turns with the hand',
+          on: () => app.grab.turning,
+          press: () => {
+            app.grab.turning = !app.grab.turning;
+            app.refresh();
+          },
+        },
+      ],
+    },
   ];
   const postures = m.info?.postures ?? [];
   if (postures.length)
     controls.push(
       { kind: 'head', text: 'Postures' },
-      { kind: 'row', items: postures.slice(0, 6).map((name) => ({ kind: 'button', id: `posture-${name}`, label: () => name, press: () => app.ask('posture', { name }) })) },
+      {
+        kind: 'row',
+        items: postures
+          .slice(0, 6)
+          .map((name) => ({
+            kind: 'button',
+            id: `posture-${name}`,
+            label: () => name,
+            press: () => app.ask('posture', { name }),
+          })),
+      },
     );
   controls.push({ kind: 'head', text: 'Joints' });
   for (const joint of m.info?.joints.filter((j) => j.active) ?? []) {
@@ -155,79 +250,4 @@ function interaction(app: App): Tab {
     controls.push(slider);
   }
   return { id: 'interaction', label: 'Interaction', controls };
-}
-
-function scene(app: App): Tab {
-  const m = app.model;
-  const show = (key: keyof Shows, label: string): Button => ({
-    kind: 'button', id: `show-${key}`, label: () => label, on: () => app.overlays.shows[key], press: () => app.show(key),
-  });
-  const rows: Button[][] = [[show('path', 'Tool path'), show('rcm', 'RCM and shaft')], []];
-  if (m.info?.has_workspace) rows[1]?.push(show('workspace', 'Workspace'));
-  if (m.info?.scenery) rows[1]?.push(show('scenery', 'Table and patient'));
-  rows.push([show('labels', 'Labels'), { kind: 'button', id: 'look', label: () => 'Bright, for additive displays', on: () => app.world.look === 'additive', press: () => app.setLook(app.world.look === 'additive' ? 'normal' : 'additive') }]);
-  const controls: Control[] = [{ kind: 'head', text: 'Show' }, ...rows.filter((r) => r.length).map((items): Control => ({ kind: 'row', items }))];
-  controls.push({ kind: 'text', id: 'cloud', tone: () => 'faint', text: () => app.cloudText() });
-  if (m.info?.variants.length)
-    controls.push(
-      {
-        kind: 'choice', id: 'variant', label: 'Tool by the equations, as',
-        options: () => [['', 'not shown'], ...(m.info?.variants ?? []).map((v): [string, string] => [v, v])],
-        get: () => m.state.variant ?? '',
-        set: (v) => app.ask('variant', { name: v || null }),
-      },
-      { kind: 'text', id: 'ghost', tone: () => 'faint', text: () => app.overlays.ghostText },
-    );
-  controls.push(
-    { kind: 'head', text: 'Size and place' },
-    {
-      kind: 'slider', id: 'scale', label: 'Size', range: () => [-1, 1], get: () => Math.log10(app.place.scale),
-      set: (v) => app.place.setScale(10 ** v), show: (v) => `${(10 ** v).toFixed(2)}×`,
-    },
-    {
-      kind: 'slider', id: 'yaw', label: 'Turn', range: () => [-Math.PI, Math.PI], get: () => app.place.yaw,
-      set: (v) => app.place.setYaw(v), show: (v) => `${((180 / Math.PI) * v).toFixed(0)}°`,
-    },
-    {
-      kind: 'slider', id: 'height', label: 'Height', range: () => [-0.5, 1.5], get: () => app.place.height,
-      set: (v) => app.place.setHeight(v), show: (v) => `${(100 * v).toFixed(0)} cm`,
-    },
-    {
-      kind: 'row',
-      items: [
-        { kind: 'button', id: 'place', label: () => 'Place on the floor', on: () => app.place.placing, off: () => !app.xr.canPlace, press: () => app.place.begin(), hint: 'In AR' },
-        { kind: 'button', id: 'lead', label: () => 'Move by hand', on: () => app.place.leading, off: () => !app.xr.presenting, press: () => { app.place.leading = !app.place.leading; app.refresh(); }, hint: 'In XR: a pinch moves the whole robot, two pinches turn and scale it' },
-        { kind: 'button', id: 'reset', label: () => 'Reset', press: () => app.place.reset() },
-      ],
-    },
-  );
-  return { id: 'scene', label: 'Scene', controls };
-}
-
-function robot(app: App): Tab {
-  const m = app.model;
-  const count = m.info?.assumed.length ?? 0;
-  return {
-    id: 'robot',
-    label: 'Robot',
-    controls: [
-      { kind: 'text', id: 'name', text: () => m.info?.title || m.info?.name || '' },
-      { kind: 'text', id: 'about', tone: () => 'faint', text: () => `${m.info?.links.length ?? 0} links, ${m.info?.joints.length ?? 0} joints, ${m.info?.joints.filter((j) => j.active).length ?? 0} of them driven\nmodel ${m.info?.model_hash.slice(0, 19) ?? ''}` },
-      { kind: 'text', id: 'values', text: () => (m.info?.joints ?? []).filter((j) => j.active).map((j) => `${j.name}  ${jointValue(m.joint(j.name), isAngle(j))}`).join('\n') },
-      { kind: 'text', id: 'line', tone: () => 'faint', text: () => app.lineText() },
-      { kind: 'head', text: count === 1 ? '1 ASSUMED parameter' : `${count} ASSUMED parameters` },
-      { kind: 'text', id: 'assumed', tone: () => 'faint', text: () => (count ? assumptions(m.info?.assumed ?? []) : 'None: every number has a source.') },
-    ],
-  };
-}
-
-/** What is assumed, the same reason told once. */
-function assumptions(all: readonly string[]): string {
-  const reasons = new Map<string, string[]>();
-  for (const line of all) {
-    const [name = '', ...rest] = line.split(': ');
-    const why = rest.join(': ');
-    reasons.set(why, [...(reasons.get(why) ?? []), name]);
-  }
-  return [...reasons].map(([why, names]) => `• ${names.join(', ')}: ${why}`).join('\n');
 }

@@ -1,9 +1,27 @@
 /** Scene, camera, light, floor and the two looks: normal, and bright for displays that add their light to the room. */
 
 import {
-  AmbientLight, BufferGeometry, CircleGeometry, Color, DirectionalLight, Float32BufferAttribute, Group, HemisphereLight,
-  LineBasicMaterial, LineSegments, Mesh, MeshBasicMaterial, NeutralToneMapping, Object3D, PerspectiveCamera, PCFShadowMap,
-  Scene, ShadowMaterial, SRGBColorSpace, Vector3, WebGLRenderer,
+  AmbientLight,
+  BufferGeometry,
+  CircleGeometry,
+  Color,
+  DirectionalLight,
+  Float32BufferAttribute,
+  Group,
+  HemisphereLight,
+  LineBasicMaterial,
+  LineSegments,
+  Mesh,
+  MeshBasicMaterial,
+  NeutralToneMapping,
+  Object3D,
+  PerspectiveCamera,
+  PCFShadowMap,
+  Scene,
+  ShadowMaterial,
+  SRGBColorSpace,
+  Vector3,
+  WebGLRenderer,
 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 
@@ -144,7 +162,7 @@ export class World {
     this.shadow.visible = !additive;
     this.disc.visible = !seeThrough && !additive;
     this.grid.visible = !seeThrough;
-    (this.grid.material as LineBasicMaterial).opacity = additive ? 0.6 : 1;
+    (this.grid.material as LineBasicMaterial).opacity = additive ? 0.35 : 1;
     this.touch();
   }
 }
@@ -166,8 +184,8 @@ function gridOf(): LineSegments {
     for (let k = -half; k < half; k++) {
       if (Math.hypot(i, k + 0.5) > half) continue;
       const strong = i % 5 === 0;
-      add(i, k, strong), add(i, k + 1, strong);
-      add(k, i, strong), add(k + 1, i, strong);
+      (add(i, k, strong), add(i, k + 1, strong));
+      (add(k, i, strong), add(k + 1, i, strong));
     }
   const geometry = new BufferGeometry();
   geometry.setAttribute('position', new Float32BufferAttribute(positions, 3));

@@ -64,7 +64,10 @@ export class Xr {
     const { renderer } = this.app.world;
     try {
       const session = await xr.requestSession(mode, { optionalFeatures: OPTIONAL });
-      const floor = await session.requestReferenceSpace('local-floor').then(() => true, () => false);
+      const floor = await session.requestReferenceSpace('local-floor').then(
+        () => true,
+        () => false,
+      );
       renderer.xr.setReferenceSpaceType(floor ? 'local-floor' : 'local');
       this.floor = floor ? 0 : -EYES;
       session.addEventListener('end', () => this.ended());
