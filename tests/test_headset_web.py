@@ -14,6 +14,18 @@ import pytest
 
 from twin.headset.files import POLICY, page_files
 
+
+def _load(name):
+    """Return a module that lies beside this file: tests are no package."""
+    spec = importlib.util.spec_from_file_location(f"twin_{name}", Path(__file__).with_name(f"{name}.py"))
+    assert spec
+    assert spec.loader
+    sys.modules[spec.name] = module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+headset = _load("headset_page")
 ROOT = Path(__file__).parents[1]
 WEB = ROOT / "twin/headset/web"
 DIST = WEB / "dist"
@@ -77,18 +89,7 @@ def test_no_source_file_is_too_long():
 @pytest.mark.slow
 def test_a_rebuild_is_what_is_shipped(tmp_path):
     """The sources pass the type checker, and make the same bytes with the packages of the lock file."""
-    name = "twin_witness_environments"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, ROOT / "tests/witness/environments.py")
-        assert spec
-        assert spec.loader
-        sys.modules[name] = module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    environments = sys.modules[name]
-    try:
-        packages, node = environments.environment("web").folder, environments.node()
-    except environments.NotThereError as error:
-        pytest.skip(str(error))
+    packages, node = headset.npm_environment("web"), headset.witness_environments().node()
     for item in ("src", "build.mjs", "tsconfig.json", "package.json"):
         source = WEB / item
         (shutil.copytree if source.is_dir() else shutil.copy)(source, tmp_path / item)

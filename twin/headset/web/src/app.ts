@@ -244,7 +244,10 @@ export class App {
       this.refreshed = now;
       if (robot) this.overlays.update(model, robot);
       this.header.refresh();
-      if (!this.xr.presenting) this.dom.refresh();
+      if (!this.xr.presenting) {
+        this.dom.refresh();
+        world.cover(...this.dom.covers());
+      }
       this.xrPanel.refresh();
     }
     this.xrPanel.update(now);

@@ -112,7 +112,8 @@ export function length(metres: number): string {
 /** Return a joint value in degrees or millimetres. */
 export function jointValue(value: number, angle: boolean): string {
   if (!Number.isFinite(value)) return '–';
-  return angle ? `${((180 / Math.PI) * value).toFixed(2)}°` : `${(1e3 * value).toFixed(2)} mm`;
+  const shown = ((angle ? 180 / Math.PI : 1e3) * value).toFixed(2).replace(/^-(?=0\.00$)/, '');
+  return angle ? `${shown}°` : `${shown} mm`;
 }
 
 export function isAngle(joint: { unit: string; type: string }): boolean {

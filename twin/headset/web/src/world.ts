@@ -112,7 +112,7 @@ export class World {
   frameAll(middle: Vector3, radius: number): void {
     const { clientWidth: w, clientHeight: h } = this.renderer.domElement;
     const free = Math.max(0.2, Math.min((h - this.covered.bottom) / h, (w - this.covered.right) / h));
-    const away = (0.84 * radius) / Math.sin(Math.atan(Math.tan((this.camera.fov * Math.PI) / 360) * free));
+    const away = (0.9 * radius) / Math.sin(Math.atan(Math.tan((this.camera.fov * Math.PI) / 360) * free));
     this.camera.position.copy(middle).addScaledVector(VIEW, away);
     this.camera.near = Math.max(0.002, away / 200);
     this.camera.far = 60 * Math.max(1, away);
