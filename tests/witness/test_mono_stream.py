@@ -298,12 +298,6 @@ MUTATIONS = {
         "private const double SilentSeconds = 5.0;",
         "private const double SilentSeconds = 500.0;",
     ),
-    "the last request waits first": (
-        "orders",
-        "StreamOutbox.cs",
-        "string json = waiting[0].Key;\n                waiting.RemoveAt(0);",
-        "string json = waiting[waiting.Count - 1].Key;\n                waiting.RemoveAt(0);",
-    ),
     "no release": ("orders", "Grab.cs", "Send(Requests.Release(), false);", ""),
 }
 """Name: scenario that must fail, file of the runtime, text that is there once, what takes its place."""
