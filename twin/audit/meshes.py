@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 
@@ -44,8 +45,8 @@ def check_mesh(
             suggestion="indices count from 0 to the number of points less 1",
         )
         return None
-    welded, volume = weld(vertices, triangles), signed_volume(vertices, triangles)
-    closed, mixed = edges(welded)
+    shape, mixed = _measured(np.asarray(vertices, float).tobytes(), np.asarray(triangles, np.int64).tobytes())
+    closed, volume = shape.closed, shape.volume
     if mixed:
         ledger.add(
             f"{code}.winding_mixed",
@@ -67,8 +68,17 @@ def check_mesh(
         )
     if normals is not None:
         _check_normals(ledger, where, vertices, triangles, normals, code)
+    return shape
+
+
+@lru_cache(maxsize=512)
+def _measured(points: bytes, faces: bytes) -> tuple[Shape, bool]:
+    """Return the shape, and whether it is closed but mixed; once for a mesh that several files of a bundle repeat."""
+    vertices = np.frombuffer(points).reshape(-1, 3)
+    triangles = np.frombuffer(faces, np.int64).reshape(-1, 3)
+    closed, mixed = edges(weld(vertices, triangles))
     used = vertices[np.unique(triangles)]
-    return Shape(used.min(axis=0), used.max(axis=0), volume, closed)
+    return Shape(used.min(axis=0), used.max(axis=0), signed_volume(vertices, triangles), closed), mixed
 
 
 def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array, normals: Array, code: str) -> None:
