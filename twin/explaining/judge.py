@@ -325,16 +325,16 @@ class Judge:
     def suspects(self, place: Place) -> dict[str, set[int]]:
         """Return the statements, by equation, that the value of a row depends on."""
         out: dict[str, set[int]] = {}
-        self._trace(self.step(place.equation), place.statement, place.position, out)
+        self._trace(self.step(place.equation), place.statement, place.position, out, set())
         return out
 
-    def _trace(self, step: Step, index: int, position: int | None, out: dict[str, set[int]]) -> None:
+    def _trace(self, step: Step, index: int, position: int, out: dict[str, set[int]], seen: set[str]) -> None:
         mine = out.setdefault(step.equation.name, set())
         statements = step.source.statements
         s = statements[index]
         mine.add(index)
         wanted = set(s.reads)
-        if s.returns and position is not None:
+        if s.returns:
             wanted = s.reads_at(position)
         for i in range(index - 1, -1, -1):
             if wanted & set(statements[i].writes):
@@ -350,9 +350,10 @@ class Judge:
             if name in self.truth.kinds or name not in step.inputs:
                 continue
             maker = self._maker(step, name)
-            if maker is not None and (maker.equation.name not in out):
+            if maker is not None and name not in seen:
+                seen.add(name)
                 last = maker.source.statements[-1]
-                self._trace(maker, last.index, maker.equation.outputs.index(name), out)
+                self._trace(maker, last.index, maker.equation.outputs.index(name), out, seen)
 
     def _maker(self, step: Step, name: str) -> Step | None:
         for other in self.steps:
