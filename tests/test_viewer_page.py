@@ -179,8 +179,10 @@ def test_the_timeline_is_scrubbed_and_the_curve_has_a_cursor(sils):
     until(lambda: np.allclose(front.hand.desk.assembly.q, front.hand.playback.q[k], atol=1e-9), "the robot at 5 s")
     assert read(front.hand.desk, front.scenery.rcm(front.hand)).rcm_error < 1e-9
     sils.tab("Curves")
+    curve = sils.page.locator(".uplot canvas").first
+    until(lambda: curve.bounding_box()["width"] > 0, "the curve")
     time.sleep(1.5)
-    canvas = sils.page.locator(".uplot canvas").first.bounding_box()
+    canvas = curve.bounding_box()
     image = np.asarray(Image.open(io.BytesIO(sils.page.screenshot(clip=canvas))).convert("RGB")).astype(int)
     assert np.mean(np.ptp(image, axis=2) > 60) > 0.003  # coloured curves
     sils.tab("Instruments")
