@@ -198,6 +198,8 @@ def _calls(w: _Writer, root: ast.AST) -> Iterator[Edit]:
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult):
             yield w.replace(node, f"{w.text(node.right)} @ {w.text(node.left)}", "order")
             for side in (node.left, node.right):
+                if isinstance(side, ast.Attribute) and side.attr == "T":
+                    continue  # what takes the transposition away comes above
                 yield w.replace(side, f"({w.text(side)}).T", "transpose")
 
 

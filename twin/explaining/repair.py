@@ -20,7 +20,7 @@ from twin.spatial import Array
 TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
 """Kinds of edits that change one token: what misprints usually are. Others rank behind them."""
 
-_REST = ("order", "transpose", "parenthesis", "surplus", "missing")
+_REST = ("transpose", "order", "parenthesis", "surplus", "missing")
 
 _ORDER = (*TOKENS, *_REST)
 
