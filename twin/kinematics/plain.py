@@ -275,7 +275,8 @@ def _length_scale(parameters: Sequence[Parameter]) -> Any:
 
 
 def _equation(row: _Rows, stage: Stage, title: str, path: Path) -> Equation:
-    return Equation(row.name, title, path.name, stage, row.outputs, {"written": row}, default="written")
+    at = f"{path.name}, line {row.line}"
+    return Equation(row.name, title, at, stage, row.outputs, {"written": row}, {"written": at}, "written")
 
 
 def _seeds(coordinates: Coordinates, home: tuple[Array, Array | None] | None, inverse: bool) -> tuple:
