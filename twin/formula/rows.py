@@ -98,10 +98,12 @@ class PlainRows:
         """
         names = self.outputs
         if isinstance(value, Mapping):
-            wrong = sorted({str(k) for k in value} ^ set(names))
+            wrong = [f"'{n}' is missing" for n in names if n not in value]
+            wrong += [f"'{n}' is too many" for n in value if n not in names]
             if wrong:
                 what = "points" if self.name == "points" else "active joints"
-                raise self.error(f"{self.name}() returns other names than the {what} {', '.join(names)}: {wrong[0]}")
+                text = ", ".join(names)
+                raise self.error(f"{self.name}() returns other names than the {what} {text}: {', '.join(wrong)}")
             return [value[n] for n in names]
         if self.name == "forward":
             return [value]
@@ -134,7 +136,7 @@ def reason(error: BaseException) -> str:
         return f"{text}: the root or arc of a number out of range, or a division by zero"
     if isinstance(error, FutureWarning) and "casadi" in text:
         return "a NumPy function is called on a CasADi value: use CasADi's, or leave CasADi out and use NumPy alone"
-    if "ufunc" in text or "unsupported operand" in text:
+    if "loop of ufunc" in text or "unsupported operand" in text:
         text = text.replace("Symbol", "symbol")
         return f"{text}: twin cannot differentiate this; write it with NumPy's elementary functions"
     return f"{type(error).__name__}: {text}"

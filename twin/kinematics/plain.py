@@ -332,13 +332,19 @@ def _try(formula: Formula, rows: Sequence[_Rows]) -> None:
     """Run every function on symbols.
 
     Raises:
-        KinematicsError: it fails, or one of its outputs is no number whatever the pose; with file and line.
+        KinematicsError: it fails, or an output is no number whatever the pose; with file and line.
     """
     symbols = _symbols(formula.parameters, [j.name for j in formula.joints], formula.coordinates)
     symbols |= {n: ca.SX.sym(n, 3) for n in formula.points}
     for row in rows:
         wanted = inspect.signature(row).parameters
         for name, value in zip(row.outputs, row(**{n: symbols[n] for n in wanted}), strict=True):
-            for e in ca.vertsplit(ca.vec(ca.densify(value))):
-                if e.is_constant() and not np.isfinite(float(e)):
-                    raise row.error(f"{row.name}(): '{name}' is {float(e)} whatever the pose")
+            if _has_nan(value):
+                raise row.error(f"{row.name}(): '{name}' is nan whatever the pose: one of the numbers in it is nan")
+
+
+def _has_nan(value: ca.SX) -> bool:
+    """Return whether one of the constants of an expression is no number: then nor is its value, ever."""
+    f = ca.Function("f", ca.symvar(value), [value])
+    constants = (i for i in range(f.n_instructions()) if f.instruction_id(i) == ca.OP_CONST)
+    return any(np.isnan(f.instruction_constant(i)) for i in constants)

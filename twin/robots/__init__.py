@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import logging
 import sys
 import traceback
 from collections.abc import Callable, Sequence
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from twin.spatial import Array
 
 _FOLDER = Path(__file__).resolve().parent
+_said: set[Path] = set()
 
 
 def names() -> list[str]:
@@ -80,6 +82,9 @@ def _import(path: Path):
             return sys.modules[name]
     else:
         name = f"_twin_formula_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
+        if path not in _said:  # whoever opens a stranger's folder should know
+            _said.add(path)
+            logging.getLogger(__name__).info("running the Python code in %s", path)
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise KinematicsError(f"{path}: not a Python file; its name must end in .py.")
