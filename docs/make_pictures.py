@@ -90,7 +90,7 @@ SHOTS = (
         robot="sher", trocar=0.0025, floor=-0.115, distance=0.75,
     ),
     Shot(
-        "hexapod", "", "tour", "tilted", "level", (-58, 17, 16.5), (0.0, 0.0, 0.178), (1200, 1000),
+        "hexapod", "", "tour", "tilted", "level", (-58, 17, 17.4), (0.0, 0.0, 0.166), (1200, 1000),
         robot="hexapod", trocar=0.0, floor=-0.016, distance=1.75, folder="examples/hexapod",
     ),
     Shot(

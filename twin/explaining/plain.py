@@ -18,7 +18,7 @@ class Samples(Scalar):
     """A scalar that is its values (k,) at all samples."""
 
     __slots__ = ()
-    functions = {**{n: getattr(np, n) for n in METHODS}, "fabs": np.abs, "if_else": np.where}  # noqa: RUF012
+    functions = {**{n: getattr(np, n) for n in METHODS}, "if_else": np.where}  # noqa: RUF012
 
 
 def enter(x: Any) -> Any:

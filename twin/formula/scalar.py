@@ -13,7 +13,7 @@ import numpy as np
 
 METHODS = (
     *("sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh"),
-    *("exp", "log", "sqrt", "arctan2", "hypot"),
+    *("exp", "log", "sqrt", "arctan2", "hypot", "fabs"),
 )
 """Functions that NumPy looks for as methods of the objects in an array."""
 

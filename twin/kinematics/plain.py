@@ -37,7 +37,7 @@ class Symbol(Scalar):
     """A scalar that is a CasADi SX."""
 
     __slots__ = ()
-    functions = {**{n: getattr(ca, n) for n in METHODS}, "fabs": ca.fabs, "if_else": ca.if_else}  # noqa: RUF012
+    functions = {**{n: getattr(ca, n) for n in METHODS}, "if_else": ca.if_else}  # noqa: RUF012
 
 
 def is_plain(module: ModuleType) -> bool:
