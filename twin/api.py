@@ -153,8 +153,7 @@ class Robot:
         Raises:
             KinematicsError: no assembly, or not on that branch.
         """
-        kin = self.kinematics(variant)
-        q = np.asarray(q, float)
+        kin, q = self.kinematics(variant), np.asarray(q, float)
         return kin.forward(q, seed) if q.ndim == 1 else kin.forward_many(q, seed)
 
     def jacobian(self, q: Array, seed: Array | None = None) -> Array:
