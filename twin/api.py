@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from twin.cad.build import CadModel
     from twin.exporting.bundle import Bundle
     from twin.exporting.clip import Budget
-    from twin.kinematics import Kinematics, Solution, Task
+    from twin.kinematics import Formula, Kinematics, Solution, Task
     from twin.mechanism import Mechanism
     from twin.protocol import Protocol
     from twin.reference import ReferenceModel
@@ -100,19 +100,20 @@ class Robot:
         from twin.kinematics import compile_formula
 
         chosen = self._variants if variants is None else variants
-        return compile_formula(self._formula, chosen, {**(self._parameters or {}), **(parameters or {})})
+        return compile_formula(self.formula, chosen, {**(self._parameters or {}), **(parameters or {})})
 
     @cached_property
     def _kinematics(self) -> Kinematics:
         return self.kinematics(parameters={})
 
     @cached_property
-    def _formula(self) -> Any:
+    def formula(self) -> Formula:
+        """The equations, not compiled yet (`KinematicsError`: none, or wrong). To read a `formula.py` is to run it."""
         from twin.robots import load_formula
 
         if self.files is None or not self.files.formula.is_file():
             raise KinematicsError(f"robot '{self.name}' has no equations: formula.py is missing")
-        return load_formula(self.files.formula)
+        return load_formula(self.files.formula, self.name, lambda: self.mechanism.driven)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -152,8 +153,7 @@ class Robot:
         Raises:
             KinematicsError: no assembly, or not on that branch.
         """
-        kin = self.kinematics(variant)
-        q = np.asarray(q, float)
+        kin, q = self.kinematics(variant), np.asarray(q, float)
         return kin.forward(q, seed) if q.ndim == 1 else kin.forward_many(q, seed)
 
     def jacobian(self, q: Array, seed: Array | None = None) -> Array:

@@ -18,6 +18,7 @@ from twin.explaining.invariants import said
 from twin.explaining.judge import Judge, Place, worst
 from twin.explaining.numeric import Matrix, to_array
 from twin.explaining.result import Convention
+from twin.explaining.suspects import suspects
 from twin.kinematics.contract import POSE_SYMBOL
 from twin.spatial import Array
 
@@ -97,7 +98,7 @@ def _euler(judge: Judge) -> Iterator[Convention]:
     bad = [p for p in judge.failing() if judge.step(p.equation).stage == "inverse"]
     if not bad:
         return
-    involved = {e for p in bad for e in judge.suspects(p)}
+    involved = {e for p in bad for e in suspects(judge, p)}
     keys = {(p.equation, p.statement, p.position) for p in bad}
     R = truth.Ts[:, :3, :3]
     now = np.column_stack([truth.symbols[a] for a in angles])

@@ -203,7 +203,8 @@ def _calls(w: _Writer, root: ast.AST) -> Iterator[Edit]:
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult):
             yield w.replace(node, f"{w.text(node.right)} @ {w.text(node.left)}", "order")
             for side in (node.left, node.right):
-                yield w.replace(side, f"({w.text(side)}).T", "transpose")
+                if not (isinstance(side, ast.Attribute) and side.attr == "T"):  # that is taken away above
+                    yield w.replace(side, f"({w.text(side)}).T", "transpose")
 
 
 def _signs(w: _Writer, root: ast.AST) -> Iterator[Edit]:

@@ -17,12 +17,13 @@ from typing import Any
 import numpy as np
 
 from twin.errors import KinematicsError
-from twin.explaining import numeric
+from twin.explaining import numeric, plain
 from twin.explaining.numeric import Matrix, Rebuilder, to_array
 from twin.explaining.rows import Helper, Place, Step, Tolerance
 from twin.explaining.source import OUT, Edit, Source, Statement
 from twin.explaining.truth import Truth
-from twin.kinematics.contract import POSE_SYMBOL, Equation, Formula, Rows, Stage, arguments
+from twin.formula.rows import PlainRows
+from twin.kinematics.contract import Equation, Formula, Rows, Stage, arguments
 from twin.kinematics.flow import choose
 from twin.spatial import Array
 
@@ -66,7 +67,7 @@ class Judge:
         other = copy.copy(self)
         other.truth, other.residuals, other.notes, other._zeros = truth, {}, [], {}
         other.steps = [
-            Step(s.equation, s.variant, s.source, s.codes, s.scope, s.inputs, s.required)
+            Step(s.equation, s.variant, s.source, s.codes, s.scope, s.inputs, s.required, plain=s.plain)
             for s in self.steps
             if only is None or s.equation.name in only
         ]
@@ -87,7 +88,8 @@ class Judge:
             return None
         codes = [source.compiled(s) for s in source.statements]
         required, optional = arguments(function)
-        return Step(equation, variant, source, codes, scope, (*required, *optional), tuple(required))
+        row = function if isinstance(function, PlainRows) else None
+        return Step(equation, variant, source, codes, scope, (*required, *optional), tuple(required), plain=row)
 
     def step(self, equation: str) -> Step:
         """Return the step of an equation."""
@@ -126,8 +128,12 @@ class Judge:
                 continue
             step.computed = dict(computed)
             step.known = frozenset(n for n in step.equation.outputs if n in self.truth.kinds)
+            step.held = step.known
+            if step.plain is not None:
+                step.held = step.known & plain.held(step.source, step.equation.outputs)
             last = step.source.statements[-1]
-            elements = getattr(getattr(last.node, "value", None), "elts", [])
+            returned = getattr(last.node, "value", None)
+            elements = getattr(returned, "elts", getattr(returned, "values", []))
             names = step.equation.outputs
             step.lines = tuple(e.lineno for e in elements) if len(elements) == len(names) else (last.line,) * len(names)
             lost = [n for n in step.required if not self._has(n, computed)]
@@ -140,7 +146,7 @@ class Judge:
             s = step.source.statements[0]
             try:
                 for s, code in zip(step.source.statements, step.codes, strict=True):
-                    step.before.append(dict(env))
+                    step.before.append(plain.copied(env))
                     exec(code, env)
                     self._check(step, s, s.writes, env, found)
                 step.gave = self._outputs(step, env, found)
@@ -163,7 +169,7 @@ class Judge:
         late += [(last, i, name) for i, name in enumerate(step.equation.outputs)]
         seen = {p.symbol for p in found}
         for t, i, name in late:
-            if name in step.known and name not in seen:
+            if name in (step.known if t is last else step.held) and name not in seen:
                 seen.add(name)
                 size = to_array(self.truth.symbols[name], self.truth.k).shape
                 found[step.place(t.index, i, name, step.lines[i] if t is last else t.line)] = np.full(size, np.nan)
@@ -174,17 +180,23 @@ class Judge:
 
     def _environment(self, step: Step, computed: Mapping[str, Any]) -> dict[str, Any]:
         known = {**computed, **self.truth.symbols}
-        return {**step.scope, **{n: known[n] for n in step.inputs if n in known}}
+        given = {n: plain.inside(step.plain, known[n]) for n in step.inputs if n in known}
+        if step.plain is not None:
+            given |= plain.arguments(step.plain, known)
+        return {**step.scope, **given}
 
     def _check(self, step: Step, s: Statement, names: Iterable[str], env: dict[str, Any], found: Residuals) -> None:
         """Note how far the outputs that a statement assigned are off, and put the true values in their place."""
         for i, name in enumerate(names):
-            if name in step.known:
-                found[step.place(s.index, i, name, s.line)] = self.difference(name, env[name])
-                env[name] = self.truth.symbols[name]
+            if name in step.held:
+                said = plain.outside(step.plain, env[name])
+                found[step.place(s.index, i, name, s.line)] = self.difference(name, said)
+                env[name] = plain.inside(step.plain, self.truth.symbols[name])
 
     def _outputs(self, step: Step, env: dict[str, Any], found: Residuals) -> dict[str, Any]:
         values = env[OUT]
+        if step.plain is not None:
+            values = plain.parts(step.plain, values)
         values = list(values) if isinstance(values, tuple | list) else [values]
         names = step.equation.outputs
         if len(values) != len(names):
@@ -266,10 +278,10 @@ class Judge:
             for e in mine:
                 if e.kind == "left side":
                     writes[i] = tuple(e.new if w == e.old else w for w in s.writes)
-        env = self._environment(step, step.computed) if anew else dict(step.before[first])
+        env = self._environment(step, step.computed) if anew else plain.copied(step.before[first])
         anew |= step.stuck  # there is nothing to go on from
         for name, value in self._arguments(step, edits).items():
-            env.setdefault(name, value)
+            env.setdefault(name, plain.inside(step.plain, value))
         for name, value in extra.items():
             env.setdefault(name, value)
         found: Residuals = {}
@@ -282,12 +294,12 @@ class Judge:
                     return found
                 after = step.before[s.index + 1]
                 for name in mine:  # as they were: what they are made of has not changed
-                    env[name] = after[name]
+                    env[name] = plain.copied({name: after[name]})[name]
                     dirty.discard(name)
                 continue
             exec(codes[s.index], env)
             self._check(step, s, mine, env, found)
-            dirty |= {n for n in mine if n not in step.known}
+            dirty |= {n for n in mine if n not in step.held}
         gave = self._outputs(step, env, found)
         changed = {n for n in gave if n not in self.truth.kinds}
         if changed:
@@ -307,8 +319,11 @@ class Judge:
             if not changed & set(later.inputs):
                 computed = {**later.gave, **computed}
                 continue
-            env = dict(later.before[0])
-            env.update((n, computed[n]) for n in later.inputs if n in changed)
+            env = plain.copied(later.before[0])
+            if later.plain is not None:
+                env |= plain.arguments(later.plain, {**self.truth.symbols, **computed})
+            else:
+                env.update((n, computed[n]) for n in later.inputs if n in changed)
             for s, code in zip(later.source.statements, later.codes, strict=True):
                 exec(code, env)
                 self._check(later, s, s.writes, env, found)
@@ -321,58 +336,6 @@ class Judge:
     def failing(self) -> list[Place]:
         """Return the rows that are off by more than the tolerance, or have no value."""
         return [p for p, r in self.residuals.items() if not worst(r) <= 1]
-
-    def suspects(self, place: Place) -> dict[str, set[int]]:
-        """Return the statements, by equation, that the value of a row depends on."""
-        out: dict[str, set[int]] = {}
-        self._trace(self.step(place.equation), place.statement, place.position, out, set())
-        return out
-
-    def _trace(self, step: Step, index: int, position: int, out: dict[str, set[int]], seen: set[str]) -> None:
-        mine = out.setdefault(step.equation.name, set())
-        statements = step.source.statements
-        s = statements[index]
-        mine.add(index)
-        wanted = set(s.reads)
-        if s.returns:
-            wanted = s.reads_at(position)
-        for i in range(index - 1, -1, -1):
-            if wanted & set(statements[i].writes):
-                hit = wanted & set(statements[i].writes)
-                if hit <= step.known:
-                    wanted -= hit
-                    continue
-                mine.add(i)
-                wanted |= statements[i].reads
-                if not set(statements[i].reads) & hit:
-                    wanted -= hit
-        for name in wanted:
-            if name in self.truth.kinds or name not in step.inputs:
-                continue
-            maker = self._maker(step, name)
-            if maker is not None and name not in seen:
-                seen.add(name)
-                last = maker.source.statements[-1]
-                self._trace(maker, last.index, maker.equation.outputs.index(name), out, seen)
-
-    def _maker(self, step: Step, name: str) -> Step | None:
-        for other in self.steps:
-            if other is step:
-                break
-            if name in other.gave and (other.stage == step.stage or step.stage == "helper"):
-                return other
-        return None
-
-    def available(self, step: Step) -> set[str]:
-        """Return the symbols that the flow has when it comes to an equation."""
-        names = {p.name for p in self.formula.parameters}
-        if step.stage == "inverse":
-            names |= {*self.formula.coordinates.names, POSE_SYMBOL}
-        elif step.stage == "forward":
-            names |= {j.name for j in self.formula.joints}
-        else:
-            names |= set(self.truth.symbols)
-        return names | set(step.computed) | set(step.inputs)
 
 
 def worst(r: Array) -> float:
@@ -391,4 +354,4 @@ def evaluate(judge: Judge, step: Step, edits: list[Edit], extra: Mapping[str, An
 
 def _of_formula(f: Callable) -> bool:
     path = Path(f.__code__.co_filename)
-    return path != Path(numeric.__file__) and "kinematics" not in path.parts[-2:-1]
+    return path != Path(numeric.__file__) and not {"kinematics", "formula"} & set(path.parts[-2:-1])

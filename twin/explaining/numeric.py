@@ -324,7 +324,8 @@ class Rebuilder:
 def _ours(f: types.FunctionType) -> bool:
     """Whether a function is part of some formula: it can reach CasADi, or functions that do."""
     names = set(f.__globals__.get("__name__", "").split("."))
-    return "site-packages" not in f.__code__.co_filename and not names & {"dataclasses", "typing", "contract"}
+    foreign = {"dataclasses", "typing", "contract"}
+    return "site-packages" not in f.__code__.co_filename and not names & foreign and "formula" not in names
 
 
 def _missing(name: str) -> Callable:

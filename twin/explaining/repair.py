@@ -17,13 +17,14 @@ from twin.explaining.canonical import canonical
 from twin.explaining.edits import edits, pool
 from twin.explaining.judge import Helper, Judge, Place, Residuals, Step, evaluate, worst
 from twin.explaining.source import Edit, Source, Statement, patched
+from twin.explaining.suspects import available, suspects
 from twin.robots import load_formula
 from twin.spatial import Array
 
 TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
 """Kinds of edits that change one token: what misprints usually are. Others rank behind them."""
 
-_REST = ("order", "transpose", "parenthesis", "surplus", "missing")
+_REST = ("transpose", "order", "parenthesis", "surplus", "missing")
 
 _ORDER = (*TOKENS, *_REST)
 
@@ -108,7 +109,7 @@ class Search:
         """Return the statements of the equations that some failing row depends on."""
         out: dict[tuple[str, int], tuple[Step, Statement]] = {}
         for place in self.targets:
-            for equation, indices in self.judge.suspects(place).items():
+            for equation, indices in suspects(self.judge, place).items():
                 step = self.judge.step(equation)
                 for i in sorted(indices):
                     out.setdefault((equation, i), (step, step.source.statements[i]))
@@ -120,7 +121,7 @@ class Search:
         sites = [x for x in self.own_sites() if only is None or (x[0].equation.name, x[1].index) in only]
         for n, (step, statement) in enumerate(sites):
             self.progress(n / len(sites))
-            choice = pool(step.source, statement, self.judge.available(step), self.parameters, step.scope)
+            choice = pool(step.source, statement, available(self.judge, step), self.parameters, step.scope)
             # Other equations may call this one.
             others = [s for s in self.judge.steps if s is not step and not s.missing and self._calls(s, step.source)]
             for edit in edits(step.source, statement, choice, kinds):

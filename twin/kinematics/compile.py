@@ -307,7 +307,8 @@ class Kinematics:
         where = np.array2string(T[:3, 3] / MM, precision=1, suppress_small=True)
         if short:
             return f"{self.formula.name}: tool at {where} mm is out of reach: {', '.join(short)} too far."
-        return f"{self.formula.name}: the equations have no real solution with the tool at {where} mm."
+        why = self.formula.numbers(T, self.parameters) if self.formula.numbers is not None else ""
+        return f"{self.formula.name}: the equations have no real solution with the tool at {where} mm. {why}".rstrip()
 
 
 def _need(value: ArrayLike | None, what: str) -> ArrayLike:

@@ -1,0 +1,61 @@
+"""What a row depends on: the statements that lead to it, and the symbols that it could have used."""
+
+from __future__ import annotations
+
+from twin.explaining.judge import Judge
+from twin.explaining.rows import Place, Step
+from twin.kinematics.contract import POSE_SYMBOL
+
+
+def suspects(judge: Judge, place: Place) -> dict[str, set[int]]:
+    """Return the statements, by equation, that the value of a row depends on."""
+    out: dict[str, set[int]] = {}
+    _trace(judge, judge.step(place.equation), place.statement, place.position, out, set())
+    return out
+
+
+def available(judge: Judge, step: Step) -> set[str]:
+    """Return the symbols that the flow has when it comes to an equation."""
+    names = {p.name for p in judge.formula.parameters}
+    if step.stage == "inverse":
+        names |= {*judge.formula.coordinates.names, POSE_SYMBOL}
+    elif step.stage == "forward":
+        names |= {j.name for j in judge.formula.joints}
+    else:
+        names |= set(judge.truth.symbols)
+    return names | set(step.computed) | set(step.inputs)
+
+
+def _trace(judge: Judge, step: Step, index: int, position: int, out: dict[str, set[int]], seen: set[str]) -> None:
+    mine = out.setdefault(step.equation.name, set())
+    statements = step.source.statements
+    s = statements[index]
+    mine.add(index)
+    wanted = s.reads_at(position) if s.returns else set(s.reads)
+    for i in range(index - 1, -1, -1):
+        if wanted & set(statements[i].writes):
+            hit = wanted & set(statements[i].writes)
+            if hit <= step.held:
+                wanted -= hit
+                continue
+            mine.add(i)
+            wanted |= statements[i].reads
+            if not set(statements[i].reads) & hit:
+                wanted -= hit
+    for name in wanted:
+        if name in judge.truth.kinds or name not in step.inputs:
+            continue
+        maker = _maker(judge, step, name)
+        if maker is not None and name not in seen:
+            seen.add(name)
+            last = maker.source.statements[-1]
+            _trace(judge, maker, last.index, maker.equation.outputs.index(name), out, seen)
+
+
+def _maker(judge: Judge, step: Step, name: str) -> Step | None:
+    for other in judge.steps:
+        if other is step:
+            break
+        if name in other.gave and (other.stage == step.stage or step.stage == "helper"):
+            return other
+    return None
