@@ -1,12 +1,11 @@
 """The neutral model: bodies, joints and loops, whatever file they came from.
 
-A joint ties a frame on its parent body to a frame on its child body; its motion is along or about the
-common z axis (the other USD axes are turned to z by the reader):
+A joint ties a frame on its parent body to one on its child body; its motion is along or about their common z axis:
 
     T_parent_child = T_parent_joint @ motion(q) @ inverse(T_child_joint)
 
 Joints that would reach a body a second time close a loop; they have no coordinate of their own in the
-tree but the same two frames, so nothing about a loop is lost. Everything is SI and frozen.
+tree but the same two frames. Everything is SI and frozen.
 """
 
 from __future__ import annotations
@@ -256,14 +255,10 @@ class Mechanism:
 
     @property
     def driven(self) -> tuple[list[tuple[str, bool]], Array, Array | None]:
-        """What equations start from: active joints and whether each is an angle, T_base_tool and q as drawn.
-
-        q (n,) is that of the first posture, which is the drawn one; None if there is none.
-        """
-        tool = self.frame(self.tool)
-        q = self.posture(next(iter(self.postures))) if self.postures else None
-        joints = [(j.name, j.is_angle) for j in self.active]
-        return joints, self.rest.get(tool.body, np.eye(4)) @ tool.T_body_frame, q
+        """Active joints and whether each is an angle, T_base_tool and q (n,) as drawn; None if there is no posture."""
+        tool, q = self.frame(self.tool), self.posture(next(iter(self.postures))) if self.postures else None
+        T = self.rest.get(tool.body, np.eye(4)) @ tool.T_body_frame
+        return [(j.name, j.is_angle) for j in self.active], T, q
 
     def body(self, name: str) -> Body:
         """Return the body of that name, or raise `MechanismError` with the names that exist."""
@@ -391,19 +386,14 @@ def _check(m: Mechanism) -> None:
     for name, T in m.rest.items():
         if name in names and not spatial.is_pose(T, 1e-6):
             fail(f"body '{name}': its rest pose is not rigid")
-    lost = names - {m.base} - {j.child for j in m.tree}
-    if lost:
-        fail(
-            f"no joint leads from base '{m.base}' to: {', '.join(sorted(lost))}. Join them, or leave them out as props."
-        )
+    if lost := ", ".join(sorted(names - {m.base} - {j.child for j in m.tree})):
+        fail(f"no joint leads from base '{m.base}' to: {lost}. Join them, or leave them out as props.")
     active = {j.name for j in m.active}
     for posture, values in m.postures.items():
-        if set(values) != active:
-            wrong = sorted(set(values) ^ active)
+        if wrong := sorted(set(values) ^ active):
             fail(f"posture '{posture}' must give each active joint once; check: {', '.join(wrong)}")
-        for name, value in values.items():
-            if not np.isfinite(value):
-                fail(f"posture '{posture}': {name} = {value} is not finite")
+        for name, value in ((n, v) for n, v in values.items() if not np.isfinite(v)):
+            fail(f"posture '{posture}': {name} = {value} is not finite")
     in_tree = {j.name for j in m.tree}
     for joint in m.active:
         if joint.name not in in_tree:

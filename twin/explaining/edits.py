@@ -261,8 +261,11 @@ def _numbers(w: _Writer, root: ast.AST) -> Iterator[Edit]:
         ):
             continue
         parent, n = w.parent(node), node.value
-        index = isinstance(parent, ast.Subscript | ast.Slice)
-        index |= isinstance(parent, ast.Tuple) and isinstance(w.parent(parent), ast.Subscript)
+        index = (
+            isinstance(parent, ast.Subscript | ast.Slice)
+            or isinstance(parent, ast.Tuple)
+            and isinstance(w.parent(parent), ast.Subscript)
+        )
         if index:
             for i in range(4):
                 yield w.replace(node, str(i), "index")

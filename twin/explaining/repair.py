@@ -292,15 +292,13 @@ class Search:
 
     def _left(self, c: Candidate) -> int | None:
         """Return how many rows are wrong in the whole formula after edits; None where they are not in its own file."""
-        home = self.judge.formula.equations[0]
-        path = Path(home.variants[home.default].__code__.co_filename)  # type: ignore[attr-defined]
-        if any(e.path != path or e.kind == "left side" for e in c.edits):
+        if len({e.path for e in c.edits}) > 1 or any(e.kind == "left side" for e in c.edits):
             return None
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "formula.py"
             file.write_text(patched(c.edits), encoding="utf-8")
             try:
-                formula = load_formula(file)
+                formula = load_formula(file, quiet=True)
             except KinematicsError:
                 return None
             return len(Judge(formula, self.judge.variants, self.judge.truth, self.judge.tolerance).failing())
