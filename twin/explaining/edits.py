@@ -261,11 +261,7 @@ def _numbers(w: _Writer, root: ast.AST) -> Iterator[Edit]:
         ):
             continue
         parent, n = w.parent(node), node.value
-        index = (
-            isinstance(parent, ast.Subscript | ast.Slice)
-            or isinstance(parent, ast.Tuple)
-            and isinstance(w.parent(parent), ast.Subscript)
-        )
+        index = isinstance(w.parent(parent) if isinstance(parent, ast.Tuple) else parent, ast.Subscript | ast.Slice)
         if index:
             for i in range(4):
                 yield w.replace(node, str(i), "index")
