@@ -6,6 +6,7 @@ An edit is a replacement in the text of the file. What makes no Python, or no nu
 from __future__ import annotations
 
 import ast
+import builtins
 import re
 import tokenize
 from collections.abc import Container, Iterator
@@ -36,15 +37,21 @@ _LONG = 48
 
 @dataclass(frozen=True)
 class Pool:
-    """What a name may be replaced by: `names` that exist there, and aliases (name -> expression) that could."""
+    """What a name may be replaced by: `names` that exist there, and aliases (name -> expression) that could.
+
+    `unknown` are names that the statement reads and nothing gives: misspelt ones.
+    """
 
     names: frozenset[str]
     aliases: dict[str, str]
     parameters: frozenset[str]
     arguments: frozenset[str]
+    unknown: frozenset[str]
 
 
-def pool(source: Source, statement: Statement, available: set[str], parameters: set[str]) -> Pool:
+def pool(
+    source: Source, statement: Statement, available: set[str], parameters: set[str], scope: Container[str]
+) -> Pool:
     """Return the names that a statement could use: symbols of the flow, locals so far, aliases in the file's style."""
     local = {w for s in source.statements[: statement.index] for w in s.writes}
     names = {n for n in available if n.isidentifier()} | local | set(source.arguments)
@@ -70,6 +77,7 @@ def pool(source: Source, statement: Statement, available: set[str], parameters: 
         {n: e for n, e in aliases.items() if n not in names},
         frozenset(parameters),
         frozenset({*source.arguments, *local}),
+        frozenset(n for n in statement.reads - names - {*statement.writes, *dir(builtins)} if n not in scope),
     )
 
 
@@ -164,7 +172,7 @@ def _names(w: _Writer, root: ast.AST) -> Iterator[Edit]:
         if not isinstance(node, ast.Name) or _is_called(w, node) or isinstance(w.parent(node), ast.Attribute):
             continue
         old = node.id
-        if old not in w.pool.names and old not in w.pool.arguments:
+        if old not in w.pool.names | w.pool.arguments | w.pool.unknown:
             continue
         for new in choices:
             if new != old:
