@@ -37,16 +37,13 @@ _LONG = 48
 
 @dataclass(frozen=True)
 class Pool:
-    """What a name may be replaced by: `names` that exist there, and aliases (name -> expression) that could.
-
-    `unknown` are names that the statement reads and nothing gives: misspelt ones.
-    """
+    """What a name may be replaced by: `names` that exist there, and aliases (name -> expression) that could."""
 
     names: frozenset[str]
     aliases: dict[str, str]
     parameters: frozenset[str]
     arguments: frozenset[str]
-    unknown: frozenset[str]
+    unknown: frozenset[str]  # the statement reads them and nothing gives them: misspelt
 
 
 def pool(
