@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import copy
 import inspect
-from collections.abc import Callable, Collection, Iterable, Mapping
-from pathlib import Path
+from collections.abc import Collection, Iterable, Mapping
 from types import FunctionType
 from typing import Any
 
@@ -104,7 +103,7 @@ class Judge:
         def visit(names: Iterable[str], scope: Mapping[str, Any]) -> None:
             for name in sorted(names):
                 f = scope.get(name)
-                if not isinstance(f, FunctionType) or id(f) in seen or not _of_formula(f):
+                if not isinstance(f, FunctionType) or id(f) in seen or not numeric.of_formula(f):
                     continue
                 try:
                     source = Source(f)
@@ -143,12 +142,16 @@ class Judge:
                 continue
             env = self._environment(step, computed)
             found: Residuals = {}
+            s = step.source.statements[0]
             try:
                 for s, code in zip(step.source.statements, step.codes, strict=True):
                     step.before.append(plain.copied(env))
                     exec(code, env)
                     self._check(step, s, s.writes, env, found)
                 step.gave = self._outputs(step, env, found)
+            except (NameError, IndexError) as error:
+                self._stuck(step, s, found)
+                self.notes.append(f"{step.equation.name} ({step.variant}) stops in line {s.line}: {error}")
             except Exception as error:
                 step.missing = str(error)
                 self.notes.append(f"{step.equation.name} ({step.variant}) fails on arrays: {error}")
@@ -157,16 +160,28 @@ class Judge:
             for name, value in step.gave.items():
                 computed.setdefault(name, value)
 
+    def _stuck(self, step: Step, s: Statement, found: Residuals) -> None:
+        """Count all that an equation was still to give as wrong: it names what is not there."""
+        step.stuck = True
+        late = [(t, i, name) for t in step.source.statements[s.index :] for i, name in enumerate(t.writes)]
+        last = step.source.statements[-1]
+        late += [(last, i, name) for i, name in enumerate(step.equation.outputs)]
+        seen = {p.symbol for p in found}
+        for t, i, name in late:
+            if name in step.known and name not in seen:
+                seen.add(name)
+                size = to_array(self.truth.symbols[name], self.truth.k).shape
+                found[step.place(t.index, i, name, step.lines[i] if t is last else t.line)] = np.full(size, np.nan)
+        step.gave = {name: self.truth.symbols[name] for name in step.known}
+
     def _has(self, name: str, computed: Mapping[str, Any]) -> bool:
         return name in self.truth.symbols or name in computed
 
     def _environment(self, step: Step, computed: Mapping[str, Any]) -> dict[str, Any]:
         known = {**computed, **self.truth.symbols}
-        free = {n: v for n, v in known.items() if n not in step.scope}
         if step.plain is not None:
-            made = {n: plain.inside(step.plain, v) for n, v in free.items()}
-            return {**step.scope, **made, **plain.arguments(step.plain, known)}
-        return {**step.scope, **free, **{n: known[n] for n in step.inputs if n in known}}
+            return {**step.scope, **plain.arguments(step.plain, known)}
+        return {**step.scope, **{n: known[n] for n in step.inputs if n in known}}
 
     def _check(self, step: Step, s: Statement, names: Iterable[str], env: dict[str, Any], found: Residuals) -> None:
         """Note how far the outputs that a statement assigned are off, and put the true values in their place."""
@@ -262,6 +277,10 @@ class Judge:
                 if e.kind == "left side":
                     writes[i] = tuple(e.new if w == e.old else w for w in s.writes)
         env = self._environment(step, step.computed) if anew else plain.copied(step.before[first])
+        anew |= step.stuck  # there is nothing to go on from
+        for name in {e.define[0] for e in edits if e.define and not e.define[1]}:  # edits make them new arguments
+            for known in (k for k in (step.computed, self.truth.symbols) if name in k):
+                env.setdefault(name, plain.inside(step.plain, known[name]))
         for name, value in extra.items():
             env.setdefault(name, value)
         found: Residuals = {}
@@ -325,7 +344,7 @@ class Judge:
         mine.add(index)
         wanted = set(s.reads)
         if s.returns and position is not None:
-            wanted = _reads_of_element(s, position)
+            wanted = s.reads_at(position)
         for i in range(index - 1, -1, -1):
             if wanted & set(statements[i].writes):
                 hit = wanted & set(statements[i].writes)
@@ -376,17 +395,3 @@ def evaluate(judge: Judge, step: Step, edits: list[Edit], extra: Mapping[str, An
         return judge.trial(step, edits, extra)
     except Exception:
         return None
-
-
-def _of_formula(f: Callable) -> bool:
-    path = Path(f.__code__.co_filename)
-    return path != Path(numeric.__file__) and not {"kinematics", "formula"} & set(path.parts[-2:-1])
-
-
-def _reads_of_element(s: Statement, position: int) -> set[str]:
-    import ast
-
-    value = s.node.value  # type: ignore[attr-defined]
-    if isinstance(value, ast.Tuple) and position < len(value.elts):
-        value = value.elts[position]
-    return {n.id for n in ast.walk(value) if isinstance(n, ast.Name)}

@@ -46,6 +46,7 @@ class Step:
     inputs: tuple[str, ...]
     required: tuple[str, ...]
     missing: str = ""
+    stuck: bool = False
     before: list[dict[str, Any]] = field(default_factory=list)
     computed: dict[str, Any] = field(default_factory=dict)
     gave: dict[str, Any] = field(default_factory=dict)
