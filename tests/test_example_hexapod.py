@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from twin import api
+from twin.errors import ProtocolError
 from twin.explaining.explain import explain, known
 from twin.explaining.judge import Judge
 from twin.explaining.repair import Search
@@ -183,6 +184,14 @@ def test_a_stage_or_a_track_beside_a_formula_does_not_run_it(tmp_path):
     assert api.load(folder / "usd/hexapod.usda").mechanism.joints
     with pytest.raises(SystemExit, match="this ran"):
         robot.kinematics()
+
+
+def test_a_plan_without_values_names_the_line(tmp_path):
+    shutil.copytree(FOLDER, tmp_path, ignore=shutil.ignore_patterns("usd", "*.py"), dirs_exist_ok=True)
+    text = NUMPY.replace("np.linalg.norm(p + R @ b - a)", "np.sqrt(0.06 - (p + R @ b - a) @ (p + R @ b - a))")
+    (tmp_path / "formula.py").write_text(text)
+    with pytest.raises(ProtocolError, match=r"formula\.py:28: inverse\(\): invalid value encountered in sqrt"):
+        api.plan(api.load(tmp_path))
 
 
 @pytest.mark.slow

@@ -138,8 +138,7 @@ class Robot:
         Raises:
             KinematicsError: a pose is out of reach.
         """
-        kin = self.kinematics(variant)
-        T = np.asarray(T_base_tool, float)
+        kin, T = self.kinematics(variant), np.asarray(T_base_tool, float)
         if T.ndim == 2:
             return kin.inverse(T, seed)
         rows: list[Array] = []
@@ -254,6 +253,7 @@ class Robot:
                 Gap(order.index(a), order.index(b), g, f"{a}-{b}") for a, b, g in (self.cad.gaps if self.files else ())
             ),
             revolute=tuple(bool(r) for r in kin.revolute),
+            why=kin.why,
         )
 
 

@@ -202,9 +202,8 @@ def _calls(w: _Writer, root: ast.AST) -> Iterator[Edit]:
                 yield w.replace(node, f"({w.text(node.args[0])})", "surplus")
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult):
             yield w.replace(node, f"{w.text(node.right)} @ {w.text(node.left)}", "order")
-            for side in (node.left, node.right):
-                if not (isinstance(side, ast.Attribute) and side.attr == "T"):  # that is taken away above
-                    yield w.replace(side, f"({w.text(side)}).T", "transpose")
+            for side in (x for x in (node.left, node.right) if getattr(x, "attr", "") != "T"):
+                yield w.replace(side, f"({w.text(side)}).T", "transpose")
 
 
 def _signs(w: _Writer, root: ast.AST) -> Iterator[Edit]:
@@ -261,7 +260,8 @@ def _numbers(w: _Writer, root: ast.AST) -> Iterator[Edit]:
         ):
             continue
         parent, n = w.parent(node), node.value
-        index = isinstance(w.parent(parent) if isinstance(parent, ast.Tuple) else parent, ast.Subscript | ast.Slice)
+        index = isinstance(parent, ast.Subscript | ast.Slice)
+        index |= isinstance(parent, ast.Tuple) and isinstance(w.parent(parent), ast.Subscript)
         if index:
             for i in range(4):
                 yield w.replace(node, str(i), "index")

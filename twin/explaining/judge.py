@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import copy
 import inspect
-from collections.abc import Callable, Collection, Iterable, Mapping
-from pathlib import Path
+from collections.abc import Collection, Iterable, Mapping
 from types import FunctionType
 from typing import Any
 
@@ -104,7 +103,7 @@ class Judge:
         def visit(names: Iterable[str], scope: Mapping[str, Any]) -> None:
             for name in sorted(names):
                 f = scope.get(name)
-                if not isinstance(f, FunctionType) or id(f) in seen or not _of_formula(f):
+                if not isinstance(f, FunctionType) or id(f) in seen or not numeric.of_formula(f):
                     continue
                 try:
                     source = Source(f)
@@ -180,10 +179,9 @@ class Judge:
 
     def _environment(self, step: Step, computed: Mapping[str, Any]) -> dict[str, Any]:
         known = {**computed, **self.truth.symbols}
-        given = {n: plain.inside(step.plain, known[n]) for n in step.inputs if n in known}
         if step.plain is not None:
-            given |= plain.arguments(step.plain, known)
-        return {**step.scope, **given}
+            return {**step.scope, **plain.arguments(step.plain, known)}
+        return {**step.scope, **{n: known[n] for n in step.inputs if n in known}}
 
     def _check(self, step: Step, s: Statement, names: Iterable[str], env: dict[str, Any], found: Residuals) -> None:
         """Note how far the outputs that a statement assigned are off, and put the true values in their place."""
@@ -280,8 +278,9 @@ class Judge:
                     writes[i] = tuple(e.new if w == e.old else w for w in s.writes)
         env = self._environment(step, step.computed) if anew else plain.copied(step.before[first])
         anew |= step.stuck  # there is nothing to go on from
-        for name, value in self._arguments(step, edits).items():
-            env.setdefault(name, plain.inside(step.plain, value))
+        for name in {e.define[0] for e in edits if e.define and not e.define[1]}:  # edits make them new arguments
+            for known in (k for k in (step.computed, self.truth.symbols) if name in k):
+                env.setdefault(name, plain.inside(step.plain, known[name]))
         for name, value in extra.items():
             env.setdefault(name, value)
         found: Residuals = {}
@@ -305,11 +304,6 @@ class Judge:
         if changed:
             self._downstream(step, gave, changed, found)
         return found
-
-    def _arguments(self, step: Step, edits: list[Edit]) -> dict[str, Any]:
-        """Return the values of what edits make new arguments."""
-        names = {e.define[0] for e in edits if e.define and not e.define[1]}
-        return {n: known[n] for known in (step.computed, self.truth.symbols) for n in names if n in known}
 
     def _downstream(self, step: Step, gave: dict[str, Any], changed: set[str], found: Residuals) -> None:
         computed = {**step.computed, **gave}
@@ -350,8 +344,3 @@ def evaluate(judge: Judge, step: Step, edits: list[Edit], extra: Mapping[str, An
         return judge.trial(step, edits, extra)
     except Exception:
         return None
-
-
-def _of_formula(f: Callable) -> bool:
-    path = Path(f.__code__.co_filename)
-    return path != Path(numeric.__file__) and not {"kinematics", "formula"} & set(path.parts[-2:-1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import tempfile
 import time
 import warnings
@@ -292,13 +293,17 @@ class Search:
 
     def _left(self, c: Candidate) -> int | None:
         """Return how many rows are wrong in the whole formula after edits; None where they are not in its own file."""
-        if len({e.path for e in c.edits}) > 1 or any(e.kind == "left side" for e in c.edits):
+        formula = self.judge.formula
+        home = formula.equations[0]
+        path = Path(inspect.unwrap(home.variants[home.default]).__code__.co_filename)  # type: ignore[attr-defined]
+        joints = [(j.name, j.kind == "revolute") for j in formula.joints]
+        if any(e.path != path or e.kind == "left side" for e in c.edits):
             return None
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "formula.py"
             file.write_text(patched(c.edits), encoding="utf-8")
             try:
-                formula = load_formula(file, quiet=True)
+                formula = load_formula(file, formula.name, lambda: (joints, np.eye(4), None), trial=True)
             except KinematicsError:
                 return None
             return len(Judge(formula, self.judge.variants, self.judge.truth, self.judge.tolerance).failing())

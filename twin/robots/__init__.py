@@ -35,7 +35,7 @@ def load_formula(
     robot: str | Path,
     name: str = "",
     driven: Callable[[], tuple[Sequence[tuple[str, bool]], Array, Array | None]] | None = None,
-    quiet: bool = False,
+    trial: bool = False,
 ) -> Formula:
     """Return the formula of a built-in robot (by name) or of any file, or robot folder (by path).
 
@@ -44,7 +44,7 @@ def load_formula(
         name: of the robot, for a plain formula; default the name of its folder.
         driven: asked for a plain formula, which does not say it itself: active joints in order and whether each
             is an angle; a tool pose (4, 4) of the robot, and q there or None, for solvers to begin at.
-        quiet: do not log that code is run: a copy of the file has been.
+        trial: a copy of a file that runs already; of any other a notice says once that its code is run.
 
     Raises:
         KinematicsError: if there is no such file, it cannot be imported (file and line are named), it has
@@ -56,7 +56,7 @@ def load_formula(
         path = path / "formula.py"
     if not path.is_file():
         raise KinematicsError(f"{unknown('formula', str(robot), names())} A path to a formula.py is accepted too.")
-    module = _import(path.resolve(), quiet)
+    module = _import(path.resolve(), trial)
     from twin.kinematics.contract import check_formula
     from twin.kinematics.plain import is_plain, plain_formula
 
@@ -77,14 +77,14 @@ def load_formula(
     return formula
 
 
-def _import(path: Path, quiet: bool):
+def _import(path: Path, trial: bool):
     if path.parent == _FOLDER:
         name = f"twin.robots.{path.stem}"
         if name in sys.modules:
             return sys.modules[name]
     else:
         name = f"_twin_formula_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
-        if not quiet and path not in _said:  # whoever opens a stranger's folder should know
+        if not trial and path not in _said:  # whoever opens a stranger's folder should know
             _said.add(path)
             logging.getLogger(__name__).info("running the Python code in %s", path)
     spec = importlib.util.spec_from_file_location(name, path)
