@@ -350,7 +350,7 @@ def validate(
     if trajectory is None:
         trajectory = plan(robot, chosen, progress)
     with contextlib.nullcontext(stage) if stage is not None else fresh_stage(robot) as root:
-        case = Case(robot.kinematics(variants), cad, chosen, trajectory, root, tolerances)
+        case = Case(robot.kinematics(variants), cad, chosen, trajectory, root, tolerances, robot.path_kinematics())
         return judge(case, progress)
 
 

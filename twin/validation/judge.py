@@ -18,15 +18,20 @@ from twin.kinematics import Kinematics
 from twin.mechanism import Mechanism
 from twin.protocol import Protocol
 from twin.reference import ReferenceModel
-from twin.trajectory.model import Trajectory
+from twin.trajectory.check import check
+from twin.trajectory.model import PathKinematics, Trajectory
 from twin.units import DEG, MM
 from twin.validation.beside import Beside
 from twin.validation.compare import Comparison, angles_zyx, compare
+from twin.validation.consistent import fixes
 from twin.validation.fulcrum import fulcrum
 from twin.validation.lengths import lengths
+from twin.validation.margins import margins, of_mechanism
 from twin.validation.motion import Measured, Samples, baked_rows, clearance_facts, measure, samples
 from twin.validation.result import PhaseSummary, Report
 from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
+from twin.validation.shaft import between_samples
+from twin.validation.timing import timing
 
 _PACKAGES = ("numpy", "casadi", "pin", "coal", "usd-core", "cascadio", "toppra")
 
@@ -43,6 +48,7 @@ class Case:
         protocol, trajectory: along what.
         stage: root layer of the USD stage that holds the same robot.
         tolerances: what counts as agreement.
+        paths: the robot as planning knows it; None: the trajectory's own findings are taken for its limits.
     """
 
     kinematics: Kinematics
@@ -51,6 +57,7 @@ class Case:
     trajectory: Trajectory
     stage: Path
     tolerances: Tolerances
+    paths: PathKinematics | None = None
 
 
 def judge(case: Case, progress: Progress = lambda label, fraction: None) -> Report:
@@ -71,12 +78,13 @@ def judge(case: Case, progress: Progress = lambda label, fraction: None) -> Repo
             out.residuals[:0], out.findings[:0] = rows, found
             _rcm(case, out, clock)
             _passive_limits(model, out, clock)
+            _passage(case, model, out, clock)
             _stage(case, model, out, clock, progress)
             progress("baked motion, clearance", 0.0)
             _motion(beside.result(), looked, case, out, clock)
     _curves(out, trajectory)
     out.facts["mechanism"] = _mechanism_facts(model)
-    findings = [*case.cad.findings, *trajectory.findings, *out.findings]
+    findings = [*case.cad.findings, *_protocol(case, out), *out.findings]
     formula = case.kinematics.formula
     return Report(
         robot=mechanism.name,
@@ -248,6 +256,39 @@ def _passive_limits(model: ReferenceModel, out: Comparison, clock: Clock) -> Non
                 )
             )
     out.facts["limits of passive joints"] = left
+
+
+def _passage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock) -> None:
+    """Judge what the mechanism does between samples, and how near it comes to its singularities."""
+    if out.driven is not None and not any(r.consequence_of for r in out.residuals if r.quantity == "tool"):
+        rows, found = between_samples(model, case.trajectory, case.protocol.tolerances.rcm, clock)
+        out.residuals += rows
+        out.findings += found
+    if out.posed is not None:
+        facts, found, curves = of_mechanism(model, out.posed, out.coarse, clock)
+        out.facts["margins along the path"] = facts
+        out.findings += found
+        out.series |= curves
+
+
+def _protocol(case: Case, out: Comparison) -> list[Finding]:
+    """Return what is to be said of the motion itself: what planning found, and what its samples say by themselves."""
+    trajectory, mechanism = case.trajectory, case.cad.mechanism
+    facts, found = timing(trajectory, mechanism, case.protocol)
+    out.facts["timing, from the samples alone"] = facts
+    said = list(trajectory.findings)
+    if case.paths is None or any(f.code in ("timing.clock", "timing.phases") for f in found):
+        return [*said, *found]
+    # A trajectory may be older than the robot, or come from elsewhere: its own findings are not believed.
+    said += [f for f in check(trajectory, case.protocol, case.paths) if f not in said]
+    clock = Clock(trajectory.t, _phases(trajectory))
+    left = margins(trajectory, mechanism, case.paths, clock)
+    out.facts["margins along the path"] = left | out.facts.get("margins along the path", {})
+    tool, frame = mechanism.frame(mechanism.tool), mechanism.frame(trajectory.frame)
+    ways, notes = fixes(case.protocol, trajectory, case.paths, spatial.inverse(tool.T_body_frame) @ frame.T_body_frame)
+    if ways:
+        out.facts["ways to keep the RCM"] = ways
+    return [*said, *found, *notes]
 
 
 def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, progress: Progress) -> None:
