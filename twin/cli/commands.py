@@ -242,7 +242,7 @@ def run(args: argparse.Namespace) -> int:
     with show.progress(args.quiet or args.json) as progress:
         written = api.build(robot, root / "usd", protocols=chosen, progress=progress)
         for protocol in chosen:
-            report = api.validate(robot, protocol=protocol, stage=written[0], progress=progress)
+            report = api.validate(robot, protocol=protocol, stage=written[0], baked=True, progress=progress)
             progress("report", 0.0)
             reports.append((report, _write(report, root / report.protocol)))
     code = _finish(reports, args)

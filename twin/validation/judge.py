@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import platform
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -24,10 +26,11 @@ from twin.units import DEG, MM
 from twin.validation.beside import Beside
 from twin.validation.compare import Comparison, angles_zyx, compare
 from twin.validation.consistent import fixes
+from twin.validation.content import content
 from twin.validation.fulcrum import fulcrum
 from twin.validation.lengths import lengths
 from twin.validation.margins import margins, of_mechanism
-from twin.validation.motion import Measured, Samples, baked_rows, clearance_facts, measure, samples
+from twin.validation.motion import Measured, Samples, baked_rows, clearance_facts, measure, samples, written_rows
 from twin.validation.result import PhaseSummary, Report
 from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
 from twin.validation.shaft import between_samples
@@ -49,6 +52,7 @@ class Case:
         stage: root layer of the USD stage that holds the same robot.
         tolerances: what counts as agreement.
         paths: the robot as planning knows it; None: the trajectory's own findings are taken for its limits.
+        baked_for_it: a motion that lies beside the stage was made for this very trajectory, and has to be it.
     """
 
     kinematics: Kinematics
@@ -58,17 +62,31 @@ class Case:
     stage: Path
     tolerances: Tolerances
     paths: PathKinematics | None = None
+    baked_for_it: bool = False
+
+    @property
+    def written(self) -> Path | None:
+        """The stage with the protocol's motion baked in it, if there is one beside the robot's."""
+        path = self.stage.with_name(f"{self.stage.stem}_{self.trajectory.protocol}{self.stage.suffix}")
+        return path if path.is_file() else None
 
 
-def judge(case: Case, progress: Progress = lambda label, fraction: None) -> Report:
-    """Return the report on one robot along one trajectory."""
+Part = Literal["equations", "stage", "motion"]
+"""What can be judged by itself: the equations and the protocol; the stage; the baked motion and clearances."""
+
+PARTS: frozenset[Part] = frozenset(("equations", "stage", "motion"))
+
+
+def judge(case: Case, progress: Progress = lambda label, fraction: None, parts: frozenset[Part] = PARTS) -> Report:
+    """Return the report on one robot along one trajectory; `parts` leaves some of the judgement out."""
     mechanism, trajectory = case.cad.mechanism, case.trajectory
     model = ReferenceModel(mechanism)
     clock = Clock(trajectory.t, _phases(trajectory))
     out = Comparison()
     looked = samples(trajectory)
     # What needs no equations is measured on a second core meanwhile.
-    with Beside(measure, mechanism, looked) as beside:
+    aside = Beside(measure, mechanism, looked, case.written) if "motion" in parts else contextlib.nullcontext()
+    with aside as beside:
         try:
             out = compare(case.kinematics, model, trajectory, clock, case.tolerances, progress)
         except AssemblyError as error:
@@ -79,9 +97,11 @@ def judge(case: Case, progress: Progress = lambda label, fraction: None) -> Repo
             _rcm(case, out, clock)
             _passive_limits(model, out, clock)
             _passage(case, model, out, clock)
-            _stage(case, model, out, clock, progress)
-            progress("baked motion, clearance", 0.0)
-            _motion(beside.result(), looked, case, out, clock)
+            if "stage" in parts:
+                _stage(case, model, out, clock, progress)
+            if beside is not None:
+                progress("baked motion, clearance", 0.0)
+                _motion(beside.result(), looked, case, out, clock)
     _curves(out, trajectory)
     out.facts["mechanism"] = _mechanism_facts(model)
     findings = [*case.cad.findings, *_protocol(case, out), *out.findings]
@@ -302,8 +322,14 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
         return
     try:
         out.findings += [*check_stage(case.stage), *run_usd_validators(case.stage)]
+        if case.written is not None:
+            told = {(f.code, f.where) for f in out.findings}
+            out.findings += [f for f in check_stage(case.written) if (f.code, f.where) not in told]
         stage = read_stage(case.stage)
-        other = ReferenceModel(stage if case.protocol.trocar is None else stage.with_trocar(case.protocol.trocar))
+        if case.protocol.trocar is not None:
+            stage = stage.with_trocar(case.protocol.trocar)
+        out.findings += content(case.cad.mechanism, stage, case.cad.description)
+        other = ReferenceModel(stage)
         back = other.run(run.q, progress=lambda f: progress("stage read back", f))
     except (StageError, AssemblyError) as error:
         out.findings.append(Finding("stage.unreadable", "disagreement", f"stage: {error}", where=str(case.stage.name)))
@@ -344,6 +370,9 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
 def _motion(measured: Measured, looked: Samples, case: Case, out: Comparison, clock: Clock) -> None:
     """Add what was measured beside the comparison."""
     rows, findings = baked_rows(measured, looked, clock.phases, case.tolerances)
+    if measured.written is not None:
+        more, found = written_rows(measured.written, looked, clock.phases, case.tolerances, case.baked_for_it)
+        rows, findings = rows + more, findings + found
     out.residuals += rows
     out.findings += findings
     if measured.clearance is not None:
