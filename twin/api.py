@@ -338,7 +338,8 @@ def validate(
         TwinError: something is missing or wrong, so that nothing could be judged.
     """
     from twin.units import UM
-    from twin.validation.judge import Case, judge
+    from twin.validation.case import Case
+    from twin.validation.judge import judge
     from twin.validation.rows import Tolerances
 
     progress("read CAD", 0.0)

@@ -343,9 +343,10 @@ def _folder(protocol: str, variants: Mapping[str, str] | None) -> str:
 
 def _write(report, folder: Path) -> Path:
     from twin.report.files import write_report
+    from twin.report.selftest import with_selftest
 
     with assets.atomic_folder(folder) as work:
-        write_report(report, work)
+        write_report(with_selftest(report, folder.parent / "selftest.json"), work)
     return folder
 
 
@@ -386,5 +387,6 @@ COMMANDS = {
     "study": _own_file("study"),
     "export": _own_file("export"),
     "audit": _own_file("audit"),
+    "selftest": _own_file("selftest"),
     "doctor": doctor,
 }

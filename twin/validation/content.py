@@ -96,9 +96,8 @@ def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
             text = f"has {what} {theirs} on the stage, {ours} in the CAD"
             yield Finding("stage.content", "disagreement", f"joint '{a.name}' {text}", a.name, suggestion=_AGAIN)
             return
-    loose = a.type == "spherical"  # its frames are turned together, so that simulators start it at zero
-    yield from _place(f"joint '{a.name}' on '{a.parent}'", a.name, a.T_parent_joint, b.T_parent_joint, loose)
-    yield from _place(f"joint '{a.name}' on '{a.child}'", a.name, a.T_child_joint, b.T_child_joint, loose)
+    yield from _place(f"joint '{a.name}' on '{a.parent}'", a.name, a.T_parent_joint, b.T_parent_joint)
+    yield from _place(f"joint '{a.name}' on '{a.child}'", a.name, a.T_child_joint, b.T_child_joint)
     unit, scale = ("deg", DEG) if a.is_angle else ("mm", MM)
     pairs: list[tuple[str, float | None, float | None, str, float]] = [
         ("largest speed", a.max_speed, b.max_speed, f"{unit}/s", scale),
@@ -124,9 +123,9 @@ def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
         yield from _differs(what, a.name, one / factor, two / factor, per)
 
 
-def _place(what: str, where: str, ours: Array, theirs: Array, turned: bool = False) -> Iterator[Finding]:
+def _place(what: str, where: str, ours: Array, theirs: Array) -> Iterator[Finding]:
     off = float(np.linalg.norm(ours[:3, 3] - theirs[:3, 3]))
-    turn = 0.0 if turned else float(spatial.rotation_angle(ours[:3, :3].T @ theirs[:3, :3]))
+    turn = float(spatial.rotation_angle(ours[:3, :3].T @ theirs[:3, :3]))
     limit = 1e-6 + 1e-6 * float(np.linalg.norm(ours[:3, 3]))
     if off > limit or turn > SINGLE:
         size, unit = (off / MM, "mm") if off > limit else (turn / DEG, "deg")

@@ -17,6 +17,7 @@ from twin.findings import Finding, Severity
 from twin.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Clearance, clearance
+from twin.reference.mating import Mate, mates
 from twin.spatial import Array
 from twin.stage.read import read_motion
 from twin.stage.write import Motion, write_motion, write_stage
@@ -71,6 +72,7 @@ class Measured:
         between: largest error (j,) in m of any link, interpolated linearly between keys.
         clearance: distances at `Samples.sparse`, or None if no body has a mesh.
         written: the same of a motion that was written before, or None if there is none.
+        mates: how far the parts of each joint are apart as drawn.
     """
 
     times: Array
@@ -79,6 +81,7 @@ class Measured:
     between: Array
     clearance: Clearance | None
     written: Written | None = None
+    mates: tuple[Mate, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -147,10 +150,13 @@ def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None)
     found = None
     if any(b.meshes for b in mechanism.bodies):
         found = clearance(mechanism, model.link_poses(model.run_poses(samples.Ts_sparse, near=samples.q_sparse).x))
-    return Measured(times, position, rotation, apart, found, _written(written, samples.keys, links))
+    return Measured(
+        times, position, rotation, apart, found, written_motion(written, samples.keys, links), tuple(mates(mechanism))
+    )
 
 
-def _written(root: Path | None, keys: Array, links: Mapping[str, Array]) -> Written | None:
+def written_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -> Written | None:
+    """Return how far the motion baked into a stage is off the poses (k, 4, 4) of the links at times (k,) in s."""
     if root is None:
         return None
     try:
