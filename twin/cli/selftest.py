@@ -12,6 +12,7 @@ from twin.cli import show
 from twin.errors import TwinError, unknown
 
 if TYPE_CHECKING:
+    from twin.selftest.fault import Family
     from twin.selftest.result import Score
 
 
@@ -24,7 +25,7 @@ def selftest(args: argparse.Namespace) -> int:
         raise TwinError(f"--count {args.count}: give a number of faults, 1 or more")
     if args.seed < 0:
         raise TwinError(f"--seed {args.seed}: give a number that is not negative")
-    families = FAMILIES
+    families: tuple[Family, ...] = FAMILIES
     if args.family:
         asked = [f.strip() for f in args.family.split(",")]
         for name in asked:

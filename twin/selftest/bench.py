@@ -136,36 +136,39 @@ class Bench:
     def outcome(self, fault: Fault) -> Outcome:
         """Put a fault in, judge, and say what became of it."""
         began = time.monotonic()
+        same = ""
         with tempfile.TemporaryDirectory(dir=self.folder) as name:
-            folder = Path(name)
             try:
-                found = self._heard(fault, folder)
+                found, same = self._heard(fault, Path(name))
             except TwinError as error:
                 code = f"error.{type(error).__name__.removesuffix('Error').lower()}"
                 found = Finding(code, "error", str(error))
-            state: State
-            message = ""
-            if found is None:
-                same = self._equivalent(fault, folder)
-                state, message = ("equivalent", same) if same else ("missed", "nothing was said of it")
-            else:
-                state = "warned" if found.severity == "warning" else "caught"
-                message = found.message
+        state: State
+        if found is None:
+            state, message = ("equivalent", same) if same else ("missed", "nothing was said of it")
+        else:
+            state, message = "warned" if found.severity == "warning" else "caught", found.message
         code, where = (found.code, found.where) if found is not None else ("", "")
         return Outcome(
             fault.family, fault.kind, fault.what, state, code, where, message, round(time.monotonic() - began, 3)
         )
 
-    def _heard(self, fault: Fault, folder: Path) -> Finding | None:
-        """Return the first new finding that changes the verdict; after a mere warning one more part is asked."""
-        warned = None
+    def _heard(self, fault: Fault, folder: Path) -> tuple[Finding | None, str]:
+        """Return the first new finding that changes the verdict, or why the fault is none.
+
+        After a mere warning one more part is asked. What the first part lets pass is looked at whether it is a fault
+        at all, before the others are asked.
+        """
+        warned, same = None, None
         for found in self._found(fault, folder):
             if found is not None and found.severity != "warning":
-                return found
+                return found, ""
             if warned is not None:
                 break
             warned = found
-        return warned
+            if warned is None and same is None and (same := self._equivalent(fault, folder)):
+                break
+        return warned, same or ""
 
     def _found(self, fault: Fault, folder: Path) -> Iterator[Finding | None]:
         """Yield the gravest new finding of each part of the validator, or None; cheap parts first."""
