@@ -147,8 +147,13 @@ def _parser() -> argparse.ArgumentParser:
 
     add("list", "list the built-in robots", "  twin list\n  twin list --json")
 
-    sub = add("info", "show a robot: joints, limits, frames, parameters with provenance", "  twin info sils")
+    sub = add(
+        "info",
+        "show a robot: joints, limits, frames, parameters with provenance",
+        "  twin info sils\n  twin info pa10 --inertia        can bodies have the masses that are stated of them?",
+    )
     robot(sub)
+    sub.add_argument("--inertia", action="store_true", help="judge masses and inertias instead: CAD, stage, tables")
 
     sub = add(
         "build",

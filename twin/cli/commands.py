@@ -58,6 +58,10 @@ def list_robots(args: argparse.Namespace) -> int:
 def info(args: argparse.Namespace) -> int:
     """Print joints, limits, frames, degrees of freedom and parameters."""
     robot = api.load(args.robot)
+    if args.inertia:
+        from twin.cli.inertia import run as run_inertia
+
+        return run_inertia(robot, args)
     with show.progress(args.quiet or args.json) as progress:
         progress("read CAD", 0.0)
         mechanism = robot.mechanism
