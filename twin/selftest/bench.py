@@ -10,6 +10,7 @@ import contextlib
 import shutil
 import tempfile
 import time
+import warnings
 from collections.abc import Iterable, Iterator
 from copy import copy
 from dataclasses import replace
@@ -26,7 +27,7 @@ from twin.findings import SEVERITIES, Finding
 from twin.mechanism import Mechanism
 from twin.protocol import Protocol
 from twin.reference import ReferenceModel
-from twin.selftest.equivalent import same_equations, same_motion, same_protocol, same_stage
+from twin.selftest.equivalent import same_equations, same_motion, same_protocol, same_samples, same_stage
 from twin.selftest.fault import Fault, Outcome, State
 from twin.spatial import Array
 from twin.trajectory.model import Trajectory
@@ -137,7 +138,8 @@ class Bench:
         """Put a fault in, judge, and say what became of it."""
         began = time.monotonic()
         same = ""
-        with tempfile.TemporaryDirectory(dir=self.folder) as name:
+        with tempfile.TemporaryDirectory(dir=self.folder) as name, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # numpy and Python frown at many a fault; what counts are findings
             try:
                 found, same = self._heard(fault, Path(name))
             except TwinError as error:
@@ -249,4 +251,6 @@ class Bench:
                 sub = folder / "again"
                 sub.mkdir()
                 return same_protocol(self.chosen, fault.protocol(sub))
+            if fault.trajectory is not None and fault.kind == "late joint":
+                return same_samples(self.trajectory, fault.trajectory())
         return ""

@@ -160,6 +160,17 @@ def same_motion(a: Mechanism, b: Mechanism, trajectory: Trajectory, places: int 
     return f"every body is in the same place at {places} times, to {worst:.1g} m"
 
 
+def same_samples(a: Trajectory, b: Trajectory) -> str:
+    """Return why two trajectories are the same, "" if they are not."""
+    if a.phases is not b.phases:
+        return ""
+    arrays = [(v, getattr(b, n)) for n, v in vars(a).items() if isinstance(v, np.ndarray)]
+    if any(x.shape != y.shape for x, y in arrays):
+        return ""
+    off = max(float(np.nanmax(np.abs(x - y), initial=0.0)) for x, y in arrays)
+    return f"no number of any sample differs by more than {off:.1g}" if off <= _SAME else ""
+
+
 def same_stage(a: Path, b: Path) -> str:
     """Return why two stages are the same, "" if they are not."""
     from pxr import Usd

@@ -7,6 +7,7 @@ import dataclasses
 import hashlib
 import inspect
 import tempfile
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from types import FunctionType
@@ -90,7 +91,8 @@ def _draw(sources: list[Source], parameters: set[str], kinds: tuple[str, ...], r
 
 def _compiles(text: str, robot: api.Robot) -> bool:
     """Return whether equations run at all: what does not says so by itself, with its line, and is no hidden fault."""
-    with tempfile.TemporaryDirectory(prefix="twin-formula-") as folder:
+    with tempfile.TemporaryDirectory(prefix="twin-formula-") as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
         path = Path(folder) / "formula.py"
         path.write_text(text, encoding="utf-8")
         try:
