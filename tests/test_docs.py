@@ -28,6 +28,7 @@ EXIT_1 = (
     "eq3=printed",
     "study sher",
     "study pa10",
+    "info pa10 --inertia",
     "--clutch printed",
 )
 """Commands of which the documentation says that they disagree."""

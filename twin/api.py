@@ -317,6 +317,7 @@ def validate(
     variants: Mapping[str, str] | str | None = None,
     tolerances: Tolerances | None = None,
     stage: Path | None = None,
+    baked: bool = False,
     progress: Progress = _silent,
 ) -> Report:
     """Judge the equations against the mechanism along a protocol, and the mechanism against its USD stage.
@@ -329,13 +330,16 @@ def validate(
         tolerances: what counts as agreement; default: that of exact geometry, widened by what the CAD's
             placements lost.
         stage: root layer to judge; default the robot's own, or a fresh one if that is missing or stale.
+        baked: the motion beside that stage was just made for this trajectory: what differs is a disagreement, where
+            otherwise it is a warning that it may be older than the protocol.
         progress: see `Progress`.
 
     Raises:
         TwinError: something is missing or wrong, so that nothing could be judged.
     """
     from twin.units import UM
-    from twin.validation.judge import Case, judge
+    from twin.validation.case import Case
+    from twin.validation.judge import judge
     from twin.validation.rows import Tolerances
 
     progress("read CAD", 0.0)
@@ -350,7 +354,8 @@ def validate(
     if trajectory is None:
         trajectory = plan(robot, chosen, progress)
     with contextlib.nullcontext(stage) if stage is not None else fresh_stage(robot) as root:
-        case = Case(robot.kinematics(variants), cad, chosen, trajectory, root, tolerances)
+        kin, paths = robot.kinematics(variants), robot.path_kinematics()
+        case = Case(kin, cad, chosen, trajectory, root, tolerances, paths, baked)
         return judge(case, progress)
 
 

@@ -34,7 +34,7 @@ exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 """
 
 NAMES = ("list", "info", "build", "plan", "validate", "explain", "run", "view", "serve")
-NAMES += ("operate", "track", "study", "export", "audit", "doctor")
+NAMES += ("operate", "track", "study", "export", "audit", "selftest", "doctor")
 """Every command."""
 
 
@@ -148,8 +148,13 @@ def _parser() -> argparse.ArgumentParser:
 
     add("list", "list the built-in robots", "  twin list\n  twin list --json")
 
-    sub = add("info", "show a robot: joints, limits, frames, parameters with provenance", "  twin info sils")
+    sub = add(
+        "info",
+        "show a robot: joints, limits, frames, parameters with provenance",
+        "  twin info sils\n  twin info pa10 --inertia        can bodies have the masses that are stated of them?",
+    )
     robot(sub)
+    sub.add_argument("--inertia", action="store_true", help="judge masses and inertias instead: CAD, stage, tables")
 
     sub = add(
         "build",
@@ -369,6 +374,20 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("path", help="a folder, or a .glb, .gltf, USD, .usdz, track, MJCF or URDF file")
     sub.add_argument("--robot", metavar="NAME", help="recompute the poses from this robot's mechanism: name or folder")
     sub.add_argument("--all", action="store_true", help="show notes and every check, not the worst of each kind")
+
+    sub = add(
+        "selftest",
+        "seed faults into a correct robot and see whether the validator finds them: its mutation score",
+        "  twin selftest sils                            equations, CAD, USD, units, timing\n"
+        "  twin selftest sils --family formula,cad --count 60 --seed 7\n"
+        "  twin selftest my_robot/ --json",
+    )
+    robot(sub)
+    sub.add_argument("--protocol", metavar="NAME", help="along which (default the robot's default protocol)")
+    sub.add_argument("--family", metavar="NAMES", help="of formula, cad, usd, units, timing; by commas (default all)")
+    sub.add_argument("--count", type=int, default=118, metavar="N", help="how many faults in all (default 118)")
+    sub.add_argument("--seed", type=int, default=0, help="of the draw (default 0): the same seed, the same faults")
+    out(sub, "./twin-out/<robot>/")
 
     add("doctor", "show what can be checked on this machine", "  twin doctor")
     return parser

@@ -58,6 +58,10 @@ def list_robots(args: argparse.Namespace) -> int:
 def info(args: argparse.Namespace) -> int:
     """Print joints, limits, frames, degrees of freedom and parameters."""
     robot = api.load(args.robot)
+    if args.inertia:
+        from twin.cli.inertia import run as run_inertia
+
+        return run_inertia(robot, args)
     with show.progress(args.quiet or args.json) as progress:
         progress("read CAD", 0.0)
         mechanism = robot.mechanism
@@ -242,7 +246,7 @@ def run(args: argparse.Namespace) -> int:
     with show.progress(args.quiet or args.json) as progress:
         written = api.build(robot, root / "usd", protocols=chosen, progress=progress)
         for protocol in chosen:
-            report = api.validate(robot, protocol=protocol, stage=written[0], progress=progress)
+            report = api.validate(robot, protocol=protocol, stage=written[0], baked=True, progress=progress)
             progress("report", 0.0)
             reports.append((report, _write(report, root / report.protocol)))
     code = _finish(reports, args)
@@ -343,9 +347,10 @@ def _folder(protocol: str, variants: Mapping[str, str] | None) -> str:
 
 def _write(report, folder: Path) -> Path:
     from twin.report.files import write_report
+    from twin.report.selftest import with_selftest
 
     with assets.atomic_folder(folder) as work:
-        write_report(report, work)
+        write_report(with_selftest(report, folder.parent / "selftest.json"), work)
     return folder
 
 
@@ -386,5 +391,6 @@ COMMANDS = {
     "study": _own_file("study"),
     "export": _own_file("export"),
     "audit": _own_file("audit"),
+    "selftest": _own_file("selftest"),
     "doctor": doctor,
 }

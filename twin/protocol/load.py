@@ -22,6 +22,7 @@ from twin.protocol.model import (
     Tolerances,
     Waypoint,
 )
+from twin.protocol.plausible import plausible
 from twin.protocol.tables import (
     CircleTable,
     HomeTable,
@@ -217,4 +218,4 @@ def _warnings(table: ProtocolTable, used: set[str], path: str) -> list[Finding]:
         for kind in table.limits
         if kind not in types
     ]
-    return out
+    return [*out, *plausible(table, Path(path).name)]

@@ -2,82 +2,87 @@
 
 from __future__ import annotations
 
+import contextlib
 import platform
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
 
-from twin import spatial
-from twin.cad.build import CadModel
 from twin.errors import AssemblyError, StageError
 from twin.findings import Finding
 from twin.kinematics import Kinematics
 from twin.mechanism import Mechanism
-from twin.protocol import Protocol
 from twin.reference import ReferenceModel
 from twin.trajectory.model import Trajectory
 from twin.units import DEG, MM
 from twin.validation.beside import Beside
+from twin.validation.case import PARTS, Case, Known, Part, summaries
 from twin.validation.compare import Comparison, angles_zyx, compare
+from twin.validation.content import content
 from twin.validation.fulcrum import fulcrum
 from twin.validation.lengths import lengths
-from twin.validation.motion import Measured, Samples, baked_rows, clearance_facts, measure, samples
-from twin.validation.result import PhaseSummary, Report
-from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
+from twin.validation.motion import Measured, Samples, baked_rows, clearance_facts, measure, samples, written_rows
+from twin.validation.passage import about_rcm, of_protocol, passage, passive_limits
+from twin.validation.plausible import apart
+from twin.validation.result import Report
+from twin.validation.rows import Clock, rotation_vectors, row, text
 
 _PACKAGES = ("numpy", "casadi", "pin", "coal", "usd-core", "cascadio", "toppra")
 
 Progress = Callable[[str, float], None]
 
 
-@dataclass(frozen=True)
-class Case:
-    """What is judged.
+def judge(
+    case: Case,
+    progress: Progress = lambda label, fraction: None,
+    parts: frozenset[Part] = PARTS,
+    known: Known | None = None,
+) -> Report:
+    """Return the report on one robot along one trajectory.
 
-    Attributes:
-        kinematics: the equations, in the variants to judge.
-        cad: the mechanism from the CAD and what reading it found.
-        protocol, trajectory: along what.
-        stage: root layer of the USD stage that holds the same robot.
-        tolerances: what counts as agreement.
+    Args:
+        case: what is judged.
+        progress: called with what is being done.
+        parts: what of it; the stage and the motion are held against the mechanism as the equations found it, so
+            without "equations" they need what is `known`.
+        known: what need not be done again.
     """
-
-    kinematics: Kinematics
-    cad: CadModel
-    protocol: Protocol
-    trajectory: Trajectory
-    stage: Path
-    tolerances: Tolerances
-
-
-def judge(case: Case, progress: Progress = lambda label, fraction: None) -> Report:
-    """Return the report on one robot along one trajectory."""
     mechanism, trajectory = case.cad.mechanism, case.trajectory
     model = ReferenceModel(mechanism)
-    clock = Clock(trajectory.t, _phases(trajectory))
-    out = Comparison()
+    clock = Clock(trajectory.t, summaries(trajectory))
+    known = known or Known()
+    out = known.comparison or Comparison()
     looked = samples(trajectory)
     # What needs no equations is measured on a second core meanwhile.
-    with Beside(measure, mechanism, looked) as beside:
+    apart_from_it = "motion" in parts and known.measured is None
+    aside = Beside(measure, mechanism, looked, case.written) if apart_from_it else contextlib.nullcontext()
+    with aside as beside:
         try:
-            out = compare(case.kinematics, model, trajectory, clock, case.tolerances, progress)
+            if "equations" in parts:
+                out = compare(case.kinematics, model, trajectory, clock, case.tolerances, progress)
+                rows, found = lengths(case.kinematics, case.cad, clock, case.tolerances)
+                out.residuals[:0], out.findings[:0] = rows, found
+                about_rcm(case, out, clock)
+                passive_limits(model, out, clock)
+                passage(case, model, out, clock)
+            if "stage" in parts:
+                _stage(case, model, out, clock, progress)
+            if "motion" in parts:
+                progress("baked motion, clearance", 0.0)
+                measured = known.measured if beside is None else beside.result()
+                assert measured is not None
+                _motion(measured, looked, case, out, clock)
         except AssemblyError as error:
             out.findings.append(_cannot_take(mechanism, error))
-        else:
-            rows, found = lengths(case.kinematics, case.cad, clock, case.tolerances)
-            out.residuals[:0], out.findings[:0] = rows, found
-            _rcm(case, out, clock)
-            _passive_limits(model, out, clock)
-            _stage(case, model, out, clock, progress)
-            progress("baked motion, clearance", 0.0)
-            _motion(beside.result(), looked, case, out, clock)
     _curves(out, trajectory)
     out.facts["mechanism"] = _mechanism_facts(model)
-    findings = [*case.cad.findings, *trajectory.findings, *out.findings]
-    formula = case.kinematics.formula
+    findings = [*case.cad.findings, *(of_protocol(case, out) if "protocol" in parts else ()), *out.findings]
+    return _report(case, out, findings, clock)
+
+
+def _report(case: Case, out: Comparison, findings: list[Finding], clock: Clock) -> Report:
+    mechanism, trajectory, formula = case.cad.mechanism, case.trajectory, case.kinematics.formula
     return Report(
         robot=mechanism.name,
         title=case.cad.description.title,
@@ -99,20 +104,6 @@ def judge(case: Case, progress: Progress = lambda label, fraction: None) -> Repo
         environment=_environment(mechanism),
         joint_names=trajectory.joint_names,
         series=out.series,
-    )
-
-
-def _phases(trajectory: Trajectory) -> tuple[PhaseSummary, ...]:
-    return tuple(
-        PhaseSummary(
-            p.name,
-            p.type,
-            p.t0,
-            p.t1,
-            None if p.rcm is None else (float(p.rcm[0]), float(p.rcm[1]), float(p.rcm[2])),
-            p.rcm_mode or "",
-        )
-        for p in trajectory.phases
     )
 
 
@@ -167,89 +158,6 @@ def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
     }
 
 
-def _rcm(case: Case, out: Comparison, clock: Clock) -> None:
-    """Judge the mechanism's own motion about the RCM, from registration to withdrawal."""
-    run, trajectory, mechanism = out.driven, case.trajectory, case.cad.mechanism
-    if run is None or any(r.consequence_of for r in out.residuals if r.quantity == "tool"):
-        return
-    tool, frame = mechanism.frame(mechanism.tool), mechanism.frame(trajectory.frame)
-    T_tool_frame = spatial.inverse(tool.T_body_frame) @ frame.T_body_frame
-    Ts = run.Ts_base_tool @ T_tool_frame
-    for span in trajectory.phases:
-        if span.rcm is None:
-            continue
-        rows = np.arange(span.start, span.stop + 1)
-        axis = Ts[rows, :3, :3] @ trajectory.shaft_axis
-        missed = spatial.point_to_line(span.rcm, Ts[rows, :3, 3], axis)
-        enforced = span.rcm_mode != "monitored"
-        tolerance = case.tolerances.rcm if enforced else case.protocol.tolerances.rcm
-        r = row(
-            "B",
-            "rcm",
-            span.name,
-            "m",
-            missed,
-            tolerance,
-            clock.at(rows),
-            note=f"{'enforced' if enforced else 'monitored'}, on the mechanism driven by the equations",
-        )
-        out.residuals.append(r)
-        if not r.agrees and enforced:
-            out.findings.append(
-                Finding(
-                    "rcm.mechanism",
-                    "disagreement",
-                    f"the mechanism's shaft passes the enforced RCM at {text(r.worst, 'm')}",
-                    where="RCM",
-                    when=f"{span.name}, t = {r.t:.2f} s",
-                    size=r.worst / MM,
-                    unit="mm",
-                    limit=tolerance / MM,
-                )
-            )
-
-
-def _passive_limits(model: ReferenceModel, out: Comparison, clock: Clock) -> None:
-    """Judge joints that nobody drives: their ranges, and the cones of spherical joints."""
-    run = out.posed
-    joints = [j for j in model.mechanism.joints if not j.active and (j.cone is not None or j.limits is not None)]
-    if run is None or not joints:
-        return
-    links = model.link_poses(run.x)
-    at = clock.at(out.coarse)
-    left: dict[str, str] = {}
-    for joint in joints:
-        if joint.cone is not None:
-            z0 = (links[joint.parent] @ joint.T_parent_joint)[:, :3, 2]
-            z1 = (links[joint.child] @ joint.T_child_joint)[:, :3, 2]
-            tilt = np.arctan2(np.linalg.norm(np.cross(z0, z1), axis=1), np.sum(z0 * z1, axis=1))
-            margin, unit, scale = joint.cone - tilt, "deg", DEG
-        elif joint.name in run.q_passive and joint.limits is not None:
-            q = run.q_passive[joint.name]
-            margin = np.minimum(q - joint.limits[0], joint.limits[1] - q)
-            unit, scale = ("deg", DEG) if joint.is_angle else ("mm", MM)
-        else:
-            continue
-        k = int(np.argmin(margin))
-        when = f"{at.phase(float(at.t[k]))}, t = {at.t[k]:.2f} s"
-        left[joint.name] = f"{margin[k] / scale:.1f} {unit} left, {when}"
-        if margin[k] < 0:
-            out.findings.append(
-                Finding(
-                    "limit.passive",
-                    "disagreement",
-                    f"passive joint {joint.name} is turned {-margin[k] / scale:.2f} {unit} beyond its limit",
-                    where=joint.name,
-                    when=when,
-                    size=-margin[k] / scale,
-                    unit=unit,
-                    limit=0.0,
-                    suggestion="change the protocol, or the joint",
-                )
-            )
-    out.facts["limits of passive joints"] = left
-
-
 def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, progress: Progress) -> None:
     """C against B: the same solver on the stage read back, and what single precision explains."""
     from twin.reference.sensitivity import of_rounding
@@ -261,8 +169,14 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
         return
     try:
         out.findings += [*check_stage(case.stage), *run_usd_validators(case.stage)]
+        if case.written is not None:
+            told = {(f.code, f.where) for f in out.findings}
+            out.findings += [f for f in check_stage(case.written) if (f.code, f.where) not in told]
         stage = read_stage(case.stage)
-        other = ReferenceModel(stage if case.protocol.trocar is None else stage.with_trocar(case.protocol.trocar))
+        if case.protocol.trocar is not None:
+            stage = stage.with_trocar(case.protocol.trocar)
+        out.findings += content(case.cad.mechanism, stage, case.cad.description)
+        other = ReferenceModel(stage)
         back = other.run(run.q, progress=lambda f: progress("stage read back", f))
     except (StageError, AssemblyError) as error:
         out.findings.append(Finding("stage.unreadable", "disagreement", f"stage: {error}", where=str(case.stage.name)))
@@ -303,8 +217,12 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
 def _motion(measured: Measured, looked: Samples, case: Case, out: Comparison, clock: Clock) -> None:
     """Add what was measured beside the comparison."""
     rows, findings = baked_rows(measured, looked, clock.phases, case.tolerances)
+    if measured.written is not None:
+        more, found = written_rows(measured.written, looked, clock.phases, case.tolerances, case.baked_for_it)
+        rows, findings = rows + more, findings + found
     out.residuals += rows
     out.findings += findings
+    out.findings += apart(measured.mates)
     if measured.clearance is not None:
         out.facts["clearance"], contacts = clearance_facts(measured.clearance, looked.sparse, clock.phases)
         out.findings += contacts

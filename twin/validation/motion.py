@@ -6,15 +6,18 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from twin.findings import Finding
+from twin.errors import StageError
+from twin.findings import Finding, Severity
 from twin.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Clearance, clearance
+from twin.reference.mating import Mate, mates
 from twin.spatial import Array
 from twin.stage.read import read_motion
 from twin.stage.write import Motion, write_motion, write_stage
@@ -31,6 +34,9 @@ CLEARANCE_RATE = 5.0
 
 MIDDLE = 4
 """Of the intervals between keys every fourth is looked into."""
+
+TIME = 1e-6
+"""Seconds by which a time code may be beside the time that it stands for."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +71,8 @@ class Measured:
         position, rotation: largest error (k,) of any baked link at its time codes, m and rad.
         between: largest error (j,) in m of any link, interpolated linearly between keys.
         clearance: distances at `Samples.sparse`, or None if no body has a mesh.
+        written: the same of a motion that was written before, or None if there is none.
+        mates: how far the parts of each joint are apart as drawn.
     """
 
     times: Array
@@ -72,6 +80,23 @@ class Measured:
     rotation: Array
     between: Array
     clearance: Clearance | None
+    written: Written | None = None
+    mates: tuple[Mate, ...] = ()
+
+
+@dataclass(frozen=True)
+class Written:
+    """A motion that lies beside a stage: its file, its time codes (k,) in s, and how far (k,) its links are off.
+
+    `missing` names bodies without samples that move. Errors are given at the times that were meant; without them
+    (another number, another rate) they are empty.
+    """
+
+    file: str
+    times: Array
+    position: Array
+    rotation: Array
+    missing: tuple[str, ...] = ()
 
 
 def key_times(trajectory: Trajectory) -> Array:
@@ -93,8 +118,13 @@ def samples(trajectory: Trajectory) -> Samples:
     return Samples(trajectory.protocol, *at(keys), *at(middle), *at(sparse))
 
 
-def measure(mechanism: Mechanism, samples: Samples) -> Measured:
+def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None) -> Measured:
     """Bake the mechanism's motion, read it back, and measure distances between parts.
+
+    Args:
+        mechanism: what moves.
+        samples: when to look.
+        written: a stage with the motion baked in it before, to be held against the mechanism as well.
 
     Raises:
         AssemblyError: the mechanism cannot take the tool poses.
@@ -120,7 +150,72 @@ def measure(mechanism: Mechanism, samples: Samples) -> Measured:
     found = None
     if any(b.meshes for b in mechanism.bodies):
         found = clearance(mechanism, model.link_poses(model.run_poses(samples.Ts_sparse, near=samples.q_sparse).x))
-    return Measured(times, position, rotation, apart, found)
+    return Measured(
+        times, position, rotation, apart, found, written_motion(written, samples.keys, links), tuple(mates(mechanism))
+    )
+
+
+def written_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -> Written | None:
+    """Return how far the motion baked into a stage is off the poses (k, 4, 4) of the links at times (k,) in s."""
+    if root is None:
+        return None
+    try:
+        times, back = read_motion(root)
+    except StageError as error:
+        return Written(f"{root.name}: {error}", np.zeros(0), np.zeros(0), np.zeros(0))
+    missing = tuple(n for n in links if n not in back)
+    if len(times) != len(keys) or np.abs(times - keys).max() > TIME:
+        return Written(root.name, times, np.zeros(0), np.zeros(0), missing)
+    position, rotation = np.zeros(len(keys)), np.zeros(len(keys))
+    for name, Ts in links.items():
+        if name in back:
+            position = np.maximum(position, np.linalg.norm(back[name][:, :3, 3] - Ts[:, :3, 3], axis=1))
+            rotation = np.maximum(rotation, np.linalg.norm(rotation_vectors(Ts, back[name]), axis=1))
+    return Written(root.name, times, position, rotation, missing)
+
+
+def written_rows(
+    written: Written, samples: Samples, phases: tuple[PhaseSummary, ...], tolerances: Tolerances, due: bool
+) -> tuple[list[Residual], list[Finding]]:
+    """Return rows and findings on a motion that was written before.
+
+    Args:
+        written: as measured.
+        samples: what was meant.
+        phases: of the protocol.
+        tolerances: what counts as agreement.
+        due: whether it was made for this very motion; one that merely lies there may be older than the protocol.
+    """
+    keys = Clock(samples.keys, phases)
+    severity: Severity = "disagreement" if due else "warning"
+    again = "bake it again with `twin build`"
+    if len(written.position) != len(samples.keys) or written.missing:
+        t = written.times
+        has = f"{len(t)} time codes from {t[0]:.4g} to {t[-1]:.4g} s" if len(t) else "no time codes"
+        lacks = f"; {', '.join(written.missing)} have none" if written.missing else ""
+        said = f"the motion on the stage has {has}{lacks}; the protocol takes {samples.keys[-1]:.4g} s"
+        said += f" and {len(samples.keys)} of them: it is not this protocol's, or its samples were moved"
+        return [], [Finding("baked.written", severity, said, where=written.file, suggestion=again)]
+    rows = [
+        row("B-D", "baked", "links as written", unit, values, tolerance if due else None, keys, note=written.file)
+        for unit, values, tolerance in (
+            ("m", written.position, tolerances.baked_position),
+            ("rad", written.rotation, tolerances.baked_rotation),
+        )
+    ]
+    findings = [
+        Finding(
+            "baked.written",
+            severity,
+            f"a link of the motion on the stage is {text(r.worst, r.unit)} off the protocol's",
+            where=written.file,
+            when=f"{r.phase}, t = {r.t:.2f} s",
+            suggestion=again,
+        )
+        for r, limit in zip(rows, (tolerances.baked_position, tolerances.baked_rotation), strict=True)
+        if r.worst > limit
+    ]
+    return rows, findings
 
 
 def baked_rows(

@@ -95,7 +95,7 @@ def row(
         name,
         unit,
         float(values[i]),
-        float(np.sqrt(np.nanmean(values**2))),
+        float(np.sqrt(np.mean(known**2))) if len(known := values[~np.isnan(values)]) else float("nan"),
         tolerance,
         float(clock.t[i]),
         clock.phase(float(clock.t[i])),

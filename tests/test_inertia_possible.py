@@ -1,0 +1,233 @@
+"""Masses and inertias: what can be passes, what cannot is told, and a slip of the pen is named."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+from twin import spatial
+from twin.cli import main
+from twin.dynamics import collect, possible
+from twin.dynamics.guess import guesses, misfit
+from twin.dynamics.possible import Stated, judged, stated
+from twin.mechanism import Inertia, Mesh
+
+SLOW = settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
+
+
+def body(seed: int, uneven: float = 0.0, extent=(0.05, 0.12, 0.3)) -> tuple[Inertia, tuple[Mesh, ...]]:
+    """A box of three different sides, anywhere, weighed by trimesh; `uneven` adds point masses inside it."""
+    import trimesh
+
+    rng = np.random.default_rng(seed)
+    R, p = spatial.exp_so3(rng.normal(size=3)), rng.normal(size=3) * 0.3
+    box = trimesh.creation.box(np.array(extent) * rng.uniform(0.8, 1.25, 3))
+    vertices = box.vertices @ R.T + p
+    mesh = Mesh("box", vertices, np.asarray(box.faces, np.int32))
+    made = trimesh.Trimesh(vertices, box.faces, process=False)
+    made.density = 2700.0
+    mass, com, I = float(made.mass), np.array(made.center_mass), np.array(made.moment_inertia)  # noqa: E741
+    if uneven:
+        points = (rng.uniform(-0.5, 0.5, (4, 3)) * box.extents) @ R.T + p
+        masses = rng.uniform(0, uneven * mass, 4)
+        total = mass + masses.sum()
+        centre = (mass * com + masses @ points) / total
+        for m, at in ((mass, com), *zip(masses, points, strict=True)):
+            r = at - centre
+            I = I + m * ((r @ r) * np.eye(3) - np.outer(r, r))  # noqa: E741
+        mass, com = total, centre
+    return Inertia(mass, com, I), (mesh,)
+
+
+def codes(found):
+    return [f.code for f in found]
+
+
+@SLOW
+@given(st.integers(0, 10**6), st.sampled_from([0.0, 0.05]))
+def test_a_body_that_can_be_passes(seed, uneven):
+    inertia, meshes = body(seed, uneven)
+    out = judged(stated("b", "test", inertia, meshes))
+    assert out.findings == ()
+    assert out.definite > 0
+    assert 0 <= out.least <= inertia.mass
+    assert out.outside == 0
+    assert out.density == pytest.approx(2700 * (1 + 4 * uneven), rel=0.2)
+
+
+@SLOW
+@given(st.integers(0, 10**6))
+def test_moments_of_point_masses_are_possible_and_the_least_mass_is_the_edge(seed):
+    rng = np.random.default_rng(seed)
+    m, p = rng.uniform(0.1, 2, 6), rng.normal(size=(6, 3))
+    S = np.einsum("k,ki,kj->ij", m, p, p)
+    tensor, first = np.trace(S) * np.eye(3) - S, m @ p
+    least = possible.least_mass(tensor, first)
+    assert 0 < least <= m.sum() * (1 + 1e-9)
+    assert least == pytest.approx(float(first @ np.linalg.solve(S, first)), rel=1e-6)
+    assert codes(judged(Stated("b", "t", 0.99 * least, first, tensor)).findings) == ["inertia.impossible"]
+    assert judged(Stated("b", "t", 1.5 * least, first, tensor)).findings == ()
+
+
+@SLOW
+@given(st.integers(0, 10**6))
+def test_the_other_sign_of_the_products_is_named(seed):
+    inertia, meshes = body(seed)
+    I = inertia.I_com  # noqa: E741
+    products = np.array([I[0, 1], I[0, 2], I[1, 2]])
+    assume(np.linalg.norm(products) > 0.15 * np.abs(I).max())
+    assume(np.sort(np.abs(products))[0] > 0.05 * np.abs(I).max())  # a flip of all is then no exchange of axes
+    wrong = replace(inertia, I_com=2 * np.diag(np.diag(I)) - I)
+    found = judged(stated("b", "t", wrong, meshes)).findings
+    assert {"inertia.sign", "inertia.impossible"} & set(codes(found))
+
+
+@SLOW
+@given(st.integers(0, 10**6), st.sampled_from([-3, -2, -1, 1, 2, 3]))
+def test_a_lost_decimal_mark_of_the_whole_tensor_is_named(seed, power):
+    inertia, meshes = body(seed)
+    found = judged(stated("b", "t", replace(inertia, I_com=inertia.I_com * 10.0**power), meshes)).findings
+    assert "inertia.decimal" in codes(found)
+    assert f"{10.0**power:g} times" in next(f.message for f in found if f.code == "inertia.decimal")
+
+
+@SLOW
+@given(st.integers(0, 10**6), st.integers(0, 2))
+def test_a_lost_decimal_mark_of_one_moment_is_named(seed, i):
+    inertia, meshes = body(seed)
+    tensor = inertia.I_com.copy()
+    tensor[i, i] *= 10
+    found = judged(stated("b", "t", replace(inertia, I_com=tensor), meshes)).findings
+    told = [f.message for f in found if f.code == "inertia.decimal"]
+    assert any(f"I{'xyz'[i] * 2} " in t for t in told)
+
+
+@SLOW
+@given(st.integers(0, 10**6), st.sampled_from([-2, 2, 3]))
+def test_a_lost_decimal_mark_of_the_mass_is_named(seed, power):
+    inertia, meshes = body(seed)
+    found = judged(stated("b", "t", replace(inertia, mass=inertia.mass * 10.0**power), meshes)).findings
+    told = next(f for f in found if f.code == "inertia.density")
+    assert f"{abs(power)} places off" in told.message
+
+
+@pytest.mark.parametrize("order", [(0, 2, 1), (2, 1, 0), (1, 2, 0)])  # two alike axes exchanged cannot be told
+def test_exchanged_axes_are_named(order):
+    import trimesh
+
+    box = trimesh.creation.box((0.05, 0.15, 0.4))
+    meshes = (Mesh("box", box.vertices, np.asarray(box.faces, np.int32)),)
+    box.density = 2700.0
+    tensor = np.array(box.moment_inertia)[np.ix_(order, order)]
+    found = judged(stated("b", "t", Inertia(float(box.mass), np.zeros(3), tensor), meshes)).findings
+    assert codes(found) == ["inertia.axes"]
+
+
+def test_a_tensor_about_the_origin_is_named_where_one_about_the_mass_centre_is_said():
+    inertia, meshes = body(7, extent=(0.05, 0.06, 0.3))
+    p = inertia.p_body_com * 0 + np.array([0.3, -0.2, 0.1])
+    shift = p - inertia.p_body_com
+    meshes = tuple(replace(m, vertices=m.vertices + shift) for m in meshes)
+    wrong = inertia.I_com + inertia.mass * ((p @ p) * np.eye(3) - np.outer(p, p))
+    found = judged(stated("b", "t", Inertia(inertia.mass, p, wrong), meshes)).findings
+    assert codes(found) == ["inertia.origin"]
+    assert "about the frame's origin" in found[0].message
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        ({"mass": -1.0}, "inertia.mass"),
+        ({"mass": float("nan")}, "inertia.number"),
+        ({"I_com": np.diag([1.0, 1.0, 2.5])}, "inertia.impossible"),
+        ({"I_com": np.diag([-1.0, 1.0, 1.0])}, "inertia.impossible"),
+        ({"I_com": np.array([[1.0, 0.2, 0], [0, 1, 0], [0, 0, 1]])}, "inertia.symmetry"),
+    ],
+)
+def test_what_no_body_has_is_told(change, code):
+    found = judged(stated("b", "t", replace(Inertia(1.0, np.zeros(3), np.eye(3)), **change))).findings
+    assert code in codes(found)
+
+
+def test_a_mass_centre_outside_the_shapes_is_told_and_measured():
+    inertia, meshes = body(3)
+    far = np.array([0.5, 0, 0])
+    found = judged(stated("b", "t", replace(inertia, p_body_com=inertia.p_body_com + far), meshes))
+    assert "inertia.outside" in codes(found.findings)
+    vertices = meshes[0].vertices
+    p = inertia.p_body_com + far
+    rng = np.random.default_rng(0)
+    mixes = rng.dirichlet(np.full(8, 0.3), 20000) @ vertices
+    assert found.outside <= np.linalg.norm(mixes - p, axis=1).min() + 1e-9
+    assert found.outside == pytest.approx(np.linalg.norm(mixes - p, axis=1).min(), rel=0.05)
+    odd = judged(stated("b", "t", replace(inertia, p_body_com=p), meshes, own_shapes=False))
+    assert {f.severity for f in odd.findings} == {"warning"}  # somebody else's drawing
+
+
+def test_a_hollow_body_is_not_accused():
+    import trimesh
+
+    outer, inner = trimesh.creation.box((0.1, 0.12, 0.3)), trimesh.creation.box((0.094, 0.114, 0.294))
+    m, n = 2700 * outer.volume, 2700 * inner.volume
+    tensor = 2700 * (np.array(outer.moment_inertia) - np.array(inner.moment_inertia))
+    meshes = (Mesh("box", outer.vertices, np.asarray(outer.faces, np.int32)),)
+    assert judged(stated("b", "t", Inertia(m - n, np.zeros(3), tensor), meshes)).findings == ()
+    assert guesses("b", "t", tensor, np.zeros(3), m - n, None) == []
+    assert misfit(np.eye(3), np.eye(3)) == 0
+
+
+# -- the printed tables of the PA-10, by other arithmetic than `twin study`
+
+
+def test_the_printed_tables_of_the_pa10():
+    from twin import assets
+
+    source = collect.of_exhibit(assets.files("pa10").cad / "exhibit.toml")
+    assert [round(b.least, 3) for b in source.bodies] == [10.036, 9.801, 5.945, 4.906, 2.472, 0.452, 0.087]
+    assert codes(source.all_findings) == ["inertia.sign"]
+    assert "158.06" in source.findings[0].message
+    assert "row 2 alone 93.420 kg" in source.findings[0].message
+
+
+@SLOW
+@given(st.integers(0, 10**6))
+def test_the_sign_of_printed_products_is_told_by_the_mass_that_it_asks_for(seed):
+    rng = np.random.default_rng(seed)
+    rows, negated = [], []
+    for i in range(4):
+        inertia, _ = body(int(rng.integers(10**6)))
+        s = stated(f"{i}", "t", inertia)
+        J = s.tensor
+        products = np.array([J[0, 1], J[0, 2], J[1, 2]])
+        rows.append((s.name, s.first, np.diag(J), products))
+        negated.append((s.name, s.first, np.diag(J), -products))
+    assert "inertia.sign" not in codes(collect.of_moments("t", rows).findings)
+    told = collect.of_moments("t", negated)
+    assert codes(told.findings) in (["inertia.sign"], ["inertia.sign_open"])
+    least = sum(possible.least_mass(np.diag(m) * 0 + collect._tensor(m, p), h) for _, h, m, p in negated)
+    if least > 1.1 * sum(b.least for b in told.bodies):
+        assert codes(told.findings) == ["inertia.sign"]
+
+
+def test_the_command_on_the_pa10(capsys):
+    assert main(["info", "pa10", "--inertia", "--json"]) == 1
+    data = json.loads(capsys.readouterr().out)
+    titles = [s["title"] for s in data["sources"]]
+    assert titles[0] == "weighed on the CAD"
+    assert titles[1] == "stage pa10.usda"
+    assert "inertia.toml" in titles[2]
+    assert {f["code"] for f in data["findings"] if f["severity"] == "disagreement"} == {"inertia.sign"}
+
+
+def test_the_command_on_a_stage_and_on_one_without_masses(capsys, tmp_path):
+    from twin import assets
+
+    assert main(["info", str(assets.files("sher").stage), "--inertia"]) == 0
+    out = capsys.readouterr().out
+    assert "inside" in out
+    assert "CANNOT BE" not in out

@@ -1,0 +1,195 @@
+"""The self-test: faults are drawn as meant, equivalent ones are told from missed ones, and the score counts."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from twin import spatial
+from twin.cli import main
+from twin.findings import Finding
+from twin.report.selftest import HEADING, with_selftest
+from twin.selftest import cad, formula, timing, units, usd
+from twin.selftest.bench import Bench
+from twin.selftest.equivalent import Chain, same_equations, same_motion
+from twin.selftest.fault import FAMILIES, Fault, Outcome
+from twin.selftest.result import Score, from_dict
+from twin.selftest.run import bench_of, drawn
+from twin.units import MM
+
+
+@pytest.fixture(scope="module")
+def bench():
+    with bench_of("sils", None) as made:
+        yield made
+
+
+def outcome(family, state, code="x"):
+    return Outcome(family, "k", "what", state, code if state in ("caught", "warned") else "", "", "", 0.1)
+
+
+def test_the_score_counts_what_is_a_fault():
+    some = [outcome("cad", "caught")] * 18 + [outcome("usd", "warned"), outcome("usd", "equivalent")]
+    score = Score("r", "p", "s", 0, 1.0, tuple(some), ())
+    assert (score.counted, score.caught, score.share, score.passed) == (19, 19, 1.0, True)
+    worse = replace(score, outcomes=(*some, outcome("cad", "missed")))
+    assert worse.share == pytest.approx(0.95)
+    assert worse.passed
+    assert not replace(worse, outcomes=(*worse.outcomes, outcome("cad", "missed"))).passed
+    accused = replace(score, false_alarms=(Finding("point.differs", "disagreement", "no"),))
+    assert (accused.passed, accused.exit_code) == (False, 1)
+    assert from_dict(json.loads(json.dumps(accused.as_dict()))) == accused
+    assert [r["family"] for r in score.table()] == ["cad", "usd"]
+    assert score.table()[1]["equivalent"] == 1
+
+
+def test_a_draw_is_the_same_for_the_same_seed_and_another_for_another(bench):
+    one, two, other = (drawn(bench, ("cad", "timing"), 40, s) for s in (3, 3, 4))
+    assert [f.what for f in one] == [f.what for f in two] != [f.what for f in other]
+    alone = drawn(bench, ("timing",), 18, 3)
+    assert {f.what for f in alone} <= {f.what for f in drawn(bench, FAMILIES[3:], 34, 3)} | {f.what for f in one}
+
+
+def test_every_family_and_kind_is_drawn(bench):
+    rng = np.random.default_rng(0)
+    written = bench.case().written
+    assert written is not None
+    for made, kinds in (
+        (list(formula.faults(bench.robot, rng, 16)), formula.KINDS),
+        (list(cad.faults(bench.robot.mechanism, rng, 12)), set(cad.KINDS)),
+        (list(usd.faults(written, rng, len(usd.KINDS))), set(usd.KINDS)),
+        (list(timing.faults(bench.trajectory, bench.chosen, bench.planned, rng, 10)), timing.KINDS),
+    ):
+        assert {f.kind for f in made} == set(kinds)
+    some = list(units.faults(bench.robot, bench.file, rng, 14))
+    assert {f.kind for f in some} == {"parameter", "position", "angles", "speed", "depth", "turning"}
+    assert len({f.what for f in some}) == 14
+
+
+def test_seeded_faults_of_the_formula_are_edits_that_run(bench, tmp_path):
+    for i, fault in enumerate(formula.faults(bench.robot, np.random.default_rng(5), 8)):
+        folder = tmp_path / str(i)
+        folder.mkdir()
+        assert fault.robot(folder).kinematics(parameters={}).joints == bench.kin.joints
+
+
+def test_equations_that_say_the_same_are_told_from_those_that_do_not(bench, tmp_path):
+    source = bench.robot.files.formula.read_text(encoding="utf-8")
+    assert source.count("(L_V - Z_S2)**2") >= 1
+    made = {}
+    for name, new in (("same", "(Z_S2 - L_V) ** 2"), ("other", "(L_V + Z_S2) ** 2")):
+        path = tmp_path / f"{name}.py"
+        path.write_text(source.replace("(L_V - Z_S2)**2", new), encoding="utf-8")
+        made[name] = formula.with_formula(bench.robot, path).kinematics(parameters={})
+    rng = np.random.default_rng(0)
+    assert "are the same" in same_equations(bench.kin, made["same"], bench.trajectory, rng)
+    assert same_equations(bench.kin, made["other"], bench.trajectory, rng) == ""
+
+
+def test_the_plain_chain_is_the_mechanism(bench):
+    """Plain matrices and scipy place every body where Pinocchio does."""
+    m = bench.robot.mechanism
+    chain, model = Chain(m), bench.robot.reference()
+    q = bench.trajectory.q[0]
+    mine = chain.bodies(q, chain.close(q, chain.start))
+    theirs = model.solve(q).link_poses
+    assert max(np.abs(mine[n] - theirs[n]).max() for n in theirs) < 1e-8
+
+
+def test_a_ball_whose_frame_is_turned_is_the_same_mechanism_and_one_that_is_moved_is_not(bench):
+    m = bench.robot.mechanism
+    for step, same in ((spatial.pose(spatial.exp_so3([0.01, 0, 0])), True), (spatial.pose(p=[0.1 * MM, 0, 0]), False)):
+        joint = m.joint("s3")
+        other = cad._changed(m, joint, T_child_joint=joint.T_child_joint @ step)
+        assert bool(same_motion(m, other, bench.trajectory, places=2)) is same
+
+
+def test_the_correct_robot_is_left_in_peace(bench):
+    assert bench.correct.verdict == "agree"
+
+
+@pytest.mark.parametrize(
+    ("maker", "code"),
+    [
+        (lambda b: b.robot.mechanism, ""),
+        (
+            lambda b: cad._changed(b.robot.mechanism, b.robot.mechanism.joint("q3"), limits=(-10.0, 600.0)),
+            "limit.implausible",
+        ),
+        (lambda b: cad._changed(b.robot.mechanism, b.robot.mechanism.joint("q3"), limits=(0.5, 0.6)), "limit.hard"),
+    ],
+)
+def test_outcomes_of_faults_of_the_mechanism(bench, maker, code):
+    out = bench.outcome(Fault("cad", "limit", "made", mechanism=lambda: maker(bench)))
+    assert (out.state, out.code) == ("caught" if code else "equivalent", code)
+
+
+def test_a_validator_that_is_deaf_misses(bench, monkeypatch):
+    """The score is of the validator: with a check taken out, its faults are missed."""
+    slow = next(f for f in drawn(bench, ("timing",), 10, 0) if f.kind == "slower")
+    assert bench.outcome(slow).code == "timing.claimed"
+    monkeypatch.setattr("twin.validation.timing._claims", lambda *_: ())
+    monkeypatch.setattr("twin.validation.compare._rates", lambda *_: None)
+    monkeypatch.setattr("twin.trajectory.check._consistent", lambda *_: [])
+    monkeypatch.setattr("twin.selftest.bench.PARTS", frozenset(("protocol", "equations")))
+    monkeypatch.setattr(Bench, "_found", lambda self, fault, folder: iter([self._new(_thin(self, fault))]))
+    assert bench.outcome(slow).state == "missed"
+
+
+def _thin(bench, fault):
+    from twin.validation.judge import judge
+
+    return judge(bench.case(trajectory=fault.trajectory()), parts=frozenset(("protocol", "equations")))
+
+
+def test_the_report_takes_the_score_of_this_robot_and_no_other(bench, tmp_path):
+    path = tmp_path / "selftest.json"
+    report = bench.correct
+    assert with_selftest(report, path) is report
+    source = bench.robot.mechanism.source
+    score = Score("sils", "table2", source, 0, 1.0, (outcome("cad", "caught"), outcome("cad", "missed")), ())
+    path.write_text(json.dumps(score.as_dict()), encoding="utf-8")
+    facts = with_selftest(report, path).facts[HEADING]
+    assert facts["seeded faults caught"].startswith("1 of 2 (50.0 %")
+    assert facts["missed"] == "cad: what"
+    path.write_text(json.dumps(replace(score, source="another state").as_dict()), encoding="utf-8")
+    assert with_selftest(report, path) is report
+    path.write_text("{", encoding="utf-8")
+    assert with_selftest(report, path) is report
+
+
+@pytest.mark.parametrize(
+    ("argv", "says"),
+    [
+        (["--family", "colour"], "there is no family 'colour'"),
+        (["--count", "0"], "--count 0"),
+        (["--seed", "-1"], "--seed -1"),
+        (["--protocol", "nowhere"], "nowhere"),
+    ],
+)
+def test_bad_input_is_told(argv, says, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["selftest", "sils", *argv]) == 2
+    assert says in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_stage_has_no_equations_to_spoil(capsys):
+    from twin import assets
+
+    assert main(["selftest", str(assets.files("sils").stage)]) == 2
+    assert "equations" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_score_on_sils(capsys, tmp_path):
+    assert main(["selftest", "sils", "--count", "40", "--json", "--out", str(tmp_path)]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["verdict"] == "agree"
+    assert data["share"] >= 0.95
+    assert data["false_alarms"] == []
+    assert {f["family"] for f in data["families"]} == set(FAMILIES)
+    assert (tmp_path / "selftest.json").is_file()

@@ -1,0 +1,186 @@
+"""The stage held against the CAD thing by thing, and the motion beside it: silent when right, named when not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from twin import spatial
+from twin.dynamics import solid
+from twin.mechanism import Drive, Inertia, Mesh
+from twin.stage.read import read_stage
+from twin.units import DEG, MM
+from twin.validation.content import content, estimate
+from twin.validation.motion import Written, written_rows
+from twin.validation.rows import Tolerances
+
+
+@pytest.fixture(scope="module")
+def sils():
+    import twin
+
+    robot = twin.load("sils")
+    return robot.cad, read_stage(robot.files.stage)
+
+
+def changed(mechanism, kind, name, **values):
+    items = tuple(replace(x, **values) if x.name == name else x for x in getattr(mechanism, kind))
+    return replace(mechanism, **{kind: items})
+
+
+def wrong(sils, stage):
+    cad, _ = sils
+    return content(cad.mechanism, stage, cad.description)
+
+
+def test_the_stage_is_the_mechanism(sils):
+    assert wrong(sils, sils[1]) == []
+
+
+def _drive(m):
+    d = m.joint("q1").drive
+    return changed(m, "joints", "q1", drive=Drive(d.stiffness * DEG, d.damping, d.max_effort))
+
+
+def _no_drive(m):
+    return changed(m, "joints", "q1", drive=None)
+
+
+def _limit(m):
+    low, high = m.joint("q3").limits
+    return changed(m, "joints", "q3", limits=(low, high * 1.001))
+
+
+def _speed(m):
+    return changed(m, "joints", "q3", max_speed=1.0)
+
+
+def _frame(m):
+    T = m.joint("r11").T_child_joint @ spatial.pose(p=[0, 0, 2e-6 * 5])
+    return changed(m, "joints", "r11", T_child_joint=T)
+
+
+def _turn(m):
+    T = m.joint("r11").T_child_joint @ spatial.pose(spatial.exp_so3([0, 0, 0.01 * DEG]))
+    return changed(m, "joints", "r11", T_child_joint=T)
+
+
+def _cone(m):
+    return changed(m, "joints", "s1", cone=1.0)
+
+
+def _mass(m):
+    b = m.body("bar1").inertia
+    return changed(m, "bodies", "bar1", inertia=replace(b, mass=1.2 * b.mass))
+
+
+def _centre(m):
+    b = m.body("bar1").inertia
+    return changed(m, "bodies", "bar1", inertia=replace(b, p_body_com=b.p_body_com + np.array([0, 0, 30 * MM])))
+
+
+def _tensor(m):
+    b = m.body("bar1").inertia
+    return changed(m, "bodies", "bar1", inertia=replace(b, I_com=np.diag(np.diag(b.I_com)[::-1])))
+
+
+def _mesh(m):
+    body = m.body("bar1")
+    meshes = tuple(replace(x, vertices=x.vertices * 1.01) for x in body.meshes)
+    return changed(m, "bodies", "bar1", meshes=meshes)
+
+
+def _inside_out(m):
+    body = m.body("bar1")
+    return changed(m, "bodies", "bar1", meshes=tuple(replace(x, triangles=x.triangles[:, ::-1]) for x in body.meshes))
+
+
+def _point(m):
+    p = m.points[0]
+    return changed(m, "points", p.name, p_body=p.p_body + np.array([1e-5, 0, 0]))
+
+
+def _no_joint(m):
+    return replace(m, joints=tuple(j for j in m.joints if j.name != "r13"))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "where", "says"),
+    [
+        (_drive, "q1", "stiffness"),
+        (_no_drive, "q1", "is missing"),
+        (_limit, "q3", "upper limit"),
+        (_speed, "q3", "largest speed"),
+        (_frame, "r11", "mm"),
+        (_turn, "r11", "deg"),
+        (_cone, "s1", "cone"),
+        (_mass, "bar1", "mass of"),
+        (_centre, "bar1", "mass centre"),
+        (_tensor, "bar1", "tensor"),
+        (_mesh, "bar1", "off on the stage"),
+        (_inside_out, "bar1", "another mesh"),
+        (_point, "", "point"),
+        (_no_joint, "r13", "not on the stage"),
+    ],
+)
+def test_what_differs_is_named(sils, spoil, where, says):
+    found = wrong(sils, spoil(sils[1]))
+    assert found
+    assert all(f.code == "stage.content" and f.severity == "disagreement" for f in found)
+    assert any(f.where.startswith(where) and says in f.message for f in found)
+
+
+def test_the_estimate_of_a_mass_shares_nothing_with_the_scales_and_agrees(sils, sils_cad):
+    """Trimesh weighs a fine mesh, the estimate sums tetrahedra over the coarse one."""
+    cad, _ = sils
+    for body in sils_cad.mechanism.bodies:
+        guess = estimate(cad.mechanism.body(body.name), cad.description)
+        assert guess is not None
+        assert guess.mass == pytest.approx(body.inertia.mass, rel=0.06)
+        assert guess.violations() == []
+
+
+def test_moments_of_a_box_and_of_an_open_one():
+    import trimesh
+
+    box = trimesh.creation.box((0.1, 0.2, 0.4))
+    T = spatial.pose(spatial.exp_so3([0.3, -0.2, 1.0]), [1.0, 2.0, -3.0])
+    vertices = box.vertices @ T[:3, :3].T + T[:3, 3]
+    m = solid.moments(vertices, box.faces)
+    assert m.volume == pytest.approx(0.008, rel=1e-12)
+    assert m.first / m.volume == pytest.approx(T[:3, 3], rel=1e-12)
+    about = m.second - np.outer(m.first, m.first) / m.volume
+    R = T[:3, :3]
+    assert R.T @ about @ R / m.volume == pytest.approx(np.diag([0.01, 0.04, 0.16]) / 12, abs=1e-12)
+    assert solid.of_meshes([Mesh("open", vertices, box.faces[1:])]) is None
+    assert solid.moments(vertices, box.faces[:, ::-1]).volume == pytest.approx(-0.008)
+    assert Inertia(1.0, np.zeros(3), solid.tensor(about)).violations() == []
+
+
+class Looked:
+    keys = np.arange(11) / 60
+
+
+@pytest.mark.parametrize(
+    ("written", "says"),
+    [
+        (Written("x.usda", Looked.keys, np.full(11, 1e-4), np.zeros(11)), "off the protocol's"),
+        (Written("x.usda", Looked.keys, np.zeros(11), np.full(11, 1e-3)), "off the protocol's"),
+        (Written("x.usda", Looked.keys + 0.1, np.zeros(0), np.zeros(0)), "samples were moved"),
+        (Written("x.usda", Looked.keys, np.zeros(11), np.zeros(11), ("bar1",)), "bar1 have none"),
+    ],
+)
+@pytest.mark.parametrize("due", [True, False])
+def test_a_motion_beside_the_stage_is_held_against_the_protocol(written, says, due):
+    _, found = written_rows(written, Looked, (), Tolerances(), due)
+    assert [f.code for f in found] == ["baked.written"]
+    assert found[0].severity == ("disagreement" if due else "warning")
+    assert says in found[0].message
+
+
+def test_a_motion_that_is_right_is_not_spoken_of():
+    rows, found = written_rows(Written("x", Looked.keys, np.zeros(11), np.zeros(11)), Looked, (), Tolerances(), True)
+    assert found == []
+    assert len(rows) == 2

@@ -1,0 +1,42 @@
+"""How far a state is from a singularity, by the mechanism itself: singular values of its own Jacobians."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.reference.model import ReferenceModel
+from twin.spatial import Array
+
+
+@dataclass(frozen=True)
+class Conditioning:
+    """Along k states, lengths divided by a length, so that turns and ways compare.
+
+    Attributes:
+        stands: (k,) smallest singular value of the tool's twist per rate of the active joints, divided by the largest:
+            where it vanishes the joints move and the tool stands (type 1).
+        moves: (k,) the inverse of the largest answer of any passive joint to the active ones: where it vanishes
+            the mechanism moves while all drives stand (type 2).
+    """
+
+    stands: Array
+    moves: Array
+
+
+def conditioning(model: ReferenceModel, states: Array, length: float) -> Conditioning:
+    """Return the conditioning of configurations (k, nq); `length` in m makes turns and ways comparable."""
+    tree = model.tree
+    gain = model.gains(states)
+    poses, J = tree.update(states, closing_only=True)
+    tool = tree.tool_jacobian(poses, J) @ gain
+    tool = np.concatenate([tool[:, :3] / length, tool[:, 3:]], axis=1)
+    slides = np.array([not j.is_angle for j in model.mechanism.active])
+    tool = np.where(slides, length, 1.0) * tool  # per rate of a joint, slides in lengths
+    values = np.linalg.svd(tool, compute_uv=False)
+    passive = np.ones(tree.model.nv)
+    passive[[tree.coordinate[j.name] for j in model.mechanism.tree if j.type == "prismatic"]] = 1 / length
+    answers = np.where(slides, length, 1.0) * (passive[:, None] * gain)[:, tree.passive]
+    largest = np.linalg.norm(answers, ord=2, axis=(1, 2)) if answers.shape[1] else np.zeros(len(states))
+    return Conditioning(values[:, -1] / values[:, 0], 1.0 / np.maximum(largest, 1.0))

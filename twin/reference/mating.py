@@ -1,0 +1,53 @@
+"""Do the parts of a joint touch as drawn? A pin that is not in its bore belongs to another scale, or another place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin import spatial
+from twin.mechanism import Joint, Mechanism, Mesh
+from twin.reference.clearance import _distance, _Shape
+from twin.spatial import Array
+from twin.units import MM
+
+LOOSE = 0.5 * MM
+"""More play than any joint has whose parts carry each other."""
+
+
+@dataclass(frozen=True)
+class Mate:
+    """Two parts that mate in a joint, and how far they are apart as drawn, in m (0: they touch or overlap)."""
+
+    joint: str
+    parts: tuple[str, str]
+    apart: float
+
+
+def mates(mechanism: Mechanism) -> list[Mate]:
+    """Return the nearest two mating parts of every joint that names parts on both of its bodies, as drawn."""
+    out = []
+    for joint in mechanism.joints:
+        here, there = (_named(mechanism, joint, body) for body in (joint.parent, joint.child))
+        if not here or not there:
+            continue
+        if joint.parent not in mechanism.rest or joint.child not in mechanism.rest:
+            continue
+        T = spatial.inverse(mechanism.rest[joint.parent]) @ mechanism.rest[joint.child]
+        mate = _nearest(joint.name, here, there, T)
+        if mate.apart > LOOSE:  # a stop may have given the joint its zero: then any part of the two may carry it
+            mate = _nearest(joint.name, list(mechanism.body(joint.parent).meshes), there, T)
+        out.append(mate)
+    return out
+
+
+def _nearest(joint: str, here: list[Mesh], there: list[Mesh], T: Array) -> Mate:
+    pairs = [(a, b) for a in here for b in there]
+    found = [_distance(_Shape(a.name, "", [a]), _Shape(b.name, "", [b]), np.eye(4), T) for a, b in pairs]
+    k = int(np.argmin(found))
+    return Mate(joint, (pairs[k][0].name, pairs[k][1].name), found[k])
+
+
+def _named(mechanism: Mechanism, joint: Joint, body: str) -> list[Mesh]:
+    return [m for m in mechanism.body(body).meshes if m.name in joint.mating]

@@ -1,0 +1,1 @@
+"""Faults seeded into a correct robot, to see whether the validator finds them: its mutation score."""

@@ -1,0 +1,248 @@
+"""A waypoint that misses the RCM: the nearest poses that keep it, and whether the robot reaches them.
+
+Each fix is one change of the protocol. It is planned through, with the pivot about the RCM: the shaft then keeps it all
+along, and the planner says what the robot cannot do. Beside it stands what a straight way to the same pose, as the
+protocol goes, would still miss between its ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from twin import spatial
+from twin.errors import ProtocolError, TimingError
+from twin.findings import Finding
+from twin.protocol import Pivot, Protocol, RotationOrder, Waypoint
+from twin.spatial import Array
+from twin.trajectory.check import rcm_error
+from twin.trajectory.model import PathKinematics, PhaseSpan, Trajectory
+from twin.trajectory.path import rotation
+from twin.trajectory.plan import plan
+from twin.units import DEG, MM
+
+STEP = 0.02
+"""Seconds between the samples of a fix that is planned."""
+
+Planner = Callable[[Protocol], Trajectory]
+
+
+@dataclass(frozen=True)
+class Fix:
+    """One way to make a waypoint agree with the RCM.
+
+    Attributes:
+        name: what is changed.
+        waypoint: which; "" if another thing is changed.
+        moved, turned: by how much, m and rad.
+        value: the new numbers, in words.
+        reachable: whether the robot carries the whole protocol out with it.
+        why: what keeps it from it, or what margin is left.
+        straight: m, what the straight way to the new pose would still miss; NaN where it was not planned.
+    """
+
+    name: str
+    waypoint: str
+    moved: float
+    turned: float
+    value: str
+    reachable: bool
+    why: str
+    straight: float = float("nan")
+
+    @property
+    def text(self) -> str:
+        """The fix in one sentence."""
+        size = [f"{self.moved / MM:.2f} mm"] if self.moved > 0 else []
+        size += [f"{self.turned / DEG:.2f} deg"] if self.turned > 0 else []
+        reach = f"the robot reaches it ({self.why})" if self.reachable else f"out of reach: {self.why}"
+        drift = f"; gone straight, the shaft would still leave the RCM by {self.straight / MM:.2f} mm on the way"
+        drifts = drift if self.straight > 1e-5 else ""
+        return f"{self.name}, by {' and '.join(size) or '0 mm'}: {self.value}; {reach}{drifts}"
+
+
+def fixes(
+    protocol: Protocol, trajectory: Trajectory, paths: PathKinematics, T_tool_frame: Array
+) -> tuple[dict[str, str], list[Finding]]:
+    """Return the fixes of each monitored pivot that misses its RCM, in words and as notes.
+
+    Args:
+        protocol: what was planned.
+        trajectory: the plan.
+        paths: the robot, as planning knows it.
+        T_tool_frame: (4, 4) the moved frame in the tool.
+    """
+
+    def planner(changed: Protocol) -> Trajectory:
+        return plan(changed, paths, T_tool_frame=T_tool_frame, dt=STEP)
+
+    facts: dict[str, str] = {}
+    findings: list[Finding] = []
+    for span in trajectory.phases:
+        if span.rcm is None or span.rcm_mode != "monitored" or span.waypoint is None:
+            continue
+        rows = slice(span.start, span.stop + 1)
+        missed = rcm_error(trajectory.Ts_base_frame[rows], trajectory.shaft_axis, span.rcm)
+        if missed.max() <= protocol.tolerances.rcm:
+            continue
+        for fix in [*_poses(protocol, trajectory, span, planner), *_rcm(trajectory, span)]:
+            facts[f"{span.name}: {fix.name}"] = fix.text
+            if fix.reachable:
+                findings.append(
+                    Finding(
+                        "rcm.fix",
+                        "info",
+                        f"'{span.waypoint}' would keep the RCM: {fix.text}",
+                        where=f"waypoint '{span.waypoint}'",
+                        when=f"phase '{span.name}'",
+                        size=(fix.moved / MM) if fix.moved > 0 else fix.turned / DEG,
+                        unit="mm" if fix.moved > 0 else "deg",
+                    )
+                )
+        facts[f"{span.name}: other readings of the angles"] = _readings(protocol, trajectory, span)
+    return facts, findings
+
+
+def nearest(T: Array, axis: Array, rcm: Array, lever: float) -> Array:
+    """Return the pose (4, 4) whose shaft passes the RCM, nearest to T: moved and turned as little as possible.
+
+    Args:
+        T: (4, 4) the moved frame.
+        axis: (3,) the shaft in that frame.
+        rcm: (3,).
+        lever: m; a turn by 1 rad counts as much as a way of this.
+    """
+    from scipy.optimize import minimize
+
+    u = T[:3, :3] @ (axis / np.linalg.norm(axis))
+    side = np.linalg.svd(np.eye(3) - np.outer(u, u))[0][:, :2]
+
+    def turned(w: Array) -> tuple[Array, Array]:
+        R = spatial.exp_so3(side @ w) @ T[:3, :3]
+        shaft = R @ (axis / np.linalg.norm(axis))
+        e = rcm - T[:3, 3]
+        return R, e - (e @ shaft) * shaft
+
+    def cost(w: Array) -> float:
+        e = turned(w)[1]
+        return float((e @ e + lever**2 * (w @ w)) / lever**2)
+
+    R, e = turned(minimize(cost, np.zeros(2), method="BFGS", options={"gtol": 1e-12}).x)
+    return spatial.pose(R, T[:3, 3] + e)
+
+
+def _poses(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan, planner: Planner) -> list[Fix]:
+    assert span.rcm is not None
+    assert span.waypoint is not None
+    T, axis = trajectory.Ts_base_frame[span.stop], trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis)
+    u, w = T[:3, :3] @ axis, span.rcm - T[:3, 3]
+    beside = spatial.pose(T[:3, :3], T[:3, 3] + w - (w @ u) * u)
+    out = [("move the tip, keep the angles", beside)]
+    length = float(np.linalg.norm(w))
+    if length > 1e-6:
+        goal = -w / length if w @ u <= 0 else w / length
+        turn = np.cross(u, goal)
+        angle = np.arctan2(np.linalg.norm(turn), u @ goal)
+        if 1e-12 < angle < np.pi - 1e-6:
+            R = spatial.exp_so3(turn / np.linalg.norm(turn) * angle) @ T[:3, :3]
+            out.append(("turn the shaft, keep the tip", spatial.pose(R, T[:3, 3])))
+        out.append(("move and turn as little as possible", nearest(T, axis, span.rcm, max(length, 10 * MM))))
+    return [_tried(protocol, trajectory, span, name, new, planner) for name, new in out]
+
+
+def _tried(
+    protocol: Protocol, trajectory: Trajectory, span: PhaseSpan, name: str, T_new: Array, planner: Planner
+) -> Fix:
+    assert span.rcm is not None
+    assert span.waypoint is not None
+    T, axis = trajectory.Ts_base_frame[span.stop], trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis)
+    moved = float(np.linalg.norm(T_new[:3, 3] - T[:3, 3]))
+    turned = float(spatial.rotation_angle(T[:3, :3].T @ T_new[:3, :3]))
+    depth = float((T_new[:3, 3] - span.rcm) @ T_new[:3, :3] @ axis)
+    old = protocol.waypoints[span.waypoint]
+    angles = _angles(T_new[:3, :3], protocol.rotation, old.angles)
+    about = replace(old, angles=angles, position=None, depth=depth)
+    straight = replace(old, angles=angles, position=T_new[:3, 3], depth=None)
+    at, turn = (", ".join(f"{x:.3f}" for x in v) for v in (T_new[:3, 3] / MM, angles / DEG))
+    value = f"({at}) mm, ({turn}) deg, depth {depth / MM:.3f} mm"
+    tell = {"waypoint": old.name, "moved": moved if moved > 1e-9 else 0.0, "turned": turned if turned > 1e-9 else 0.0}
+    drift = float("nan")
+    try:
+        drift = _missed(planner(_with(protocol, span, straight, None)), span.name)
+        done = planner(_with(protocol, span, about, "enforced"))
+    except (ProtocolError, TimingError) as error:
+        return Fix(name, value=value, reachable=False, why=str(error), straight=drift, **tell)
+    worst = next((f for f in done.findings if f.severity in ("error", "disagreement")), None)
+    left = next((f.message for f in done.findings if f.code == "margin.limit"), "no joint has limits")
+    why = left if worst is None else worst.message
+    return Fix(name, value=value, reachable=worst is None, why=why, straight=drift, **tell)
+
+
+def _with(protocol: Protocol, span: PhaseSpan, waypoint: Waypoint, mode: str | None) -> Protocol:
+    """Return the protocol with another waypoint, and its pivot there about the RCM if that is asked for."""
+    phases = protocol.phases
+    if mode is not None:
+        phases = tuple(
+            replace(p, rcm="enforced") if isinstance(p, Pivot) and p.name == span.name else p for p in phases
+        )
+    return replace(protocol, waypoints={**protocol.waypoints, waypoint.name: waypoint}, phases=phases, findings=())
+
+
+def _missed(trajectory: Trajectory, phase: str) -> float:
+    span = trajectory.phase(phase)
+    return float(np.nanmax(trajectory.rcm_error[span.start : span.stop + 1]))
+
+
+def _angles(R: Array, order: RotationOrder, near: Array) -> Array:
+    """Return the angles (3,) in rad of R about the axes of `order`, within half a turn of `near`."""
+    if order == "xyz":  # Rx(a) Ry(b) Rz(c) undoes Rz(-c) Ry(-b) Rx(-a)
+        return -_angles(R.T, "zyx", -near[::-1])[::-1]
+    theta = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
+    out = np.array([np.arctan2(R[1, 0], R[0, 0]), theta, np.arctan2(R[2, 1], R[2, 2])])
+    return out + 2 * np.pi * np.round((near - out) / (2 * np.pi))
+
+
+def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
+    """Return where the RCM itself would have to be: nearest to the shaft where it is registered and where it ends."""
+    assert span.rcm is not None
+    first = min(s.start for s in trajectory.phases if s.rcm is not None and np.array_equal(s.rcm, span.rcm))
+    Ts, axis = (
+        trajectory.Ts_base_frame[[first, span.stop]],
+        trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis),
+    )
+    u = Ts[:, :3, :3] @ axis
+    P = np.eye(3) - u[:, :, None] * u[:, None, :]
+    A = P.sum(axis=0)
+    if np.linalg.eigvalsh(A)[0] < 1e-9:
+        return []
+    best = np.linalg.solve(A, np.einsum("kij,kj->i", P, Ts[:, :3, 3]))
+    left = float(spatial.point_to_line(best, Ts[:, :3, 3], u).max())
+    at = ", ".join(f"{x / MM:.2f}" for x in best)
+    moved = float(np.linalg.norm(best - span.rcm))
+    enough = left <= 1e-4
+    why = "both shafts pass it" if enough else f"even there the shafts pass it at {left / MM:.2f} mm: they are skew"
+    return [Fix("move the RCM", "", moved, 0.0, f"({at}) mm", enough, why)]
+
+
+def _readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> str:
+    """Return whether another order or other signs of the waypoint's angles keep the RCM."""
+    assert span.rcm is not None
+    assert span.waypoint is not None
+    w = protocol.waypoints[span.waypoint]
+    if w.position is None:
+        return "none: the waypoint is about the RCM already"
+    found: list[tuple[float, str]] = []
+    for order in ("zyx", "xyz"):
+        for signs in product((1, -1), repeat=3):
+            if order == protocol.rotation and signs == (1, 1, 1):
+                continue
+            R = rotation(w.angles * np.array(signs), order)
+            missed = float(spatial.point_to_line(span.rcm, w.position, R @ trajectory.shaft_axis))
+            found.append((missed, f"order {order}, signs {', '.join('+' if s > 0 else '-' for s in signs)}"))
+    missed, words = min(found)
+    if missed <= protocol.tolerances.rcm:
+        return f"{words} keep it ({missed / MM:.3g} mm): the angles may be meant so"
+    return f"none keeps it; the best, {words}, misses it by {missed / MM:.2f} mm"

@@ -1,0 +1,229 @@
+"""The stage read back, thing by thing: what the CAD's mechanism has that the tool alone does not feel.
+
+Masses that were not weighed are estimated from the CAD's own meshes and densities, by a sum over tetrahedra that
+shares nothing with the scales of the build; the chords of a coarse mesh make it a few per cent too light.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from twin import spatial
+from twin.cad.description import Description
+from twin.dynamics import solid
+from twin.findings import Finding
+from twin.mechanism import Body, Inertia, Joint, Mechanism
+from twin.spatial import Array
+from twin.units import DEG, MM
+
+SINGLE = 1e-5
+"""Relative difference that single precision may make of a number."""
+
+COARSE_MASS, COARSE_SIZE = 0.15, 0.04
+"""How far an estimate from a coarse mesh may be off: share of a mass, and of a body's size for its mass centre."""
+
+COARSE_MOMENT = 0.4
+"""... and of a principal moment: it goes with the fourth power of a diameter."""
+
+
+def content(mechanism: Mechanism, stage: Mechanism, description: Description) -> list[Finding]:
+    """Return what of a mechanism its stage has lost, or has otherwise; nothing if they are the same.
+
+    Args:
+        mechanism: from the CAD, weighed or not.
+        stage: read back.
+        description: gives densities for bodies that were not weighed.
+    """
+    found: list[Finding] = []
+    for kind, ours, theirs in (
+        ("body", mechanism.bodies, stage.bodies),
+        ("joint", mechanism.joints, stage.joints),
+        ("frame", mechanism.frames, stage.frames),
+        ("point", mechanism.points, stage.points),
+    ):
+        have, want = {x.name for x in theirs}, {x.name for x in ours}
+        found += [_lost(kind, n, "is not on the stage") for n in sorted(want - have)]
+        found += [_lost(kind, n, "is on the stage only") for n in sorted(have - want)]
+    by_name: Mapping[str, Joint] = {j.name: j for j in stage.joints}
+    for joint in mechanism.joints:
+        if joint.name in by_name:
+            found += _joint(joint, by_name[joint.name])
+    frames = {f.name: (f.body, f.T_body_frame) for f in stage.frames}
+    for f in mechanism.frames:
+        if f.name in frames:
+            found += _place(f"frame '{f.name}'", f.name, f.T_body_frame, frames[f.name][1])
+    points = {p.name: p.p_body for p in stage.points}
+    for p in mechanism.points:
+        if p.name in points:
+            found += _place(f"point '{p.name}'", p.name, spatial.pose(p=p.p_body), spatial.pose(p=points[p.name]))
+    bodies = {b.name: b for b in stage.bodies}
+    for body in mechanism.bodies:
+        if body.name in bodies:
+            found += _body(body, bodies[body.name], description)
+    return found
+
+
+def _lost(kind: str, name: str, text: str) -> Finding:
+    return Finding("stage.content", "disagreement", f"{kind} '{name}' {text}", where=name, suggestion=_AGAIN)
+
+
+_AGAIN = "rebuild the stage with `twin build`"
+
+
+def _differs(what: str, where: str, ours: float, theirs: float, unit: str, rel: float = SINGLE) -> Iterator[Finding]:
+    if abs(ours - theirs) > rel * max(abs(ours), abs(theirs)) + 1e-12:
+        yield Finding(
+            "stage.content",
+            "disagreement",
+            f"{what} is {theirs:.6g} {unit} on the stage; the CAD and its description say {ours:.6g} {unit}".replace(
+                "  ", " "
+            ),
+            where=where,
+            size=float(theirs),
+            unit=unit,
+            limit=float(ours),
+            suggestion=_AGAIN,
+        )
+
+
+def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
+    for what in ("type", "parent", "child", "active"):
+        ours, theirs = getattr(a, what), getattr(b, what)
+        if ours != theirs:
+            text = f"has {what} {theirs} on the stage, {ours} in the CAD"
+            yield Finding("stage.content", "disagreement", f"joint '{a.name}' {text}", a.name, suggestion=_AGAIN)
+            return
+    yield from _place(f"joint '{a.name}' on '{a.parent}'", a.name, a.T_parent_joint, b.T_parent_joint)
+    yield from _place(f"joint '{a.name}' on '{a.child}'", a.name, a.T_child_joint, b.T_child_joint)
+    unit, scale = ("deg", DEG) if a.is_angle else ("mm", MM)
+    pairs: list[tuple[str, float | None, float | None, str, float]] = [
+        ("largest speed", a.max_speed, b.max_speed, f"{unit}/s", scale),
+        ("largest acceleration", a.max_acceleration, b.max_acceleration, f"{unit}/s2", scale),
+        ("cone", a.cone, b.cone, "deg", DEG),
+    ]
+    for i, end in enumerate(("lower", "upper")):
+        for name, ours, theirs in (("limit", a.limits, b.limits), ("soft limit", a.soft_limits, b.soft_limits)):
+            one, two = (None if x is None else x[i] for x in (ours, theirs))
+            pairs.append((f"{end} {name}", one, two, unit, scale))
+    effort = ("N/m", "N s/m", "N") if not a.is_angle else ("N m/rad", "N m s/rad", "N m")
+    for name, per in zip(("stiffness", "damping", "max_effort"), effort, strict=True):
+        one, two = (getattr(j.drive, name) if j.drive is not None else None for j in (a, b))
+        pairs.append((f"drive's {name.replace('_', ' ')}", one, two, per, 1.0))
+    for name, one, two, per, factor in pairs:
+        what = f"the {name} of joint '{a.name}'"
+        if one is None and two is None:
+            continue
+        if one is None or two is None:
+            state = "is missing on the stage" if two is None else "stands on the stage only"
+            yield Finding("stage.content", "disagreement", f"{what} {state}", a.name, suggestion=_AGAIN)
+            continue
+        yield from _differs(what, a.name, one / factor, two / factor, per)
+
+
+def _place(what: str, where: str, ours: Array, theirs: Array) -> Iterator[Finding]:
+    off = float(np.linalg.norm(ours[:3, 3] - theirs[:3, 3]))
+    turn = float(spatial.rotation_angle(ours[:3, :3].T @ theirs[:3, :3]))
+    limit = 1e-6 + 1e-6 * float(np.linalg.norm(ours[:3, 3]))
+    if off > limit or turn > SINGLE:
+        size, unit = (off / MM, "mm") if off > limit else (turn / DEG, "deg")
+        yield Finding(
+            "stage.content",
+            "disagreement",
+            f"{what} is placed {off / MM:.4g} mm and {turn / DEG:.4g} deg off on the stage",
+            where=where,
+            size=size,
+            unit=unit,
+            limit=limit / MM if unit == "mm" else SINGLE / DEG,
+            suggestion=_AGAIN,
+        )
+
+
+def _body(a: Body, b: Body, description: Description) -> Iterator[Finding]:
+    yield from _meshes(a, b)
+    weighed = a.inertia is not None
+    ours = a.inertia if weighed else estimate(a, description)
+    if ours is None or b.inertia is None:
+        if weighed:
+            yield _lost("the mass of body", a.name, "is not on the stage")
+        return
+    theirs = b.inertia
+    mass, moment = (SINGLE, 10 * SINGLE) if weighed else (COARSE_MASS, COARSE_MOMENT)
+    yield from _differs(f"the mass of '{a.name}'", a.name, ours.mass, theirs.mass, "kg", mass)
+    size = _size(a)
+    off = float(np.linalg.norm(ours.p_body_com - theirs.p_body_com))
+    limit = 1e-6 + (SINGLE if weighed else COARSE_SIZE) * size
+    if off > limit:
+        yield Finding(
+            "stage.content",
+            "disagreement",
+            f"the mass centre of '{a.name}' is {off / MM:.4g} mm from where the CAD has it",
+            where=a.name,
+            size=off / MM,
+            unit="mm",
+            limit=limit / MM,
+            suggestion=_AGAIN,
+        )
+    apart = float(np.abs(ours.I_com - theirs.I_com).max())
+    largest = float(np.abs(ours.I_com).max())
+    if apart > moment * largest:
+        yield Finding(
+            "stage.content",
+            "disagreement",
+            f"the inertia tensor of '{a.name}' is {apart:.3g} kg m2 off, its largest entry in the CAD {largest:.3g}",
+            where=a.name,
+            size=apart,
+            unit="kg m2",
+            limit=moment * largest,
+            suggestion=_AGAIN,
+        )
+
+
+def _size(body: Body) -> float:
+    if not body.meshes:
+        return 0.0
+    vertices = np.concatenate([m.vertices for m in body.meshes])
+    return float(np.linalg.norm(np.ptp(vertices, axis=0)))
+
+
+def _meshes(a: Body, b: Body) -> Iterator[Finding]:
+    theirs = {m.name: m for m in b.meshes}
+    for mesh in a.meshes:
+        other = theirs.pop(mesh.name, None)
+        if other is None:
+            yield _lost("mesh", mesh.name, "is not on the stage")
+            continue
+        same = mesh.vertices.shape == other.vertices.shape and mesh.triangles.shape == other.triangles.shape
+        off = float(np.abs(mesh.vertices - other.vertices).max(initial=0.0)) if same else np.inf
+        limit = 1e-6 + SINGLE * float(np.abs(mesh.vertices).max(initial=0.0))
+        if off > limit or not np.array_equal(mesh.triangles, other.triangles):
+            much = f"up to {off / MM:.4g} mm off" if same and off > limit else "another mesh"
+            yield _lost("mesh", mesh.name, f"is {much} on the stage")
+    for name in theirs:
+        yield _lost("mesh", name, "is on the stage only")
+
+
+def estimate(body: Body, description: Description) -> Inertia | None:
+    """Return mass, mass centre and tensor of a body from its meshes and the densities of their materials.
+
+    None if a mesh is open, or has no material: then nothing can be said.
+    """
+    total = None
+    for mesh in body.meshes:
+        if not solid.closed(mesh.triangles):
+            return None
+        density = None
+        for material in description.material.values():
+            if any(fnmatch.fnmatch(mesh.name, pattern.lower()) for pattern in material.parts):
+                density = material.density_kg_m3
+        if density is None:
+            return None
+        part = solid.moments(mesh.vertices, mesh.triangles).scaled(density)
+        total = part if total is None else total + part
+    if total is None or total.volume <= 0:
+        return None
+    com = total.first / total.volume
+    about = total.second - total.volume * np.outer(com, com)
+    return Inertia(total.volume, com, solid.tensor(about))

@@ -1,0 +1,135 @@
+"""How the mechanism goes through a protocol: about its RCM, within the limits of all joints, in time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin import spatial
+from twin.findings import Finding
+from twin.reference import ReferenceModel
+from twin.trajectory.check import check
+from twin.units import DEG, MM
+from twin.validation.case import Case, summaries
+from twin.validation.compare import Comparison
+from twin.validation.consistent import fixes
+from twin.validation.margins import margins, of_mechanism
+from twin.validation.plausible import wide_limits
+from twin.validation.rows import Clock, row, text
+from twin.validation.shaft import between_samples
+from twin.validation.timing import timing
+
+
+def about_rcm(case: Case, out: Comparison, clock: Clock) -> None:
+    """Judge the mechanism's own motion about the RCM, from registration to withdrawal."""
+    run, trajectory, mechanism = out.driven, case.trajectory, case.cad.mechanism
+    if run is None or any(r.consequence_of for r in out.residuals if r.quantity == "tool"):
+        return
+    tool, frame = mechanism.frame(mechanism.tool), mechanism.frame(trajectory.frame)
+    T_tool_frame = spatial.inverse(tool.T_body_frame) @ frame.T_body_frame
+    Ts = run.Ts_base_tool @ T_tool_frame
+    for span in trajectory.phases:
+        if span.rcm is None:
+            continue
+        rows = np.arange(span.start, span.stop + 1)
+        axis = Ts[rows, :3, :3] @ trajectory.shaft_axis
+        missed = spatial.point_to_line(span.rcm, Ts[rows, :3, 3], axis)
+        enforced = span.rcm_mode != "monitored"
+        tolerance = case.tolerances.rcm if enforced else case.protocol.tolerances.rcm
+        r = row(
+            "B",
+            "rcm",
+            span.name,
+            "m",
+            missed,
+            tolerance,
+            clock.at(rows),
+            note=f"{'enforced' if enforced else 'monitored'}, on the mechanism driven by the equations",
+        )
+        out.residuals.append(r)
+        if not r.agrees and enforced:
+            out.findings.append(
+                Finding(
+                    "rcm.mechanism",
+                    "disagreement",
+                    f"the mechanism's shaft passes the enforced RCM at {text(r.worst, 'm')}",
+                    where="RCM",
+                    when=f"{span.name}, t = {r.t:.2f} s",
+                    size=r.worst / MM,
+                    unit="mm",
+                    limit=tolerance / MM,
+                )
+            )
+
+
+def passive_limits(model: ReferenceModel, out: Comparison, clock: Clock) -> None:
+    """Judge joints that nobody drives: their ranges, and the cones of spherical joints."""
+    run = out.posed
+    joints = [j for j in model.mechanism.joints if not j.active and (j.cone is not None or j.limits is not None)]
+    if run is None or not joints:
+        return
+    links = model.link_poses(run.x)
+    at = clock.at(out.coarse)
+    left: dict[str, str] = {}
+    for joint in joints:
+        if joint.cone is not None:
+            z0 = (links[joint.parent] @ joint.T_parent_joint)[:, :3, 2]
+            z1 = (links[joint.child] @ joint.T_child_joint)[:, :3, 2]
+            tilt = np.arctan2(np.linalg.norm(np.cross(z0, z1), axis=1), np.sum(z0 * z1, axis=1))
+            margin, unit, scale = joint.cone - tilt, "deg", DEG
+        elif joint.name in run.q_passive and joint.limits is not None:
+            q = run.q_passive[joint.name]
+            margin = np.minimum(q - joint.limits[0], joint.limits[1] - q)
+            unit, scale = ("deg", DEG) if joint.is_angle else ("mm", MM)
+        else:
+            continue
+        k = int(np.argmin(margin))
+        when = f"{at.phase(float(at.t[k]))}, t = {at.t[k]:.2f} s"
+        left[joint.name] = f"{margin[k] / scale:.1f} {unit} left, {when}"
+        if margin[k] < 0:
+            out.findings.append(
+                Finding(
+                    "limit.passive",
+                    "disagreement",
+                    f"passive joint {joint.name} is turned {-margin[k] / scale:.2f} {unit} beyond its limit",
+                    where=joint.name,
+                    when=when,
+                    size=-margin[k] / scale,
+                    unit=unit,
+                    limit=0.0,
+                    suggestion="change the protocol, or the joint",
+                )
+            )
+    out.facts["limits of passive joints"] = left
+
+
+def passage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock) -> None:
+    """Judge what the mechanism does between samples, and how near it comes to its singularities."""
+    if out.driven is not None and not any(r.consequence_of for r in out.residuals if r.quantity == "tool"):
+        rows, found = between_samples(model, case.trajectory, case.protocol.tolerances.rcm, clock)
+        out.residuals += rows
+        out.findings += found
+    if out.posed is not None:
+        facts, found, curves = of_mechanism(model, out.posed, out.coarse, clock)
+        out.facts["margins along the path"] = facts
+        out.findings += found
+        out.series |= curves
+
+
+def of_protocol(case: Case, out: Comparison) -> list[Finding]:
+    """Return what is to be said of the motion itself: what planning found, and what its samples say by themselves."""
+    trajectory, mechanism = case.trajectory, case.cad.mechanism
+    facts, found = timing(trajectory, mechanism, case.protocol)
+    out.facts["timing, from the samples alone"] = facts
+    said = [*trajectory.findings, *wide_limits(mechanism)]
+    if case.paths is None or any(f.code in ("timing.clock", "timing.phases") for f in found):
+        return [*said, *found]
+    # A trajectory may be older than the robot, or come from elsewhere: its own findings are not believed.
+    said += [f for f in check(trajectory, case.protocol, case.paths) if f not in said]
+    clock = Clock(trajectory.t, summaries(trajectory))
+    left = margins(trajectory, mechanism, case.paths, clock)
+    out.facts["margins along the path"] = left | out.facts.get("margins along the path", {})
+    tool, frame = mechanism.frame(mechanism.tool), mechanism.frame(trajectory.frame)
+    ways, notes = fixes(case.protocol, trajectory, case.paths, spatial.inverse(tool.T_body_frame) @ frame.T_body_frame)
+    if ways:
+        out.facts["ways to keep the RCM"] = ways
+    return [*said, *found, *notes]

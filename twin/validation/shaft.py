@@ -1,0 +1,198 @@
+"""The shaft and the RCM between samples: how far it passes there, found by looking, and how far at most.
+
+Between samples the joints run on cubics through positions and speeds, as a controller takes them, and the mechanism
+carries the shaft. The vector from the RCM to the shaft is a smooth curve. Where its cubic through the samples is
+longest or bends most (in a coarse motion: everywhere) the mechanism itself is driven and the maximum measured; for the
+rest an eighth of the step squared times the curve's bend says what can hide between two samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin import spatial
+from twin.errors import AssemblyError
+from twin.findings import Finding
+from twin.reference import ReferenceModel
+from twin.spatial import Array, Index
+from twin.trajectory.model import PhaseSpan, Trajectory
+from twin.units import MM
+from twin.validation.result import Residual
+from twin.validation.rows import Clock, row, text
+
+ALL, LOOKED = 64, 12
+"""A phase of up to so many intervals is looked at in all of them; a longer one in so many."""
+
+_INSIDE = np.linspace(0.0, 1.0, 9)[1:-1]
+"""Where in an interval it is looked at first; the largest of them is refined by a parabola."""
+
+
+@dataclass(frozen=True)
+class Passage:
+    """How one phase passes its RCM.
+
+    Attributes:
+        phase: its name. enforced: whether the protocol enforces the RCM.
+        at_samples: largest distance in m at a sample.
+        between: largest distance in m that was measured between samples, and `t` when.
+        bound: m, by the bend of the curve no distance between samples is larger.
+        looked, intervals: in how many the mechanism was driven, and how many there are.
+    """
+
+    phase: str
+    enforced: bool
+    at_samples: float
+    between: float
+    t: float
+    bound: float
+    looked: int
+    intervals: int
+
+
+def offset(Ts: Array, axis: Array, rcm: Array) -> Array:
+    """Return the vector (k, 3) in m from the shaft of frames Ts (k, 4, 4), at its nearest point, to the RCM (3,)."""
+    u = Ts[:, :3, :3] @ (axis / np.linalg.norm(axis))
+    w = rcm - Ts[:, :3, 3]
+    return w - np.sum(w * u, axis=1)[:, None] * u
+
+
+def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
+    """Return one passage for each phase with an RCM.
+
+    Args:
+        model: the mechanism that carries the shaft.
+        trajectory: its `q` and `qd` decide the motion.
+    """
+    mechanism = model.mechanism
+    tool, frame = mechanism.frame(mechanism.tool), mechanism.frame(trajectory.frame)
+    T_tool_frame = spatial.inverse(tool.T_body_frame) @ frame.T_body_frame
+    spans = [s for s in trajectory.phases if s.rcm is not None and s.stop > s.start]
+    at = [_suspects(trajectory, s) for s in spans]
+    if not spans:
+        return []
+    times = np.concatenate([np.add.outer(k, _INSIDE).ravel() for k in at])
+    out, first = [], 0
+    Ts = _poses(model, trajectory, times) @ T_tool_frame
+    for span, k in zip(spans, at, strict=True):
+        count = len(k) * len(_INSIDE)
+        seen = Ts[first : first + count].reshape(len(k), len(_INSIDE), 4, 4)
+        first += count
+        out.append(_passage(trajectory, span, k, seen))
+    return out
+
+
+def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
+    """Return the intervals (their first samples) of a phase in which the cubic through the samples is longest."""
+    assert span.rcm is not None
+    rows = np.arange(span.start, span.stop + 1)
+    if len(rows) <= ALL:
+        return rows[:-1]
+    e = offset(trajectory.Ts_base_frame[rows], trajectory.shaft_axis, span.rcm)
+    d = np.gradient(e, axis=0)
+    s = _INSIDE[:, None, None]
+    a, b, m, n = e[:-1], e[1:], d[:-1], d[1:]
+    curve = a + s * (m + s * (3 * (b - a) - 2 * m - n + s * (2 * (a - b) + m + n)))
+    longest = np.linalg.norm(curve, axis=2).max(axis=0)
+    # where it is long, and where it bends most: there the samples know least of it
+    bend = np.zeros(len(longest))
+    if len(e) > 2:
+        second = np.linalg.norm(np.diff(e, n=2, axis=0), axis=1)
+        bend[:-1], bend[1:] = second, np.maximum(bend[1:], second)
+    half = LOOKED // 2
+    chosen = {int(k) for k in (*np.argsort(longest)[-half:], *np.argsort(bend)[-half:])}
+    return span.start + np.array(sorted(chosen))
+
+
+def _poses(model: ReferenceModel, trajectory: Trajectory, x: Array) -> Array:
+    """Return T_base_tool (k, 4, 4) of the mechanism at fractional samples x (k,), the joints on their cubics."""
+    i = np.minimum(x.astype(int), len(trajectory.t) - 2)
+    f = (x - i)[:, None]
+    step = float(trajectory.t[-1] - trajectory.t[0]) / (len(trajectory.t) - 1)
+    a, b = trajectory.q[i], trajectory.q[i + 1]
+    m, n = step * trajectory.qd[i], step * trajectory.qd[i + 1]
+    q = a + f * (m + f * (3 * (b - a) - 2 * m - n + f * (2 * (a - b) + m + n)))
+    return model.run(q).Ts_base_tool
+
+
+def _passage(trajectory: Trajectory, span: PhaseSpan, at: Index, seen: Array) -> Passage:
+    assert span.rcm is not None
+    rows = slice(span.start, span.stop + 1)
+    e = offset(trajectory.Ts_base_frame[rows], trajectory.shaft_axis, span.rcm)
+    ends = np.linalg.norm(e, axis=1)
+    inside = np.linalg.norm(offset(seen.reshape(-1, 4, 4), trajectory.shaft_axis, span.rcm), axis=1).reshape(
+        seen.shape[:2]
+    )
+    i, j = np.unravel_index(int(np.argmax(inside)), inside.shape)
+    size, where = _summit(inside[i], int(j))
+    step = float(trajectory.t[-1] - trajectory.t[0]) / (len(trajectory.t) - 1)
+    # |e| <= the chord's longer end + h^2/8 |e''|; e'' from second differences at both ends, doubled where it switches
+    bend = np.linalg.norm(np.diff(e, n=2, axis=0), axis=1) if len(e) > 2 else np.zeros(1)
+    bend = np.pad(bend, 1, mode="edge")[: len(ends)]
+    around = 2 * np.maximum(bend[:-1], bend[1:]) if len(bend) > 1 else bend
+    bound = np.maximum(ends[:-1], ends[1:]) + around / 8
+    return Passage(
+        span.name,
+        span.rcm_mode != "monitored",
+        float(ends.max()),
+        float(size),
+        float(trajectory.t[at[i]] + where * step),
+        float(max(bound.max(), size, 1e-12)),  # less is rounding
+        len(at),
+        len(ends) - 1,
+    )
+
+
+def _summit(values: Array, j: int) -> tuple[float, float]:
+    """Return height and place (0..1 in the interval) of the summit of a parabola through the largest value."""
+    if not 0 < j < len(values) - 1:
+        return float(values[j]), float(_INSIDE[j])
+    a, b, c = values[j - 1 : j + 2]
+    bend = a - 2 * b + c
+    if bend >= 0:
+        return float(b), float(_INSIDE[j])
+    shift = 0.5 * (a - c) / bend
+    return float(b - 0.25 * (a - c) * shift), float(_INSIDE[j] + shift * (_INSIDE[1] - _INSIDE[0]))
+
+
+def between_samples(
+    model: ReferenceModel, trajectory: Trajectory, tolerance: float, clock: Clock
+) -> tuple[list[Residual], list[Finding]]:
+    """Return a row for each phase with an RCM, and a finding where the shaft leaves it only between samples.
+
+    Args:
+        model: the mechanism.
+        trajectory: what drives it.
+        tolerance: m, of the protocol.
+        clock: of the trajectory.
+    """
+    try:
+        found = passages(model, trajectory)
+    except AssemblyError:  # the comparison has said so
+        return [], []
+    rows, findings = [], []
+    for p in found:
+        k = np.array([np.searchsorted(trajectory.t, p.t)])
+        judged = p.enforced or p.at_samples <= tolerance
+        note = f"measured in {p.looked} of {p.intervals} intervals; by its bend nowhere more than {text(p.bound, 'm')}"
+        name = f"{p.phase}, between samples"
+        limit = tolerance if judged else None
+        r = row("B", "rcm", name, "m", np.array([p.between]), limit, clock.at(k), note=note)
+        rows.append(r)
+        if judged and p.between > tolerance:
+            findings.append(
+                Finding(
+                    "rcm.between",
+                    "disagreement",
+                    f"between samples the shaft passes the RCM at up to {p.between / MM:.4g} mm, at samples at no "
+                    f"more than {p.at_samples / MM:.4g} mm; {tolerance / MM:g} mm is allowed",
+                    where="RCM",
+                    when=f"phase '{p.phase}', t = {p.t:.3f} s",
+                    size=p.between / MM,
+                    unit="mm",
+                    limit=tolerance / MM,
+                    suggestion="sample the motion finer, or let the joints follow the shaft between samples",
+                )
+            )
+    return rows, findings

@@ -1,0 +1,273 @@
+"""The timing, computed once more from the samples alone: times, joint positions and tool poses.
+
+Nothing that the planner says of speeds is believed. A difference of neighbouring samples is the mean speed between
+them, a second difference a mean of the acceleration there: neither can exceed a limit that the motion keeps,
+however coarse the samples are. So every excess that is found is one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from twin import spatial
+from twin.findings import Finding
+from twin.mechanism import Mechanism
+from twin.protocol import Protocol
+from twin.spatial import Array
+from twin.trajectory.model import PhaseSpan, Trajectory
+from twin.units import DEG, MM
+
+OVER = 2e-3
+"""Fraction by which a mean may exceed its limit: the plan may by half of that, the rest is rounding."""
+
+_CLOCK = 1e-9
+"""Seconds by which a sample may be beside its time."""
+
+_ROUNDING = 8 * np.finfo(float).eps
+"""Relative rounding of one sample; differences divide it by the step as often as they are taken."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """The most that one quantity takes of its limit.
+
+    Attributes:
+        code: of the finding if that is too much.
+        what, where: for messages. unit: of `size` and `limit`.
+        size, limit: in that unit; no limit: infinite.
+        t, phase: when.
+    """
+
+    code: str
+    what: str
+    where: str
+    unit: str
+    size: float
+    limit: float
+    t: float
+    phase: str
+
+    @property
+    def text(self) -> str:
+        """Size, limit and when, in words."""
+        of = f" of {self.limit:.4g} ({100 * self.size / self.limit:.0f} %)" if np.isfinite(self.limit) else ""
+        return f"{self.size:.4g}{of} {self.unit}, {self.phase}, t = {self.t:.3f} s"
+
+
+def timing(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> tuple[dict[str, str], list[Finding]]:
+    """Return what the samples take of each limit, in words, and what is wrong with them.
+
+    Args:
+        trajectory: only `t`, `q`, the poses and the bounds of the phases are used; `qd` and the tip's rates are judged.
+        mechanism: owner of the limits of the joints.
+        protocol: owner of those of the tip.
+    """
+    findings = [*_clock(trajectory)]
+    if findings:  # without a clock there are no rates
+        return {}, findings
+    loads = [*_joints(trajectory, mechanism), *_tip(trajectory, protocol)]
+    findings += [_excess(load) for load in loads if load.size > load.limit * (1 + OVER)]
+    findings += [*_rest(trajectory, mechanism, protocol), *_claims(trajectory, mechanism, protocol)]
+    return _facts(loads, trajectory), findings
+
+
+def _excess(load: Load) -> Finding:
+    return Finding(
+        load.code,
+        "disagreement",
+        f"{load.what}, by differences of the samples, reaches {load.size:.4g} {load.unit}, above its limit of "
+        f"{load.limit:.4g} {load.unit}",
+        where=load.where,
+        when=f"phase '{load.phase}', t = {load.t:.3f} s",
+        size=load.size,
+        unit=load.unit,
+        limit=load.limit,
+        suggestion="plan the protocol again: these samples are not what was planned within the limits",
+    )
+
+
+def _clock(trajectory: Trajectory) -> Iterator[Finding]:
+    t, spans = trajectory.t, trajectory.phases
+    step = np.diff(t)
+    if len(t) < 2 or not np.isfinite(t).all() or step.min() <= 0:
+        yield Finding("timing.clock", "disagreement", "the times of the samples do not grow", where="t")
+        return
+    off = float(np.abs(t - np.linspace(t[0], t[-1], len(t))).max())
+    if off > _CLOCK:
+        k = int(np.argmax(np.abs(step - np.median(step))))
+        yield Finding(
+            "timing.clock",
+            "disagreement",
+            f"the samples are not evenly spaced: {step[k]:.6g} s after t = {t[k]:.3f} s, else {np.median(step):.6g} s",
+            where="t",
+            when=f"t = {t[k]:.3f} s",
+            size=off,
+            unit="s",
+            limit=_CLOCK,
+        )
+    bounds = [(s.start, s.stop, s.t0, s.t1) for s in spans]
+    joined = all(a.stop == b.start for a, b in pairwise(spans))
+    whole = bool(spans) and spans[0].start == 0 and spans[-1].stop == len(t) - 1
+    timed = all(abs(t[a] - t0) <= 1e-6 and abs(t[b] - t1) <= 1e-6 for a, b, t0, t1 in bounds if max(a, b) < len(t))
+    if not (joined and whole and timed):
+        text = "the phases do not cover the samples one after the other, at the times that they give"
+        yield Finding("timing.phases", "disagreement", text, where=", ".join(s.name for s in spans))
+
+
+def _step(trajectory: Trajectory) -> float:
+    return float((trajectory.t[-1] - trajectory.t[0]) / (len(trajectory.t) - 1))
+
+
+def _phase(trajectory: Trajectory, sample: int) -> str:
+    return next(s.name for s in trajectory.phases if sample <= s.stop)
+
+
+def _joints(trajectory: Trajectory, mechanism: Mechanism) -> Iterator[Load]:
+    q, dt = trajectory.q, _step(trajectory)
+    for order, name in ((1, "speed"), (2, "acceleration"), (3, "jerk")):
+        if len(q) <= order:
+            return
+        rates = np.diff(q, n=order, axis=0) / dt**order
+        noise = _ROUNDING * 2**order * np.abs(q).max(axis=0) / dt**order
+        for j, joint in enumerate(mechanism.active):
+            limit = {1: joint.max_speed, 2: joint.max_acceleration}.get(order)
+            unit, factor = ("deg", DEG) if joint.is_angle else ("mm", MM)
+            per = "/s" if order == 1 else f"/s{order}"
+            k = int(np.argmax(np.abs(rates[:, j])))
+            size = max(0.0, float(abs(rates[k, j])) - float(noise[j]))
+            shown = np.inf if limit is None else limit / factor
+            t = float(trajectory.t[k] + order * dt / 2)
+            where = _phase(trajectory, min(k + order, len(q) - 1))
+            yield Load(f"timing.{name}", f"joint {joint.name}", joint.name, unit + per, size / factor, shown, t, where)
+
+
+def _tip(trajectory: Trajectory, protocol: Protocol) -> Iterator[Load]:
+    dt = _step(trajectory)
+    for span in trajectory.phases:
+        limits = protocol.limits[span.type]
+        v, a, w, dw = _tip_rates(trajectory, span, dt)
+        for code, values, limit, unit, factor in (
+            ("timing.tip_speed", v, limits.tip_speed, "mm/s", MM),
+            ("timing.tip_acceleration", a, limits.tip_acceleration, "mm/s2", MM),
+            ("timing.rotation_speed", w, limits.rotation_speed, "deg/s", DEG),
+            ("timing.rotation_acceleration", dw, limits.rotation_acceleration, "deg/s2", DEG),
+        ):
+            if not len(values):
+                continue
+            norms = np.linalg.norm(values, axis=1)
+            k = int(np.argmax(norms))
+            what = f"{code.removeprefix('timing.').replace('_', ' ')} of {trajectory.frame}"
+            t = float(trajectory.t[span.start + k] + dt / 2)
+            size, name = float(norms[k]) / factor, trajectory.frame
+            yield Load(code, f"{what} in phase '{span.name}'", name, unit, size, limit / factor, t, span.name)
+
+
+def _tip_rates(trajectory: Trajectory, span: PhaseSpan, dt: float) -> tuple[Array, Array, Array, Array]:
+    """Return mean speeds and accelerations of the moved frame, and of its turning, from its poses in one phase."""
+    Ts = trajectory.Ts_base_frame[span.start : span.stop + 1]
+    R = Ts[:, :3, :3]
+    v = np.diff(Ts[:, :3, 3], axis=0) / dt
+    w = spatial.log_so3(R[1:] @ np.swapaxes(R[:-1], 1, 2)) / dt
+    return v, np.diff(v, axis=0) / dt, w, np.diff(w, axis=0) / dt
+
+
+def _rest(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> Iterator[Finding]:
+    """See that phases begin and end at rest: no joint gets further in one step than its acceleration carries it."""
+    dt = _step(trajectory)
+    for span in trajectory.phases:
+        ends = ((span.start, span.start + 1, "begins"), (span.stop, span.stop - 1, "ends"))
+        for here, there, verb in ends:
+            for j, joint in enumerate(mechanism.active):
+                if joint.max_acceleration is None:
+                    continue
+                way = abs(float(trajectory.q[there, j] - trajectory.q[here, j]))
+                reach = 0.5 * joint.max_acceleration * dt**2 * (1 + OVER) + _ROUNDING * abs(
+                    float(trajectory.q[here, j])
+                )
+                if way > reach:
+                    unit, factor = ("deg", DEG) if joint.is_angle else ("mm", MM)
+                    yield Finding(
+                        "timing.rest",
+                        "disagreement",
+                        f"phase '{span.name}' {verb} in motion: joint {joint.name} moves {way / factor:.3g} {unit} in "
+                        f"{dt:g} s, where from rest it could move {reach / factor:.3g} {unit}",
+                        where=joint.name,
+                        when=f"phase '{span.name}', t = {trajectory.t[here]:.3f} s",
+                        size=way / factor,
+                        unit=unit,
+                        limit=reach / factor,
+                    )
+                    break
+
+
+def _claims(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> Iterator[Finding]:
+    """Hold the speeds that the trajectory states against those of its positions."""
+    dt = _step(trajectory)
+    for j, joint in enumerate(mechanism.active):
+        if joint.max_acceleration is None:
+            continue
+        mean = np.diff(trajectory.q[:, j]) / dt
+        stated = 0.5 * (trajectory.qd[1:, j] + trajectory.qd[:-1, j])
+        off, limit = np.abs(mean - stated), dt * joint.max_acceleration * (1 + OVER)
+        k = int(np.argmax(off))
+        if off[k] > limit:
+            unit, factor = ("deg/s", DEG) if joint.is_angle else ("mm/s", MM)
+            yield _claim(trajectory, f"joint {joint.name}", joint.name, k, off[k] / factor, limit / factor, unit)
+    for span in trajectory.phases:
+        limits = protocol.limits[span.type]
+        rows = slice(span.start + (1 if span.start else 0), span.stop + 1)  # the shared sample is the earlier phase's
+        Ts = trajectory.Ts_base_frame[rows]
+        R = Ts[:, :3, :3]
+        for name, mean, given, most, unit, factor in (
+            ("tip", np.diff(Ts[:, :3, 3], axis=0) / dt, trajectory.tip_velocity, limits.tip_acceleration, "mm/s", MM),
+            (
+                "turning",
+                spatial.log_so3(R[1:] @ np.swapaxes(R[:-1], 1, 2)) / dt,
+                trajectory.angular_velocity,
+                limits.rotation_acceleration,
+                "deg/s",
+                DEG,
+            ),
+        ):
+            if not len(mean):
+                continue
+            stated = 0.5 * (given[rows][1:] + given[rows][:-1])
+            off, limit = np.linalg.norm(mean - stated, axis=1), dt * most * (1 + OVER)
+            k = int(np.argmax(off))
+            if off[k] > limit:
+                where = rows.start + k
+                yield _claim(trajectory, f"{name} of {trajectory.frame}", trajectory.frame, where, off[k] / factor,
+                             limit / factor, unit)  # fmt: skip
+
+
+def _claim(trajectory: Trajectory, what: str, where: str, sample: int, size: float, limit: float, unit: str) -> Finding:
+    return Finding(
+        "timing.claimed",
+        "disagreement",
+        f"the speed that is stated for {what} differs from the slope of the positions by {size:.3g} {unit}",
+        where=where,
+        when=f"phase '{_phase(trajectory, sample)}', t = {trajectory.t[sample]:.3f} s",
+        size=float(size),
+        unit=unit,
+        limit=float(limit),
+    )
+
+
+def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
+    """Return the most loaded of each kind, in words."""
+    out = {"computed from": f"{len(trajectory.t)} samples {1e3 * _step(trajectory):g} ms apart, positions alone"}
+    for code in dict.fromkeys(x.code for x in loads):
+        alike = [x for x in loads if x.code == code]
+        most = max(alike, key=lambda x: x.size / x.limit if np.isfinite(x.limit) else 0.0)
+        if not np.isfinite(most.limit):  # nobody limits it: the largest of each unit
+            for unit in dict.fromkeys(x.unit for x in alike):
+                most = max((x for x in alike if x.unit == unit), key=lambda x: x.size)
+                note = " (no limit is given; it jumps where the acceleration switches)" if "jerk" in code else ""
+                out[f"{code.removeprefix('timing.')}, most in {unit}"] = f"{most.what}: {most.text}{note}"
+            continue
+        out[code.removeprefix("timing.").replace("_", " ")] = f"{most.what}: {most.text}"
+    return out
