@@ -79,11 +79,25 @@ class FrameSpec(Table):
         return self
 
 
+class MassSpec(Table):
+    """Mass, centre of mass and inertia about it (xx, yy, zz, xy, xz, yz) of a body, in drawn coordinates."""
+
+    mass_kg: float = Field(gt=0)
+    com_mm: Vector
+    inertia_kg_m2: tuple[float, float, float, float, float, float]
+    provenance: Provenance
+    note: str = Field(min_length=1)
+
+
 class BodySpec(Table):
-    """A rigid body: the STEP node of the same name (or `node`), or mesh files with a declared unit."""
+    """A rigid body: the STEP node of the same name (or `node`), or mesh files with a declared unit.
+
+    `mass` is a given one; without it the body is weighed by the density of its materials.
+    """
 
     node: str | None = None
     frame: str | None = None
+    mass: MassSpec | None = None
     meshes: list[MeshSpec] = Field(default_factory=list)
 
 

@@ -31,7 +31,7 @@ examples:
 exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 """
 
-NAMES = ("list", "info", "build", "plan", "validate", "run", "view", "operate", "track", "study", "doctor")
+NAMES = ("list", "info", "build", "plan", "validate", "run", "view", "operate", "track", "study", "new", "doctor")
 """Every command."""
 
 
@@ -281,6 +281,18 @@ def _parser() -> argparse.ArgumentParser:
         "  twin study my_study.toml --json",
     )
     sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or of a study file")
+
+    sub = add(
+        "new",
+        "make a robot folder from URDF, MJCF, SDF or a USD stage",
+        "  twin new leg --from robot.urdf                   loops from robot.yaml beside it\n"
+        "  twin new gripper --from gripper.xml --out robots/gripper/",
+    )
+    sub.add_argument("name", help="of the robot: lower-case letters, digits and _")
+    sub.add_argument("--from", dest="source", metavar="FILE", required=True, help=".urdf, .xml (MJCF), .sdf or .usd*")
+    sub.add_argument("--closures", metavar="FILE", help="closure YAML of a URDF (default: the .yaml beside it)")
+    sub.add_argument("--root", metavar="PRIM", help="prim path of the robot on a stage that holds several")
+    out(sub, "./<name>/")
 
     add("doctor", "show what can be checked on this machine", "  twin doctor")
     return parser

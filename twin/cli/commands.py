@@ -382,5 +382,6 @@ COMMANDS = {
     "operate": _own_file("operate"),
     "track": _own_file("track"),
     "study": _own_file("study"),
+    "new": _own_file("new"),
     "doctor": doctor,
 }
