@@ -13,6 +13,7 @@ All these formats are data: nothing in them is run.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from twin.errors import SourceError
@@ -65,6 +66,16 @@ def read(path: Path, closures: Path | None = None, root: str | None = None) -> I
         from twin.importing.sdf import read_sdf
 
         return read_sdf(path)
+    return _read_stage(path, root)
+
+
+def _read_stage(path: Path, root: str | None) -> Imported:
+    """Read a stage; a foreign one has no tool, so it gets one."""
+    from twin.importing.source import with_tool
     from twin.stage.read import inspect_stage
 
-    return Imported(*inspect_stage(path, root))
+    mechanism, findings = inspect_stage(path, root)
+    if all(f.name != mechanism.tool for f in mechanism.frames):
+        tool, frames = with_tool(mechanism, findings)
+        mechanism = replace(mechanism, tool=tool, frames=frames)
+    return Imported(mechanism, findings)

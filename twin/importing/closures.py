@@ -1,8 +1,8 @@
 """The closure YAML beside a URDF: which frames coincide, in how many directions, and which joints are driven.
 
-    closed_loop: [[frame_a, frame_b], ...]
-    type: [6d, ...]         6d: welded; 3d: the origins coincide, as in a ball joint
-    name_mot: [joint, ...]
+closed_loop: [[frame_a, frame_b], ...]
+type: [6d, ...]         6d: welded; 3d: the origins coincide, as in a ball joint
+name_mot: [joint, ...]
 """
 
 from __future__ import annotations

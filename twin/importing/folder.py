@@ -35,19 +35,27 @@ def close(imported: Imported) -> Imported:
     """
     mechanism = imported.mechanism
     try:
-        home = ReferenceModel(mechanism).home()
+        model = ReferenceModel(mechanism)
+        home = model.home()
     except AssemblyError as error:
         raise AssemblyError(f"{mechanism.source}: {error}", error.best, error.gap) from error
     findings = list(imported.findings)
     for loop, (gap, tilt) in home.gap.items():
         if gap > CLOSED or tilt > 1e-8:
-            text = f"loop '{loop}' stays open by {gap:.3g} m and {tilt / DEG:.3g}°: the file's own gap."
+            text = f"loop '{loop}' stays open by {gap:.3g} m and {tilt / DEG:.3g}°: the least that was found from the zero of the file."
             findings.append(Finding("import.gap", "warning", text, loop, size=gap, unit="m", limit=CLOSED))
     for joint in mechanism.joints:
         q = home.q_full.get(joint.name)
         if q is not None and joint.limits and not joint.limits[0] - 1e-9 <= q <= joint.limits[1] + 1e-9:
             text = f"joint '{joint.name}' rests at {q:.4g}, outside its limits."
             findings.append(Finding("import.rest", "warning", text, joint.name))
+    freedom = model.mobility(home.x).freedom
+    if len(mechanism.active) > freedom:
+        text = (
+            f"{len(mechanism.active)} joints are driven, but the mechanism has {freedom} degrees of freedom: take "
+            "`active = true` off those that follow, and list the driven ones first."
+        )
+        findings.append(Finding("import.driven", "warning", text, mechanism.name))
     q = {j.name: float(v) for j, v in zip(mechanism.active, home.q, strict=True)}
     return Imported(replace(mechanism, rest=home.link_poses, postures={**mechanism.postures, "home": q}), findings)
 
@@ -88,7 +96,8 @@ def describe(m: Mechanism, findings: list[Finding], source: str) -> str:
     """Return the description of a mechanism in TOML."""
     lost = [f for f in findings if f.severity != "info"]
     lines = [
-        f"# {m.name}, made by `twin new` from {_plain(source)}. Everything is in drawn coordinates: the base frame, loops closed.",
+        f"# {m.name}, made by `twin new` from {_plain(source)}.",
+        "# Everything is in drawn coordinates: the base frame, loops closed.",
         *(f"# {f.severity}: {_plain(f.message)}" for f in lost),
         f"name = {_str(m.name)}",
         f"title = {_str(m.name)}",
@@ -174,7 +183,10 @@ def _limit(joint: Joint, source: str) -> list[str]:
     for key, value in (("limits", joint.limits), ("soft_limits", joint.soft_limits)):
         if value is not None:
             lines.append(f"{key}_{unit} = {_list([v / scale for v in value])}")
-    for key, value in ((f"max_speed_{unit}_s", joint.max_speed), (f"max_acceleration_{unit}_s2", joint.max_acceleration)):
+    for key, value in (
+        (f"max_speed_{unit}_s", joint.max_speed),
+        (f"max_acceleration_{unit}_s2", joint.max_acceleration),
+    ):
         if value is not None:
             lines.append(f"{key} = {_num(value / scale)}")
     if joint.cone is not None:

@@ -18,7 +18,7 @@ Color = tuple[float, float, float, float]
 
 
 def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
-    """Return vertices (n, 3) in m and triangles (m, 3) of a box (edges), cylinder (radius, length) or sphere (radius)."""
+    """Return vertices (n, 3) in m and triangles (m, 3): box (edges), cylinder (radius, length) or sphere (radius)."""
     from trimesh import creation
 
     if kind == "box":

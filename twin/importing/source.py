@@ -131,9 +131,7 @@ def possible(inertia: Inertia, link: str, findings: list[Finding]) -> Inertia | 
     return None
 
 
-def limits(
-    lower: float | None, upper: float | None, joint: str, findings: list[Finding]
-) -> tuple[float, float] | None:
+def limits(lower: float | None, upper: float | None, joint: str, findings: list[Finding]) -> tuple[float, float] | None:
     """Return limits, or None where there are none.
 
     Raises:
@@ -176,7 +174,7 @@ def assemble(
         bare = Mechanism(identifier(name), base, tuple(bodies), tuple(joints), tuple(frames), source=path.name)
         rest = rest_poses(bare)
         if tool is None:
-            tool, frames = _tool(bare, findings)
+            tool, frames = with_tool(bare, findings)
         mechanism = Mechanism(
             bare.name,
             base,
@@ -201,14 +199,17 @@ def rest_poses(mechanism: Mechanism) -> dict[str, Array]:
     return rest
 
 
-def _tool(mechanism: Mechanism, findings: list[Finding]) -> tuple[str, tuple[Frame, ...]]:
+def with_tool(mechanism: Mechanism, findings: list[Finding]) -> tuple[str, tuple[Frame, ...]]:
+    """Return the tool's name and the frames with it: the frame `tool`, or one on the last body that holds nothing."""
     if any(f.name == "tool" for f in mechanism.frames):
         return "tool", mechanism.frames
     inner = {j.parent for j in mechanism.joints} | {j.child for j in mechanism.loops} | {mechanism.base}
     outer = [b.name for b in mechanism.bodies if b.name not in inner]
     body = (outer or [mechanism.tree[-1].child])[-1]
     findings.append(
-        warning("tool", f"the file names no tool: it is put at body '{body}'. Move [frame.tool] where it belongs.", body)
+        warning(
+            "tool", f"the file names no tool: it is put at body '{body}'. Move [frame.tool] where it belongs.", body
+        )
     )
     return "tool", (*mechanism.frames, Frame("tool", body, np.eye(4)))
 

@@ -150,7 +150,7 @@ class _Urdf:
             if child in above:
                 self.xml.fail(
                     f"link '{child}'",
-                    f"joints '{above[child]}' and '{joint}' both hold it; a URDF is a tree: close loops by a closure YAML",
+                    f"joints '{above[child]}' and '{joint}' both hold it; close loops by a closure YAML",
                 )
             above[child] = joint
         roots = [n for n in links if n not in above]
