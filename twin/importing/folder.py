@@ -42,7 +42,7 @@ def close(imported: Imported) -> Imported:
     findings = list(imported.findings)
     for loop, (gap, tilt) in home.gap.items():
         if gap > CLOSED or tilt > 1e-8:
-            text = f"loop '{loop}' stays open by {gap:.3g} m and {tilt / DEG:.3g}°: the least that was found from the zero of the file."
+            text = f"loop '{loop}' stays open by {gap:.3g} m and {tilt / DEG:.3g}°: the least found from all zero."
             findings.append(Finding("import.gap", "warning", text, loop, size=gap, unit="m", limit=CLOSED))
     for joint in mechanism.joints:
         q = home.q_full.get(joint.name)
