@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from twin import assets, spatial
+from twin.cad.build import locked_error
 from twin.errors import AssemblyError, OutputError
 from twin.findings import Finding
 from twin.importing.source import Imported
@@ -40,10 +41,19 @@ def close(imported: Imported) -> Imported:
     except AssemblyError as error:
         raise AssemblyError(f"{mechanism.source}: {error}", error.best, error.gap) from error
     findings = list(imported.findings)
-    for loop, (gap, tilt) in home.gap.items():
+    for joint in mechanism.loops:
+        if _error(joint, home.link_poses)[1] > 1.0:  # a weld upside down looks closed: its sine is zero
+            turned = ReferenceModel(mechanism.with_rest(_turned(mechanism, joint, home.link_poses)))
+            other = turned.home()
+            if _worst(mechanism, other.link_poses) < _worst(mechanism, home.link_poses):
+                model, home = turned, other
+    for joint in mechanism.loops:
+        gap, tilt = _error(joint, home.link_poses)
         if gap > CLOSED or tilt > 1e-8:
-            text = f"loop '{loop}' stays open by {gap:.3g} m and {tilt / DEG:.3g}°: the least found from all zero."
-            findings.append(Finding("import.gap", "warning", text, loop, size=gap, unit="m", limit=CLOSED))
+            text = (
+                f"loop '{joint.name}' stays open by {gap:.3g} m and {tilt / DEG:.3g}°: the least found from all zero."
+            )
+            findings.append(Finding("import.gap", "warning", text, joint.name, size=gap, unit="m", limit=CLOSED))
     for joint in mechanism.joints:
         q = home.q_full.get(joint.name)
         if q is not None and joint.limits and not joint.limits[0] - 1e-9 <= q <= joint.limits[1] + 1e-9:
@@ -58,6 +68,37 @@ def close(imported: Imported) -> Imported:
         findings.append(Finding("import.driven", "warning", text, mechanism.name))
     q = {j.name: float(v) for j, v in zip(mechanism.active, home.q, strict=True)}
     return Imported(replace(mechanism, rest=home.link_poses, postures={**mechanism.postures, "home": q}), findings)
+
+
+def _error(joint: Joint, poses: Mapping[str, Array]) -> tuple[float, float]:
+    """Return offset in m and the whole tilt in rad, up to half a turn, in the directions that the joint locks."""
+    return locked_error(joint.relative(poses[joint.parent], poses[joint.child]), joint.type)
+
+
+def _worst(mechanism: Mechanism, poses: Mapping[str, Array]) -> float:
+    return sum(sum(_error(j, poses)) for j in mechanism.loops)
+
+
+def _turned(mechanism: Mechanism, loop: Joint, poses: Mapping[str, Array]) -> dict[str, Array]:
+    """Return rest poses with an end of the loop turned half round its own joint, if that is an outermost one."""
+    rest = dict(poses)
+    inner = {j.parent for j in mechanism.tree}
+    for joint in mechanism.tree:
+        if joint.child in (loop.parent, loop.child) and joint.child not in inner and joint.type == "revolute":
+            half = spatial.pose(np.diag([-1.0, -1.0, 1.0]))
+            rest[joint.child] = (
+                poses[joint.parent]
+                @ joint.T_parent_joint
+                @ (
+                    spatial.inverse(poses[joint.parent] @ joint.T_parent_joint)
+                    @ poses[joint.child]
+                    @ joint.T_child_joint
+                    @ half
+                )
+                @ spatial.inverse(joint.T_child_joint)
+            )
+            break
+    return rest
 
 
 def write_folder(imported: Imported, name: str, target: Path, source: Path) -> list[Path]:
