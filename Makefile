@@ -7,7 +7,7 @@ UV := $(shell command -v uv 2>/dev/null || echo .venv-uv/bin/uv)
 RUN := $(UV) run --frozen --no-sync
 export UV_PYTHON_DOWNLOADS ?= never
 
-.PHONY: demo test test-slow check cad-check usd-check bench lock-check clean
+.PHONY: demo test test-slow witnesses check cad-check usd-check bench lock-check clean
 
 demo: .venv/.synced
 	$(UV) run --frozen --no-sync twin run sils
@@ -18,6 +18,9 @@ test: .venv/.synced-dev
 test-slow: .venv/.synced-dev  ## what the default suite leaves out
 	$(RUN) pytest -n auto --dist loadfile -m "slow or wheel"
 	$(RUN) pytest -m browser
+
+witnesses:  ## programs that are not ours read what twin writes (about 3 GB of environments, once)
+	.ci/witness
 
 check: .venv/.synced-dev  ## lint, format, types, import contracts
 	$(RUN) ruff check
@@ -36,6 +39,8 @@ bench: .venv/.synced-dev
 	$(RUN) python tests/benchmarks/viewer_frames.py
 	$(RUN) python tests/benchmarks/viewer_workspace.py
 	$(RUN) python tests/benchmarks/viewer_first.py
+	$(RUN) python tests/benchmarks/export.py
+	$(RUN) python tests/benchmarks/stream.py
 
 lock-check: | $(UV)
 	$(UV) lock --check

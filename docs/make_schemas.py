@@ -1,4 +1,4 @@
-"""Write docs/schemas/*.schema.json, so that editors complete and check the TOML files that people write.
+"""Write docs/schemas/*.schema.json: of the TOML files that people write, and of the tracks that twin writes.
 
 python docs/make_schemas.py
 """
@@ -13,11 +13,12 @@ from pydantic import BaseModel
 from twin.cad.description import Description
 from twin.protocol.tables import ProtocolTable
 from twin.schema import json_schema
+from twin.schema.track import Track
 
 FOLDER = Path(__file__).parent / "schemas"
 
-MODELS: dict[str, type[BaseModel]] = {"robot": Description, "protocol": ProtocolTable}
-"""By the name of the file: cad/<robot>/<robot>.toml, trajectories/<robot>/<protocol>.toml."""
+MODELS: dict[str, type[BaseModel]] = {"robot": Description, "protocol": ProtocolTable, "track": Track}
+"""By the name of the file: cad/<robot>/<robot>.toml, trajectories/<robot>/<protocol>.toml, an export's tracks/."""
 
 
 def schemas() -> dict[Path, str]:

@@ -59,7 +59,7 @@ def same(a, b) -> bool:
 
 
 def test_public_names_are_those_promised():
-    assert set(twin.__all__) == {"Robot", "__version__", "build", "load", "names", "plan", "validate"}
+    assert set(twin.__all__) == {"Robot", "__version__", "build", "export", "load", "names", "plan", "validate"}
     for name in twin.__all__:
         assert getattr(twin, name) is not None
 

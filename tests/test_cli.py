@@ -192,7 +192,8 @@ def built(run, robot, monkeypatch) -> Path:
     written = [Path(line.split("  (")[0].strip()) for line in text.out.splitlines()]
     assert written[0] == robot / "usd/sils.usda"
     assert sorted(written) == sorted(p for p in (robot / "usd").rglob("*") if p.is_file())
-    names = {"geometry.usdc", "motion", "motion/short.usdc", "physics.usda", "sils.usda", "sils_short.usda"}
+    stages = {"physics.usda", "sils.usda", "sils_sim.usda", "sils_short.usda"}
+    names = {"geometry.usdc", "motion", "motion/short.usdc", *stages}
     assert files_below(robot / "usd") == names
     first = robot.parent / "first"
     shutil.copytree(robot / "usd", first)
@@ -209,7 +210,7 @@ def built(run, robot, monkeypatch) -> Path:
 
 def test_build_check(run, built, tmp_path):
     robot, before = built.parent, files_below(built)
-    assert "is current: 5 files equal a fresh build" in run("build", robot, "--check").out
+    assert "is current: 6 files equal a fresh build" in run("build", robot, "--check").out
     assert run("build", robot, "--check", "--json").json == {"verdict": "agree", "differing": [], "unexpected": []}
 
     physics = built / "physics.usda"
@@ -245,7 +246,7 @@ def test_build_check(run, built, tmp_path):
 
     missing = run("build", robot, "--check", "--out", tmp_path / "nowhere", "--json")
     assert missing.code == 1
-    assert len(missing.json["differing"]) == 5
+    assert len(missing.json["differing"]) == 6
     assert not (tmp_path / "nowhere").exists()
 
 

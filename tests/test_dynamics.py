@@ -459,6 +459,7 @@ def command(table, kin, monkeypatch):
     plan = SimpleNamespace(
         t=quick.t, q=quick.q, qd=quick.qd, qdd=quick.qdd, joint_names=tuple(f"q{i}" for i in range(1, 8)),
         frame="tool", shaft_axis=np.array([0.0, 0.0, 1.0]), phases=phases, duration=0.3,
+        rcm=np.tile(RCM, (len(quick.t), 1)),
     )  # fmt: skip
     protocol = SimpleNamespace(name="arc", title="An arc")
     robot = SimpleNamespace(

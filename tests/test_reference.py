@@ -412,7 +412,7 @@ def test_a_tilted_pin_leaves_its_tilt_as_the_gap_of_that_joint(tilt):
     for crank in (made.CRANK_AT_REST, 2.0, -2.5):
         got = model.solve(np.array([crank]))
         offset, angle = got.gap["closing"]
-        assert angle == pytest.approx(np.sin(tilt), rel=1e-9)
+        assert angle == pytest.approx(tilt, rel=1e-9)
         assert offset < 1e-9
         poses, _ = made.four_bar_state(crank)
         assert np.abs(got.link_poses["rocker"] - poses["rocker"]).max() < 1e-8
@@ -709,3 +709,19 @@ def test_a_robot_with_freedoms_to_spare_takes_a_pose_from_where_it_is(rng):
     moved = spare.run_poses(Ts, near=q + 1e-3)
     np.testing.assert_allclose(moved.Ts_base_tool, Ts, atol=1e-9)
     assert np.abs(moved.q - q).max() < 5e-3
+
+
+def test_a_weld_that_is_upside_down_is_not_closed():
+    """The sine of half a turn is zero, but nobody would call such a joint assembled."""
+    half = spatial.pose(np.diag([1.0, -1.0, -1.0]))
+    turned = Mechanism(
+        "turned",
+        "base",
+        (Body("base"), Body("arm")),
+        (
+            Joint("hinge", "revolute", "base", "arm", active=True),
+            Joint("weld", "fixed", "base", "arm", T_child_joint=half),
+        ),
+        (Frame("tool", "arm", np.eye(4)),),
+    )
+    assert ReferenceModel(turned).home().gap["weld"][1] == pytest.approx(np.pi)

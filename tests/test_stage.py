@@ -15,11 +15,11 @@ from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 from twin import spatial
 from twin.errors import StageError
 from twin.mechanism import Inertia, Joint
+from twin.spatial import continuous_signs
 from twin.stage.check import check_stage, parse_with_usdphysics, run_usd_validators
 from twin.stage.read import inspect_stage, read_motion, read_stage
 from twin.stage.write import Motion, write_motion, write_stage
 from twin.stage.write.geometry import corner_normals
-from twin.stage.write.motion import continuous_signs
 from twin.stage.write.physics import principal
 from twin.units import DEG, MM
 

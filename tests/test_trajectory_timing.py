@@ -63,7 +63,8 @@ def test_limits_hold_and_one_of_them_is_used_at_any_scale(seed, exponent):
     path = wave(10**exponent, rng.normal(size=6), 0.5 * rng.normal(size=6))
     timing = time_path(path, SPEED, ACCELERATION, dt=1e-3 * 10 ** (exponent / 2), knots=121)
     speed, acceleration = peak(path, timing)
-    assert 0.95 < max(speed, acceleration) <= 1 + OVERSHOOT
+    # Looked at more densely than the planner does, which takes out all but OVERSHOOT where it looks.
+    assert 0.95 < max(speed, acceleration) <= 1 + 2 * OVERSHOOT
     assert np.all(np.diff(timing.s) >= 0)
     assert timing.overshoot < 0.05
 

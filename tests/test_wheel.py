@@ -36,8 +36,8 @@ def wheel(tmp_path_factory) -> Path:
     """The wheel, built from a copy: no build leaves anything in the checkout."""
     copy = tmp_path_factory.mktemp("checkout") / "twin"
     out = tmp_path_factory.mktemp("dist")
-    skipped = shutil.ignore_patterns(".git", ".venv*", ".*_cache", "twin-out", "__pycache__", "dist")
-    shutil.copytree(ROOT, copy, ignore=skipped)
+    skipped = shutil.ignore_patterns(".git", ".venv*", ".*_cache", "twin-out", "__pycache__", "node_modules")
+    shutil.copytree(ROOT, copy, ignore=lambda d, ns: skipped(d, ns) | ({"dist"} if Path(d) == ROOT else set()))
     if UV:
         _ok(_run(UV, "build", "--wheel", "--out-dir", out, cwd=copy))
     else:
@@ -81,8 +81,12 @@ def test_wheel_holds_the_data_of_every_robot(names):
 
 
 def test_wheel_holds_the_package_and_nothing_else(names):
-    modules = {str(p.relative_to(ROOT)) for p in (ROOT / "twin").rglob("*") if p.is_file() and p.suffix != ".pyc"}
+    files = [p.relative_to(ROOT) for p in (ROOT / "twin").rglob("*") if p.is_file() and p.suffix != ".pyc"]
+    web = Path("twin/headset/web")
+    modules = {str(p) for p in files if web not in p.parents or web / "dist" in p.parents}
     assert modules <= names
+    assert {n for n in names if n.startswith(f"{web}/")} == {str(p) for p in files if web / "dist" in p.parents}
+    assert f"{web}/dist/twin.js" in names
     others = {n for n in names if not n.startswith("twin/") and ".dist-info/" not in n}
     assert others == set()
     assert not [n for n in names if n.startswith("twin/_data/") and n.endswith(".py")], "CAD sources are not shipped"

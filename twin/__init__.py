@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from twin.version import __version__
 
 if TYPE_CHECKING:
-    from twin.api import Robot, build, load, names, plan, validate
+    from twin.api import Robot, build, export, load, names, plan, validate
 
-__all__ = ["Robot", "__version__", "build", "load", "names", "plan", "validate"]
+__all__ = ["Robot", "__version__", "build", "export", "load", "names", "plan", "validate"]
 
 
 def __getattr__(name: str) -> Any:

@@ -1,10 +1,10 @@
-"""The public facade: load a robot, plan a protocol, validate, build its USD stage."""
+"""The public facade: load a robot, plan a protocol, validate, build its USD stage, export it."""
 
 from __future__ import annotations
 
 import contextlib
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +18,8 @@ from twin.spatial import Array
 
 if TYPE_CHECKING:
     from twin.cad.build import CadModel
+    from twin.exporting.bundle import Bundle
+    from twin.exporting.clip import Budget
     from twin.kinematics import Kinematics, Solution, Task
     from twin.mechanism import Mechanism
     from twin.protocol import Protocol
@@ -286,22 +288,13 @@ def plan(robot: Robot, protocol: str | Path | Protocol | None = None, progress: 
         ProtocolError: it cannot be carried out; phase, place and size are named.
         TimingError: no timing within the limits.
     """
+    from twin.protocol import Protocol
     from twin.trajectory.plan import plan as plan_
 
-    chosen = protocol if _is_protocol(protocol) else robot.protocol(protocol)  # type: ignore[arg-type]
-    robot = robot.bound(chosen)  # type: ignore[arg-type]
-    return plan_(
-        chosen,  # type: ignore[arg-type]
-        robot.path_kinematics(),
-        T_tool_frame=tool_frame(robot.mechanism, chosen.frame),  # type: ignore[union-attr]
-        progress=lambda phase: progress(f"plan {phase}", 0.0),
-    )
-
-
-def _is_protocol(value: object) -> bool:
-    from twin.protocol import Protocol
-
-    return isinstance(value, Protocol)
+    chosen = protocol if isinstance(protocol, Protocol) else robot.protocol(protocol)
+    robot = robot.bound(chosen)
+    T = tool_frame(robot.mechanism, chosen.frame)
+    return plan_(chosen, robot.path_kinematics(), T_tool_frame=T, progress=lambda phase: progress(f"plan {phase}", 0.0))
 
 
 def tool_frame(mechanism: Mechanism, frame: str) -> Array:
@@ -366,6 +359,7 @@ def fresh_stage(robot: Robot) -> Iterator[Path]:
     """Yield the robot's USD stage if it was made from the present CAD, else one rebuilt in a temporary folder."""
     from twin.cad.build import fingerprint, read_mechanism
     from twin.errors import StageError
+    from twin.exporting.usd import write_usd
     from twin.stage.read import made_from
 
     assert robot.files is not None
@@ -375,7 +369,7 @@ def fresh_stage(robot: Robot) -> Iterator[Path]:
                 yield robot.files.stage
                 return
     with tempfile.TemporaryDirectory(prefix="twin-usd-") as folder:
-        yield _write(read_mechanism(robot.files.description), Path(folder))
+        yield write_usd(read_mechanism(robot.files.description).mechanism, (), Path(folder))[0]
 
 
 def build(
@@ -400,6 +394,7 @@ def build(
         OutputError: the folder cannot be written; nothing half-written is left.
     """
     from twin.cad.build import read_mechanism
+    from twin.exporting.usd import bake, write_usd
 
     if robot.files is None:
         raise TwinError(f"{robot.name} is a stage already")
@@ -411,39 +406,45 @@ def build(
     cad = robot.cad = read_mechanism(robot.files.description, with_mass=True)
     chosen = tuple(robot.files.protocols()) if protocols is None else protocols
     with assets.atomic_folder(folder) as work:
-        root = _write(cad, work)
+        root = write_usd(cad.mechanism, (), work)[0]
         robot.mechanism = cad.mechanism
         for i, name in enumerate(chosen):
             progress(f"bake {name}", i / len(chosen))
-            _bake(robot, cad.mechanism, name, work)
+            bound = robot.bound(robot.protocol(name)).mechanism
+            bake(cad.mechanism, bound, plan(robot, name), work)
         written = sorted(p.relative_to(work) for p in work.rglob("*") if p.is_file())
         first = root.relative_to(work)
     return [folder / first, *(folder / p for p in written if p != first)]
 
 
-def _write(cad: CadModel, folder: Path) -> Path:
-    """Write the stage with its loops closed as drawn."""
-    from twin.reference import ReferenceModel
-    from twin.stage.write import write_stage
+def export(
+    robot: Robot,
+    trajectory: Trajectory | None = None,
+    folder: Path | None = None,
+    formats: Sequence[str] | None = None,
+    *,
+    protocols: Sequence[str | Path] | None = None,
+    budget: Budget | None = None,
+    progress: Progress = _silent,
+) -> Bundle:
+    """Write the robot with its motions for headsets, engines and simulators, and let the audit read it again.
 
-    home = ReferenceModel(cad.mechanism).home()
-    return write_stage(cad.mechanism, folder, _rounded(home.link_poses), home.q_full).root
+    Args:
+        robot: of CAD, or of a USD stage with the motion baked in it, if there is one.
+        trajectory: the only motion, as planned; None: the protocols.
+        folder: where to; default ./twin-out/<robot>/export/.
+        formats: of "usd", "usdz", "glb", "unity", "tracks", "mjcf", "urdf"; default all.
+        protocols: names or paths; default every protocol of the robot.
+        budget: what may go wrong between keys; decides the key rate.
+        progress: see `Progress`.
 
+    Raises:
+        TwinError: something is missing or wrong; the folder is then left as it was.
+    """
+    from twin.audit import audit
+    from twin.exporting.bundle import chosen_formats, write_bundle
+    from twin.exporting.order import order
 
-def _bake(robot: Robot, mechanism: Mechanism, protocol: str, folder: Path) -> None:
-    from twin.reference import ReferenceModel
-    from twin.stage.write import Motion, write_motion
-    from twin.validation.motion import key_times
-
-    chosen = robot.protocol(protocol)
-    trajectory = plan(robot, chosen)
-    times = key_times(trajectory)
-    model = ReferenceModel(robot.bound(chosen).mechanism)
-    run = model.run_poses(trajectory.poses(times), near=trajectory.joints(times))
-    values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
-    write_motion(mechanism, folder, Motion(trajectory.protocol, times, _rounded(model.link_poses(run.x)), values))
-
-
-def _rounded(poses: Mapping[str, Array]) -> dict[str, Array]:
-    """Return poses rounded to 1e-13, so that the last bits of a processor do not reach the file."""
-    return {name: np.round(T, 13) + 0.0 for name, T in poses.items()}
+    kinds = chosen_formats(formats)
+    assets.require_writable(folder := Path(folder or Path("twin-out") / robot.name / "export"))
+    return write_bundle(order(robot, trajectory, protocols, budget, plan, progress), folder, kinds, audit, progress)

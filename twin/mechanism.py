@@ -228,7 +228,7 @@ class Mechanism:
                     tree.append(joint)
                     reached.add(joint.child)
                 elif inside == (False, True):
-                    tree.append(_reversed(joint))
+                    tree.append(reversed_joint(joint))
                     reached.add(joint.parent)
                 else:
                     continue
@@ -302,7 +302,7 @@ def _find(kind: str, items, name: str):
     raise MechanismError(unknown(kind, name, (i.name for i in items)))
 
 
-def _reversed(joint: Joint) -> Joint:
+def reversed_joint(joint: Joint) -> Joint:
     """Return the joint seen from its child: parent and child swapped, half a turn about x keeps the sign of q.
 
     T_child_parent = T_child_joint @ inverse(motion(q)) @ inverse(T_parent_joint), and a half turn H about x

@@ -96,6 +96,16 @@ def matrix_from_quat_wxyz(q: ArrayLike) -> Array:
     )
 
 
+def continuous_signs(q: ArrayLike) -> Array:
+    """Return quaternions (k, 4) with signs chosen so that neighbours are less than a half turn apart.
+
+    Many players interpolate the four numbers as they are; a sign change in between is a 180 degree glitch.
+    """
+    q = np.asarray(q, float)
+    flips = np.sum(q[1:] * q[:-1], axis=1) < 0
+    return q * np.where(np.concatenate([[0], np.cumsum(flips)]) % 2, -1.0, 1.0)[:, None]
+
+
 def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
     """Return poses (..., 4, 4) from rotations (..., 3, 3) and positions (..., 3) in metres."""
     R = np.eye(3) if R is None else np.asarray(R, float)

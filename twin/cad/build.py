@@ -45,14 +45,18 @@ class CadModel:
     gaps: tuple[tuple[str, str, float], ...]
 
 
-def fingerprint(description_path: Path) -> str:
-    """Return the hash of everything that the mechanism is made from: the TOML file and the CAD it names."""
+def inputs(description_path: Path) -> list[Path]:
+    """Return everything that the mechanism is made from: the TOML file and the CAD it names."""
     description = load(description_path)
     files = [description_path]
     files += [description_path.parent / description.step] if description.step else []
-    files += [description_path.parent / m.file for b in description.body.values() for m in b.meshes]
+    return files + [description_path.parent / m.file for b in description.body.values() for m in b.meshes]
+
+
+def fingerprint(description_path: Path) -> str:
+    """Return the hash of all `inputs`."""
     digest = hashlib.sha256()
-    for file in files:
+    for file in inputs(description_path):
         try:
             digest.update(file.read_bytes())
         except OSError as error:

@@ -25,13 +25,16 @@ examples:
   twin validate sils                              judge the equations on the default protocol
   twin validate sils --variant eq1=printed        judge equation (1) as the paper prints it
   twin validate sils --all-protocols --json       every protocol, for scripts
+  twin explain sils --variant printed             where it is wrong, and the edit that cures it
   twin plan sils lowered_patient --out plan/      timed joint and tool motion as CSV
   twin build my_robot/                            USD stage of a robot of your own
+  twin export sils --to glb,tracks                for headsets and engines, read again and proven
 
 exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 """
 
-NAMES = ("list", "info", "build", "plan", "validate", "run", "view", "operate", "track", "study", "new", "doctor")
+NAMES = ("list", "info", "build", "plan", "validate", "explain", "run", "view", "serve")
+NAMES += ("operate", "track", "study", "export", "audit", "new", "doctor")
 """Every command."""
 
 
@@ -132,14 +135,14 @@ def _parser() -> argparse.ArgumentParser:
         group.add_argument("--protocol", metavar="NAME", help="a protocol of the robot, or the path of a protocol file")
         group.add_argument("--all-protocols", action="store_true", help="every protocol of the robot")
 
-    def variants(sub: argparse.ArgumentParser) -> None:
+    def variants(sub: argparse.ArgumentParser, bare: str) -> None:
+        help_ = f"judge an equation in another variant, as in eq1=printed; a bare name, as in `printed`, judges {bare}"
         sub.add_argument(
             "--variant",
             metavar="EQ=NAME",
             action="append",
             default=[],
-            help="judge an equation in another variant, as in eq1=printed; a bare name, as in `printed`, judges "
-            "each equation that has it alone and then all together",
+            help=help_,
         )
 
     add("list", "list the built-in robots", "  twin list\n  twin list --json")
@@ -177,7 +180,7 @@ def _parser() -> argparse.ArgumentParser:
     robot(sub)
     out(sub, "./twin-out/<robot>/<protocol>/")
     chosen(sub)
-    variants(sub)
+    variants(sub, "each equation that has it alone and then all together")
     sub.add_argument(
         "--tolerance-um",
         type=float,
@@ -195,6 +198,26 @@ def _parser() -> argparse.ArgumentParser:
         "--compare",
         metavar="NAMES",
         help="with a sweep: what stand-ins for the loops would have cost; of serial,mimic",
+    )
+
+    sub = add(
+        "explain",
+        "say which row of which equation disagrees with the mechanism, why, and the edit that cures it",
+        "  twin explain sils                         nothing to explain\n"
+        "  twin explain sils --variant printed       every equation as the paper prints it\n"
+        "  twin explain sils --variant eq1=printed --json\n"
+        "  twin explain my_robot/ --seconds 60       search longer for two edits in one row",
+    )
+    robot(sub)
+    variants(sub, "every equation that has it")
+    sub.add_argument(
+        "--tolerance-um",
+        type=float,
+        metavar="UM",
+        help="how well the CAD is known: differences up to this many micrometres agree (default 0.001)",
+    )
+    sub.add_argument(
+        "--seconds", type=float, default=8.0, metavar="S", help="for the search for two edits in one row (default 8)"
     )
 
     sub = add(
@@ -220,6 +243,30 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--host", default="127.0.0.1", help="address to serve on (default 127.0.0.1: this machine alone)")
     sub.add_argument("--no-browser", action="store_true", help="open no browser")
     sub.add_argument("--html", metavar="FILE", help="write a recording of the protocol instead, and end")
+
+    sub = add(
+        "serve",
+        "serve a robot to headsets and browsers: place it in the room, play, grab it",
+        "  twin serve sils                     Quest with its cable: adb reverse tcp:8765 tcp:8765\n"
+        "  twin serve sher phantom --no-browser\n  twin serve my_robot/                or a bare USD stage\n"
+        "  twin serve sils --host 0.0.0.0 --cert cert.pem --key key.pem    for every headset in the network\n"
+        "  twin serve sils --record session.json        what is done, and what is seen of it\n"
+        "  twin serve sils --replay session.json",
+    )
+    sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a USD stage")
+    sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
+    sub.add_argument("--port", type=int, default=8765, help="where it is served (default 8765; 0 takes any)")
+    sub.add_argument(
+        "--host",
+        default="127.0.0.1",
+        help="address to serve on (default 127.0.0.1: this machine alone); any other is open to the network, by "
+        "addresses that open once, one for each device",
+    )
+    sub.add_argument("--no-browser", action="store_true", help="open no browser")
+    sub.add_argument("--record", metavar="FILE", help="record the session: requests, states and frames, as JSON")
+    sub.add_argument("--replay", metavar="FILE", help="replay a recorded session instead, frame by frame")
+    sub.add_argument("--cert", metavar="FILE", help="certificate (PEM), for https: headsets want it for AR")
+    sub.add_argument("--key", metavar="FILE", help="its key (PEM), if it is not in the same file")
 
     sub = add(
         "operate",
@@ -293,6 +340,46 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--closures", metavar="FILE", help="closure YAML of a URDF (default: the .yaml beside it)")
     sub.add_argument("--root", metavar="PRIM", help="prim path of the robot on a stage that holds several")
     out(sub, "./<name>/")
+
+    sub = add(
+        "export",
+        "write a robot with its motions for headsets, game engines and simulators, and read it again",
+        "  twin export sils                              every format, every protocol\n"
+        "  twin export sils --to glb,tracks --out xr/\n"
+        "  twin export sils --protocol lowered_patient --budget-um 20\n"
+        "  twin export my_robot/ --json\n"
+        "  twin export usd/pa10/pa10_circle.usda         a stage, with the motion that is baked in it",
+    )
+    sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or of a USD stage")
+    out(sub, "./twin-out/<robot>/export/")
+    sub.add_argument(
+        "--to", metavar="FORMATS", help="of usd, usdz, glb, unity, tracks, mjcf, urdf; by commas (default all of them)"
+    )
+    group = sub.add_mutually_exclusive_group()
+    group.add_argument(
+        "--protocol",
+        metavar="NAME",
+        action="append",
+        help="a protocol of the robot, or the path of a protocol file; may be given more than once",
+    )
+    group.add_argument("--all-protocols", action="store_true", help="every protocol of the robot (the default)")
+    sub.add_argument(
+        "--budget-um",
+        type=float,
+        metavar="UM",
+        help="how far any point of a link may be off between keys, and a joint open, in micrometres (default 100; "
+        "0.05 degrees of rotation scale with it); decides the key rate",
+    )
+
+    sub = add(
+        "audit",
+        "read exported files with readers of its own, check each, and hold all against one another",
+        "  twin audit twin-out/sils/export/\n  twin audit twin-out/sils/export/ --robot sils    against the mechanism\n"
+        "  twin audit model.glb              a file of anybody\n  twin audit robot.usdz --json",
+    )
+    sub.add_argument("path", help="a folder, or a .glb, .gltf, USD, .usdz, track, MJCF or URDF file")
+    sub.add_argument("--robot", metavar="NAME", help="recompute the poses from this robot's mechanism: name or folder")
+    sub.add_argument("--all", action="store_true", help="show notes and every check, not the worst of each kind")
 
     add("doctor", "show what can be checked on this machine", "  twin doctor")
     return parser

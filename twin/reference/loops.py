@@ -118,10 +118,15 @@ class Loops:
 
     def gaps(self, X: Array, poses: Array) -> Array:
         """Return (k, names, 2): offset in m and misalignment in rad in the locked directions; couplings last."""
-        residual, _ = self._residual(self.relative(poses)[1])
-        residual = residual * self._locked.reshape(-1, 6)
+        T = self.relative(poses)[1]
+        locked = self._locked.reshape(-1, 6)
+        residual = self._residual(T)[0] * locked
         offset = np.linalg.norm(residual[..., :3], axis=-1)
-        out = np.stack([offset, np.linalg.norm(residual[..., 3:], axis=-1) / LENGTH_SCALE], axis=-1)
+        # The residual is a sine: it vanishes as well where a joint is assembled upside down.
+        sine = np.linalg.norm(residual[..., 3:], axis=-1) / LENGTH_SCALE
+        cosine = np.where(self._full, 0.5 * (np.trace(T[..., :3, :3], axis1=-2, axis2=-1) - 1), T[..., 2, 2])
+        angle = np.where(locked[:, 3:].any(axis=1), np.arctan2(sine, cosine), 0.0)
+        out = np.stack([offset, angle], axis=-1)
         if not self.couplings:
             return out
         off = np.abs(self._sums(X))

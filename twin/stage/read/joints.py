@@ -13,6 +13,7 @@ from twin.errors import StageError
 from twin.findings import Finding
 from twin.mechanism import Drive, Joint
 from twin.spatial import Array
+from twin.stage import gf
 from twin.stage.scan import End, RawJoint, Scene
 from twin.units import DEG
 
@@ -109,6 +110,9 @@ def convert(
         return names[base], spatial.inverse(T_world_base) @ end.T_body_joint
 
     (parent, T_parent), (child, T_child) = map(side, joint.ends)
+    turn = joint.prim.GetAttribute("twin:childTurn").Get()
+    if turn is not None:  # a ball whose frames were made to coincide as drawn
+        T_child = T_child @ spatial.pose(gf.rotation(turn))
     unit = DEG if joint.is_angle else scene.meters
     prim = joint.prim
     drive, driven = _drive(scene, joint, notes)
@@ -205,6 +209,9 @@ def _base(scene: Scene, place: str, bodies: list[str], joints: list[RawJoint]) -
 def _cone(joint: RawJoint) -> float | None:
     if joint.type != "spherical" or not joint.prim.IsA(UsdPhysics.SphericalJoint):
         return None
+    told = joint.prim.GetAttribute("twin:cone").Get()
+    if told is not None:
+        return float(told)
     schema = UsdPhysics.SphericalJoint(joint.prim)
     # An elliptic cone is taken by its narrow side: nothing that is refused there may pass here.
     angles = [schema.GetConeAngle0LimitAttr().Get(), schema.GetConeAngle1LimitAttr().Get()]

@@ -42,6 +42,7 @@ def write_stage(
     link_poses: Mapping[str, Array],
     q_full: Mapping[str, float],
     *,
+    efforts: Mapping[str, float] | None = None,
     motion: Motion | None = None,
 ) -> StageFiles:
     """Write the layers of `mechanism` into `folder`, which the caller moves into place.
@@ -52,6 +53,8 @@ def write_stage(
         link_poses: T_world_body (4, 4) of every body in an assembled state, world z up.
         q_full: coordinate in m or rad, at these poses, of every tree joint that has one; loop joints too if
             they are known.
+        efforts: effort in N or N m with which each driven joint holds these poses against gravity: its drive
+            target is set ahead by it, so that a simulated robot stays where it was drawn.
         motion: a motion to bake beside it.
 
     Raises:
@@ -73,7 +76,7 @@ def write_stage(
             raise StageError(f"{mechanism.name}, q_full: {unknown('joint', name, (j.name for j in mechanism.joints))}")
     folder.mkdir(parents=True, exist_ok=True)
     geometry = write_geometry(mechanism, folder / "geometry.usdc", link_poses)
-    physics = write_physics(mechanism, folder / "physics.usda", link_poses, q_full)
+    physics = write_physics(mechanism, folder / "physics.usda", link_poses, q_full, efforts or {})
     root = root_layer(
         folder / f"{mechanism.name}.usda",
         mechanism.name,

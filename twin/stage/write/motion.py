@@ -31,6 +31,7 @@ class Motion:
         times_s: (k,) increasing, from 0 on.
         link_poses: T_world_body (k, 4, 4) of every body; a body that is left out stays at rest.
         joint_values: coordinate (k,) in m or rad of joints that have one; those left out get no samples.
+        trocar: where the mechanism's trocar is during it, (3,) in base in m; None: as drawn.
 
     """
 
@@ -38,6 +39,7 @@ class Motion:
     times_s: Array
     link_poses: Mapping[str, Array]
     joint_values: Mapping[str, Array] = field(default_factory=dict)
+    trocar: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,11 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFi
         for path, values in samples:
             for code, value in zip(codes, values, strict=True):
                 layer.SetTimeSample(path, float(code), value)
+    if motion.trocar is not None and mechanism.trocar and not np.array_equal(motion.trocar, mechanism.trocar_at):
+        place = f"/{mechanism.name}/joints/{mechanism.trocar}.physics:localPos0"
+        layer.GetAttributeAtPath(_attribute(layer, place, Sdf.ValueTypeNames.Point3f)).default = gf.vec3f(motion.trocar)
+        for path, values in samples:  # as drawn the robot would not meet this trocar: it rests where it begins
+            layer.GetAttributeAtPath(path).default = values[0]
     save(layer, layer_path)
     root = root_layer(
         folder / f"{mechanism.name}_{motion.name}.usda",
@@ -79,15 +86,6 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFi
         f"{mechanism.name}, playing {motion.name}.",
     )
     return MotionFiles(layer_path, root)
-
-
-def continuous_signs(wxyz: Array) -> Array:
-    """Return quaternions (k, 4) with signs chosen so that neighbours are less than a half turn apart.
-
-    Many players interpolate the four numbers as they are; a sign change in between is a 180 degree glitch.
-    """
-    flips = np.sum(wxyz[1:] * wxyz[:-1], axis=1) < 0
-    return wxyz * np.where(np.concatenate([[0], np.cumsum(flips)]) % 2, -1.0, 1.0)[:, None]
 
 
 def _time_codes(motion: Motion) -> Array:
@@ -118,7 +116,7 @@ def _pose_samples(mechanism: Mechanism, motion: Motion, layer: Sdf.Layer):
         prim = f"/{mechanism.name}/{name}"
         translate = _attribute(layer, f"{prim}.xformOp:translate", Sdf.ValueTypeNames.Double3)
         orient = _attribute(layer, f"{prim}.xformOp:orient", Sdf.ValueTypeNames.Quatd)
-        wxyz = continuous_signs(spatial.quat_from_matrix_wxyz(Ts[:, :3, :3]))
+        wxyz = spatial.continuous_signs(spatial.quat_from_matrix_wxyz(Ts[:, :3, :3]))
         yield translate, gf.vec3d_array(Ts[:, :3, 3])
         yield orient, gf.quatd_array(wxyz)
 

@@ -1,0 +1,379 @@
+"""What the tests of the page of `twin serve` share: a server, a browser, a device, rays and pixels."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from twin import spatial
+
+ROOT = Path(__file__).parents[1]
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
+WAIT = 180.0
+"""Seconds that something may take on a busy machine without a graphics card."""
+
+FLOAT32 = 2e-6
+"""Worst part of a pose that has gone through float32 and back, of a robot of 2 m that stands some metres away."""
+
+
+def until(condition, what, seconds=WAIT):
+    end = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < end, f"{what}: not within {seconds:g} s"
+        time.sleep(0.05)
+    return found
+
+
+def witness_environments():
+    """Return tests/witness/environments.py as a module: tests are no package."""
+    name = "twin_witness_environments"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, ROOT / "tests/witness/environments.py")
+        assert spec
+        assert spec.loader
+        sys.modules[name] = module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    return sys.modules[name]
+
+
+def npm_environment(name):
+    """Return the folder with the packages of a lock file; without it skip loudly, or fail where it is required."""
+    module = witness_environments()
+    try:
+        return module.environment(name).folder
+    except module.NotThereError as error:
+        if os.environ.get("TWIN_WITNESS_REQUIRED"):
+            pytest.fail(str(error), pytrace=False)
+        pytest.skip(str(error))
+
+
+def bundled_emulator(folder):
+    """Bundle the emulator of tests/witness/emulator into a file of a folder, and return it."""
+    packages = npm_environment("emulator")
+    for name in ("emulator.mjs", "build.mjs"):
+        shutil.copy(ROOT / "tests/witness/emulator" / name, folder)
+    (folder / "node_modules").symlink_to(packages / "node_modules")
+    out = folder / "emulator.js"
+    node = witness_environments().node()
+    done = subprocess.run([node, "build.mjs", out], cwd=folder, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def chromium():
+    """Yield a browser: the body of a fixture."""
+    from playwright.sync_api import sync_playwright
+
+    program = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
+    if program is None:
+        pytest.skip("NO CHROMIUM: the page is not tested. Install it (Debian: apt-get install chromium)")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as s:
+        return s.getsockname()[1]
+
+
+class Serving:
+    """`twin serve` as a user starts it."""
+
+    def __init__(self, robot, port=None, *more):
+        self.robot, self.port, self.more = robot, port or free_port(), more
+        self.process = None
+        self.start()
+
+    @property
+    def url(self):
+        return f"http://127.0.0.1:{self.port}/"
+
+    def start(self):
+        command = [sys.executable, "-m", "twin", "serve", self.robot, "--port", self.port, "--no-browser", *self.more]
+        env = os.environ | {"PYTHONPATH": str(ROOT)}
+        self.process = subprocess.Popen([str(c) for c in command], env=env, stdout=subprocess.DEVNULL)
+
+        def listens():
+            assert self.process is not None
+            assert self.process.poll() is None, "the server has ended"
+            with socket.socket() as s:
+                return s.connect_ex(("127.0.0.1", self.port)) == 0
+
+        until(listens, "the server listens")
+
+    def stop(self):
+        if self.process is not None:
+            self.process.terminate()
+            self.process.wait(20)
+            self.process = None
+
+
+class Page:
+    """One page, and what it says of itself by `window.twin`."""
+
+    def __init__(self, browser, url, size=(1280, 800), scripts=()):
+        self.errors = []
+        self.page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        self.page.set_default_timeout(1000 * WAIT)
+        self.page.on("pageerror", lambda e: self.errors.append(str(e)))
+        self.page.on("console", lambda m: self.errors.append(m.text) if m.type == "error" else None)
+        for script in scripts:
+            kind = "path" if isinstance(script, Path) else "script"
+            self.page.add_init_script(**{kind: script})
+        self.page.goto(url)
+        self.until("window.twin?.app.firstPicture > 0", "the robot's first picture")
+        self.until("twin.app.model.frame !== null", "the first frame")
+
+    def __call__(self, expression):
+        return self.page.evaluate(expression)
+
+    def until(self, expression, what, seconds=WAIT):
+        # the page's policy forbids eval, which playwright's own waiting uses
+        return until(lambda: self.page.evaluate(expression), what, seconds)
+
+    def close(self):
+        self.page.close()
+
+    def id(self, name):
+        return self.page.locator(f"[data-id='{name}']")
+
+    def tab(self, name):
+        self.page.get_by_role("tab", name=name).click()
+
+    def image(self):
+        return np.asarray(Image.open(io.BytesIO(self.page.screenshot())).convert("RGB")).astype(int)
+
+    def state(self):
+        """Return q (n,), link poses in the robot's world and the root (4, 4) in the scene, all of one picture."""
+        got = self(
+            "(() => ({q: [...twin.app.model.frame.q], flags: twin.app.model.frame.flags, links: twin.links(),"
+            " root: twin.root(), poses: twin.poses()}))()"
+        )
+        root = _matrix(got["root"])
+        links = {n: np.linalg.solve(root, _matrix(m)) for n, m in got["links"].items()}
+        poses = {n: _pose(p) for n, p in got["poses"].items()}
+        return np.array(got["q"]), links, root, poses, got["flags"]
+
+    def pixel(self, p_scene):
+        """Return where on the page a point (3,) of the scene is seen."""
+        c = self("twin.camera()")
+        clip = _matrix(c["projection"]) @ _matrix(c["view"]) @ np.append(p_scene, 1.0)
+        x, y = clip[:2] / clip[3]
+        w, h = self.page.viewport_size["width"], self.page.viewport_size["height"]
+        return np.array([w * (1 + x) / 2, h * (1 - y) / 2])
+
+    def to_scene(self, p_robot):
+        return (_matrix(self("twin.root()")) @ np.append(p_robot, 1.0))[:3]
+
+    def tool(self):
+        """Return the tool's pose (4, 4) in the robot's world, as the links stand."""
+        info = self("({link: twin.app.model.info.tool.link, T: twin.app.model.info.tool.T_link_tool})")
+        return self.state()[1][info["link"]] @ _pose(info["T"])
+
+    def pixel_of_link(self, link):
+        """Return a pixel of the page at which a link is what the mouse would take."""
+        got = self(
+            f"""(() => {{
+              const app = twin.app, l = app.robot.links.get('{link}'), at = app.mouse.at;
+              for (const p of l.points) {{
+                const v = p.clone().applyMatrix4(l.node.matrixWorld).project(app.world.camera);
+                at.set(v.x, v.y);
+                if (app.mouse.pick()?.link === '{link}') return [v.x, v.y];
+              }}
+              return null;
+            }})()"""
+        )
+        assert got is not None, f"{link} is nowhere to be seen"
+        size = self.page.viewport_size
+        return np.array([size["width"] * (1 + got[0]) / 2, size["height"] * (1 - got[1]) / 2])
+
+    def drag(self, start, end, steps=10, release=True):
+        mouse = self.page.mouse
+        mouse.move(*start)
+        mouse.down()
+        self.until("twin.app.grab.held?.granted", "the grab")
+        for s in np.linspace(0, 1, steps + 1)[1:]:
+            mouse.move(*(np.asarray(start) + s * (np.asarray(end) - start)))
+            time.sleep(0.05)
+        if release:
+            mouse.up()
+
+    def settled(self):
+        """Wait until the robot stands still."""
+        last, same = None, 0
+        end = time.monotonic() + WAIT
+        while same < 4:  # the server may be slow to begin
+            assert time.monotonic() < end, "the robot does not come to rest"
+            q = self("[...twin.app.model.frame.q]")
+            same = same + 1 if q == last else 0
+            last = q
+            time.sleep(0.4)
+
+    # -- a device ----------------------------------------------------------------------------------------
+
+    def enter(self, button="enter"):
+        self.id(button).click()
+        self.until("twin.app.xr.frames > 3", "pictures of the session")
+
+    def aim(self, target, side="right", kind="controllers", start=None):
+        """Point a controller or hand at a point of the scene, from where it is or from a point."""
+        at = np.array(self(f"device.{kind}.{side}.position.array ? [...device.{kind}.{side}.position.array] : "
+                           f"[device.{kind}.{side}.position.x, device.{kind}.{side}.position.y, "
+                           f"device.{kind}.{side}.position.z]") if start is None else start)  # fmt: skip
+        x, y, z, w = looking(np.asarray(target) - at)
+        self(f"device.{kind}.{side}.position.set({at[0]}, {at[1]}, {at[2]}),"
+             f"device.{kind}.{side}.quaternion.set({x}, {y}, {z}, {w})")  # fmt: skip
+        self.pictures(3)
+        return at
+
+    def pictures(self, n):
+        """Wait until the session has drawn n pictures."""
+        first = self("twin.app.xr.frames")
+        self.until(f"twin.app.xr.frames >= {first + n}", f"{n} pictures")
+
+    def select(self, on, side="right", kind="controllers"):
+        value = 1 if on else 0
+        how = f"updateButtonValue('trigger', {value})" if kind == "controllers" else f"updatePinchValue({value})"
+        self(f"device.{kind}.{side}.{how}")
+        self.pictures(3)
+
+    def press(self, control, side="right", kind="controllers"):
+        """Press a control of the floating panel by a ray."""
+        where = self(f"(() => {{const p = twin.app.xrPanel, uv = p.whereIs('{control}');"
+                     f" return uv ? p.pointAt(uv).toArray() : null}})()")  # fmt: skip
+        assert where is not None, f"{control} is not in sight on the panel"
+        self.aim(where, side, kind)
+        self.select(True, side, kind)
+        self.select(False, side, kind)
+
+
+def looking(direction):
+    """Return the quaternion xyzw that turns -z into a direction, upright."""
+    z = -np.asarray(direction) / np.linalg.norm(direction)
+    x = np.cross([0, 1, 0], z)
+    x /= np.linalg.norm(x)
+    return np.roll(spatial.quat_from_matrix_wxyz(np.column_stack([x, np.cross(z, x), z])), -1)
+
+
+def probes(page, mechanism, rng, each=14):
+    """Compare the colours at pixels where links must be seen; return how many are right, how many there are, misses.
+
+    Links are painted flat. Which link a pixel must show comes from rays through the CAD meshes at the poses of the
+    frame, by code of this file; pixels whose neighbours show another link are left out.
+    """
+    colors = {n: np.array([int(c[i : i + 2], 16) for i in (0, 2, 4)]) for n, c in page("twin.paint(true)").items()}
+    time.sleep(1.0)
+    page.until("!twin.app.world.dirty || twin.app.xr.presenting", "a picture")
+    _, _, root, poses, _ = page.state()
+    c = page("twin.camera()")
+    image = page.image()
+    page("twin.paint(false)")
+    clip = _matrix(c["projection"]) @ _matrix(c["view"]) @ root
+    names, corners = [], []
+    for body in mechanism.bodies:
+        for mesh in body.meshes:
+            v = np.c_[mesh.vertices, np.ones(len(mesh.vertices))] @ (clip @ poses[body.name]).T
+            corners.append(v[mesh.triangles])
+            names += [body.name] * len(mesh.triangles)
+    t, names = np.concatenate(corners), np.array(names)
+    t, names = t[(t[:, :, 3] > 1e-3).all(axis=1)], names[(t[:, :, 3] > 1e-3).all(axis=1)]
+    h, w = image.shape[:2]
+    xy = np.stack([w * (1 + t[..., 0] / t[..., 3]) / 2, h * (1 - t[..., 1] / t[..., 3]) / 2], -1)
+    depth = t[..., 2] / t[..., 3]
+    low, high = xy.min(axis=1), xy.max(axis=1)
+
+    def seen(p):
+        k = np.flatnonzero(((low <= p) & (p <= high)).all(axis=1))
+        if not len(k):
+            return None
+        a, b, c3 = xy[k, 0], xy[k, 1] - xy[k, 0], xy[k, 2] - xy[k, 0]
+        det = b[:, 0] * c3[:, 1] - b[:, 1] * c3[:, 0]
+        ok = np.abs(det) > 1e-12
+        d = p - a
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = (d[:, 0] * c3[:, 1] - d[:, 1] * c3[:, 0]) / det
+            s = (b[:, 0] * d[:, 1] - b[:, 1] * d[:, 0]) / det
+        hit = ok & (u >= 0) & (s >= 0) & (u + s <= 1)
+        if not hit.any():
+            return None
+        k, u, s = k[hit], u[hit], s[hit]
+        z = depth[k, 0] + u * (depth[k, 1] - depth[k, 0]) + s * (depth[k, 2] - depth[k, 0])
+        return names[k[np.argmin(z)]]
+
+    right, total, missed = 0, 0, []
+    around = np.array([[0, 0], [1.6, 0], [-1.6, 0], [0, 1.6], [0, -1.6]])
+    for name in colors:
+        mine = np.flatnonzero(names == name)
+        found = 0
+        for k in rng.permutation(mine)[: 20 * each]:
+            p = np.floor(xy[k].mean(axis=0)) + 0.5
+            if found == each or not ((p > 3).all() and p[0] < w - 3 and p[1] < h - 3):
+                continue
+            if any(seen(p + offset) != name for offset in around):
+                continue
+            found, total = found + 1, total + 1
+            pixel = image[int(p[1]), int(p[0])]
+            if np.abs(pixel - colors[name]).max() <= 10:
+                right += 1
+            else:
+                missed.append((name, p.tolist(), pixel.tolist(), colors[name].tolist()))
+    return right, total, missed
+
+
+@contextmanager
+def shown(browser, url, **options):
+    """Yield a page; close it, and find that it had nothing to complain of."""
+    page = Page(browser, url, **options)
+    try:
+        yield page
+        assert page.errors == []
+    finally:
+        page.close()
+
+
+def ready(page, robot):
+    """Wait for the plan of the protocol; leave the robot at home, standing still."""
+    page.until("twin.app.model.state.duration > 0", "the plan")
+    page("twin.app.ask('play', {on: false}); twin.app.ask('posture', {name: 'home'})")
+    home = robot.mechanism.posture("home")
+
+    def there():
+        # a hand of the page before may be let go only now
+        page("twin.app.model.state.phase === null || twin.app.ask('posture', {name: 'home'})")
+        return np.allclose(page("[...twin.app.model.frame.q]"), home, atol=1e-6)
+
+    until(there, "the robot goes home")
+    page.settled()
+
+
+def agrees(page, robot):
+    """Check that nodes stand where the stream says, and the stream where the mechanism's loops close; return q (n,)."""
+    q, links, _, poses, _ = page.state()
+    truth = robot.reference().solve(q).link_poses
+    for name, T in links.items():
+        np.testing.assert_allclose(T, poses[name], atol=FLOAT32, err_msg=name)
+        np.testing.assert_allclose(T, truth[name], atol=1e-5, err_msg=name)  # q too went through float32
+    return q
+
+
+def _matrix(numbers):
+    return np.array(numbers, float).reshape(4, 4).T
+
+
+def _pose(seven):
+    v = np.array(seven, float)
+    return spatial.pose(spatial.matrix_from_quat_wxyz(np.roll(v[3:] / np.linalg.norm(v[3:]), 1)), v[:3])

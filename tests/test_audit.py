@@ -1,0 +1,296 @@
+"""The audit: silent on a good bundle, whoever asks and however; and what it says of its own reading.
+
+Other test files of the audit load this one by path for the bundle of a small four-bar.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import runpy
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pxr import Gf, Usd, UsdGeom
+
+from twin.audit import audit, key_times
+from twin.audit.chain import Link, along, fit
+from twin.audit.poses import about, angle, from_seven, inverse, pose, quaternion, rotation, rpy, slerp, split
+from twin.cli import main
+from twin.errors import TwinError
+from twin.findings import Finding
+
+ROOT = Path(__file__).parents[1]
+made = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_stage_mechanisms.py"))))
+
+PACKAGE = {
+    "package.json": '{"name": "com.twin.small", "version": "0.1.0", "displayName": "Small", "unity": "2022.3"}',
+    "Runtime/Small.asmdef": '{"name": "Small"}',
+    "Runtime/Player.cs": "public class Player : UnityEngine.MonoBehaviour { }",
+    "Editor/Small.Editor.asmdef": '{"name": "Small.Editor", "references": ["Small"], "includePlatforms": ["Editor"]}',
+    "Editor/Menu.cs": "using UnityEditor; public static class Menu { }",
+    "Documentation~/index.md": "No .meta here.",
+}
+
+
+def swing():
+    """Return a clip of the four-bar, 2 s at 20 Hz, from its closed form."""
+    from twin.exporting.clip import Between, Clip
+
+    times = np.arange(41) / 20
+    states = [made.four_bar_state(made.CRANK_AT_REST + 0.45 * np.sin(np.pi * t)) for t in times]
+    return Clip(
+        "swing",
+        "a swing",
+        times,
+        {b: np.stack([s[0][b] for s in states]) for b in states[0][0]},
+        {j: np.array([s[1][j] for s in states]) for j in states[0][1]},
+        ("crank_joint",),
+        (("out", 0.0, 1.0), ("back", 1.0, 2.0)),
+        20.0,
+        Between(0.0, 0.0, 0.0),
+        frame="tool",
+        phase_rcm=(None, None),
+    )
+
+
+def write_good(folder: Path) -> Path:
+    """Write the four-bar with its swing in every format, a Unity package and a proof; return the folder."""
+    from twin.exporting.glb import write_glb
+    from twin.exporting.mjcf import write_mjcf
+    from twin.exporting.tracks import write_tracks
+    from twin.exporting.urdf import write_urdf
+    from twin.exporting.usd import write_usd
+    from twin.exporting.usdz import write_usdz
+
+    robot, clip = made.four_bar(), swing()
+    folder.mkdir(parents=True, exist_ok=True)
+    write_tracks(robot, clip, folder / "tracks")
+    write_glb(robot, [clip], folder / "bars.glb", {n: T[0] for n, T in clip.links.items()})
+    write_usd(robot, [clip], folder / "usd")
+    write_usdz(robot, clip, folder / "bars_ar.usdz")
+    write_mjcf(robot, folder)
+    write_urdf(robot, folder)
+    for name, text in PACKAGE.items():
+        file = folder / "unity" / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+    for asset in sorted((folder / "unity").rglob("*")):
+        name = asset.relative_to(folder / "unity").as_posix()
+        if "~" not in name:
+            guid = hashlib.md5(name.encode()).hexdigest()
+            asset.with_name(asset.name + ".meta").write_text(f"fileFormatVersion: 2\nguid: {guid}\n")
+    write_proof(folder)
+    return folder
+
+
+def write_proof(folder: Path) -> None:
+    """Write proof.json over all files of a folder."""
+    files = sorted(p for p in folder.rglob("*") if p.is_file() and p.name != "proof.json")
+    rows = [
+        {"file": p.relative_to(folder).as_posix(), "sha256": hashlib.sha256(p.read_bytes()).hexdigest()} for p in files
+    ]
+    proof = {"schema": "twin-proof", "version": 1, "robot": "bars", "files": rows, "verdict": "agree"}
+    (folder / "proof.json").write_text(json.dumps(proof))
+
+
+def grave(findings: list[Finding]) -> list[Finding]:
+    """Return the findings above info."""
+    return [f for f in findings if f.severity != "info"]
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory) -> Path:
+    return write_good(tmp_path_factory.mktemp("good") / "bars")
+
+
+# --------------------------------------------------------------------------------------------- a good bundle
+
+
+def test_a_good_bundle_has_no_findings(good):
+    report = audit(good)
+    assert grave(report.findings) == []
+    assert report.verdict == "agree"
+    assert report.exit_code == 0
+    assert all(c.verdict == "agree" for c in report.checks)
+    assert {f["format"] for f in report.files} == {"tracks", "csv", "glb", "usda", "usdz", "mjcf", "urdf"}
+
+
+def test_every_reader_places_every_link_at_every_key(good):
+    """Each format is compared with the closed form, to well below a micrometre."""
+    clip = swing()
+    report = audit(good, truth={"swing": (clip.times, clip.links)})
+    assert grave(report.findings) == []
+    rows = [c for c in report.checks if "position against the mechanism" in c.check]
+    assert {c.file for c in rows} == {
+        "tracks/swing.json",
+        "tracks/swing.csv",
+        "bars.glb",
+        "usd/bars_swing.usda",
+        "bars_ar.usdz",
+        "bars.xml",
+        "bars.urdf",
+    }
+    for row in rows:
+        assert "4 links x 41 keys" in row.check
+        assert row.worst is not None
+        assert row.worst < 3e-7
+    turned = [c for c in report.checks if "rotation against the mechanism" in c.check]
+    assert len(turned) == len(rows)
+    assert all(c.worst < 1e-6 for c in turned)
+
+
+def test_a_wrong_truth_is_seen_in_every_file(good):
+    clip = swing()
+    moved = {n: T.copy() for n, T in clip.links.items()}
+    moved["rocker"][7, 2, 3] += 3e-6
+    report = audit(good, truth={"swing": (clip.times, moved)})
+    blamed = {f.where for f in report.findings if f.code == "compare.pose"}
+    assert {w.partition(":")[0] for w in blamed} >= {"tracks/swing.json", "bars.glb", "bars_ar.usdz", "bars.urdf"}
+    (first, *_) = [f for f in report.findings if f.code == "compare.pose"]
+    assert first.when == "t = 0.35 s"
+    assert first.size == pytest.approx(3.0, abs=0.2)
+    assert report.exit_code == 1
+
+
+def test_conventions_are_reported(good):
+    files = {f["format"]: f for f in audit(good).files}
+    assert files["usdz"]["up_axis"] == "Y"
+    assert files["usda"]["up_axis"] == "Z"
+    assert files["glb"]["units"].startswith("m")
+    assert files["glb"]["clips"] == [{"name": "swing", "keys": 41, "duration_s": 2.0}]
+
+
+def test_the_report_is_plain_json(good):
+    text = json.dumps(audit(good).as_dict(), allow_nan=False)
+    assert json.loads(text)["verdict"] == "agree"
+
+
+def test_key_times_come_from_the_tracks(good):
+    assert key_times(good)["swing"] == pytest.approx(swing().times)
+
+
+def test_a_single_file_is_audited_alone(good):
+    for name in ("bars.glb", "bars_ar.usdz", "usd/bars.usda", "tracks/swing.json", "bars.xml", "bars.urdf"):
+        assert grave(audit(good / name).findings) == [], name
+
+
+@pytest.mark.parametrize("robot", sorted(p.name for p in (ROOT / "usd").iterdir()))
+def test_committed_stages_at_rest_have_no_findings(robot):
+    assert grave(audit(ROOT / "usd" / robot / f"{robot}.usda").findings) == []
+
+
+# ------------------------------------------------------------------------------------------------ command line
+
+
+def test_command_prints_a_table(good, capsys):
+    assert main(["audit", str(good)]) == 0
+    out = capsys.readouterr().out
+    assert "AGREE" in out
+    assert "position against" in out
+    assert "poses agree within 1 µm" in out
+
+
+def test_command_prints_json_and_exits_with_1(good, tmp_path, capsys):
+    shutil.copytree(good, tmp_path / "bad")
+    (tmp_path / "bad/README.txt").write_text("slipped in")
+    (tmp_path / "bad/bars.urdf").unlink()
+    assert main(["audit", str(tmp_path / "bad"), "--json"]) == 1
+    data = json.loads(capsys.readouterr().out)
+    assert data["verdict"] == "disagree"
+    assert {f["code"] for f in data["findings"]} == {"proof.missing", "proof.unlisted"}
+
+
+def test_command_exits_with_2_where_nothing_can_be_read(tmp_path, capsys):
+    (tmp_path / "x.glb").write_bytes(b"garbage")
+    assert main(["audit", str(tmp_path / "x.glb")]) == 2
+    assert main(["audit", str(tmp_path / "none")]) == 2
+    assert "there is no such file or folder" in capsys.readouterr().err
+
+
+def test_a_robot_that_the_files_do_not_show_is_refused(good, capsys):
+    assert main(["audit", str(good), "--robot", "pa10"]) == 2
+    assert "no clip is named after one of its protocols" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["x.step", "notes.txt"])
+def test_other_files_are_refused(name, tmp_path):
+    (tmp_path / name).write_text("?")
+    with pytest.raises(TwinError, match="can be audited"):
+        audit(tmp_path / name)
+    with pytest.raises(TwinError, match="nothing in it can be audited"):
+        audit(tmp_path)
+
+
+# ------------------------------------------------------------------------------------------------- own maths
+
+
+def test_quaternions_agree_with_usd(rng):
+    """The audit's own maths against a library that it does not use for maths."""
+    q = rng.normal(size=(50, 4))
+    for row, R in zip(q, rotation(q), strict=True):
+        unit = row / np.linalg.norm(row)
+        gf = np.array(Gf.Matrix3d(Gf.Quatd(unit[3], *unit[:3]))).T
+        assert np.abs(R - gf).max() < 1e-14
+
+
+def test_quaternion_and_rotation_are_inverse(rng):
+    q = rng.normal(size=(200, 4))
+    q[:4] = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    back = quaternion(rotation(q))
+    assert np.abs(np.abs(np.sum(back * q, axis=1)) - 1).max() < 1e-14
+
+
+def test_angle_is_exact_for_small_and_large_turns():
+    a = np.array([0.0, 1e-9, 1e-4, 1.0, 3.0, np.pi])
+    R = about([0.6, 0, 0.8], a)
+    assert angle(R, np.eye(3)) == pytest.approx(a, rel=1e-7, abs=1e-15)
+
+
+def test_poses_invert_and_split(rng):
+    T = from_seven(rng.normal(size=(5, 7)))
+    assert np.abs(T @ inverse(T) - np.eye(4)).max() < 1e-14
+    rigid, size = split(T @ np.diag([2.0, 3.0, 4.0, 1.0]))
+    assert np.abs(rigid - T).max() < 1e-14
+    assert size == pytest.approx(np.tile([2.0, 3.0, 4.0], (5, 1)))
+    assert split(np.diag([1.0, -1.0, 1.0, 1.0]))[1][0] == -1
+
+
+def test_slerp_goes_the_short_way_at_constant_speed():
+    q = np.array([[0, 0, np.sin(a / 2), np.cos(a / 2)] for a in (0.0, 1.0)])
+    for sign in (1, -1):
+        R = rotation(slerp(q[:1], sign * q[1:], np.array([0.25])))
+        assert angle(R[0], about([0, 0, 1], np.array(0.25))) < 1e-15
+
+
+def test_rpy_turns_about_fixed_axes():
+    assert np.abs(rpy([0.1, 0.2, 0.3]) @ [0, 0, 1] - np.array(_fixed_axes(0.1, 0.2, 0.3))[:, 2]).max() < 1e-15
+
+
+def _fixed_axes(r, p, y):
+    stage = Usd.Stage.CreateInMemory()
+    op = UsdGeom.Xform.Define(stage, "/a").AddRotateXYZOp(UsdGeom.XformOp.PrecisionDouble)
+    op.Set(Gf.Vec3d(*np.degrees([r, p, y])))
+    return np.array(UsdGeom.Xformable(stage.GetPrimAtPath("/a")).GetLocalTransformation())[:3, :3].T
+
+
+def test_values_of_a_ball_are_found_from_its_poses(rng):
+    chain = [Link(pose(about([1, 0, 0], 0.3), [0.1, 0.2, 0.3]), "turn", axis) for axis in np.eye(3)]
+    q = rng.uniform(-1.2, 1.2, size=(3, 40))
+    goal = along(chain, list(q), 40)
+    found = fit(chain, [None, None, None], goal)
+    assert np.abs(along(chain, found, 40) - goal).max() < 1e-9
+
+
+def test_the_audit_loads_no_writer():
+    code = "import sys, twin.audit.gltf, twin.audit.usd_checks, twin.audit.mjcf; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    loaded = set(done.stdout.split())
+    wrong = ("twin.exporting", "twin.stage.write", "twin.reference", "twin.trajectory", "casadi", "pinocchio")
+    assert not {m for m in loaded if m.startswith(wrong)}

@@ -1,0 +1,366 @@
+"""Seeded defects in tracks, MJCF, URDF, Unity packages and proofs: each is one small edit of a good bundle."""
+
+from __future__ import annotations
+
+import json
+import re
+import runpy
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from twin.audit import audit
+
+base = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_audit.py"))))
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory) -> Path:
+    return base.write_good(tmp_path_factory.mktemp("good") / "bars")
+
+
+@pytest.fixture
+def bundle(good, tmp_path):
+    """Return a copy of the good bundle with some of its files, and a new proof once it is spoilt."""
+
+    def copy(spoil, *names: str, proof: bool = True) -> Path:
+        folder = tmp_path / "bars"
+        for name in names:
+            (shutil.copytree if (good / name).is_dir() else shutil.copy)(good / name, _made(folder / name))
+        if not proof:
+            base.write_proof(folder)
+        spoil(folder)
+        if proof:
+            base.write_proof(folder)
+        return folder
+
+    return copy
+
+
+def _made(path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def codes(folder: Path) -> set[str]:
+    return {f.code for f in base.grave(audit(folder).findings)}
+
+
+# ------------------------------------------------------------------------------------------------------ tracks
+
+
+def track(change):
+    """Return an edit of the track's data."""
+
+    def edit(folder):
+        file = folder / "tracks/swing.json"
+        data = json.loads(file.read_text())
+        change(data)
+        file.write_text(json.dumps(data))
+
+    return edit
+
+
+def poses(change):
+    """Return an edit of the poses (frames, links, 7) of a track."""
+
+    def edit(data):
+        rows = np.array(data["poses"]).reshape(data["frames"], len(data["links"]), 7)
+        change(rows, data["links"])
+        data["poses"] = rows.ravel().tolist()
+
+    return track(edit)
+
+
+def _flip(rows, links):
+    rows[9, links.index("rocker"), 3:] *= -1
+
+
+def _wxyz(rows, links):
+    rows[..., 3:] = rows[..., [6, 3, 4, 5]].copy()
+
+
+def _millimetres(rows, links):
+    rows[..., :3] *= 1000
+
+
+def _mirrored(rows, links):
+    rows[..., [1, 3, 5]] *= -1
+
+
+def _swapped(rows, links):
+    a, b = links.index("crank"), links.index("rocker")
+    rows[:, [a, b]] = rows[:, [b, a]]
+
+
+def _not_unit(rows, links):
+    rows[9, 1, 3:] *= 1.01
+
+
+def _off(rows, links):
+    rows[9, links.index("rocker"), 0] += 2e-6
+
+
+def _y_up(rows, links):
+    rows[..., [1, 2]] = rows[..., [2, 1]] * [1, -1]
+    half = np.sqrt(0.5)
+    x, y, z, w = (rows[..., i].copy() for i in (3, 4, 5, 6))
+    rows[..., 3:] = half * np.stack([x - w, y + z, z - y, w + x], axis=-1)
+
+
+def _degrees(data):
+    data["positions"] = np.degrees(data["positions"]).tolist()
+
+
+def _late(data):
+    data["phase_end"][1] = 2.5
+
+
+def _disordered(data):
+    data["phase_start"][1] = 0.4
+
+
+def _other_times(data):
+    data["times"] = [t * 2 for t in data["times"]]
+    data["phase_start"], data["phase_end"] = ([2 * t for t in data[k]] for k in ("phase_start", "phase_end"))
+    data["rate"] /= 2
+
+
+def _rcm(data):
+    data["frame_names"] = ["shaft"]
+    data["frame_links"] = [data["tool_link"]]
+    data["frames_local"] = [0.0, 0, 0, 0, 0, 0, 1]
+    data["phase_has_rcm"] = [1, 0]
+    data["phase_rcm"] = [0.0] * 6
+    seven = np.array(data["poses"]).reshape(data["frames"], -1, 7)[0, data["links"].index(data["tool_link"])]
+    data["phase_rcm"][:3] = seven[:3].tolist()
+    data["phase_rcm_enforced"] = [1, 0]
+
+
+def swapped_times(data):
+    data["times"][9], data["times"][10] = data["times"][10], data["times"][9]
+
+
+TRACKS = {
+    "sign flip": (poses(_flip), "tracks.quaternion_sign"),
+    "wxyz order": (poses(_wxyz), "compare.odd_one_out"),
+    "millimetres": (poses(_millimetres), "tracks.size"),
+    "mirrored frame": (poses(_mirrored), "compare.odd_one_out"),
+    "swapped links": (poses(_swapped), "compare.odd_one_out"),
+    "y up": (poses(_y_up), "compare.odd_one_out"),
+    "quaternion not unit": (poses(_not_unit), "tracks.quaternion"),
+    "one key off by 2 um": (poses(_off), "compare.odd_one_out"),
+    "degrees for radians": (track(_degrees), "tracks.limits"),
+    "limits breached": (track(lambda d: d["joint_upper"].__setitem__(0, 0.1)), "tracks.limits"),
+    "limits swapped": (track(lambda d: d["joint_upper"].__setitem__(0, -4.0)), "tracks.limits"),
+    "times do not increase": (track(swapped_times), "tracks.times"),
+    "frame rate": (track(lambda d: d.update(rate=60.0)), "tracks.rate"),
+    "twice as long": (track(_other_times), "compare.times"),
+    "poses cut off": (track(lambda d: d["poses"].pop()), "tracks.shape"),
+    "positions cut off": (track(lambda d: d["positions"].pop()), "tracks.shape"),
+    "joint types cut off": (track(lambda d: d["joint_types"].pop()), "tracks.shape"),
+    "frames": (track(lambda d: d.update(frames=40)), "tracks.shape"),
+    "phase beyond the end": (track(_late), "tracks.phases"),
+    "phases overlap": (track(_disordered), "tracks.phases"),
+    "length unit": (track(lambda d: d.update(length_unit="mm")), "tracks.convention"),
+    "quaternion order": (track(lambda d: d.update(quaternion_order="wxyz")), "tracks.convention"),
+    "frame": (track(lambda d: d.update(frame="y-up left-handed")), "tracks.convention"),
+    "not finite": (track(lambda d: d["positions"].__setitem__(5, float("nan"))), "tracks.finite"),
+    "link twice": (track(lambda d: d["links"].__setitem__(1, d["links"][0])), "tracks.duplicate_name"),
+    "link renamed": (track(lambda d: d["links"].__setitem__(1, "lever")), "compare.missing_link"),
+    "model hash": (track(lambda d: d.update(model_hash="sha256:0")), "compare.model_hash"),
+    "nested arrays": (track(lambda d: d.update(poses=[d["poses"]])), "tracks.unreadable"),
+    "RCM missed": (track(_rcm), "tracks.rcm"),
+}
+
+
+@pytest.mark.parametrize("name", TRACKS)
+def test_defects_of_tracks(name, bundle):
+    spoil, code = TRACKS[name]
+    folder = bundle(spoil, "tracks", "bars.glb", "bars_ar.usdz")
+    report = audit(folder)
+    found = [f for f in base.grave(report.findings) if f.code == code]
+    assert found, [(f.code, f.message) for f in report.findings]
+    assert report.exit_code > 0 or name == "model hash"
+    if code == "compare.odd_one_out":
+        assert found[0].where == "tracks/swing.json: swing"
+        assert "it is the one that is wrong" in found[0].message
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("wxyz order", "read w, x, y, z"),
+        ("mirrored frame", "the frame is mirrored: left-handed, y is negated"),
+        ("swapped links", "'crank' and 'rocker' are swapped"),
+        ("millimetres", "millimetres"),
+        ("y up", "up axis is wrong"),
+        ("degrees for radians", "taken for degrees it would be inside"),
+    ],
+)
+def test_the_mistake_is_guessed(name, reason, bundle):
+    messages = [f.message for f in audit(bundle(TRACKS[name][0], "tracks", "bars.glb", "bars_ar.usdz")).findings]
+    assert any(reason in m for m in messages), messages
+
+
+def test_csv_is_held_against_json(bundle):
+    def spoil(folder):
+        file = folder / "tracks/swing.csv"
+        lines = file.read_text().splitlines()
+        cells = lines[-5].split(",")
+        cells[-7] = f"{float(cells[-7]) + 3e-6:.7f}"
+        file.write_text("\n".join([*lines[:-5], ",".join(cells), *lines[-4:]]) + "\n")
+
+    assert codes(bundle(spoil, "tracks")) == {"compare.pose"}
+
+
+def test_columns_of_csv_are_those_of_its_links(bundle):
+    def spoil(folder):
+        file = folder / "tracks/swing.csv"
+        file.write_text(file.read_text().replace("rocker_x_m,rocker_y_m", "rocker_y_m,rocker_x_m", 1))
+
+    assert codes(bundle(spoil, "tracks")) == {"tracks.columns"}
+
+
+# --------------------------------------------------------------------------------------------- MJCF and URDF
+
+
+def text_of(name: str, pattern: str, new: str):
+    """Return an edit that replaces the first match of a pattern in a file."""
+
+    def edit(folder):
+        file = folder / name
+        text = file.read_text()
+        spoilt, count = re.subn(pattern, new, text, count=1, flags=re.DOTALL)
+        assert count, f"{pattern} is not in {name}"
+        file.write_text(spoilt)
+
+    return edit
+
+
+def _lost_mesh(folder):
+    next((folder / "meshes").glob("rocker*.obj")).unlink()
+
+
+def _turned_mesh(folder):
+    file = next((folder / "meshes").glob("rocker*.obj"))
+    lines = file.read_text().splitlines()
+    turned = [" ".join(["f", *reversed(line.split()[1:])]) if line.startswith("f ") else line for line in lines]
+    file.write_text("\n".join(turned) + "\n")
+
+
+def _big_mesh(folder):
+    for name in ("bars.xml", "bars.urdf"):
+        file = folder / name
+        file.write_text(file.read_text().replace("0.001 0.001 0.001", "1 1 1"))
+
+
+TREES = {
+    "MJCF: axis turned": (
+        text_of("bars.xml", r'name="elbow"([^>]*)axis="0 0 1"', r'name="elbow"\1axis="0 0 -1"'),
+        "compare.pose",
+    ),
+    "MJCF: body moved": (text_of("bars.xml", r'(<body name="coupler" pos=")0?\.?1 ', r"\g<1>0.1001 "), "compare.pose"),
+    "MJCF: anchor moved": (
+        text_of("bars.xml", r'(<site name="closing_0_child"[^>]*pos=")0\.28 ', r"\g<1>0.2801 "),
+        "mjcf.loop",
+    ),
+    "MJCF: limits": (text_of("bars.xml", r'range="-2\.9\d* 3\.0\d*"', 'range="-1 1"'), "mjcf.limits"),
+    "MJCF: degrees": (text_of("bars.xml", 'angle="radian"', 'angle="degree"'), "mjcf.limits"),
+    "MJCF: body renamed": (text_of("bars.xml", 'body name="coupler"', 'body name="lever"'), "compare.missing_link"),
+    "MJCF: no XML": (text_of("bars.xml", "</mujoco>", ""), "mjcf.unreadable"),
+    "URDF: axis turned": (text_of("bars.urdf", r'(name="elbow".*?axis xyz=")0 0 1', r"\g<1>0 0 -1"), "compare.pose"),
+    "URDF: origin moved": (
+        text_of("bars.urdf", r'(name="elbow".*?origin xyz=")0\.1 ', r"\g<1>0.1001 "),
+        "compare.pose",
+    ),
+    "URDF: axis not unit": (text_of("bars.urdf", r'(name="elbow".*?axis xyz=")0 0 1', r"\g<1>0 0 2"), "urdf.axis"),
+    "URDF: limits": (text_of("bars.urdf", r'lower="-2\.9\d*"', 'lower="-1.0"'), "urdf.limits"),
+    "URDF: link unknown": (text_of("bars.urdf", 'child link="coupler"', 'child link="lever"'), "urdf.unreadable"),
+    "URDF: entities": (text_of("bars.urdf", "<robot", '<!DOCTYPE r [<!ENTITY a "b">]><robot'), "urdf.unreadable"),
+    "mesh lost": (_lost_mesh, "urdf.mesh"),
+    "mesh inside out": (_turned_mesh, "urdf.winding"),
+    "mesh in metres": (_big_mesh, "compare.shape"),
+}
+
+
+@pytest.mark.parametrize("name", TREES)
+def test_defects_of_trees(name, bundle):
+    spoil, code = TREES[name]
+    folder = bundle(spoil, "tracks", "bars.glb", "bars.xml", "bars.urdf", "meshes")
+    assert code in codes(folder), [(f.code, f.message) for f in audit(folder).findings]
+
+
+# ------------------------------------------------------------------------------------------------------- Unity
+
+
+def _guid_twice(folder):
+    first, second = sorted((folder / "unity").rglob("*.meta"))[:2]
+    second.write_text(first.read_text())
+
+
+UNITY = {
+    "missing .meta": (lambda f: (f / "unity/Runtime/Player.cs.meta").unlink(), "unity.meta_missing"),
+    "missing .meta of a folder": (lambda f: (f / "unity/Runtime.meta").unlink(), "unity.meta_missing"),
+    "duplicate GUID": (_guid_twice, "unity.guid_twice"),
+    "no GUID": (lambda f: (f / "unity/Runtime.meta").write_text("guid: 12\n"), "unity.guid"),
+    "orphan .meta": (lambda f: (f / "unity/Runtime/Player.cs").unlink(), "unity.meta_orphan"),
+    "no scripts": (lambda f: [p.unlink() for p in (f / "unity").rglob("*.cs*")], "unity.scripts"),
+    "package.json": (text_of("unity/package.json", '"displayName": "Small", ', ""), "unity.package"),
+    "package name": (text_of("unity/package.json", "com.twin.small", "Small"), "unity.package"),
+    "JSON": (text_of("unity/package.json", "}", ""), "unity.json"),
+    "sample": (text_of("unity/package.json", "}", ', "samples": [{"path": "Samples~/None"}]}'), "unity.sample"),
+    "editor in builds": (
+        text_of("unity/Editor/Small.Editor.asmdef", ', "includePlatforms": ."Editor".', ""),
+        "unity.asmdef",
+    ),
+    "reference": (text_of("unity/Editor/Small.Editor.asmdef", r'\["Small"\]', '["Small.Gone"]'), "unity.asmdef"),
+    "component's file": (text_of("unity/Runtime/Player.cs", "class Player", "class Actor"), "unity.script"),
+    "UnityEditor in a build": (
+        text_of("unity/Runtime/Player.cs", "public", "using UnityEditor; public"),
+        "unity.script",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", UNITY)
+def test_defects_of_a_unity_package(name, bundle):
+    spoil, code = UNITY[name]
+    folder = bundle(spoil, "unity")
+    assert code in codes(folder), [(f.code, f.message) for f in audit(folder).findings]
+
+
+# ------------------------------------------------------------------------------------------------------- proof
+
+
+def _byte(folder):
+    data = bytearray((folder / "bars.glb").read_bytes())
+    data[-1] ^= 1
+    (folder / "bars.glb").write_bytes(data)
+
+
+PROOF = {
+    "a byte changed": (_byte, "proof.hash"),
+    "wrong hash": (text_of("proof.json", r'"sha256": "....', '"sha256": "0000'), "proof.hash"),
+    "file lost": (lambda f: (f / "tracks/swing.csv").unlink(), "proof.missing"),
+    "file slipped in": (lambda f: (f / "more.txt").write_text("?"), "proof.unlisted"),
+    "verdict": (text_of("proof.json", '"agree"', '"disagree"'), "proof.verdict"),
+    "outside": (text_of("proof.json", '"file": "[^"]*"', '"file": "../../etc/hosts"'), "proof.file"),
+    "schema": (text_of("proof.json", "twin-proof", "proof"), "proof.schema"),
+    "cut off": (text_of("proof.json", "}$", ""), "proof.unreadable"),
+}
+
+
+@pytest.mark.parametrize("name", PROOF)
+def test_defects_of_a_proof(name, bundle):
+    spoil, code = PROOF[name]
+    folder = bundle(spoil, "tracks", "bars.glb", proof=False)
+    assert code in codes(folder), [(f.code, f.message) for f in audit(folder).findings]
+
+
+def test_copies_without_a_defect_are_good(bundle):
+    parts = ("tracks", "bars.glb", "bars_ar.usdz", "bars.xml", "bars.urdf", "meshes", "unity")
+    assert codes(bundle(lambda folder: None, *parts)) == set()

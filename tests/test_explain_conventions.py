@@ -1,0 +1,141 @@
+"""Conventions: Euler sequences, units, signs, axes, hands, Denavit-Hartenberg forms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from casadi import cos, pi, sin, sqrt, vertcat
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twin import api
+from twin.explaining.conventions import ORDERS, conventions, dh_form, euler_angles
+from twin.explaining.explain import known
+from twin.explaining.judge import Judge
+from twin.explaining.numeric import Matrix, Rebuilder
+from twin.kinematics import symbolic
+from twin.robots import _khalil, load_formula
+
+
+@pytest.fixture(scope="module")
+def sils(sils_model):
+    formula = load_formula("sils")
+    return formula, known(formula, sils_model)
+
+
+@pytest.fixture(scope="module")
+def pa10():
+    formula = load_formula("pa10")
+    return formula, known(formula, api.load("pa10").reference())
+
+
+def turn(axis, a):
+    f = {"x": symbolic.rotation_x, "y": symbolic.rotation_y, "z": symbolic.rotation_z}[axis]
+    return np.array(__import__("casadi").DM(f(float(a))))
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.sampled_from(ORDERS), st.floats(-3, 3), st.floats(0.1, 1.4), st.floats(-3, 3))
+def test_angles_of_every_sequence(order, a, b, c):
+    R = turn(order[0], a) @ turn(order[1], b) @ turn(order[2], c)
+    got = euler_angles(R[None], order)[0]
+    again = turn(order[0], got[0]) @ turn(order[1], got[1]) @ turn(order[2], got[2])
+    np.testing.assert_allclose(again, R, atol=1e-12)
+
+
+def test_another_euler_sequence(sils):
+    formula, truth = sils
+    a, b, c = euler_angles(truth.Ts[:, :3, :3], "xyz").T
+    other = replace(truth, symbols={**truth.symbols, "phi": a, "theta": b, "psi": c})
+    found = conventions(Judge(formula, None, other))
+    assert found[0].kind == "euler"
+    assert "Rz(psi) Ry(theta) Rx(phi)" in found[0].message
+
+
+def eq1_degrees(X_E, Y_E, Z_E, psi, theta, phi, l_p):
+    c_psi, c_theta, c_phi = cos(psi * pi / 180), cos(theta * pi / 180), cos(phi * pi / 180)
+    s_psi, s_theta, s_phi = sin(psi * pi / 180), sin(theta * pi / 180), sin(phi * pi / 180)
+    a, b = sqrt(3) / 6 * l_p, l_p / 2
+    R = (
+        (c_psi * c_theta, c_psi * s_theta * s_phi - s_psi * c_phi),
+        (s_psi * c_theta, s_psi * s_theta * s_phi + c_psi * c_phi),
+        (-s_theta, c_theta * s_phi),
+    )
+    E = (X_E, Y_E, Z_E)
+    S = [tuple(E[i] + x * R[i][0] + y * R[i][1] for i in range(3)) for x, y in ((a, -b), (-2 * a, 0), (a, b))]
+    return *S[0], *S[1], *S[2]
+
+
+def eq1_mirrored(X_E, Y_E, Z_E, psi, theta, phi, l_p):
+    S = eq1_degrees(X_E, Y_E, Z_E, psi * 180 / pi, theta * 180 / pi, phi * 180 / pi, l_p)
+    return S[0], -S[1], S[2], S[3], -S[4], S[5], S[6], -S[7], S[8]
+
+
+def test_degrees(sils):
+    formula, truth = sils
+    found = conventions(Judge(formula, None, truth, replaced={"eq1": eq1_degrees}))
+    assert any(c.kind == "unit" and "degrees" in c.message for c in found)
+
+
+def test_a_left_handed_frame(sils):
+    formula, truth = sils
+    found = conventions(Judge(formula, None, truth, replaced={"eq1": eq1_mirrored}))
+    hand = next(c for c in found if c.kind == "handedness")
+    assert "y = -y" in hand.message
+    assert "x = x" in hand.message
+
+
+def test_sign_and_zero_of_a_joint(sils):
+    formula, truth = sils
+    rows = {"rf1": truth.symbols["rf1"] + 0.1}
+    found = conventions(Judge(formula, None, replace(truth, symbols={**truth.symbols, **rows})))
+    assert any("its zero is -5.72958°" in c.message for c in found)
+    found = conventions(Judge(formula, None, replace(truth, symbols={**truth.symbols, "rf2": -truth.symbols["rf2"]})))
+    assert any(c.kind == "sign" and "rf2" in c.message for c in found)
+
+
+def standard(alpha, d, theta, r):
+    """One row in the standard form."""
+    c = symbolic.rotation_z(theta)
+    return symbolic.pose(c, vertcat(0, 0, r)) @ symbolic.pose(symbolic.rotation_x(alpha), vertcat(d, 0, 0))
+
+
+def table1_standard(q1, q2, q3, q4, q5, q6, q7, RL3, RL5, RL7, RL8):
+    T = standard(0, 0, q1, 0) @ standard(-pi / 2, 0, q2, 0) @ standard(pi / 2, 0, q3, RL3)
+    T = T @ standard(-pi / 2, 0, q4, 0) @ standard(pi / 2, 0, q5, RL5) @ standard(-pi / 2, 0, q6, 0)
+    return T @ standard(pi / 2, 0, q7, RL7) @ standard(0, 0, 0, RL8)
+
+
+def table1_turned(q1, q2, q3, q4, q5, q6, q7, RL3, RL5, RL7, RL8):
+    T = _khalil.row(0, 0, q1, 0) @ _khalil.row(-pi / 2, 0, q2, 0) @ _khalil.row(pi / 2, 0, q3, RL3)
+    T = T @ _khalil.row(-pi / 2, 0, q4, 0) @ _khalil.row(pi / 2, 0, q5, RL5) @ _khalil.row(-pi / 2, 0, q6, 0)
+    T = T @ _khalil.row(pi / 2, 0, q7, RL7) @ _khalil.row(0, 0, 0, RL8)
+    return symbolic.pose(symbolic.rotation_x(pi / 2), vertcat(0, 0, 0)) @ T
+
+
+def test_the_form_of_a_row_is_recognised():
+    rebuild = Rebuilder()
+    assert dh_form(rebuild.function(_khalil.row)) == ("modified", (0, 1, 2, 3))
+    assert dh_form(rebuild.function(standard)) == ("standard", (0, 1, 2, 3))
+    assert dh_form(rebuild.function(lambda a, b, c, d: Matrix(np.eye(4)[None]))) is None
+
+
+def test_a_table_multiplied_in_the_other_form(pa10):
+    formula, truth = pa10
+    found = conventions(Judge(formula, None, truth, replaced={"table1": table1_standard}))
+    (dh,) = [c for c in found if c.kind == "dh"]
+    assert "standard Denavit-Hartenberg form" in dh.message
+    assert dh.rows == ("table1.T_base_tool",)
+
+
+def test_a_base_that_lies_on_its_side(pa10):
+    formula, truth = pa10
+    found = conventions(Judge(formula, None, truth, replaced={"table1": table1_turned}))
+    assert any(c.kind == "axes" and "base axes" in c.message for c in found)
+
+
+def test_no_convention_is_found_where_all_is_well(sils, pa10):
+    for formula, truth in (sils, pa10):
+        assert conventions(Judge(formula, None, truth)) == []

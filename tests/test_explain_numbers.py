@@ -1,0 +1,97 @@
+"""Parameters identified against the mechanism, and what the poses cannot tell apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from twin import api
+from twin.explaining.explain import explain, known
+from twin.explaining.identify import Numbers, identify
+from twin.explaining.judge import Judge
+from twin.robots import load_formula
+from twin.units import DEG
+
+
+@pytest.fixture(scope="module")
+def sils(sils_model):
+    formula = load_formula("sils")
+    return formula, known(formula, sils_model)
+
+
+@pytest.fixture(scope="module")
+def sher():
+    formula = load_formula("sher")
+    return formula, known(formula, api.load("sher").reference())
+
+
+def wrong(case, **by):
+    """A judge of the formula with some parameters changed by so much (SI)."""
+    formula, truth = case
+    return Judge(formula, None, truth.with_parameters({n: truth.symbols[n] + d for n, d in by.items()}))
+
+
+def test_a_length_that_moved_is_named_with_both_values(sils, sils_model):
+    formula, truth = sils
+    x = explain("sils", formula, sils_model, truth=truth.with_parameters({"l_p": 0.1344}))
+    assert x.explained
+    (moved,) = x.identified.moved
+    assert (moved.name, moved.unit) == ("l_p", "mm")
+    assert moved.formula == pytest.approx(134.4)
+    assert moved.fitted == pytest.approx(135.0, abs=1e-6)
+
+
+def test_a_tenth_of_a_millimetre_is_recovered_to_one_percent(sils):
+    for name in ("l_0", "l_1", "L_V"):
+        found = identify(wrong(sils, **{name: 1e-4}))
+        assert found.exact
+        assert [m.name for m in found.moved] == [name]
+        m = found.moved[0]
+        assert m.fitted - m.formula == pytest.approx(-0.1, rel=0.01)
+        assert 0 < m.sigma < 1e-3
+
+
+def test_two_lengths_at_once(sils):
+    found = identify(wrong(sils, l_1=1e-4, L_H=-1e-4))
+    assert found.exact
+    assert {m.name: round(m.fitted - m.formula, 4) for m in found.moved} == {"l_1": -0.1, "L_H": 0.1}
+
+
+def test_an_angle_is_recovered_to_one_percent(sher):
+    found = identify(wrong(sher, phi3=0.05 * DEG))
+    assert found.exact
+    assert [m.name for m in found.moved] == ["phi3"]
+    assert found.moved[0].fitted - found.moved[0].formula == pytest.approx(-0.05, rel=0.01)
+
+
+def test_what_cannot_be_told_apart_is_named(sher):
+    found = identify(wrong(sher, r_b=1e-4))
+    assert found.exact
+    assert found.alternatives
+    assert [m.name for m in found.moved] == ["r_b", "r_p"]  # only their difference enters
+    assert "1 r_b +1 r_p" in found.blind
+
+
+def test_covariance_is_that_of_the_errors(sils):
+    """Noise of 10 µm on the mechanism's values: the fit scatters as the covariance says."""
+    noise, fits, sigmas = 1e4, [], []
+    judge = wrong(sils, l_p=1e-4)
+    for seed in range(12):
+        numbers = Numbers(judge, noise, seed)
+        fits.append(numbers.fit(("l_p",)).values[0])
+    sigmas = identify(judge, noise=noise).moved[0].sigma * 1e-3
+    assert np.std(fits) == pytest.approx(sigmas, rel=0.6)
+    assert abs(np.mean(fits) - 0.135) < 4 * sigmas
+
+
+def test_a_unit_slip_is_called_one(sils):
+    formula, truth = sils
+    found = identify(Judge(formula, None, truth.with_parameters({"l_p": 0.000135})))
+    assert found.moved[0].note == "looks like metres for millimetres"
+
+
+def test_a_wrong_form_is_not_explained_by_numbers(sils):
+    formula, truth = sils
+    found = identify(Judge(formula, {"eq1": "printed"}, truth))
+    assert not found.exact
+    assert found.moved == ()

@@ -1,0 +1,223 @@
+"""The page of `twin serve` in headless Chromium, without and with an emulated headset: numbers and pixels.
+
+No physical headset is used anywhere here.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twin
+from twin.units import MM
+
+pytestmark = pytest.mark.browser
+
+
+def _load(name):
+    """Return a module that lies beside this file: tests are no package."""
+    spec = importlib.util.spec_from_file_location(f"twin_{name}", Path(__file__).with_name(f"{name}.py"))
+    assert spec
+    assert spec.loader
+    sys.modules[spec.name] = module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+headset = _load("headset_page")
+shown = headset.shown
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    yield from headset.chromium()
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return twin.load("sils")
+
+
+@pytest.fixture(scope="module")
+def server():
+    serving = headset.Serving("sils")
+    yield serving
+    serving.stop()
+
+
+@pytest.fixture
+def desk(chromium, server, robot):
+    """The page without a headset, with the protocol planned and the robot at home."""
+    with shown(chromium, server.url) as page:
+        headset.ready(page, robot)
+        yield page
+
+
+# -- the desk ------------------------------------------------------------------------------------------
+
+
+def test_the_first_picture_comes_soon_and_the_page_says_what_it_is(chromium, server, robot):
+    figures = []
+    while len(figures) < 6 and min(figures, default=9.0) >= 3.0:  # the machine may be busy with something else
+        with shown(chromium, server.url) as page:
+            figures.append(page("twin.app.firstPicture") / 1000)
+            page.until("twin.app.model.state.duration > 0", "the plan")
+    print(f"first picture of the robot after {min(figures):.2f} s")
+    assert min(figures) < 3.0
+    with shown(chromium, server.url) as page:
+        assert page.page.locator("h1").first.inner_text() == robot.cad.description.title
+        assert "No XR hardware found" in page.id("xr").inner_text()
+        assert page.id("enter").is_disabled()
+        page.tab("Robot")
+        assert "ASSUMED" in page.page.locator("h2", has_text="ASSUMED").inner_text().upper()
+        outside = page("performance.getEntriesByType('resource').map(r => r.name)")
+        assert all(name.startswith(server.url) for name in outside)
+
+
+def test_a_protocol_is_played_and_scrubbed(desk, robot):
+    desk.id("play").click()
+    desk.until("twin.app.model.state.playing", "it plays")
+    desk.until("twin.app.clipTime() > 0.5", "time goes on")
+    desk.id("play").click()
+    desk.until("!twin.app.model.state.playing", "it stops")
+    phases = desk("twin.app.model.state.phases")
+    assert len(phases) == 6
+    name, begin, _ = phases[3]
+    desk.page.locator(".phase", has_text=name).click()
+    desk.until(f"Math.abs(twin.app.model.frame.clipTime - {begin}) < 0.02", "it stands at the phase")
+    box = desk.id("time").bounding_box()
+    desk.page.mouse.click(box["x"] + 0.5 * box["width"], box["y"] + box["height"] / 2)
+    half = desk("twin.app.model.state.duration") / 2
+    desk.until(f"Math.abs(twin.app.model.frame.clipTime - {half}) < 0.3", "it stands in the middle")
+    assert desk("twin.app.model.state.phase") in desk.id("phase").inner_text()
+    headset.agrees(desk, robot)
+    desk.id("faster").click()
+    desk.until("twin.app.model.state.speed === 2", "it is faster")
+    desk.id("speed").click()
+    desk.until("twin.app.model.state.speed === 1", "it is as fast as it was")
+
+
+def test_the_mouse_leads_the_platform(desk, robot):
+    before = desk.tool()
+    start = desk.pixel(desk.to_scene(before[:3, 3]))
+    wanted = before[:3, 3] + np.array([0.0, 0.0, -25 * MM])
+    desk.drag(start, desk.pixel(desk.to_scene(wanted)))
+    desk.settled()
+    after = desk.tool()
+    assert 15 * MM < np.linalg.norm(after[:3, 3] - before[:3, 3]) < 60 * MM
+    np.testing.assert_allclose(after[:3, :3], before[:3, :3], atol=1e-5)  # it is led, not turned
+    seen = desk.pixel(desk.to_scene(after[:3, 3]))
+    np.testing.assert_allclose(seen, desk.pixel(desk.to_scene(wanted)), atol=1.5)  # it is where the mouse let go
+    headset.agrees(desk, robot)
+    assert desk("twin.app.grab.held === null && twin.app.model.state.holder === null")
+
+
+def test_what_cannot_be_reached_is_said_and_coloured(desk, robot):
+    before = desk.tool()
+    start = desk.pixel(desk.to_scene(before[:3, 3]))
+    shot = desk.image()
+    desk.drag(start, start + np.array([-40, -330]), release=False)
+    desk.until("twin.app.model.refused && twin.app.model.state.reason", "the refusal")
+    time.sleep(1.0)
+    text = desk.id("status").inner_text()
+    assert text.startswith("Not reached: ")
+    assert "limit" in text or "reach" in text
+    red = np.all(np.abs(desk.image() - [216, 27, 42]) < 40, axis=2).sum()
+    assert red > 60 + np.all(np.abs(shot - [216, 27, 42]) < 40, axis=2).sum()
+    assert desk("twin.app.grab.ghostHand.visible")
+    q = headset.agrees(desk, robot)  # the last good pose is one that closes the loops, within the limits
+    limits = np.array([j.limits for j in robot.mechanism.active])
+    assert ((q >= limits[:, 0] - 1e-6) & (q <= limits[:, 1] + 1e-6)).all()
+    desk.page.mouse.up()
+    desk.until("twin.app.grab.held === null", "it is let go")
+
+
+def test_a_joint_is_led_by_its_slider_and_by_its_link(desk, robot):
+    desk.tab("Interaction")
+    q = headset.agrees(desk, robot)
+    bar = desk.id("joint-q2")
+    bar.focus()
+    bar.press("ArrowLeft")
+    desk.until(f"Math.abs(twin.app.model.joint('q2') - {q[1]}) > 1e-4", "the joint moves")
+    desk.settled()
+    q = headset.agrees(desk, robot)
+    desk.id("mode-joint").click()
+    start = desk.pixel_of_link("carriage2")
+    desk.drag(start, start + np.array([0, 40]))
+    desk.settled()
+    after = headset.agrees(desk, robot)
+    moved = np.abs(after - q)
+    assert moved[1] > 10 * MM  # the carriage runs along its rail
+    assert np.delete(moved, 1).max() < 1e-6  # and no other joint
+
+
+def test_two_pages_see_the_same_and_one_holds_it(chromium, server, desk):
+    with shown(chromium, server.url) as other:
+        start = desk.pixel(desk.to_scene(desk.tool()[:3, 3]))
+        desk.drag(start, start + np.array([10, 8]), release=False)
+        holder = desk("twin.app.model.client")
+        other.until("twin.app.model.heldByOther", "the other page hears of it")
+        other.until(
+            f"document.querySelector('[data-id=status]').innerText.includes('{holder} holds')",
+            "it is said who holds it",
+        )
+        at = other.pixel(other.to_scene(other.tool()[:3, 3]))
+        other.page.mouse.move(*at)
+        other.page.mouse.down()
+        other.until("twin.app.grab.held === null", "the other hand is refused")
+        other.page.mouse.up()
+        desk.settled()
+        other.settled()
+        np.testing.assert_array_equal(other.state()[0], desk.state()[0])
+        desk.page.mouse.up()
+        other.until("!twin.app.model.heldByOther", "it is free")
+
+
+def test_a_lost_line_is_told_and_taken_up_again(chromium):
+    serving = headset.Serving("sils")
+    try:
+        with shown(chromium, serving.url) as page:
+            serving.stop()
+            page.until("twin.app.model.line === 'reconnecting'", "the loss")
+            page.until(
+                "document.querySelector('[data-id=status]').innerText.includes('reconnecting')", "the loss is told"
+            )
+            assert page("twin.app.robot !== null")
+            frames = page("twin.app.line.frames")
+            serving.start()
+            page.until("twin.app.model.line === 'open'", "the line is back")
+            page.until(f"twin.app.line.frames > {frames}", "frames come again")
+            assert page("twin.app.line.reconnects") >= 1
+            page.errors[:] = [e for e in page.errors if "WebSocket" not in e and "ERR_" not in e]
+    finally:
+        serving.stop()
+
+
+def test_ghost_workspace_and_surroundings_are_shown(desk):
+    desk.tab("Scene")
+    desk.id("variant").select_option("eq1=printed")
+    desk.until("twin.app.overlays.ghostText.includes('drawn ×')", "the ghost")  # enlarged, and that is said
+    assert "µm" in desk.id("ghost").inner_text()
+    assert desk("twin.app.overlays.ghost.visible")
+    desk.id("variant").select_option("")
+    desk.id("show-workspace").click()
+    desk.until("twin.app.overlays.cloudCount > 100", "the workspace")
+    desk.id("show-workspace").click()
+    desk.until("twin.app.overlays.cloudCount === 0", "the workspace is forgotten")
+    desk.id("show-scenery").click()
+    assert desk("twin.app.overlays.scenery.children.map(c => c.name)") == ["patient", "table", "leg"]
+
+
+def test_the_self_test_passes_on_a_desk(chromium, server):
+    with shown(chromium, server.url + "?selftest") as page:
+        page.id("selftest").click()
+        page.until("twin.test.done", "the self-test ends")
+        results = {r["name"]: r["verdict"] for r in page("twin.test.results")}
+        assert results.pop("headset") == "not here"
+        assert set(results.values()) == {"pass"}, results
+        assert "0 failed, 1 not here" in page.id("verdict").inner_text()

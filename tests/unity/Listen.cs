@@ -1,0 +1,142 @@
+// A client of the stream as a scene would be one: a model, StreamClient and Grab, and a loop that ticks them. It prints
+// a line for each frame that it shows and takes orders from its input, one a line.
+//
+//     Listen.exe <address> <link> ...
+//     pause <ms>          show nothing for a while, like a scene that loads
+//     tool <x y z>        take hold of the tool with a hand there, in Unity's world
+//     link <name x y z>   take hold of a link
+//     joint <name>        take hold of a joint
+//     move <x y z>        move the hand
+//     value <v>           lead the joint
+//     end, quit
+using System;
+using System.Collections.Generic;
+using System.Globalization;
+using System.Threading;
+using Twin.Player;
+using UnityEngine;
+
+public static class Listen
+{
+    private static readonly Queue<string> Orders = new Queue<string>();
+    private static StreamClient client;
+    private static Grab grab;
+
+    public static void Main(string[] arguments)
+    {
+        var model = new GameObject("model");
+        for (int i = 1; i < arguments.Length; i++)
+        {
+            new GameObject(arguments[i]).transform.SetParent(model.transform, false);
+        }
+
+        client = model.AddComponent<StreamClient>();
+        client.url = arguments[0];
+        grab = model.AddComponent<Grab>();
+        grab.stream = client;
+        client.Connect();
+        new Thread(Read) { IsBackground = true }.Start();
+        StreamFrame shown = null;
+        StreamState state = StreamState.Closed;
+        uint sequence = 0;
+        for (bool on = true; on; Thread.Sleep(2))
+        {
+            client.Tick();
+            if (client.Frame != null && (!ReferenceEquals(client.Frame, shown) || client.Frame.Sequence != sequence))
+            {
+                shown = client.Frame;
+                sequence = shown.Sequence;
+                Say("frame");
+            }
+
+            if (client.Connection.State != state)
+            {
+                state = client.Connection.State;
+                Say("state");
+            }
+
+            string order = Next();
+            on = order != "quit";
+            if (on && order != null)
+            {
+                Obey(order.Split(' '));
+            }
+        }
+
+        client.Disconnect();
+    }
+
+    private static void Obey(string[] words)
+    {
+        switch (words[0])
+        {
+            case "pause": Thread.Sleep(int.Parse(words[1])); break;
+            case "tool": grab.BeginTool(Vector(words, 1), Quaternion.identity); break;
+            case "link": grab.BeginLink(client.Binding.Link(Array.IndexOf(client.Robot.links, words[1])), Vector(words, 2)); break;
+            case "joint": grab.BeginJoint(words[1]); break;
+            case "move": grab.Move(Vector(words, 1), Quaternion.identity); break;
+            case "value": grab.MoveJoint(Number(words[1])); break;
+            case "end": grab.End(); break;
+            default: throw new ArgumentException(words[0]);
+        }
+    }
+
+    private static void Say(string what)
+    {
+        StreamConnection line = client.Connection;
+        string shown = "null";
+        if (client.Frame != null)
+        {
+            Vector3 p = client.Binding.Link(client.Robot.links.Length - 1).localPosition;
+            shown = "[" + Text(p.x) + "," + Text(p.y) + "," + Text(p.z) + "]";
+        }
+
+        string age = client.Frame == null ? "null" : Text(client.Age);
+        Console.WriteLine("{\"what\":\"" + what + "\",\"state\":\"" + line.State + "\",\"sequence\":"
+            + (client.Frame == null ? "null" : client.Frame.Sequence.ToString()) + ",\"last\":" + shown + ",\"age\":" + age
+            + ",\"connects\":" + line.Connects + ",\"received\":" + line.Received + ",\"skipped\":" + line.Skipped
+            + ",\"refused\":" + line.Refused + ",\"holding\":" + (grab.IsHolding ? "true" : "false")
+            + ",\"phase\":\"" + client.State.phase + "\",\"refusal\":\"" + client.Refusal + "\",\"error\":\""
+            + line.LastError.Replace("\\", "/").Replace("\"", "'").Replace("\n", " ") + "\"}");
+        Console.Out.Flush();
+    }
+
+    private static void Read()
+    {
+        for (string line = Console.ReadLine(); line != null; line = Console.ReadLine())
+        {
+            lock (Orders)
+            {
+                Orders.Enqueue(line);
+            }
+        }
+
+        lock (Orders)
+        {
+            Orders.Enqueue("quit");
+        }
+    }
+
+    private static string Next()
+    {
+        lock (Orders)
+        {
+            return Orders.Count > 0 ? Orders.Dequeue() : null;
+        }
+    }
+
+    private static Vector3 Vector(string[] words, int at)
+    {
+        return new Vector3(Number(words[at]), Number(words[at + 1]), Number(words[at + 2]));
+    }
+
+    private static float Number(string word)
+    {
+        return float.Parse(word, CultureInfo.InvariantCulture);
+    }
+
+    private static string Text(double v)
+    {
+        return v.ToString("R", CultureInfo.InvariantCulture);
+    }
+}

@@ -1,0 +1,352 @@
+"""The StreamClient of the Unity package on mono, with real sockets: against a server that misbehaves, and our own."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib.util
+import json
+import socket
+import struct
+import sys
+import time
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from websockets.asyncio.server import serve
+from websockets.datastructures import Headers
+from websockets.http11 import Response
+
+ROOT = Path(__file__).parents[2]
+LINKS = ["base", "arm", "tool_link"]
+ROBOT = {
+    "schema": "twin-robot",
+    "version": 1,
+    "name": "model",
+    "frame": "z-up right-handed",
+    "links": LINKS,
+    "joints": [{"name": "q1", "lower": None, "upper": None, "index": None}],
+    "tool": {"link": "tool_link", "T_link_tool": [0, 0, 0, 0, 0, 0, 1]},
+    "postures": [],
+}
+
+pytestmark = pytest.mark.witness
+
+
+def _load(name: str):
+    spec = importlib.util.spec_from_file_location(f"unity_{name}", ROOT / f"tests/unity/{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+mono = _load("mono")
+
+
+@pytest.fixture(scope="module")
+def build(foreign, tmp_path_factory):
+    foreign.need("mono")
+    return mono.Build(tmp_path_factory.mktemp("unity"))
+
+
+def frame(seq: int, x: float = 0.0, links: int = 3, magic: bytes = b"TWN1") -> bytes:
+    """A frame of the stream whose last link is at (x, 2, 3)."""
+    poses = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0] * (links - 1) + [x, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0]
+    return struct.pack(f"<4sIddHHI{7 * links + 1}f", magic, seq, time.monotonic(), 0.5, links, 1, 2, *poses, 0.25)
+
+
+class Listener:
+    """The program Listen: what it prints, and orders to it."""
+
+    def __init__(self, process) -> None:
+        self.process, self.said = process, []
+        self._reader = asyncio.ensure_future(self._read())
+
+    async def _read(self) -> None:
+        while line := await self.process.stdout.readline():
+            self.said.append(json.loads(line))
+
+    def order(self, *words: object) -> None:
+        self.process.stdin.write((" ".join(map(str, words)) + "\n").encode())
+
+    async def until(self, what, seconds: float = 10.0):
+        """Return the first line for which something holds."""
+        end = time.monotonic() + seconds
+        while not (found := [s for s in self.said if what(s)]):
+            assert time.monotonic() < end, self.said[-3:]
+            assert self.process.returncode is None, await self.process.stderr.read()
+            await asyncio.sleep(0.01)
+        return found[0]
+
+    async def shows(self, sequence: int, seconds: float = 10.0):
+        return await self.until(lambda s: s["what"] == "frame" and s["sequence"] == sequence, seconds)
+
+
+@asynccontextmanager
+async def listening(folder: Path, address: str, links):
+    command = ["mono", str(folder / "Listen.exe"), address, *links]
+    pipe = asyncio.subprocess.PIPE
+    process = await asyncio.create_subprocess_exec(
+        *command, stdin=pipe, stdout=pipe, stderr=pipe, env=mono.surroundings()
+    )
+    listener = Listener(process)
+    try:
+        yield listener
+        listener.order("quit")
+        await asyncio.wait_for(process.wait(), 10)
+        assert process.returncode == 0, await process.stderr.read()
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+        await listener._reader
+        process._transport.close()
+
+
+class Station:
+    """A server of the stream that says what a test tells it to."""
+
+    def __init__(self, port: int) -> None:
+        self.port, self.heard, self.lines, self.asked = port, [], [], []
+        self.answers = True
+
+    async def __aenter__(self):
+        self._server = await serve(
+            self._client, "127.0.0.1", self.port, process_request=self._page, ping_interval=None, close_timeout=0.2
+        )
+        return self
+
+    async def __aexit__(self, *_):
+        self._server.close()
+        await self._server.wait_closed()
+
+    def _page(self, connection, request):
+        self.asked.append(request.path)
+        if request.path == "/robot.json":
+            body = json.dumps(ROBOT).encode()
+            return Response(200, "OK", Headers({"Content-Length": str(len(body)), "Connection": "close"}), body)
+        return None
+
+    async def _client(self, ws):
+        await ws.send('{"type":"hello","protocol":1,"client":"c1","robot":"model","resume":"again"}')
+        self.lines.append(ws)
+        async for text in ws:
+            message = json.loads(text)
+            self.heard.append(message)
+            if message["type"] == "ping" and self.answers:
+                await ws.send(json.dumps({"type": "pong", "t": message["t"]}))
+
+    async def line(self, number: int):
+        """Return the nth connection as soon as it is there."""
+        for _ in range(2000):
+            if len(self.lines) >= number:
+                return self.lines[number - 1]
+            await asyncio.sleep(0.01)
+        raise AssertionError("nobody connected")
+
+    async def hears(self, count: int) -> list[dict]:
+        """Return the first messages that are no pings."""
+        for _ in range(1000):
+            found = [m for m in self.heard if m["type"] != "ping"]
+            if len(found) >= count:
+                return found
+            await asyncio.sleep(0.01)
+        raise AssertionError(self.heard)
+
+
+def free_port() -> int:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+def run(scenario) -> None:
+    asyncio.run(asyncio.wait_for(scenario, 60))
+
+
+async def newest_only(folder: Path) -> None:
+    """A burst comes while the scene loads: the last frame is shown, and none of those before."""
+    async with Station(free_port()) as station, listening(folder, f"http://127.0.0.1:{station.port}/", LINKS) as seen:
+        ws = await station.line(1)
+        await ws.send(frame(1, 0.5))
+        first = await seen.shows(1)
+        assert first["last"] == [-0.5, 2.0, 3.0]
+        seen.order("pause", 600)
+        await asyncio.sleep(0.2)
+        for i in range(2, 302):
+            await ws.send(frame(i, i / 100))
+        last = await seen.shows(301)
+        assert last["last"][0] == pytest.approx(-3.01, abs=1e-6)
+        assert last["received"] == 301
+        assert last["skipped"] >= 290
+        assert sum(s["what"] == "frame" for s in seen.said) <= 10
+        assert 0.0 <= last["age"] < 2.0
+
+
+async def nothing_torn(folder: Path) -> None:
+    """What is no whole frame of this robot, or an old one, changes nothing and ends nothing."""
+    async with Station(free_port()) as station, listening(folder, f"http://127.0.0.1:{station.port}/", LINKS) as seen:
+        ws = await station.line(1)
+        await ws.send(frame(10, 1.0))
+        await seen.shows(10)
+        bad = frame(12)
+        infinite = frame(12)[:-4] + struct.pack("<f", float("inf"))
+        for message in (b"", b"x", bad[:-1], bad + b"\0", frame(12, magic=b"TWN2"), frame(12, links=4), infinite):
+            await ws.send(message)
+        await ws.send(frame(9, 7.0))
+        await ws.send(frame(10, 7.0))
+        await ws.send('{"type":"cloud","points":"' + "A" * 300_000 + '","done":true}')
+        await ws.send([frame(11, 2.0)[:40], frame(11, 2.0)[40:]])  # one message in two fragments
+        last = await seen.shows(11)
+        assert last["last"] == [-2.0, 2.0, 3.0]
+        assert last["refused"] == 9
+        assert [s["sequence"] for s in seen.said if s["what"] == "frame"] == [10, 11]
+        assert last["connects"] == 1
+
+
+async def comes_back(folder: Path) -> None:
+    """The server ends and another begins on its port, counting from zero; the client comes back as itself."""
+    port = free_port()
+    async with listening(folder, f"http://127.0.0.1:{port}/", LINKS) as seen:
+        await asyncio.sleep(0.5)  # there is no server at first
+        async with Station(port) as station:
+            ws = await station.line(1)
+            await ws.send(frame(5000, 1.0))
+            await seen.shows(5000)
+        await seen.until(lambda s: s["state"] == "Waiting")
+        async with Station(port) as station:
+            ws = await station.line(1)
+            assert "/ws?resume=again" in station.asked
+            await ws.send(frame(3, 4.0))
+            again = await seen.shows(3)
+            assert again["last"] == [-4.0, 2.0, 3.0]
+            assert again["connects"] == 2
+
+
+async def silence(folder: Path) -> None:
+    """A line that is half open: after five silent seconds a new one is made."""
+    async with Station(free_port()) as station, listening(folder, f"http://127.0.0.1:{station.port}/", LINKS) as seen:
+        station.answers = False
+        ws = await station.line(1)
+        await ws.send(frame(1, 1.0))
+        await seen.shows(1)
+        began = time.monotonic()
+        second = await station.line(2)
+        assert 4.0 < time.monotonic() - began < 12.0
+        await second.send(frame(1, 2.0))
+        await seen.until(lambda s: s["what"] == "frame" and s["connects"] == 2)
+
+
+async def orders(folder: Path) -> None:
+    """Grab, drag and release arrive in order, as the server reads them."""
+    from twin.headset import protocol as wire
+
+    async with Station(free_port()) as station, listening(folder, f"http://127.0.0.1:{station.port}/", LINKS) as seen:
+        ws = await station.line(1)
+        await ws.send(frame(1, 0.5))
+        await seen.shows(1)
+        for words in ("tool 0 0 0", "move 0.1 0 0", "end", "joint q1", "value 0.25", "end", "link arm 0 0 0", "end"):
+            seen.order(words)
+            await asyncio.sleep(0.05)
+        heard = await station.hears(8)
+        kinds = ["grab", "drag", "release", "grab", "drag", "release", "grab", "release"]
+        assert [m["type"] for m in heard] == kinds
+        # The hand went to +x of Unity, which is -x of the robot: the model's own root is not turned here.
+        assert heard[1]["pose"] == pytest.approx([0.4, 2.0, 3.0, 0, 0, 0, 1], abs=1e-6)
+        assert heard[3] == {"type": "grab", "target": "joint", "name": "q1"}
+        assert heard[4] == {"type": "drag", "value": 0.25}
+        for message in station.heard:
+            wire.parse(json.dumps(message))
+        await asyncio.sleep(1.2)
+        assert any(m["type"] == "ping" for m in station.heard)
+
+
+SCENARIOS = {f.__name__: f for f in (newest_only, nothing_torn, comes_back, silence, orders)}
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_stream(build, name):
+    run(SCENARIOS[name](build.folder))
+
+
+MUTATIONS = {
+    "the oldest frame is kept": (
+        "newest_only",
+        "StreamConnection.cs",
+        "                if (robot == null ||",
+        "                if (fresh)\n                {\n                    return;\n                }\n\n"
+        "                if (robot == null ||",
+    ),
+    "old frames are shown": (
+        "nothing_torn",
+        "StreamConnection.cs",
+        "!first && !StreamFrame.IsNewer(incoming.Sequence, sequence)",
+        "false",
+    ),
+    "torn frames are shown": ("nothing_torn", "StreamFrame.cs", "if (count != size)", "if (count < size)"),
+    "another server's count is kept": ("comes_back", "StreamConnection.cs", "first = true;", ""),
+    "one try only": (
+        "comes_back",
+        "StreamConnection.cs",
+        "while (!stop.IsCancellationRequested)\n            {\n                heard = false;",
+        "while (Connects == 0 && !stop.IsCancellationRequested)\n            {\n                heard = false;",
+    ),
+    "nobody watches the silence": (
+        "silence",
+        "StreamConnection.cs",
+        "private const double SilentSeconds = 5.0;",
+        "private const double SilentSeconds = 500.0;",
+    ),
+    "no release": ("orders", "Grab.cs", "Send(Requests.Release(), false);", ""),
+}
+"""Name: scenario that must fail, file of the runtime, text that is there once, what takes its place."""
+
+
+@pytest.mark.parametrize("name", MUTATIONS)
+def test_a_mistake_is_seen(build, tmp_path, name):
+    scenario, *change = MUTATIONS[name]
+    assert build.mutant(tmp_path / "mutant", *change) == ""
+    with pytest.raises((AssertionError, TimeoutError)):
+        run(SCENARIOS[scenario](tmp_path / "mutant"))
+
+
+async def our_own(folder: Path) -> None:
+    """`twin serve`, open to the network: in by its token, grab the tool, and the loops follow."""
+    import twin
+    from twin.headset.files import File, robot_files
+    from twin.headset.gate import Gate
+    from twin.headset.server import StreamServer
+    from twin.headset.twin import Twin
+
+    robot = twin.load("sils")
+    port, tokens = free_port(), []
+    shown = Twin(robot, "sils", None, plans=False)
+    about = shown.description
+    pages = {"/": File(b"<html></html>", "text/html; charset=utf-8")} | robot_files(b"glTF", about)
+    hello = {"robot": "sils", "model_hash": about["model_hash"]}
+    server = StreamServer(shown, hello, pages, Gate("0.0.0.0", port, False, tokens.append))
+    await server.start("127.0.0.1", port)
+    running = asyncio.ensure_future(server.run())
+    try:
+        address = f"http://127.0.0.1:{port}/?token={tokens[0]}"
+        async with listening(folder, address, about["links"]) as seen:
+            before = await seen.until(lambda s: s["what"] == "frame", 20)
+            seen.order("tool 0 0 0")
+            await asyncio.sleep(0.2)
+            seen.order("move -0.01 0 0")
+            moved = await seen.until(
+                lambda s: s["what"] == "frame" and abs(s["last"][0] - before["last"][0] + 0.01) < 1e-4, 20
+            )
+            assert moved["last"][1:] == pytest.approx(before["last"][1:], abs=1e-4)
+            assert moved["refusal"] == ""
+            assert len(tokens) == 2  # the first is spent, the next is announced
+            seen.order("end")
+    finally:
+        server.stopping.set()
+        await running
+        shown.close()
+
+
+def test_our_own_server_is_followed(build):
+    run(our_own(build.folder))

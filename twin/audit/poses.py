@@ -1,0 +1,122 @@
+"""Quaternions, matrices and poses, written once more: the audit borrows no line of what it audits.
+
+Poses are float64 (4, 4), column vectors; quaternions x, y, z, w. Leading axes are kept throughout.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+Array = np.ndarray
+
+R_Z_UP_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Turns what stands in a world with y up into one with z up: y becomes z, z becomes -y."""
+
+
+def rotation(xyzw: ArrayLike) -> Array:
+    """Return rotations (..., 3, 3) of quaternions (..., 4); they are normalised first, zero gives identity."""
+    q = np.asarray(xyzw, float)
+    n = np.sum(q * q, axis=-1, keepdims=True)
+    usable = np.isfinite(n) & (n > 1e-24)
+    q = np.where(usable, q, [0.0, 0.0, 0.0, 1.0]) / np.sqrt(np.where(usable, n, 1.0))
+    v, w = q[..., :3], q[..., 3, None, None]
+    outer = v[..., :, None] * v[..., None, :]
+    inner = np.sum(v * v, axis=-1)[..., None, None]
+    return (w * w - inner) * np.eye(3) + 2 * outer + 2 * w * cross_matrix(v)
+
+
+def cross_matrix(v: ArrayLike) -> Array:
+    """Return the matrices (..., 3, 3) that take u to the cross product of v (..., 3) and u."""
+    v = np.asarray(v, float)
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., i, j] = -v[..., k]
+        out[..., j, i] = v[..., k]
+    return out
+
+
+def about(axis: ArrayLike, angle: ArrayLike) -> Array:
+    """Return rotations (..., 3, 3) by angles (...) in rad about one axis (3,)."""
+    a = np.asarray(axis, float) / np.linalg.norm(axis)
+    half = np.asarray(angle, float)[..., None] / 2
+    return rotation(np.concatenate([a * np.sin(half), np.cos(half)], axis=-1))
+
+
+def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
+    """Return poses (..., 4, 4) of rotations (..., 3, 3) and positions (..., 3)."""
+    R = np.eye(3) if R is None else np.asarray(R, float)
+    p = np.zeros(3) if p is None else np.asarray(p, float)
+    shape = np.broadcast_shapes(R.shape[:-2], p.shape[:-1])
+    out = np.zeros((*shape, 4, 4))
+    out[..., :3, :3], out[..., :3, 3], out[..., 3, 3] = R, p, 1.0
+    return out
+
+
+def from_seven(rows: ArrayLike) -> Array:
+    """Return poses (..., 4, 4) of rows (..., 7): x y z qx qy qz qw."""
+    rows = np.asarray(rows, float)
+    return pose(rotation(rows[..., 3:]), rows[..., :3])
+
+
+def inverse(T: ArrayLike) -> Array:
+    """Return the inverse of rigid poses (..., 4, 4)."""
+    T = np.asarray(T, float)
+    Rt = np.swapaxes(T[..., :3, :3], -1, -2)
+    return pose(Rt, -(Rt @ T[..., :3, 3, None])[..., 0])
+
+
+def angle(A: ArrayLike, B: ArrayLike) -> Array:
+    """Return the angles (...) in rad between rotations (..., 3, 3); exact for small ones and up to pi.
+
+    The Frobenius norm of the difference is 2 sqrt(2) sin(angle / 2): no arc cosine, which loses small angles.
+    """
+    size = np.linalg.norm(np.asarray(A, float) - np.asarray(B, float), axis=(-2, -1))
+    return 2 * np.arcsin(np.clip(size / np.sqrt(8), 0.0, 1.0))
+
+
+def split(M: ArrayLike) -> tuple[Array, Array]:
+    """Return rigid poses (..., 4, 4) and scales (..., 3) of affine maps (..., 4, 4); a mirror is a negative x scale."""
+    M = np.asarray(M, float)
+    A = M[..., :3, :3]
+    size = np.linalg.norm(A, axis=-2)
+    mirrored = np.linalg.det(A) < 0
+    size = size * np.where(mirrored[..., None], [-1.0, 1.0, 1.0], 1.0)
+    return pose(A / np.where(size == 0, 1.0, size)[..., None, :], M[..., :3, 3]), size
+
+
+def slerp(a: Array, b: Array, u: Array) -> Array:
+    """Return quaternions (k, 4) between a and b (k, 4) at fractions u (k,), the short way."""
+    d = np.sum(a * b, axis=-1, keepdims=True)
+    b = np.where(d < 0, -b, b)
+    half = np.arccos(np.clip(np.abs(d), 0.0, 1.0))
+    s = np.sin(half)
+    near = s < 1e-6
+    s = np.where(near, 1.0, s)
+    u = np.asarray(u)[:, None]
+    return np.where(near, (1 - u) * a + u * b, (np.sin((1 - u) * half) * a + np.sin(u * half) * b) / s)
+
+
+def rpy(angles: ArrayLike) -> Array:
+    """Return the rotation (3, 3) of roll, pitch, yaw in rad about the fixed axes x, y, z (URDF)."""
+    r, p, y = np.asarray(angles, float)
+    return about([0, 0, 1], y) @ about([0, 1, 0], p) @ about([1, 0, 0], r)
+
+
+def quaternion(R: ArrayLike) -> Array:
+    """Return quaternions (..., 4), x y z w, of rotations (..., 3, 3), up to sign.
+
+    The unit quaternion spans the range of a symmetric 4 x 4 matrix of rank one; its largest column has it.
+    """
+    R = np.asarray(R, float)
+    K = np.zeros((*R.shape[:-2], 4, 4))
+    trace = np.trace(R, axis1=-2, axis2=-1)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        K[..., i, i] = 1 + 2 * R[..., i, i] - trace
+        K[..., i, j] = K[..., j, i] = R[..., i, j] + R[..., j, i]
+        K[..., i, 3] = K[..., 3, i] = R[..., k, j] - R[..., j, k]
+    K[..., 3, 3] = 1 + trace
+    best = np.argmax(np.einsum("...ii->...i", K), axis=-1)
+    column = np.take_along_axis(K, best[..., None, None], axis=-1)[..., 0]
+    return column / np.linalg.norm(column, axis=-1, keepdims=True)

@@ -1,0 +1,167 @@
+"""`twin explain`: which row disagrees, why, where, and the edit that cures it."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from twin import api
+from twin.cli import show
+from twin.errors import TwinError
+
+if TYPE_CHECKING:
+    from twin.explaining.result import Explanation, Identified, Repair
+
+
+def explain(args: argparse.Namespace) -> int:
+    """Explain, print; the exit code is 0 agree, 1 disagree, 2 could not check."""
+    from twin.explaining.explain import explain as explain_
+    from twin.robots import load_formula
+
+    if not (math.isfinite(args.seconds) and args.seconds >= 0):
+        raise TwinError(f"--seconds {args.seconds:g}: give a number of seconds, 0 or more")
+    robot = api.load(args.robot)
+    if robot.files is None or not robot.files.formula.is_file():
+        raise TwinError(f"{robot.name} has no equations to explain: formula.py is missing")
+    formula = load_formula(robot.files.formula)
+    chosen = _variants(args.variant)
+    with show.progress(args.quiet or args.json) as progress:
+        progress("read CAD", 0.0)
+        result = explain_(
+            robot.name,
+            formula,
+            robot.reference(),
+            chosen,
+            tolerance=_tolerance(robot, args.tolerance_um),
+            progress=progress,
+            budget=args.seconds,
+            root=Path.cwd(),
+        )
+    if args.json:
+        print(show.as_json(result.as_dict()))
+        return result.exit_code
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(highlight=False, soft_wrap=True)
+    for line, style in lines(result):
+        console.print(Text(line, style=style))
+    return result.exit_code
+
+
+def _variants(texts: list[str]) -> dict[str, str] | str | None:
+    bare = [t for t in texts if "=" not in t]
+    if bare and len(texts) > 1:
+        raise TwinError("--variant: give either one bare name or EQ=NAME pairs, not both")
+    if bare:
+        return bare[0]
+    pairs = dict(t.split("=", 1) for t in texts)
+    if len(pairs) < len(texts):
+        raise TwinError("--variant: an equation is given twice; give each once")
+    return pairs or None
+
+
+def _tolerance(robot: api.Robot, um: float | None):
+    from twin.explaining.judge import Tolerance
+    from twin.units import UM
+    from twin.validation.rows import Tolerances
+
+    if um is not None and not (math.isfinite(um) and um > 0):
+        raise TwinError(f"--tolerance-um {um:g}: give a positive number of micrometres")
+    lost = max((f.size or 0.0 for f in robot.cad.findings if f.code == "cad.placement_precision"), default=0.0)
+    wide = um if um is not None else 10 * lost
+    t = Tolerances().widened(wide * UM) if wide else Tolerances()
+    return Tolerance(t.position, t.rotation)
+
+
+def lines(x: Explanation) -> Iterator[tuple[str, str]]:
+    """Yield what is to be read, line by line, each with its style."""
+    yield f"{x.robot} · {', '.join(f'{k} {v}' for k, v in x.variants.items())} · {x.samples} poses of the mechanism", ""
+    yield "", ""
+    if x.verdict == "agree":
+        yield "  AGREE: every row holds at every pose; there is nothing to explain", "bold green"
+    elif not x.rows:
+        yield "  UNCHECKED: not every row could be judged", "bold yellow"
+    else:
+        what = "explained" if x.explained else "NOT explained by anything that twin knows to try"
+        number = f"{len(x.rows)} row{'s' if len(x.rows) > 1 else ''} off"
+        yield f"  {x.verdict.upper()}: {number}, {what}", "bold green" if x.explained else "bold red"
+    if x.rows:
+        yield "", ""
+        yield "what is off", "bold"
+        for r in x.rows:
+            much = (
+                f"{r.off:.4g} {'°' if r.unit == 'deg' else r.unit}".replace(" °", "°") if r.off == r.off else "no value"
+            )
+            share = "at every pose" if r.share == 1 else f"at {100 * r.share:.0f} % of the poses"
+            yield f"  {r.equation} ({r.variant}), {r.symbol} = {r.means}: {much}, {share}", ""
+            yield f"      {r.file}:{r.line}   {r.text}", "dim"
+            if r.term:
+                yield f"      term: {r.term}", "dim"
+            yield f"      worst at {r.worst_at}", "dim"
+            if r.share < 1:
+                yield f"      right at {r.least_at}", "dim"
+    if x.invariants:
+        yield "", ""
+        yield "what cannot be", "bold"
+        yield from ((show.finding(f), "") for f in x.invariants)
+    if x.repairs:
+        yield "", ""
+        yield "what would cure it", "bold"
+        for repair in x.repairs:
+            yield from _repair(repair)
+    if x.identified is not None:
+        yield "", ""
+        yield "numbers", "bold"
+        yield from _identified(x.identified)
+    if x.conventions:
+        yield "", ""
+        yield "conventions", "bold"
+        for c in x.conventions:
+            yield f"  {c.message}", "green"
+            yield f"      cures {', '.join(c.rows)}", "dim"
+    if x.notes:
+        yield "", ""
+        yield from ((f"  · {n}", "dim") for n in x.notes)
+
+
+def _repair(r: Repair) -> Iterator[tuple[str, str]]:
+    rows = ", ".join(r.rows)
+    if not r.ways:
+        yield f"  {rows}: {r.note}", "red"
+        yield f"      {r.tried} edits tried", "dim"
+        return
+    margin = "nothing else comes near" if r.margin == float("inf") else f"the next best is {r.margin:.1g} times worse"
+    yield f"  {rows}" + (" (TIE)" if r.tie else ""), "yellow" if r.tie else "green"
+    for i, way in enumerate(r.ways):
+        for reading in way:
+            mark = (
+                f"    {i + 1}. " if len(r.ways) > 1 else "    or " if len(way) > 1 and reading is not way[0] else "    "
+            )
+            yield mark + " and ".join(f"{c.edit}   ({c.kind}, {c.file}:{c.line})" for c in reading.changes), "bold"
+            shown: list[str] = []
+            for c in reading.changes:
+                shown += [line for line in c.diff.splitlines()[2:] if line not in shown]
+            for line in shown:
+                yield f"        {line}", "red" if line[0] == "-" else "green" if line[0] == "+" else "dim"
+            if reading.note:
+                yield f"        {reading.note}", "dim"
+    if r.tie:
+        yield f"      tie: {r.tie}", "yellow"
+    yield f"      {margin}: {r.runner_up}; {r.tried} edits tried" + ("" if r.complete else ", not all pairs"), "dim"
+
+
+def _identified(x: Identified) -> Iterator[tuple[str, str]]:
+    if not x.moved:
+        yield f"  no values of {', '.join(x.names)} make the rows agree", "red"
+    elif x.alternatives:
+        yield "  one of these alone makes every row agree; the rows do not tell which:", "yellow"
+    for m in x.moved:
+        note = f"  ({m.note})" if m.note else ""
+        fitted = f"{m.fitted:.9g} ± {m.sigma:.1g} {m.unit} in the CAD"
+        yield f"  {m.name}: {m.formula:g} {m.unit} in the formula, {fitted}{note}", "green"
+    for b in x.blind:
+        yield f"  no row depends on this change together: {b}", "dim"

@@ -1,0 +1,307 @@
+"""The whole explanation: judge the rows, check what must hold, repair, identify, look for another convention."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from twin.explaining.conventions import conventions
+from twin.explaining.identify import identify
+from twin.explaining.invariants import invariants, unit
+from twin.explaining.judge import Judge, Place, Tolerance, worst
+from twin.explaining.repair import TOKENS, Candidate, Found, Key, Search, key
+from twin.explaining.result import Change, Explanation, Reading, Repair, Row
+from twin.explaining.source import Edit, apply, diff
+from twin.explaining.truth import Truth, gather, sample
+from twin.findings import Verdict
+from twin.kinematics import compile_formula
+from twin.kinematics.contract import Formula
+from twin.kinematics.flow import choose
+from twin.reference import ReferenceModel
+
+Progress = Callable[[str, float], None]
+
+_FLOOR = 1e-6
+"""Least residual, in units of the tolerance (1 fm), that a margin is taken against."""
+
+
+def known(
+    formula: Formula,
+    model: ReferenceModel,
+    parameters: Mapping[str, float] | None = None,
+    progress: Progress = lambda label, fraction: None,
+) -> Truth:
+    """Return the mechanism's values at sampled poses.
+
+    A mechanism with freedoms to spare takes a pose in many ways; it then takes each near the formula's own joints.
+    """
+    run = sample(model, progress=lambda f: progress("sample the mechanism", f))
+    if model.redundant and formula.has("inverse"):
+        q = compile_formula(formula, None, parameters).inverse_many(run.Ts_base_tool)
+        run = model.run_poses(run.Ts_base_tool, near=np.where(np.isfinite(q), q, run.q))
+    return gather(formula, run, model, parameters)
+
+
+def explain(
+    robot: str,
+    formula: Formula,
+    model: ReferenceModel,
+    variants: Mapping[str, str] | str | None = None,
+    parameters: Mapping[str, float] | None = None,
+    tolerance: Tolerance | None = None,
+    truth: Truth | None = None,
+    progress: Progress = lambda label, fraction: None,
+    budget: float = 8.0,
+    root: Path | None = None,
+) -> Explanation:
+    """Explain where and why a formula disagrees with a mechanism, and how it would agree.
+
+    Args:
+        robot: its name.
+        formula: the equations.
+        model: the independent model.
+        variants: the readings to judge; default each equation's own.
+        parameters: values in SI that replace published ones.
+        tolerance: what counts as agreement.
+        truth: the mechanism's values, if they are known already.
+        progress: called with what is being done and the fraction of it.
+        budget: seconds that the search for two edits may take.
+        root: files are named relative to this folder.
+
+    Raises:
+        TwinError: nothing could be judged.
+    """
+    seconds: dict[str, float] = {}
+    clock = time.perf_counter()
+
+    def lap(name: str) -> None:
+        nonlocal clock
+        now = time.perf_counter()
+        seconds[name], clock = round(now - clock, 3), now
+
+    truth = truth or known(formula, model, parameters, progress)
+    lap("sample")
+    progress("judge rows", 0.0)
+    judge = Judge(formula, variants, truth, tolerance)
+    lap("judge")
+    chosen = choose(formula, variants)
+    skipped = [s for s in judge.steps if s.missing and s.stage != "helper"]
+    if not judge.failing():
+        verdict: Verdict = "unchecked" if skipped or not judge.residuals else "agree"
+        return Explanation(
+            robot, chosen, verdict, True, truth.k, (), (), notes=(*_notes(judge), *judge.notes), seconds=seconds
+        )
+    progress("invariants", 0.0)
+    found_invariants = tuple(invariants(judge, model))
+    lap("invariants")
+    search = Search(judge, lambda f: progress("try edits", f))
+    found, lost = search.run(budget)
+    lap("repair")
+    identified, conventional = None, ()
+    if lost or not found:
+        progress("identify parameters", 0.0)
+        identified = identify(judge, lambda f: progress("identify parameters", f))
+        lap("identify")
+        if identified is None or not identified.exact:
+            progress("conventions", 0.0)
+            conventional = tuple(conventions(judge))
+            lap("conventions")
+    repairs = tuple(_repair(judge, search, f, root) for f in found)
+    rows = tuple(_row(judge, p, found, root) for p in judge.failing())
+    cured = {r for c in conventional for r in c.rows}
+    explained = not lost or (identified is not None and identified.exact)
+    explained = explained or all(f"{k[0]}.{_symbol(judge, k)}" in cured for k in lost)
+    return Explanation(
+        robot,
+        chosen,
+        "unchecked" if skipped else "disagree",
+        explained,
+        truth.k,
+        found_invariants,
+        rows,
+        repairs,
+        identified,
+        conventional,
+        (*_notes(judge), *judge.notes),
+        seconds,
+    )
+
+
+def _notes(judge: Judge) -> list[str]:
+    out = []
+    if judge.truth.borrowed:
+        pairs = ", ".join(f"{s} (point {p})" for s, p in judge.truth.borrowed.items())
+        out.append(f"a helper equates symbols with named points, whose place in the CAD is taken for them: {pairs}")
+    return out
+
+
+def _symbol(judge: Judge, k: Key) -> str:
+    return next(p.symbol for p in judge.residuals if key(p) == k)
+
+
+def _shown(path: Path, root: Path | None) -> str:
+    try:
+        return str(path.relative_to(root)) if root is not None else str(path)
+    except ValueError:
+        return str(path)
+
+
+def _row(judge: Judge, place: Place, found: list[Found], root: Path | None) -> Row:
+    step, truth = judge.step(place.equation), judge.truth
+    r = judge.residuals[place]
+    size = np.abs(r).max(axis=1)
+    kind = truth.kinds[place.symbol]
+    name, scale = unit(kind)
+    tolerance = judge.tolerance.angle if kind == "angle" else judge.tolerance.length
+    statement = step.source.statements[place.statement]
+    text = step.source.text(statement.start, statement.end)
+    bad = ~(size <= 1)
+    finite = np.where(np.isfinite(size), size, -1.0)
+    top = int(np.argmax(np.where(np.isfinite(size), size, np.inf)))
+    best = next((f.ways[0][0] for f in found if key(place) in f.rows and f.ways), None)
+    return Row(
+        place.equation,
+        place.variant,
+        place.symbol,
+        _shown(step.source.path, root),
+        place.line,
+        _short(text if not statement.returns else text.splitlines()[0], 400),
+        _means(judge, place.symbol),
+        float(finite.max()) * tolerance / scale if finite.max() >= 0 else float("nan"),
+        name,
+        float(bad.mean()),
+        truth.pose_text(top),
+        truth.pose_text(int(np.argmin(np.where(np.isfinite(size), size, np.inf)))),
+        _term(best) if best is not None and best.edits[0].statement == place.statement else "",
+    )
+
+
+def _means(judge: Judge, symbol: str) -> str:
+    f = judge.formula
+    for name, s in f.points.items():
+        if symbol == s:
+            return f"point {name}"
+        if not isinstance(s, str) and symbol in s:
+            return f"{'xyz'[s.index(symbol)]} of point {name}"
+    if symbol in judge.truth.borrowed:
+        return f"point {judge.truth.borrowed[symbol]}"
+    if symbol in {j.name for j in f.joints}:
+        return f"joint {symbol}"
+    if symbol in f.passive:
+        return f"passive joint {symbol}"
+    return "tool pose" if judge.truth.kinds[symbol] == "pose" else symbol
+
+
+def _term(c: Candidate) -> str:
+    """Return the summand of a row that an edit touches."""
+    import ast
+
+    source, e = c.step.source, c.edits[0]
+    if e.function != source.name:
+        return ""
+    node = source.statements[e.statement].node
+    best = ""
+    for n in ast.walk(node):
+        if isinstance(n, ast.BinOp) and isinstance(n.op, ast.Add | ast.Sub):
+            for side, sign in ((n.left, "+"), (n.right, "+" if isinstance(n.op, ast.Add) else "-")):
+                a, b = source.span(side)
+                whole = isinstance(side, ast.BinOp) and isinstance(side.op, ast.Add | ast.Sub)
+                if a <= e.start and e.end <= b and not whole and not best:
+                    best = f"{sign} {source.text(a, b)}"
+    return best
+
+
+def _short(text: str, n: int = 90) -> str:
+    text = " ".join(text.split())
+    return text if len(text) <= n else f"{text[: n - 1]}…"
+
+
+def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair:
+    before = max(search.base[k] for k in f.rows)
+    names = tuple(f"{k[0]}.{_symbol(judge, k)}" for k in f.rows)
+    ways = []
+    for way in f.ways:
+        own = [c for c in way if c.edits[0].function == c.step.source.name] or way
+        plain = [c for c in own if all(e.kind in TOKENS for e in c.edits)] or own[:1]
+        ways.append(tuple(_reading(search, c, root) for c in plain))
+    tie = ""
+    if len(ways) > 1:
+        tie = (
+            f"{len(ways)} different functions agree with the mechanism at every pose judged: its dimensions do not "
+            "tell them apart"
+        )
+    elif ways and len(ways[0]) > 1:
+        tie = (
+            f"{len(ways[0])} edits make the same function: no pose tells them apart, and the paper does not settle "
+            "which one was meant"
+        )
+    nearest = f.runner_up
+    runner = ""
+    if nearest is not None:
+        runner = f"{' and '.join(_phrase(e) for e in nearest.edits)} leaves {_size(judge, f.rows, f.next)}"
+    note = ""
+    if not f.ways:
+        note = (
+            "no edit of the kinds known here, and no two of them"
+            + ("" if f.complete else " that were tried")
+            + (f", make it agree; the nearest: {runner}" if runner else ", make it agree")
+        )
+    return Repair(
+        names,
+        before,
+        f.after,
+        f.next / max(f.after, _FLOOR) if f.ways else 0.0,
+        runner,
+        tuple(ways),
+        tie,
+        search.tried,
+        f.complete,
+        note,
+    )
+
+
+def _size(judge: Judge, rows: list[Key], score: float) -> str:
+    if not np.isfinite(score):
+        return "no value"
+    kind = judge.truth.kinds[_symbol(judge, rows[0])]
+    name, scale = unit(kind)
+    tolerance = judge.tolerance.angle if kind == "angle" else judge.tolerance.length
+    return f"{score * tolerance / scale:.3g} {name}"
+
+
+def _phrase(e: Edit) -> str:
+    return _short(e.text, 70)
+
+
+def _reading(search: Search, c: Candidate, root: Path | None) -> Reading:
+    changes = []
+    note = ""
+    for e in c.edits:
+        data = e.path.read_bytes()
+        start = data.rfind(b"\n", 0, e.start) + 1
+        end = data.find(b"\n", e.end)
+        end = len(data) if end < 0 else end
+        before, after = apply(data, [], start, end), apply(data, [e], start, end)
+        changes.append(
+            Change(
+                _shown(e.path, root),
+                e.line,
+                _phrase(e),
+                e.kind,
+                before.strip(),
+                after.strip(),
+                diff([e], _shown(e.path, root)),
+            )
+        )
+        if e.kind == "left side":
+            note = (
+                f"the row is then one for {e.new}; in Python it must still be assigned to {e.old}: "
+                f"{e.old} = {e.old} - {e.new} + ..."
+            )
+    return Reading(tuple(changes), note)
+
+
+__all__ = ["explain", "known", "worst"]

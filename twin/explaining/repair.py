@@ -1,0 +1,356 @@
+"""The smallest edits of the source that make the rows agree, and how unique they are."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Container, Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from twin.errors import KinematicsError
+from twin.explaining.canonical import canonical
+from twin.explaining.edits import edits, pool
+from twin.explaining.judge import Helper, Judge, Place, Residuals, Step, evaluate, worst
+from twin.explaining.source import Edit, Source, Statement
+from twin.spatial import Array
+
+TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
+"""Kinds of edits that change one token: what misprints usually are. Others rank behind them."""
+
+_REST = ("order", "transpose", "parenthesis", "surplus", "missing")
+
+_ORDER = (*TOKENS, *_REST)
+
+Key = tuple[str, int, int]
+"""A row whatever symbol it assigns: equation, statement, position."""
+
+_SAME = 1e-7
+"""Relative difference below which two edited rows are the same function, off the mechanism's poses as well."""
+
+
+@dataclass
+class Candidate:
+    """Edits of one equation that were tried.
+
+    Attributes:
+        step: the equation. edits: one or two. extra: values of the aliases that they use.
+        scores: worst residual by row, of the rows that it changes.
+        broken: whether it harms a row that agreed.
+    """
+
+    step: Step
+    edits: list[Edit]
+    extra: dict[str, Any]
+    scores: dict[Key, float]
+    broken: bool
+    changed: dict[Key, Array] = field(default_factory=dict, repr=False)
+
+    def over(self, rows: Iterable[Key], base: dict[Key, float]) -> float:
+        """Return the worst residual over some rows."""
+        return max(self.scores.get(k, base[k]) for k in rows)
+
+    @property
+    def rank(self) -> tuple[int, int, int, int]:
+        """Order among edits that serve as well."""
+        kinds = [_ORDER.index(e.kind) if e.kind in _ORDER else len(_ORDER) for e in self.edits]
+        new_argument = sum(e.define is not None and not e.define[1] for e in self.edits)
+        length = sum(abs(len(e.new) - len(e.old)) + len(e.new) + len(e.old) for e in self.edits)
+        foreign = sum(e.function != self.step.source.name for e in self.edits)
+        return (len(self.edits), foreign, new_argument, max(kinds) * 1000 + length)
+
+
+@dataclass
+class Found:
+    """What the search has for one group of rows: exact candidates by way and reading, and the runner-up."""
+
+    rows: list[Key]
+    ways: list[list[Candidate]]
+    runner_up: Candidate | None
+    after: float
+    next: float
+    tried: int
+    complete: bool = True
+
+
+def key(place: Place) -> Key:
+    """Return the row of a place."""
+    return place.equation, place.statement, place.position
+
+
+class Search:
+    """Repair search over one judged formula."""
+
+    def __init__(self, judge: Judge, progress: Callable[[float], None] = lambda f: None) -> None:
+        self.judge = judge
+        self.progress = progress
+        self.base = {key(p): worst(r) for p, r in judge.residuals.items()}
+        self.raw = {key(p): r for p, r in judge.residuals.items()}
+        bad = judge.failing()
+        # What no printed equation says (helpers) often only repeats their error: it is looked at when they are right.
+        self.targets = [p for p in bad if judge.step(p.equation).stage != "helper"] or bad
+        self.failing = [key(p) for p in self.targets]
+        self.tried = 0
+        self._shaken: Judge | None = None
+        self.parameters = {p.name for p in judge.formula.parameters}
+
+    # -- one edit ------------------------------------------------------------------------------------------
+
+    def own_sites(self) -> list[tuple[Step, Statement]]:
+        """Return the statements of the equations that some failing row depends on."""
+        out: dict[tuple[str, int], tuple[Step, Statement]] = {}
+        for place in self.targets:
+            for equation, indices in self.judge.suspects(place).items():
+                step = self.judge.step(equation)
+                for i in sorted(indices):
+                    out.setdefault((equation, i), (step, step.source.statements[i]))
+        return list(out.values())
+
+    def singles(self, kinds: Container[str], only: Container[tuple[str, int]] | None = None) -> list[Candidate]:
+        """Return every single edit of some kinds that can be evaluated, of all those statements or only of some."""
+        out: list[Candidate] = []
+        sites = [x for x in self.own_sites() if only is None or (x[0].equation.name, x[1].index) in only]
+        for n, (step, statement) in enumerate(sites):
+            self.progress(n / len(sites))
+            choice = pool(step.source, statement, self.judge.available(step), self.parameters)
+            for edit in edits(step.source, statement, choice, kinds):
+                candidate = self.attempt(step, [edit])
+                if candidate is not None:
+                    out.append(candidate)
+        return out
+
+    def in_helpers(self, kinds: Container[str]) -> list[Candidate]:
+        """Return every single edit of the plain functions that those statements call."""
+        out: list[Candidate] = []
+        reached: dict[int, tuple[Helper, list[Step]]] = {}
+        for step in {id(s): s for s, _ in self.own_sites()}.values():
+            for h in self.judge.helpers(step):
+                reached.setdefault(id(h.function), (h, []))[1].append(step)
+        for n, (helper, steps) in enumerate(reached.values()):
+            self.progress(n / len(reached))
+            source = helper.source
+            # An edit of a helper counts wherever it is called, also where all is well.
+            others = [s for s in self.judge.steps if any(h.function is helper.function for h in self.judge.helpers(s))]
+            every = [*steps, *(s for s in others if s not in steps and not s.missing)]
+            for statement in source.statements:
+                choice = pool(source, statement, set(source.arguments), self.parameters)
+                for edit in edits(source, statement, choice, kinds):
+                    candidate = self._everywhere(every, [edit])
+                    if candidate is not None:
+                        out.append(candidate)
+        return out
+
+    def _everywhere(self, steps: list[Step], change: list[Edit]) -> Candidate | None:
+        """Return the candidate of an edited helper, judged in every equation that calls it."""
+        first = self.attempt(steps[0], change)
+        if first is None or not first.scores:
+            return None
+        for step in steps[1:]:
+            c = self.attempt(step, change)
+            if c is None:
+                first.broken = True
+                return first
+            first.scores |= {k: max(v, first.scores.get(k, 0.0)) for k, v in c.scores.items()}
+            first.changed |= c.changed
+            first.broken |= c.broken
+        return first
+
+    def attempt(self, step: Step, change: list[Edit]) -> Candidate | None:
+        """Return the candidate, or None if it makes no formula."""
+        self.tried += 1
+        extra = self._extra(self.judge, step, change)
+        found = None if extra is None else evaluate(self.judge, step, change, extra)
+        if found is None:
+            return None
+        changed = {key(p): r for p, r in found.items()}
+        scores = {k: worst(r) for k, r in changed.items()}
+        broken = any(s > 1 and self.base.get(k, np.inf) <= 1 for k, s in scores.items())
+        return Candidate(step, change, extra or {}, scores, broken, {k: changed[k] for k in changed if k in self.raw})
+
+    def _extra(self, judge: Judge, step: Step, change: list[Edit]) -> dict[str, Any] | None:
+        """Return the values of aliases that edits bring in."""
+        out: dict[str, Any] = {}
+        for e in change:
+            if e.define and e.define[1]:
+                env = dict(judge.step(step.equation.name).before[e.statement])
+                try:
+                    with np.errstate(all="ignore"):
+                        out[e.define[0]] = eval(e.define[1], env)
+                except Exception:
+                    return None
+        return out
+
+    # -- groups ---------------------------------------------------------------------------------------------
+
+    def run(self, budget: float = 8.0) -> tuple[list[Found], list[Key]]:
+        """Return what was found, by groups of rows, and the rows that neither one edit nor two can cure."""
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter(
+                "ignore", SyntaxWarning
+            )  # a moved parenthesis may call a number: it is tried, and fails
+            return self._run(budget)
+
+    def _run(self, budget: float) -> tuple[list[Found], list[Key]]:
+        singles: list[Candidate] = []
+        left = list(self.failing)
+        groups: list[list[Key]] = []
+        # One token first; where nothing of that kind serves, terms, factors and parentheses; then the functions called.
+        for more in (
+            lambda: self.singles(TOKENS),
+            lambda: self.singles(_REST),
+            lambda: self.in_helpers(TOKENS),
+            lambda: self.in_helpers(_REST),
+        ):
+            if not left:
+                break
+            singles += more()
+            new = self._cover(singles, left)
+            groups += new
+            left = [k for k in left if not any(k in g for g in new)]
+        # Where one token serves, what else could be meant in the same statement is looked at as well.
+        looked = {(c.step.equation.name, c.edits[0].statement) for g in groups for c in self._exact(g, singles)}
+        if not any(c.edits[0].kind in _REST for c in singles):
+            singles += self.singles(_REST, looked)
+        out = [self._found(group, singles, singles) for group in groups]
+        lost: list[Key] = []
+        if left:
+            deadline = time.monotonic() + budget
+            for k in left:
+                pairs, complete = self._pairs(k, singles, deadline)
+                exact = [c for c in pairs if not c.broken and c.over([k], self.base) <= 1]
+                f = self._found([k], exact or singles, [*singles, *pairs])
+                f.complete = complete
+                out.append(f)
+                if not exact:
+                    lost.append(k)
+        return out, lost
+
+    def _cover(self, candidates: list[Candidate], rows: list[Key]) -> list[list[Key]]:
+        """Return groups of rows that one edit cures, the largest first."""
+        left, groups = set(rows), []
+        cures = [frozenset(k for k, s in c.scores.items() if s <= 1 and k in left) for c in candidates if not c.broken]
+        while left:
+            best = max((c & left for c in cures), key=len, default=frozenset())
+            if not best:
+                break
+            groups.append([k for k in rows if k in best])
+            left -= best
+        return groups
+
+    def _found(self, rows: list[Key], exact_from: list[Candidate], all_: list[Candidate]) -> Found:
+        exact = self._exact(rows, exact_from)
+        ways = self._ways(sorted(exact, key=lambda c: c.rank), rows)
+        mine = {id(c) for c in exact}
+        rest = [(c.over(rows, self.base), c) for c in all_ if id(c) not in mine and any(k in c.scores for k in rows)]
+        rest = [(s, c) for s, c in rest if s > 1 or c.broken]
+        nearest = min((x for x in rest if x[0] > 1), key=lambda x: x[0], default=(float("inf"), None))
+        after = min((c.over(rows, self.base) for c in exact), default=max(self.base[k] for k in rows))
+        return Found(rows, ways, nearest[1], after, nearest[0], self.tried)
+
+    def _exact(self, rows: list[Key], candidates: list[Candidate]) -> list[Candidate]:
+        touching = [c for c in candidates if not c.broken and any(k in c.scores for k in rows)]
+        return [c for c in touching if c.over(rows, self.base) <= 1]
+
+    def _ways(self, exact: list[Candidate], rows: list[Key]) -> list[list[Candidate]]:
+        """Sort exact candidates into functions, and each function into canonically different readings."""
+        ways: list[tuple[dict[Key, Array] | None, list[Candidate], set[str]]] = []
+        for c in exact:
+            value = self._off_the_mechanism(c, rows)
+            text = self._text(c)
+            home = next((w for w in ways if text in w[2]), None)
+            if home is None and value is not None:
+                home = next((w for w in ways if w[0] is not None and _same(w[0], value)), None)
+            if home is None:
+                ways.append((value, [c], {text}))
+            elif text not in home[2]:
+                home[1].append(c)
+                home[2].add(text)
+        return [w[1] for w in ways]
+
+    def _text(self, c: Candidate) -> str:
+        parts = []
+        for i in sorted({e.statement for e in c.edits}):
+            source = self._source(c)
+            parts.append(f"{source.name}:{i}:{canonical(source, source.statements[i], c.edits)}")
+        return "; ".join(parts)
+
+    def _source(self, c: Candidate) -> Source:
+        if c.edits[0].function == c.step.source.name:
+            return c.step.source
+        return next(h.source for h in self.judge.helpers(c.step) if h.source.name == c.edits[0].function)
+
+    def _off_the_mechanism(self, c: Candidate, rows: list[Key]) -> dict[Key, Array] | None:
+        """Return the residuals of a candidate where no mechanism is: they tell functions apart."""
+        if self._shaken is None:
+            self._shaken = self.judge.on(self.judge.truth.perturbed())
+        try:
+            step = self._shaken.step(c.step.equation.name)
+            extra = self._extra(self._shaken, step, c.edits)
+            found: Residuals | None = evaluate(self._shaken, step, c.edits, extra)
+        except (StopIteration, KinematicsError, IndexError):
+            return None
+        if not found:
+            return None
+        out = {key(p): r for p, r in found.items() if key(p) in rows}
+        return out if all(np.isfinite(r).any() for r in out.values()) else None
+
+    # -- two edits --------------------------------------------------------------------------------------------
+
+    def _pairs(self, k: Key, singles: list[Candidate], deadline: float) -> tuple[list[Candidate], bool]:
+        """Return pairs of edits near or at agreement: sums of effects first, then the rest as time allows."""
+        mine = [c for c in singles if k in c.changed and c.changed[k].shape == self.raw[k].shape]
+        mine = [c for c in mine if np.isfinite(c.changed[k]).all()]
+        out: list[Candidate] = []
+        done: set[tuple[int, int]] = set()
+
+        def add(a: Candidate, b: Candidate) -> None:
+            pair = (min(id(a), id(b)), max(id(a), id(b)))
+            e, f = a.edits[0], b.edits[0]
+            if pair in done or a.step is not b.step or e.function != f.function or e.path != f.path:
+                return
+            if e.start <= f.end and f.start <= e.end:
+                return
+            done.add(pair)
+            c = self.attempt(a.step, [e, f])
+            if c is not None:
+                out.append(c)
+
+        if mine and np.isfinite(self.raw[k]).all():
+            weights = np.random.default_rng(3).standard_normal(self.raw[k].size)
+            weights /= np.linalg.norm(weights)
+            target = -float(weights @ self.raw[k].ravel())
+            effect = np.array([weights @ (c.changed[k] - self.raw[k]).ravel() for c in mine])
+            order = np.argsort(effect)
+            for i, c in enumerate(mine):
+                lo, hi = np.searchsorted(effect[order], [target - effect[i] - 20, target - effect[i] + 20])
+                for j in order[lo : min(hi, lo + 50)]:
+                    add(c, mine[j])
+        if any(not c.broken and c.over([k], self.base) <= 1 for c in out):
+            return out, True
+        plain = [c for c in singles if k in c.scores and c.edits[0].kind in TOKENS]
+        plain.sort(key=lambda c: c.scores[k])
+        for i, a in enumerate(plain):
+            for b in plain[:i]:
+                if time.monotonic() > deadline:
+                    return out, False
+                add(a, b)
+        return out, True
+
+
+def _same(a: dict[Key, Array], b: dict[Key, Array]) -> bool:
+    """Whether two edited equations say the same: residuals equal, but for a constant factor."""
+    if a.keys() != b.keys():
+        return False
+    for k in a:
+        if a[k].shape != b[k].shape or not np.array_equal(np.isfinite(a[k]), np.isfinite(b[k])):
+            return False
+        x, y = a[k][np.isfinite(a[k])], b[k][np.isfinite(b[k])]
+        size = float(np.abs(x).max(initial=0.0))
+        if size == 0:
+            continue
+        i = int(np.argmax(np.abs(x)))
+        if np.abs(y - x * (y[i] / x[i])).max() > _SAME * float(np.abs(y).max(initial=0.0)):
+            return False
+    return True

@@ -1,0 +1,103 @@
+"""Who may come in: names that the server answers to, origins, one-time tokens and the sessions they become."""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import secrets
+import socket
+from collections import OrderedDict
+from collections.abc import Callable
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import urlsplit
+
+SESSIONS = 64
+"""Devices that are remembered; the oldest is forgotten."""
+
+_LOCAL = ("127.0.0.1", "localhost", "::1")
+
+
+def is_local(host: str) -> bool:
+    """Return whether a server on this host is reached from this machine alone."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+class Gate:
+    """The rules of one server.
+
+    Attributes:
+        open: whether it is open to the network: then nobody comes in without a token or a session.
+        token: the one that opens next, once; empty if the server is not open.
+    """
+
+    def __init__(self, host: str, port: int, secure: bool, announce: Callable[[str], object]) -> None:
+        self.open = not is_local(host)
+        self._announce, self._secure = announce, secure
+        self._cookie = f"twin_{port}"
+        self._sessions: OrderedDict[str, None] = OrderedDict()
+        name = socket.gethostname().lower()
+        self._names = {*_LOCAL, host.lower(), name, f"{name}.local"} if self.open else set(_LOCAL) | {host.lower()}
+        self._names -= {"", "0.0.0.0", "::"}
+        self.token = ""
+        if self.open:
+            self._renew()
+
+    def _renew(self) -> None:
+        self.token = secrets.token_urlsafe(18)
+        self._announce(self.token)
+
+    def answers_to(self, host: str | None, own: str) -> bool:
+        """Return whether a Host header names this server; `own` is the address that was connected to.
+
+        A page of somebody else whose name resolves to this machine (DNS rebinding) names itself here.
+        """
+        try:
+            name = urlsplit(f"//{host or ''}").hostname
+        except ValueError:
+            return False
+        return name is not None and (name in self._names or name == own.partition("%")[0])
+
+    @staticmethod
+    def same_origin(origin: str | None, host: str | None) -> bool:
+        """Return whether a request comes from this server's own page, or from no page at all.
+
+        Browsers always send an Origin with a WebSocket; other programs send none.
+        """
+        if origin is None:
+            return True
+        try:
+            parts = urlsplit(origin)
+        except ValueError:
+            return False
+        return parts.scheme in ("http", "https") and bool(host) and origin == f"{parts.scheme}://{host}"
+
+    def known(self, cookies: str | None) -> bool:
+        """Return whether a Cookie header holds a session."""
+        try:
+            morsel = SimpleCookie(cookies or "").get(self._cookie)
+        except CookieError:
+            return False
+        return morsel is not None and morsel.value in self._sessions
+
+    def enter(self, token: str) -> str | None:
+        """Exchange the token for a Set-Cookie header; None if it is not the one. The next token is announced."""
+        if not self.spend(token):
+            return None
+        session = secrets.token_urlsafe(24)
+        self._sessions[session] = None
+        while len(self._sessions) > SESSIONS:
+            self._sessions.popitem(last=False)
+        secure = "; Secure" if self._secure else ""
+        return f"{self._cookie}={session}; Path=/; HttpOnly; SameSite=Strict{secure}"
+
+    def spend(self, token: str) -> bool:
+        """Use the token up; return whether it was the one."""
+        if not self.token or not hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode()):
+            return False
+        self._renew()
+        return True

@@ -1,0 +1,197 @@
+using System;
+using UnityEngine;
+
+namespace Twin.Player
+{
+    /// <summary>Shows the live robot of `twin serve` on a model, found by link names.</summary>
+    /// <remarks>Frames come on a background task; they are applied here, on the main thread, newest only. Links get
+    /// absolute poses, so that the loops of a parallel robot stay closed without kinematics on the device. Needs the
+    /// capabilities InternetClient and PrivateNetworkClientServer on UWP, and Internet access on Android. There are no
+    /// sockets in WebGL: use the page of `twin serve` there.</remarks>
+    [AddComponentMenu("Twin/Stream Client")]
+    [DisallowMultipleComponent]
+    public sealed class StreamClient : MonoBehaviour
+    {
+        [Tooltip("The address that `twin serve` shows, with its token if it has one.")]
+        public string url = "http://127.0.0.1:8080/";
+
+        [Tooltip("The imported robot; this object if empty.")]
+        public Transform model;
+
+        [Tooltip("The importer that the model came through.")]
+        public Convention convention = Convention.GltFast;
+
+        [Tooltip("Connect when this component is enabled.")]
+        public bool connectOnEnable = true;
+
+        private readonly PoseSource source;
+        private StreamConnection connection;
+        private string reported = "";
+
+        public StreamClient()
+        {
+            source = Pose;
+            State = new StateMessage();
+            Refusal = "";
+        }
+
+        /// <summary>Every text message of the server: its type and itself.</summary>
+        public event Action<string, string> Message;
+
+        /// <summary>The connection, or null.</summary>
+        public StreamConnection Connection
+        {
+            get { return connection; }
+        }
+
+        /// <summary>The robot that is shown, or null before the first connection.</summary>
+        public RobotDescription Robot { get; private set; }
+
+        public LinkBinding Binding { get; private set; }
+
+        /// <summary>The frame that is shown, or null.</summary>
+        public StreamFrame Frame { get; private set; }
+
+        /// <summary>What all clients share, as of the last message.</summary>
+        public StateMessage State { get; private set; }
+
+        /// <summary>The last refusal of the server, or "".</summary>
+        public string Refusal { get; private set; }
+
+        /// <summary>Seconds since the server made the frame that is shown, see `StreamConnection.Age`.</summary>
+        public double Age
+        {
+            get { return Frame == null || connection == null ? double.PositiveInfinity : connection.Age(Frame); }
+        }
+
+        /// <summary>Connect to `url`, and reconnect for ever.</summary>
+        public void Connect()
+        {
+            Disconnect();
+            connection = new StreamConnection(url);
+            connection.Start();
+        }
+
+        public void Disconnect()
+        {
+            if (connection != null)
+            {
+                connection.Dispose();
+                connection = null;
+            }
+        }
+
+        /// <summary>Send a request of <see cref="Requests"/>; false if there is no connection.</summary>
+        public bool Send(string json, bool replaces)
+        {
+            return connection != null && connection.Send(json, replaces);
+        }
+
+        /// <summary>Take a robot: its links are looked up in the model.</summary>
+        /// <exception cref="ArgumentException">The model lacks a link.</exception>
+        public void Use(RobotDescription robot)
+        {
+            Binding = new LinkBinding(model == null ? transform : model, robot.links, convention);
+            Robot = robot;
+        }
+
+        /// <summary>Place every link as in a frame.</summary>
+        public void Show(StreamFrame frame)
+        {
+            Frame = frame;
+            Binding.Apply(source);
+        }
+
+        /// <summary>Take what has come; Update calls it each frame.</summary>
+        public void Tick()
+        {
+            if (connection == null)
+            {
+                return;
+            }
+
+            for (string json = connection.TakeMessage(); json != null; json = connection.TakeMessage())
+            {
+                Hear(json);
+            }
+
+            StreamFrame frame = connection.Take();
+            if (frame == null)
+            {
+                return;
+            }
+
+            RobotDescription robot = connection.Robot;
+            if (!ReferenceEquals(robot, Robot) && !Bind(robot))
+            {
+                return;
+            }
+
+            if (frame.LinkCount == Robot.links.Length)
+            {
+                Show(frame);
+            }
+        }
+
+        private bool Bind(RobotDescription robot)
+        {
+            try
+            {
+                Use(robot);
+                return true;
+            }
+            catch (ArgumentException error)
+            {
+                if (reported != error.Message) // once, not sixty times a second
+                {
+                    reported = error.Message;
+                    Debug.LogError("StreamClient: " + reported, this);
+                }
+
+                return false;
+            }
+        }
+
+        private void Hear(string json)
+        {
+            string type = JsonUtility.FromJson<ServerMessage>(json).type;
+            if (type == "state")
+            {
+                State = JsonUtility.FromJson<StateMessage>(json);
+            }
+            else if (type == "error")
+            {
+                var error = JsonUtility.FromJson<ErrorMessage>(json);
+                Refusal = error.code + ": " + error.message;
+            }
+
+            if (Message != null)
+            {
+                Message(type, json);
+            }
+        }
+
+        private void Pose(int link, out Vector3 position, out Quaternion rotation)
+        {
+            Frame.Link(link, out position, out rotation);
+        }
+
+        private void OnEnable()
+        {
+            if (connectOnEnable)
+            {
+                Connect();
+            }
+        }
+
+        private void OnDisable()
+        {
+            Disconnect();
+        }
+
+        private void Update()
+        {
+            Tick();
+        }
+    }
+}

@@ -1,0 +1,192 @@
+using System;
+using UnityEngine;
+using UnityEngine.Events;
+
+namespace Twin.Player
+{
+    /// <summary>Called with the name of the phase that begins ("" before the first).</summary>
+    [Serializable]
+    public sealed class PhaseEvent : UnityEvent<string>
+    {
+    }
+
+    /// <summary>Plays a track on the Transforms of a model, found by name.</summary>
+    /// <remarks>Poses are absolute: the loops of a parallel robot are closed at every key, and between keys they
+    /// open by no more than the track's `joint_gap`.</remarks>
+    [AddComponentMenu("Twin/Track Player")]
+    [DisallowMultipleComponent]
+    public sealed class TrackPlayer : MonoBehaviour
+    {
+        [Tooltip("tracks/<protocol>.json of the bundle.")]
+        public TextAsset trackFile;
+
+        [Tooltip("The imported robot; this object if empty.")]
+        public Transform model;
+
+        [Tooltip("The importer that the model came through.")]
+        public Convention convention = Convention.GltFast;
+
+        public bool playOnStart = true;
+
+        [Tooltip("1 is real time; negative plays backwards.")]
+        public float speed = 1f;
+
+        public bool loop = true;
+
+        [Tooltip("Called with the name of the phase that begins.")]
+        public PhaseEvent onPhase = new PhaseEvent();
+
+        [Tooltip("Called when a motion that does not loop has come to its end.")]
+        public UnityEvent onEnd = new UnityEvent();
+
+        private LinkBinding binding;
+        private PoseSource source;
+        private int key;
+        private double share;
+        private int phase = -2;
+
+        /// <summary>The track that is loaded, or null.</summary>
+        public Track Track { get; private set; }
+
+        /// <summary>Seconds from the start of the motion.</summary>
+        public double Time { get; private set; }
+
+        public bool IsPlaying { get; private set; }
+
+        /// <summary>The model's links, or null before something is loaded.</summary>
+        public LinkBinding Binding
+        {
+            get { return binding; }
+        }
+
+        /// <summary>Seconds; 0 before a track is loaded.</summary>
+        public double Duration
+        {
+            get { return Track == null ? 0.0 : Track.Duration; }
+        }
+
+        /// <summary>The name of the phase that is shown, "" before the first.</summary>
+        public string Phase
+        {
+            get { return phase < 0 ? "" : Track.phases[phase]; }
+        }
+
+        /// <summary>Take a track for a model and show its beginning, paused.</summary>
+        /// <exception cref="FormatException">The track is not one.</exception>
+        /// <exception cref="ArgumentException">The model lacks a link of the track.</exception>
+        public void Load(string json)
+        {
+            Load(Track.Parse(json));
+        }
+
+        /// <summary>As above, with a track that has been read already.</summary>
+        public void Load(Track track)
+        {
+            TrackCheck.Require(track);
+            var found = new LinkBinding(model == null ? transform : model, track.links, convention);
+            binding = found;
+            Track = track;
+            source = Pose;
+            phase = -2;
+            IsPlaying = false;
+            Seek(0.0);
+        }
+
+        /// <summary>Go on; from the beginning if the motion has ended.</summary>
+        public void Play()
+        {
+            if (Track == null)
+            {
+                throw new InvalidOperationException("TrackPlayer: no track is loaded");
+            }
+
+            if (!loop && speed >= 0f && Time >= Duration)
+            {
+                Seek(0.0);
+            }
+
+            IsPlaying = true;
+        }
+
+        public void Pause()
+        {
+            IsPlaying = false;
+        }
+
+        /// <summary>Show the motion at a time (s); it is held between the beginning and the end.</summary>
+        public void Seek(double time)
+        {
+            if (Track == null || double.IsNaN(time))
+            {
+                return;
+            }
+
+            Time = Math.Max(Track.times[0], Math.Min(Duration, time));
+            Show();
+        }
+
+        /// <summary>Let time pass (s) while playing; Update calls it each frame.</summary>
+        public void Tick(double passed)
+        {
+            if (!IsPlaying)
+            {
+                return;
+            }
+
+            double start = Track.times[0];
+            double length = Duration - start;
+            double to = Time + passed * speed;
+            bool over = to > Duration || to < start;
+            if (over && loop && length > 0.0)
+            {
+                double along = (to - start) % length;
+                Seek(start + (along < 0.0 ? along + length : along));
+                return;
+            }
+
+            Seek(to);
+            if (over)
+            {
+                IsPlaying = false;
+                onEnd.Invoke();
+            }
+        }
+
+        /// <summary>Return the value of a joint (m or rad) as it is shown.</summary>
+        public float Joint(int joint)
+        {
+            return Track.Joint(Time, joint);
+        }
+
+        private void Start()
+        {
+            if (Track == null && trackFile != null)
+            {
+                Load(trackFile.text);
+                IsPlaying = playOnStart;
+            }
+        }
+
+        private void Update()
+        {
+            Tick(UnityEngine.Time.deltaTime);
+        }
+
+        private void Show()
+        {
+            Track.Locate(Time, out key, out share);
+            binding.Apply(source);
+            int now = Track.PhaseAt(Time);
+            if (now != phase)
+            {
+                phase = now;
+                onPhase.Invoke(Phase);
+            }
+        }
+
+        private void Pose(int link, out Vector3 position, out Quaternion rotation)
+        {
+            Track.Sample(key, share, link, out position, out rotation);
+        }
+    }
+}

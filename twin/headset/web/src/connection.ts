@@ -1,0 +1,143 @@
+/** The WebSocket to the server: newest frame wins, requests are answered by number, a lost line is taken up again. */
+
+import type { Message } from './protocol';
+
+export type Line = 'connecting' | 'open' | 'reconnecting' | 'refused';
+
+const FIRST_WAIT = 250; // ms
+const LONGEST_WAIT = 5000;
+const SILENCE = 8000; // ms without any message, after which the line counts as lost
+const PING = 2000;
+const BACKLOG = 4096; // bytes unsent, above which a drag waits for its successor
+
+export interface Answer {
+  ok: boolean;
+  code: string;
+  message: string;
+}
+
+export class Connection {
+  line: Line = 'connecting';
+  /** Round trip in ms, NaN before the first answer. */
+  roundTrip = NaN;
+  frames = 0;
+  reconnects = 0;
+  onMessage: (message: Message) => void = () => undefined;
+  onFrame: () => void = () => undefined;
+  onLine: (line: Line) => void = () => undefined;
+
+  private socket: WebSocket | null = null;
+  private newest: ArrayBuffer | null = null;
+  private wait = FIRST_WAIT;
+  private heard = 0;
+  private number = 0;
+  private waiting = new Map<number, (answer: Answer) => void>();
+  private opened = false;
+  /** Lets this page come back as the same client, which may hold the robot. */
+  private resume = '';
+
+  constructor(private readonly url: string) {
+    setInterval(() => this.watch(), PING);
+  }
+
+  open(): void {
+    const socket = new WebSocket(this.resume ? `${this.url}?resume=${encodeURIComponent(this.resume)}` : this.url);
+    socket.binaryType = 'arraybuffer';
+    this.socket = socket;
+    this.heard = performance.now();
+    socket.onopen = () => {
+      this.opened = true;
+      this.wait = FIRST_WAIT;
+      this.say('open');
+    };
+    socket.onmessage = (event: MessageEvent<ArrayBuffer | string>) => {
+      this.heard = performance.now();
+      if (typeof event.data !== 'string') {
+        this.newest = event.data;
+        this.frames++;
+        this.onFrame();
+      } else this.hear(JSON.parse(event.data) as Message);
+    };
+    socket.onclose = () => {
+      if (this.socket === socket) this.lost();
+    };
+  }
+
+  /** Take the newest frame that has not been taken yet. */
+  take(): ArrayBuffer | null {
+    const frame = this.newest;
+    this.newest = null;
+    return frame;
+  }
+
+  /** Send a request; the promise holds what became of it, and is never rejected. */
+  ask(type: string, fields: object = {}): Promise<Answer> {
+    if (this.socket?.readyState !== WebSocket.OPEN)
+      return Promise.resolve({ ok: false, code: 'offline', message: 'The line to the server is down.' });
+    const id = ++this.number;
+    this.socket.send(JSON.stringify({ type, id, ...fields }));
+    return new Promise((resolve) => this.waiting.set(id, resolve));
+  }
+
+  /** Send what the next message will replace; false if the line is full and it was left out. */
+  tell(type: string, fields: object): boolean {
+    if (this.socket?.readyState !== WebSocket.OPEN || this.socket.bufferedAmount > BACKLOG) return false;
+    this.socket.send(JSON.stringify({ type, ...fields }));
+    return true;
+  }
+
+  /** Break the line, as a bad network would; it is taken up again. For tests. */
+  drop(): void {
+    this.socket?.close();
+  }
+
+  private hear(message: Message): void {
+    if (message.type === 'hello') this.resume = message.resume ?? '';
+    if (message.type === 'pong') this.roundTrip = performance.now() - message.t;
+    if ((message.type === 'ack' || message.type === 'error') && message.id !== undefined) {
+      const resolve = this.waiting.get(message.id);
+      this.waiting.delete(message.id);
+      if (message.type === 'ack') resolve?.({ ok: true, code: '', message: '' });
+      else resolve?.({ ok: false, code: message.code, message: message.message });
+    }
+    this.onMessage(message);
+  }
+
+  private watch(): void {
+    if (this.socket?.readyState !== WebSocket.OPEN) return;
+    if (performance.now() - this.heard > SILENCE) {
+      const dead = this.socket;
+      this.lost();
+      dead.close();
+    } else this.tell('ping', { t: performance.now() });
+  }
+
+  private lost(): void {
+    this.socket = null;
+    for (const resolve of this.waiting.values())
+      resolve({ ok: false, code: 'offline', message: 'The line to the server is down.' });
+    this.waiting.clear();
+    this.reconnects++;
+    this.say('reconnecting');
+    if (!this.opened) void this.admitted();
+    const wait = this.wait * (0.8 + 0.4 * Math.random()); // so that many clients do not return at once
+    setTimeout(() => this.open(), wait);
+    this.wait = Math.min(2 * this.wait, LONGEST_WAIT);
+  }
+
+  /** A socket does not say why it was refused: ask for a file that needs the same admission. */
+  private async admitted(): Promise<void> {
+    try {
+      const status = (await fetch('robot.json', { cache: 'no-store' })).status;
+      if ((status === 401 || status === 403) && this.line !== 'open') this.say('refused');
+    } catch {
+      // the server is away: the line already says so
+    }
+  }
+
+  private say(line: Line): void {
+    if (this.line === line) return;
+    this.line = line;
+    this.onLine(line);
+  }
+}

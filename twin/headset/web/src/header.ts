@@ -1,0 +1,52 @@
+/** The top of the page: the robot's name, the way into the headset, and how the mouse works. */
+
+import type { App } from './app';
+
+export class Header {
+  private readonly bar = document.createElement('header');
+  private readonly name = document.createElement('h1');
+  private readonly dot = document.createElement('span');
+  private readonly enter = document.createElement('button');
+  private readonly other = document.createElement('button');
+  private readonly about = document.createElement('p');
+  private readonly help = document.createElement('p');
+
+  constructor(
+    parent: HTMLElement,
+    private readonly app: App,
+  ) {
+    this.dot.className = 'dot';
+    this.enter.className = 'enter';
+    this.enter.dataset['id'] = 'enter';
+    this.other.className = 'push';
+    this.other.dataset['id'] = 'enter-vr';
+    this.about.dataset['id'] = 'xr';
+    this.about.className = 'about';
+    this.help.className = 'help';
+    this.help.textContent =
+      'Drag the blue ball: the tool follows. Drag any link: the mechanism follows. Drag beside the robot: look around. Wheel: nearer.';
+    const title = document.createElement('div');
+    title.className = 'title';
+    title.append(this.dot, this.name);
+    const ways = document.createElement('div');
+    ways.className = 'ways';
+    ways.append(this.enter, this.other);
+    this.bar.append(title, ways, this.about);
+    parent.append(this.bar, this.help);
+    this.enter.onclick = () => void app.xr.enter();
+    this.other.onclick = () => void app.xr.enter('immersive-vr');
+  }
+
+  refresh(): void {
+    const { xr, model } = this.app;
+    this.name.textContent = model.info?.title || model.info?.name || 'twin';
+    this.dot.dataset['line'] = model.line;
+    this.dot.title = model.line;
+    this.enter.textContent = xr.ar ? 'Enter AR' : xr.vr ? 'Enter VR' : 'No headset here';
+    this.enter.disabled = !(xr.ar || xr.vr) || xr.presenting;
+    this.other.textContent = 'Enter VR';
+    this.other.hidden = !(xr.ar && xr.vr);
+    this.about.textContent = xr.text;
+    this.help.hidden = model.status().tone !== 'plain'; // there a longer sentence needs the place
+  }
+}

@@ -1,0 +1,344 @@
+/** What is drawn about the robot: tool path, RCM and shaft, workspace, the tool by the equations, table and patient. */
+
+import {
+  BoxGeometry,
+  BufferGeometry,
+  Color,
+  CylinderGeometry,
+  Float32BufferAttribute,
+  Group,
+  InstancedMesh,
+  Matrix4,
+  Mesh,
+  MeshBasicMaterial,
+  MeshStandardMaterial,
+  Object3D,
+  Points,
+  PointsMaterial,
+  Quaternion,
+  SphereGeometry,
+  Vector3,
+} from 'three';
+import { Label } from './label';
+import { length, type Model } from './model';
+import type { Numbers, Scenery } from './protocol';
+import { matrixOf, poseOf, type Robot } from './robot';
+import { discard, type World } from './world';
+
+export const BLUE = 0x2268c9;
+/** The same for displays that add light: a dark blue would hardly be seen. */
+const LIGHT_BLUE = 0x62adff;
+export const ORANGE = 0xe07b00;
+export const RED = 0xd81b2a;
+const VIOLET = 0x8a3fd1;
+
+/** Factors by which the ghost's distance may be enlarged. */
+const ENLARGEMENTS = [1, 10, 100, 1000, 10000, 100000];
+const MISSED = 2e-3; // m
+const SEEN = 0.03; // of the robot's size: a distance that is well seen
+
+export interface Shows {
+  path: boolean;
+  rcm: boolean;
+  workspace: boolean;
+  ghost: boolean;
+  scenery: boolean;
+  labels: boolean;
+}
+
+export class Overlays {
+  readonly group = new Group();
+  readonly shows: Shows = { path: true, rcm: true, workspace: false, ghost: true, scenery: false, labels: true };
+  /** How the ghost is drawn, in words; empty when there is none. */
+  ghostText = '';
+  /** Points of the workspace that have come in. */
+  cloudCount = 0;
+  cloudDone = false;
+
+  private path: InstancedMesh | null = null;
+  private readonly rcmBall: Mesh;
+  private readonly shaft: Mesh;
+  private readonly rcmLabel = new Label();
+  private readonly ghostLabel = new Label();
+  private ghost: Group | null = null;
+  private readonly scenery = new Group();
+  private around: Scenery | null = null;
+  private port: Numbers | null = null;
+  private cloud: Points | null = null;
+  private cloudParts: { points: Float32Array; values: Float32Array | null }[] = [];
+
+  constructor(private readonly world: World) {
+    this.rcmBall = new Mesh(new SphereGeometry(1, 20, 12), flat(ORANGE));
+    this.shaft = new Mesh(new CylinderGeometry(1, 1, 1, 8), flat(ORANGE));
+    this.rcmBall.visible = this.shaft.visible = false;
+    this.group.add(this.rcmBall, this.shaft, this.rcmLabel.sprite, this.ghostLabel.sprite, this.scenery);
+    world.robotWorld.add(this.group);
+  }
+
+  /** Draw the way of the tool's tip: x y z after x y z. */
+  setPath(points: Numbers): void {
+    if (this.path) discard(this.path);
+    this.path = points.length >= 6 ? tube(points, 0.0016 * this.world.size) : null;
+    if (this.path) this.group.add(this.path);
+    this.world.touch();
+  }
+
+  setScenery(scenery: Scenery): void {
+    this.around = scenery;
+    this.standScenery(scenery.at);
+  }
+
+  /** Stand table and patient so that the RCM is the port; where there is none, at the tip. */
+  private standScenery(at: Numbers): void {
+    if (!this.around || this.port?.join() === at.join()) return;
+    this.port = at;
+    for (const thing of [...this.scenery.children]) discard(thing);
+    this.scenery.add(...propsOf(this.around, at));
+    this.world.touch();
+  }
+
+  /** Take a part of the reachable set: base64 of float32 x y z, and of a value for each. */
+  addCloud(points: string, values: string | undefined, done: boolean): void {
+    const part = floats(points);
+    if (part.length) this.cloudParts.push({ points: part, values: values ? floats(values) : null });
+    this.cloudCount += part.length / 3;
+    this.cloudDone = done;
+    this.drawCloud();
+  }
+
+  clearCloud(): void {
+    this.cloudParts = [];
+    this.cloudCount = 0;
+    this.cloudDone = false;
+    if (this.cloud) discard(this.cloud);
+    this.cloud = null;
+    this.world.touch();
+  }
+
+  /** Bring everything to the newest state. */
+  update(model: Model, robot: Robot): void {
+    const s = this.shows;
+    if (this.path) {
+      this.path.visible = s.path;
+      (this.path.material as MeshBasicMaterial).color.setHex(accent);
+    }
+    if (model.state.rcm) this.standScenery(model.state.rcm);
+    this.scenery.visible = s.scenery;
+    if (this.cloud) this.cloud.visible = s.workspace;
+    const tool = toolPose(model, robot);
+    this.drawRcm(model, tool);
+    this.drawGhost(model, robot, tool);
+  }
+
+  private drawRcm(model: Model, tool: Matrix4 | null): void {
+    const at = model.state.rcm;
+    const on = this.shows.rcm && at !== null && tool !== null;
+    // A shaft that misses the RCM visibly does not lead from the tool to it.
+    this.rcmBall.visible = on;
+    this.shaft.visible = on && (model.state.rcm_error_m ?? 0) < MISSED;
+    this.rcmLabel.sprite.visible = on && this.shows.labels;
+    if (!on) return;
+    const size = this.world.size;
+    const rcm = new Vector3().fromArray(at);
+    const tip = new Vector3().setFromMatrixPosition(tool);
+    const along = rcm.clone().sub(tip);
+    // The tool's origin may be the RCM itself (depth 0): then the shaft is its z axis.
+    if (along.length() < 1e-3 * size) along.setFromMatrixColumn(tool, 2);
+    along.normalize();
+    const beyond = rcm.clone().addScaledVector(along, 0.12 * size);
+    this.rcmBall.position.copy(rcm);
+    this.rcmBall.scale.setScalar(0.009 * size);
+    stretch(this.shaft, tip, beyond, 0.0018 * size);
+    const error = model.state.rcm_error_m;
+    const depth = model.state.depth_m;
+    const lines = ['RCM'];
+    if (error !== null) lines.push(`shaft misses it by ${length(error)}`);
+    if (depth !== null) lines.push(`depth ${length(depth)}`);
+    this.rcmLabel.sprite.position.copy(rcm).addScaledVector(new Vector3(0, 0, 1), 0.012 * size);
+    this.rcmLabel.say(lines.join('\n'), '#9a4f00', this.world.look, 0.024 * size);
+  }
+
+  private drawGhost(model: Model, robot: Robot, tool: Matrix4 | null): void {
+    const info = model.info;
+    const seven = model.frame?.ghost;
+    const on = this.shows.ghost && info !== null && tool !== null && !!seven;
+    if (!on) {
+      if (this.ghost) this.ghost.visible = false;
+      this.ghostLabel.sprite.visible = false;
+      this.ghostText = model.state.variant ? 'These equations give no tool pose here.' : '';
+      return;
+    }
+    if (!this.ghost) {
+      this.ghost = robot.copyOf(info.tool.link, VIOLET, 0.45);
+      this.ghost.renderOrder = 2;
+      this.group.add(this.ghost);
+    }
+    const by = poseOf(seven);
+    const position = new Vector3();
+    const turn = new Quaternion();
+    tool.decompose(position, turn, new Vector3());
+    const gap = by.p.clone().sub(position);
+    const difference = by.q.clone().multiply(turn.clone().invert());
+    if (difference.w < 0) difference.set(-difference.x, -difference.y, -difference.z, -difference.w);
+    const sine = Math.hypot(difference.x, difference.y, difference.z);
+    const angle = 2 * Math.atan2(sine, difference.w);
+    const factor = enlargement(Math.max(gap.length() / this.world.size, angle / 6));
+    const shown = position.clone().addScaledVector(gap, factor);
+    const axis =
+      sine > 1e-9 ? new Vector3(difference.x, difference.y, difference.z).divideScalar(sine) : gap.set(0, 0, 1);
+    const enlarged = new Quaternion().setFromAxisAngle(axis, Math.min(angle * factor, 1)).multiply(turn);
+    const T = new Matrix4().compose(shown, enlarged, new Vector3(1, 1, 1));
+    T.multiply(matrixOf(info.tool.T_link_tool).invert());
+    T.decompose(this.ghost.position, this.ghost.quaternion, this.ghost.scale);
+    const far = by.p.distanceTo(position);
+    const degrees = ((180 / Math.PI) * angle).toFixed(angle > 1e-3 ? 3 : 5);
+    this.ghost.visible = far > 2e-8 || angle > 2e-7; // float32: below that there is nothing to see
+    const times = factor > 1 ? `, drawn ×${factor.toLocaleString('en')}` : ', drawn to scale';
+    this.ghostText = this.ghost.visible
+      ? `Equations ↔ mechanism: ${length(far)}, ${degrees}°${times}`
+      : 'Equations and mechanism agree to what the stream can hold (float32).';
+    this.ghostLabel.sprite.visible = this.ghost.visible && this.shows.labels;
+    this.ghostLabel.sprite.position.copy(shown).addScaledVector(new Vector3(0, 0, 1), 0.09 * this.world.size);
+    this.ghostLabel.say(
+      `by the equations: ${length(far)} off\n${factor > 1 ? `drawn ×${factor.toLocaleString('en')}` : 'drawn to scale'}`,
+      '#6a25ad',
+      this.world.look,
+      0.024 * this.world.size,
+    );
+  }
+
+  private drawCloud(): void {
+    if (this.cloud) discard(this.cloud);
+    const n = this.cloudCount;
+    const positions = new Float32Array(3 * n);
+    const colors = new Float32Array(3 * n);
+    let at = 0;
+    const c = new Color();
+    for (const part of this.cloudParts) {
+      positions.set(part.points, 3 * at);
+      for (let i = 0; i < part.points.length / 3; i++) {
+        // Condition number: 1 is best; blue is well, red is badly conditioned.
+        const value = part.values?.[i] ?? 1;
+        c.setHSL(0.6 * (1 - Math.min(1, Math.log10(Math.max(1, value)) / 2.5)), 0.75, 0.5);
+        c.toArray(colors, 3 * (at + i));
+      }
+      at += part.points.length / 3;
+    }
+    const geometry = new BufferGeometry();
+    geometry.setAttribute('position', new Float32BufferAttribute(positions, 3));
+    geometry.setAttribute('color', new Float32BufferAttribute(colors, 3));
+    const material = new PointsMaterial({
+      vertexColors: true,
+      size: 0.018 * this.world.size,
+      transparent: true,
+      opacity: 0.75,
+      depthWrite: false,
+    });
+    this.cloud = new Points(geometry, material);
+    this.cloud.visible = this.shows.workspace;
+    this.group.add(this.cloud);
+    this.world.touch();
+  }
+}
+
+/** The tool in the robot's world, from the newest link poses; null before there is one. */
+export function toolPose(model: Model, robot: Robot): Matrix4 | null {
+  const info = model.info;
+  const node = info ? robot.links.get(info.tool.link)?.node : undefined;
+  if (!info || !node) return null;
+  const T = new Matrix4().compose(node.position, node.quaternion, new Vector3(1, 1, 1));
+  return T.multiply(matrixOf(info.tool.T_link_tool));
+}
+
+/** The power of ten that makes a distance (as a part of the robot's size) well seen, and not more. */
+export function enlargement(part: number): number {
+  return ENLARGEMENTS.find((f) => part * f >= SEEN / 3) ?? (ENLARGEMENTS.at(-1) as number);
+}
+
+/** Let a cylinder of height 1 along y reach from a to b. */
+export function stretch(mesh: Object3D, a: Vector3, b: Vector3, radius: number): void {
+  const along = b.clone().sub(a);
+  const long = Math.max(along.length(), 1e-9);
+  mesh.position.copy(a).addScaledVector(along, 0.5);
+  mesh.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), along.divideScalar(long));
+  mesh.scale.set(radius, long, radius);
+}
+
+const accented: { color: Color }[] = [];
+let accent = BLUE;
+
+/** Let a material have the colour of what can be taken and pressed, as the display needs it. */
+export function accentuate<M extends { color: Color }>(material: M): M {
+  material.color.setHex(accent);
+  accented.push(material);
+  return material;
+}
+
+export function setAccent(additive: boolean): void {
+  accent = additive ? LIGHT_BLUE : BLUE;
+  for (const material of accented) material.color.setHex(accent);
+}
+
+/** A material that shows one colour and takes no light. */
+export function flat(color: number, opacity = 1): MeshBasicMaterial {
+  return new MeshBasicMaterial({
+    color,
+    opacity,
+    transparent: opacity < 1,
+    depthWrite: opacity >= 1,
+    toneMapped: false,
+  });
+}
+
+function tube(points: Numbers, radius: number): InstancedMesh {
+  const n = points.length / 3 - 1;
+  const mesh = new InstancedMesh(new CylinderGeometry(1, 1, 1, 6, 1, true), flat(accent), n);
+  const piece = new Object3D();
+  const [a, b] = [new Vector3(), new Vector3()];
+  for (let i = 0; i < n; i++) {
+    stretch(piece, a.fromArray(points as number[], 3 * i), b.fromArray(points as number[], 3 * i + 3), radius);
+    piece.updateMatrix();
+    mesh.setMatrixAt(i, piece.matrix);
+  }
+  mesh.frustumCulled = false;
+  return mesh;
+}
+
+/** A table that stands on the floor, and an abdomen on it. */
+function propsOf(s: Scenery, port: Numbers): Mesh[] {
+  const at = new Vector3().fromArray(port);
+  const skin = new MeshStandardMaterial({
+    color: 0xe2a080,
+    roughness: 0.8,
+    opacity: 0.42,
+    transparent: true,
+    depthWrite: false,
+  });
+  const steel = new MeshStandardMaterial({ color: 0xa0aeba, roughness: 0.55 });
+  const [a = 0.1, b = 0.1, c = 0.1] = s.patient.radii;
+  const dome = new SphereGeometry(1, 48, 24, 0, 2 * Math.PI, 0, Math.PI / 2).rotateX(Math.PI / 2).scale(a, b, c);
+  const patient = new Mesh(dome, skin);
+  patient.name = 'patient';
+  patient.position.fromArray(s.patient.offset).add(at);
+  const [x = 1, y = 1, z = 0.1] = s.table.size;
+  const table = new Mesh(new BoxGeometry(x, y, z), steel);
+  table.name = 'table';
+  table.position.fromArray(s.table.offset).add(at);
+  const under = table.position.z - z / 2;
+  const props = [patient, table];
+  if (under - s.floor > 0.01) {
+    const leg = new Mesh(new BoxGeometry(0.24 * x, 0.3 * y, under - s.floor), steel);
+    leg.name = 'leg';
+    leg.position.set(table.position.x, table.position.y, (under + s.floor) / 2);
+    props.push(leg);
+  }
+  for (const mesh of props) mesh.receiveShadow = mesh.castShadow = mesh !== patient;
+  return props;
+}
+
+function floats(base64: string): Float32Array {
+  const text = atob(base64);
+  const bytes = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
+  return new Float32Array(bytes.buffer);
+}

@@ -1,0 +1,229 @@
+/** The controls beside the picture, as elements of the page. */
+
+import type { Button, Choice, Control, Drawer, Sheet, Slider, Tab } from './controls';
+
+const make = <K extends keyof HTMLElementTagNameMap>(tag: K, cls = '', text = ''): HTMLElementTagNameMap[K] => {
+  const node = document.createElement(tag);
+  if (cls) node.className = cls;
+  if (text) node.textContent = text;
+  return node;
+};
+
+export class DomPanel implements Drawer {
+  readonly side = make('section', 'side');
+  readonly foot = make('section', 'foot');
+  private updates: (() => void)[] = [];
+  private open = 'simulation';
+  private readonly bodies = new Map<string, HTMLElement>();
+  private readonly heads = new Map<string, HTMLButtonElement>();
+
+  constructor(parent: HTMLElement) {
+    this.side.setAttribute('aria-label', 'Controls');
+    parent.append(this.side, this.foot);
+  }
+
+  show(sheet: Sheet): void {
+    this.updates = [];
+    this.side.replaceChildren();
+    this.foot.replaceChildren();
+    const heads = make('div', 'tabs');
+    heads.setAttribute('role', 'tablist');
+    this.side.append(heads);
+    for (const tab of sheet.tabs) {
+      const head = make('button', 'tab', tab.label);
+      head.setAttribute('role', 'tab');
+      head.dataset['id'] = `tab-${tab.id}`;
+      head.onclick = () => this.choose(tab.id);
+      heads.append(head);
+      this.heads.set(tab.id, head);
+      const body = make('div', 'body');
+      body.append(...this.drawAll(tab));
+      this.bodies.set(tab.id, body);
+      this.side.append(body);
+    }
+    this.foot.append(this.draw(sheet.status), ...sheet.transport.map((c) => this.draw(c)));
+    this.choose(this.open);
+    this.refresh();
+  }
+
+  refresh(): void {
+    for (const update of this.updates) update();
+  }
+
+  /** Pixels at the right and at the bottom of the window that are covered. */
+  covers(): [right: number, bottom: number] {
+    const [w, h] = [window.innerWidth, window.innerHeight];
+    const side = this.side.getBoundingClientRect();
+    const beside = side.left > w / 2;
+    return [beside ? w - side.left : 0, h - (beside ? this.foot : this.side).getBoundingClientRect().top];
+  }
+
+  private choose(id: string): void {
+    this.open = id;
+    for (const [name, body] of this.bodies) body.hidden = name !== id;
+    for (const [name, head] of this.heads) head.setAttribute('aria-selected', String(name === id));
+  }
+
+  private drawAll(tab: Tab): HTMLElement[] {
+    return tab.controls.map((c) => this.draw(c));
+  }
+
+  private draw(c: Control): HTMLElement {
+    switch (c.kind) {
+      case 'head':
+        return make('h2', '', c.text);
+      case 'text': {
+        const node = make('p', 'text');
+        node.dataset['id'] = c.id;
+        if (c.id === 'status') node.setAttribute('role', 'status');
+        this.on(
+          () => `${c.tone?.() ?? 'plain'}|${c.text()}`,
+          () => {
+            node.textContent = c.text();
+            node.dataset['tone'] = c.tone?.() ?? 'plain';
+            node.hidden = !c.text();
+          },
+        );
+        return node;
+      }
+      case 'button':
+        return this.button(c);
+      case 'row': {
+        const node = make('div', 'row');
+        node.append(...c.items.map((b) => this.button(b)));
+        return node;
+      }
+      case 'choice':
+        return this.choice(c);
+      case 'slider':
+        return this.slider(c);
+    }
+  }
+
+  private button(c: Button): HTMLElement {
+    const node = make('button', 'push');
+    node.dataset['id'] = c.id;
+    if (c.hint) node.title = c.hint;
+    node.onclick = () => c.press();
+    this.on(
+      () => `${c.label()}|${c.on?.() ?? ''}|${c.off?.() ?? ''}`,
+      () => {
+        node.textContent = c.label();
+        node.disabled = c.off?.() ?? false;
+        if (c.on) node.setAttribute('aria-pressed', String(c.on()));
+      },
+    );
+    return node;
+  }
+
+  private choice(c: Choice): HTMLElement {
+    const label = make('label', 'field', c.label);
+    const node = make('select');
+    node.dataset['id'] = c.id;
+    label.append(node);
+    node.onchange = () => c.set(node.value);
+    this.on(
+      () => JSON.stringify([c.options(), c.get()]),
+      () => {
+        node.replaceChildren(
+          ...c.options().map(([value, text]) => {
+            const option = make('option', '', text);
+            option.value = value;
+            return option;
+          }),
+        );
+        node.value = c.get();
+      },
+    );
+    return label;
+  }
+
+  private slider(c: Slider): HTMLElement {
+    const box = make('div', 'slider');
+    const label = make('label', 'field');
+    const name = make('span', 'name', c.label);
+    const value = make('output', 'value');
+    const bar = make('input');
+    bar.type = 'range';
+    bar.step = 'any';
+    bar.dataset['id'] = c.id;
+    label.append(name, value, bar);
+    box.append(label);
+    let held = false;
+    const begin = () => {
+      if (!held) c.begin?.();
+      held = true;
+    };
+    const end = () => {
+      if (held) c.end?.();
+      held = false;
+    };
+    bar.onpointerdown = begin;
+    bar.oninput = () => {
+      const short = !held; // by a key: taken, led and let go at once
+      begin();
+      c.set(bar.valueAsNumber);
+      if (short) end();
+    };
+    bar.onpointerup = bar.onpointercancel = bar.onlostpointercapture = end;
+    if (c.segments) box.prepend(this.segments(c));
+    this.on(
+      () => `${c.range().join()}|${c.get()}|${c.off?.() ?? ''}`,
+      () => {
+        const [low, high] = c.range();
+        bar.min = String(low);
+        bar.max = String(high);
+        if (!held) bar.value = String(c.get());
+        bar.disabled = c.off?.() ?? false;
+        value.textContent = c.show(c.get());
+        bar.setAttribute('aria-valuetext', c.show(c.get()));
+      },
+    );
+    return box;
+  }
+
+  /** The phases above the bar, as wide as they are long. */
+  private segments(c: Slider): HTMLElement {
+    const strip = make('div', 'phases');
+    this.on(
+      () => JSON.stringify(c.segments?.()),
+      () => {
+        const [low, high] = c.range();
+        strip.replaceChildren(
+          ...(c.segments?.() ?? []).map(([name, a, b]) => {
+            const node = make('button', 'phase', name);
+            node.title = `${name}: ${a.toFixed(2)}–${b.toFixed(2)} s`;
+            node.style.left = `${(100 * (a - low)) / (high - low)}%`;
+            node.style.width = `${(100 * (b - a)) / (high - low)}%`;
+            node.onclick = () => c.set(a);
+            node.dataset['start'] = String(a);
+            return node;
+          }),
+        );
+      },
+    );
+    this.on(
+      () => String(c.get()),
+      () => {
+        const t = c.get();
+        const all = [...strip.children] as HTMLElement[];
+        const spans = c.segments?.() ?? [];
+        all.forEach((node, i) =>
+          node.toggleAttribute('data-now', t >= (spans[i]?.[1] ?? 0) && t < (spans[i]?.[2] ?? 0)),
+        );
+      },
+    );
+    return strip;
+  }
+
+  /** Do something when what it depends on has changed. */
+  private on(key: () => string, act: () => void): void {
+    let last: string | null = null;
+    this.updates.push(() => {
+      const now = key();
+      if (now === last) return;
+      last = now;
+      act();
+    });
+  }
+}

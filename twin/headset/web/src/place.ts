@@ -1,0 +1,163 @@
+/** Where the robot stands in the room, and how large it is drawn. */
+
+import { Group, Matrix4, Mesh, Quaternion, RingGeometry, Vector3 } from 'three';
+import { accentuate, BLUE, flat } from './overlays';
+import { VIEW, type World } from './world';
+
+export const SMALLEST = 0.1;
+export const LARGEST = 10;
+
+export class Place {
+  /** Whether the next select puts the robot where the reticle is. */
+  placing = false;
+  /** Whether a pinch moves the whole robot. */
+  leading = false;
+  /** A ring on the floor where the robot would be put. */
+  readonly reticle = new Group();
+  onChange: () => void = () => undefined;
+
+  /** Height of the floor below it, in the scene. */
+  private ground = 0;
+  private two: { mid: Vector3; apart: number; angle: number; scale: number; yaw: number; position: Vector3 } | null =
+    null;
+
+  constructor(private readonly world: World) {
+    const ring = new Mesh(new RingGeometry(0.085, 0.1, 48).rotateX(-Math.PI / 2), accentuate(flat(BLUE)));
+    const dot = new Mesh(new RingGeometry(0, 0.012, 24).rotateX(-Math.PI / 2), accentuate(flat(BLUE)));
+    this.reticle.add(ring, dot);
+    this.reticle.visible = false;
+    this.reticle.matrixAutoUpdate = false;
+    world.scene.add(this.reticle);
+  }
+
+  private get node(): Group {
+    return this.world.placement;
+  }
+
+  get scale(): number {
+    return this.node.scale.x;
+  }
+
+  get yaw(): number {
+    return this.node.rotation.y;
+  }
+
+  get height(): number {
+    return this.node.position.y - this.ground;
+  }
+
+  setScale(scale: number): void {
+    this.node.scale.setScalar(Math.min(LARGEST, Math.max(SMALLEST, scale)));
+    this.changed();
+  }
+
+  setYaw(yaw: number): void {
+    this.node.rotation.set(0, Math.atan2(Math.sin(yaw), Math.cos(yaw)), 0);
+    this.changed();
+  }
+
+  setHeight(height: number): void {
+    this.node.position.y = this.ground + height;
+    this.changed();
+  }
+
+  /** As it was on the desk: on the floor, to scale. In XR in front of the viewer is better: see `before`. */
+  reset(): void {
+    this.node.scale.setScalar(1);
+    this.node.rotation.set(0, 0, 0);
+    if (!this.world.renderer.xr.isPresenting) {
+      this.ground = 0;
+      this.node.position.set(0, 0, 0);
+    }
+    this.changed();
+  }
+
+  /** Put the robot on the floor at a point, showing the viewer the side that is seen on the desk. */
+  putAt(point: Vector3, viewer: Vector3): void {
+    this.ground = point.y;
+    this.node.position.copy(point);
+    this.face(viewer);
+    this.placing = false;
+    this.reticle.visible = false;
+    this.changed();
+  }
+
+  /** Put the robot in front of a viewer: on the floor, or at table height if it is small. */
+  before(viewer: Vector3, forward: Vector3, floor: number): void {
+    const ahead = forward.clone().setY(0);
+    if (ahead.lengthSq() < 1e-6) ahead.set(0, 0, -1);
+    const s = this.world.size * this.scale;
+    this.ground = floor;
+    this.node.position
+      .copy(viewer)
+      .addScaledVector(ahead.normalize(), Math.max(0.6, 0.75 + 0.7 * s))
+      .setY(floor);
+    // Something small is seen best where a table would hold it; whatever is large stands on the floor.
+    if (s < 1) this.node.position.y = floor + Math.max(0, Math.min(0.75, viewer.y - floor - 0.35 - 0.6 * s));
+    this.face(viewer);
+    this.changed();
+  }
+
+  begin(): void {
+    this.placing = true;
+    this.changed();
+  }
+
+  /** Show where a hit test sees the floor; null where it sees none. */
+  aim(matrix: Matrix4 | null): void {
+    this.reticle.visible = this.placing && matrix !== null;
+    if (matrix) this.reticle.matrix.copy(matrix);
+    this.reticle.matrixWorldNeedsUpdate = true;
+  }
+
+  /** Two hands take the robot: from now on it follows their middle, distance and direction. */
+  beginTwo(a: Vector3, b: Vector3): void {
+    this.two = {
+      mid: a.clone().add(b).multiplyScalar(0.5),
+      apart: Math.max(0.02, a.distanceTo(b)),
+      angle: Math.atan2(b.x - a.x, b.z - a.z),
+      scale: this.scale,
+      yaw: this.yaw,
+      position: this.node.position.clone(),
+    };
+  }
+
+  moveTwo(a: Vector3, b: Vector3): void {
+    const t = this.two;
+    if (!t) return;
+    const scale = Math.min(LARGEST, Math.max(SMALLEST, (t.scale * a.distanceTo(b)) / t.apart));
+    const turn = Math.atan2(b.x - a.x, b.z - a.z) - t.angle;
+    const mid = a.clone().add(b).multiplyScalar(0.5);
+    const arm = t.position
+      .clone()
+      .sub(t.mid)
+      .multiplyScalar(scale / t.scale);
+    arm.applyQuaternion(new Quaternion().setFromAxisAngle(UP, turn));
+    this.node.position.copy(mid).add(arm);
+    this.node.scale.setScalar(scale);
+    this.setYaw(t.yaw + turn);
+  }
+
+  endTwo(): void {
+    this.two = null;
+  }
+
+  /** One hand moves the robot by as much as it moves itself. */
+  shift(by: Vector3): void {
+    this.node.position.add(by);
+    this.changed();
+  }
+
+  private face(viewer: Vector3): void {
+    const d = viewer.clone().sub(this.node.position);
+    this.node.rotation.set(0, Math.atan2(d.x, d.z) - Math.atan2(VIEW.x, VIEW.z), 0);
+  }
+
+  private changed(): void {
+    this.node.updateMatrixWorld(true);
+    this.world.relight();
+    this.onChange();
+  }
+}
+
+const UP = new Vector3(0, 1, 0);

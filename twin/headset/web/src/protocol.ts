@@ -1,0 +1,106 @@
+/** What the server says and hears. Lengths in m, angles in rad, poses as x y z qx qy qz qw, world with z up. */
+
+export type Numbers = readonly number[];
+
+export interface JointInfo {
+  name: string;
+  type: string;
+  unit: string;
+  lower: number | null;
+  upper: number | null;
+  active: boolean;
+  link: string;
+  parent: string;
+  /** A point of the axis and its direction, in the frame of the parent link. */
+  axis: { origin: Numbers; direction: Numbers };
+}
+
+/** Table and patient, for scale; `offset` is from `at` in the robot's world. */
+export interface Scenery {
+  assumed: string;
+  at: Numbers;
+  floor: number;
+  patient: { radii: Numbers; offset: Numbers };
+  table: { size: Numbers; offset: Numbers };
+}
+
+export interface Named {
+  name: string;
+  title: string;
+  is_default?: boolean;
+}
+
+export interface RobotInfo {
+  schema: string;
+  version: number;
+  name: string;
+  title?: string;
+  model_hash: string;
+  links: string[];
+  joints: JointInfo[];
+  tool: { link: string; T_link_tool: Numbers };
+  protocols: Named[];
+  postures: string[];
+  variants: string[];
+  has_equations: boolean;
+  has_workspace: boolean;
+  scenery: Scenery | null;
+  assumed: string[];
+}
+
+export type Phase = readonly [name: string, start: number, end: number];
+
+export interface State {
+  playing: boolean;
+  time: number;
+  duration: number;
+  speed: number;
+  loop: boolean;
+  protocol: string | null;
+  phases: Phase[];
+  phase: string | null;
+  holder: string | number | null;
+  reason: string | null;
+  gap_m: number | null;
+  residual_m: number | null;
+  rcm: Numbers | null;
+  rcm_error_m: number | null;
+  depth_m: number | null;
+  variant: string | null;
+  planning: string | null;
+  workspace: boolean;
+  /** Only where the server was started with --record. */
+  recording?: boolean;
+  postures: string[];
+}
+
+export type Message =
+  | { type: 'hello'; protocol: number; client: string | number; robot: string; model_hash: string; resume?: string }
+  | ({ type: 'state' } & Partial<State>)
+  | { type: 'path'; protocol: string | null; points: Numbers }
+  | { type: 'cloud'; first?: boolean; points: string; values?: string; done: boolean }
+  | { type: 'error'; id?: number; code: string; message: string }
+  | { type: 'ack'; id?: number }
+  | { type: 'pong'; t: number };
+
+export const FIRST_STATE: State = {
+  playing: false,
+  time: 0,
+  duration: 0,
+  speed: 1,
+  loop: true,
+  protocol: null,
+  phases: [],
+  phase: '',
+  holder: null,
+  reason: '',
+  gap_m: null,
+  residual_m: null,
+  rcm: null,
+  rcm_error_m: null,
+  depth_m: null,
+  variant: null,
+  planning: null,
+  workspace: false,
+  postures: [],
+};

@@ -1,0 +1,247 @@
+/** The robot's meshes. Link poses of the stream are applied to the nodes as they are: no kinematics here. */
+
+import {
+  Box3,
+  Color,
+  EdgesGeometry,
+  Float32BufferAttribute,
+  Group,
+  LineBasicMaterial,
+  LineSegments,
+  Matrix4,
+  Mesh,
+  MeshBasicMaterial,
+  MeshStandardMaterial,
+  Object3D,
+  Quaternion,
+  Vector3,
+} from 'three';
+import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
+import type { Frame } from './frame';
+import type { RobotInfo } from './protocol';
+
+const SAMPLES = 400; // vertices of a link that a hand is compared with
+const RED = 0xd81b2a;
+
+interface Skin {
+  mesh: Mesh;
+  material: MeshStandardMaterial;
+  color: Color;
+  opacity: number;
+}
+
+export interface Link {
+  name: string;
+  node: Object3D;
+  skins: Skin[];
+  /** Vertices in the link's frame, some hundred of them. */
+  points: Vector3[];
+}
+
+export type Mark = 'none' | 'hover' | 'held' | 'refused';
+
+export class Robot {
+  readonly links = new Map<string, Link>();
+  /** The one node that turns z-up to y-up. */
+  readonly root: Object3D;
+  private outline: LineSegments | null = null;
+  private marked: [string, Mark] = ['', 'none'];
+  private bright = false;
+
+  private constructor(scene: Group) {
+    this.root = scene.children.length === 1 && scene.children[0] ? scene.children[0] : scene;
+  }
+
+  /** Load the GLB and find its links. Links that it does not hold are named in an Error. */
+  static async load(url: string, info: Promise<RobotInfo>): Promise<Robot> {
+    const [gltf, about] = await Promise.all([new GLTFLoader().loadAsync(url), info]);
+    const robot = new Robot(gltf.scene);
+    const nodes = new Map<string, Object3D>();
+    gltf.scene.traverse((o) => {
+      // the loader rewrites names with dots or blanks; the file's own is in userData
+      const own: unknown = o.userData['link'] ?? o.userData['name'] ?? o.name;
+      if (typeof own === 'string' && !nodes.has(own)) nodes.set(own, o);
+    });
+    const missing = about.links.filter((name) => !nodes.has(name));
+    if (missing.length) throw new Error(`The robot's picture lacks ${missing.join(', ')}.`);
+    for (const name of about.links) robot.links.set(name, dress(name, nodes.get(name) as Object3D));
+    return robot;
+  }
+
+  /** Put all links where a frame says. */
+  apply(frame: Frame, names: readonly string[]): void {
+    const v = frame.poses;
+    names.forEach((name, i) => {
+      const node = this.links.get(name)?.node;
+      if (!node) return;
+      node.position.fromArray(v, 7 * i);
+      node.quaternion.fromArray(v, 7 * i + 3);
+    });
+    this.root.updateMatrixWorld(true);
+  }
+
+  /** The box of all links in the root's frame (z up). */
+  box(): Box3 {
+    this.root.updateMatrixWorld(true);
+    const inverse = new Matrix4().copy(this.root.matrixWorld).invert();
+    const box = new Box3();
+    for (const link of this.links.values())
+      for (const p of link.points)
+        box.expandByPoint(p.clone().applyMatrix4(link.node.matrixWorld).applyMatrix4(inverse));
+    return box;
+  }
+
+  /** Meshes to be hit by a ray. */
+  targets(): Mesh[] {
+    return [...this.links.values()].flatMap((l) => l.skins.map((s) => s.mesh));
+  }
+
+  /** Name of the link that an object belongs to. */
+  linkOf(object: Object3D | null): string | null {
+    for (let o = object; o; o = o.parent) {
+      const name: unknown = o.userData['twinLink'];
+      if (typeof name === 'string') return name;
+    }
+    return null;
+  }
+
+  /** Name of the link nearest to a point of the scene, and how far its surface is away, in m of the scene. */
+  nearest(point: Vector3): { link: string; distance: number } | null {
+    let best: { link: string; distance: number } | null = null;
+    const at = new Vector3();
+    for (const link of this.links.values())
+      for (const p of link.points) {
+        const distance = at.copy(p).applyMatrix4(link.node.matrixWorld).distanceTo(point);
+        if (!best || distance < best.distance) best = { link: link.name, distance };
+      }
+    return best;
+  }
+
+  /** Colour one link: under the pointer, held, or held and not following. */
+  mark(name: string, mark: Mark): void {
+    if (this.marked[0] === name && this.marked[1] === mark) return;
+    this.marked = [name, mark];
+    this.outline?.removeFromParent();
+    this.outline = null;
+    for (const link of this.links.values()) this.tint(link);
+    const link = this.links.get(name);
+    if (link && mark === 'refused') {
+      this.outline = outlineOf(link);
+      link.node.add(this.outline);
+    }
+  }
+
+  /** Raise dark colours, for displays on which black cannot be seen. */
+  brighten(on: boolean): void {
+    this.bright = on;
+    for (const link of this.links.values()) this.tint(link);
+  }
+
+  /** Paint each link in one flat colour by its number (for pixel probes), or as it was. */
+  paint(on: boolean): void {
+    let i = 0;
+    for (const link of this.links.values()) {
+      const flat = new MeshBasicMaterial({ color: paintOf(i++), toneMapped: false });
+      for (const s of link.skins) s.mesh.material = on ? flat : s.material;
+    }
+  }
+
+  /** A copy of one link's meshes in one translucent colour. */
+  copyOf(name: string, color: number, opacity: number): Group {
+    const group = new Group();
+    const link = this.links.get(name);
+    if (!link) return group;
+    const material = new MeshStandardMaterial({ color, opacity, transparent: true, depthWrite: false });
+    link.node.updateWorldMatrix(true, false);
+    const inverse = new Matrix4().copy(link.node.matrixWorld).invert();
+    for (const { mesh } of link.skins) {
+      mesh.updateWorldMatrix(true, false);
+      const twin = new Mesh(mesh.geometry, material);
+      twin.applyMatrix4(new Matrix4().multiplyMatrices(inverse, mesh.matrixWorld));
+      group.add(twin);
+    }
+    return group;
+  }
+
+  private tint(link: Link): void {
+    const mark = this.marked[0] === link.name ? this.marked[1] : 'none';
+    const glow = { none: 0x000000, hover: 0x1c4f8f, held: 0x1366d6, refused: RED }[mark];
+    for (const { material, color, opacity } of link.skins) {
+      material.color.copy(color);
+      material.emissive.setHex(glow);
+      material.emissiveIntensity = mark === 'hover' ? 0.35 : 0.5;
+      if (this.bright) {
+        // An additive display adds light: lift what is dark, keep the hue, and let nothing be nearly black.
+        const hsl = { h: 0, s: 0, l: 0 };
+        color.getHSL(hsl);
+        material.color.setHSL(hsl.h, hsl.s, 0.5 + 0.4 * hsl.l);
+        if (mark === 'none') material.emissive.copy(material.color).multiplyScalar(0.18);
+        material.emissiveIntensity = 1;
+      }
+      material.opacity = opacity;
+    }
+  }
+}
+
+/** Colour of link number i in `paint`: 125 that differ by at least 60 in one channel. */
+export function paintOf(i: number): Color {
+  const k = (i * 37 + 7) % 125;
+  const part = (n: number) => 15 + 60 * (n % 5);
+  return new Color().setStyle(`rgb(${part(k)},${part(Math.floor(k / 5))},${part(Math.floor(k / 25))})`);
+}
+
+function dress(name: string, node: Object3D): Link {
+  const skins: Skin[] = [];
+  const points: Vector3[] = [];
+  node.userData['twinLink'] = name;
+  node.updateWorldMatrix(true, true);
+  const inverse = new Matrix4().copy(node.matrixWorld).invert();
+  node.traverse((o) => {
+    if (!(o instanceof Mesh)) return;
+    const mesh = o as Mesh;
+    const old = mesh.material as MeshStandardMaterial;
+    const material = old.clone(); // links may share one, but are marked one by one
+    material.metalness = Math.min(material.metalness, 0.15); // without surroundings metal is black
+    material.roughness = Math.max(0.42, Math.min(material.roughness, 0.6));
+    material.depthWrite = !material.transparent;
+    mesh.material = material;
+    mesh.castShadow = !material.transparent;
+    mesh.receiveShadow = true;
+    skins.push({ mesh, material, color: material.color.clone(), opacity: material.opacity });
+    const T = new Matrix4().multiplyMatrices(inverse, mesh.matrixWorld);
+    const position = mesh.geometry.getAttribute('position');
+    const step = Math.max(1, Math.floor(position.count / SAMPLES));
+    for (let i = 0; i < position.count; i += step)
+      points.push(new Vector3().fromBufferAttribute(position, i).applyMatrix4(T));
+  });
+  return { name, node, skins, points };
+}
+
+function outlineOf(link: Link): LineSegments {
+  const group = new LineSegments(undefined, new LineBasicMaterial({ color: RED, depthTest: false, toneMapped: false }));
+  const inverse = new Matrix4().copy(link.node.matrixWorld).invert();
+  const all: number[] = [];
+  const p = new Vector3();
+  for (const { mesh } of link.skins) {
+    const T = new Matrix4().multiplyMatrices(inverse, mesh.matrixWorld);
+    const edges = new EdgesGeometry(mesh.geometry, 35).getAttribute('position');
+    for (let i = 0; i < edges.count; i++) all.push(...p.fromBufferAttribute(edges, i).applyMatrix4(T).toArray());
+  }
+  group.geometry.setAttribute('position', new Float32BufferAttribute(all, 3));
+  group.renderOrder = 5;
+  group.userData['twinLink'] = link.name;
+  return group;
+}
+
+/** Position and rotation of a pose of seven numbers. */
+export function poseOf(v: ArrayLike<number>): { p: Vector3; q: Quaternion } {
+  return {
+    p: new Vector3(v[0], v[1], v[2]),
+    q: new Quaternion(v[3], v[4], v[5], v[6]),
+  };
+}
+
+export function matrixOf(v: ArrayLike<number>): Matrix4 {
+  const { p, q } = poseOf(v);
+  return new Matrix4().compose(p, q, new Vector3(1, 1, 1));
+}

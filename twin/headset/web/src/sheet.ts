@@ -1,0 +1,253 @@
+/** The controls of this page: simulation, interaction, scene, robot. */
+
+import type { App } from './app';
+import type { Button, Control, Sheet, Slider, Tab } from './controls';
+import type { Mode } from './grab';
+import { isAngle, jointValue, length } from './model';
+import { robot, scene } from './sheet_scene';
+
+const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
+
+export function makeSheet(app: App): Sheet {
+  return {
+    tabs: [simulation(app), interaction(app), scene(app), robot(app)],
+    transport: transport(app),
+    status: { kind: 'text', id: 'status', text: () => app.model.status().text, tone: () => app.model.status().tone },
+  };
+}
+
+const seconds = (t: number): string => `${t.toFixed(2)} s`;
+
+function transport(app: App): Control[] {
+  const s = () => app.model.state;
+  const none = () => s().duration <= 0;
+  return [
+    {
+      kind: 'row',
+      items: [
+        {
+          kind: 'button',
+          id: 'play',
+          label: () => (s().playing ? '❚❚ Pause' : '▶ Play'),
+          off: none,
+          on: () => s().playing,
+          press: () => app.ask('play', { on: !s().playing }),
+        },
+        { kind: 'button', id: 'begin', label: () => '|◀ Start', off: none, press: () => app.ask('seek', { t: 0 }) },
+        {
+          kind: 'button',
+          id: 'loop',
+          label: () => '↻ Loop',
+          off: none,
+          on: () => s().loop,
+          press: () => app.ask('loop', { on: !s().loop }),
+        },
+        {
+          kind: 'button',
+          id: 'slower',
+          label: () => '– slower',
+          off: none,
+          press: () => app.ask('speed', { value: step(s().speed, -1) }),
+        },
+        {
+          kind: 'button',
+          id: 'speed',
+          label: () => `${s().speed}×`,
+          off: none,
+          press: () => app.ask('speed', { value: 1 }),
+          hint: 'Back to real time',
+        },
+        {
+          kind: 'button',
+          id: 'faster',
+          label: () => '+ faster',
+          off: none,
+          press: () => app.ask('speed', { value: step(s().speed, 1) }),
+        },
+      ],
+    },
+    {
+      kind: 'slider',
+      id: 'time',
+      label: 'Time',
+      off: none,
+      range: () => [0, Math.max(s().duration, 1e-3)],
+      get: () => app.clipTime(),
+      set: (t) => app.seek(t),
+      show: (t) => `${t.toFixed(2)} / ${s().duration.toFixed(2)} s`,
+      segments: () => s().phases,
+    },
+  ];
+}
+
+function step(speed: number, by: number): number {
+  const i = SPEEDS.findIndex((v) => v >= speed - 1e-9);
+  return SPEEDS[Math.max(0, Math.min(SPEEDS.length - 1, (i < 0 ? SPEEDS.length - 1 : i) + by))] ?? 1;
+}
+
+function simulation(app: App): Tab {
+  const m = app.model;
+  const controls: Control[] = [];
+  const protocols = m.info?.protocols ?? [];
+  if (protocols.length)
+    controls.push({
+      kind: 'choice',
+      id: 'protocol',
+      label: 'Protocol',
+      options: () => protocols.map((p) => [p.name, p.name]),
+      get: () => m.state.planning ?? m.state.protocol ?? '',
+      set: (name) => app.ask('protocol', { name }),
+    });
+  controls.push(
+    {
+      kind: 'text',
+      id: 'title',
+      tone: () => 'faint',
+      text: () => {
+        if (!protocols.length) return 'This robot has no protocol to play.';
+        const name = m.state.planning ?? m.state.protocol;
+        const title = protocols.find((p) => p.name === name)?.title ?? '';
+        return m.state.planning ? `${title} — being planned …` : title;
+      },
+    },
+    { kind: 'text', id: 'phase', text: () => phaseText(app) },
+    {
+      kind: 'text',
+      id: 'phases',
+      tone: () => 'faint',
+      text: () => m.state.phases.map(([n, a, b], i) => `${i + 1}  ${n}  ${a.toFixed(1)}–${seconds(b)}`).join('\n'),
+    },
+    {
+      kind: 'row',
+      items: [
+        {
+          kind: 'button',
+          id: 'previous',
+          label: () => '‹ previous phase',
+          off: () => !m.state.phases.length,
+          press: () => app.phase(-1),
+        },
+        {
+          kind: 'button',
+          id: 'next',
+          label: () => 'next phase ›',
+          off: () => !m.state.phases.length,
+          press: () => app.phase(1),
+        },
+      ],
+    },
+    { kind: 'text', id: 'measures', text: () => measures(app) },
+  );
+  if (m.state.recording !== undefined)
+    controls.push({
+      kind: 'row',
+      items: [
+        {
+          kind: 'button',
+          id: 'record',
+          label: () => (m.state.recording ? '■ Stop recording' : '● Record'),
+          on: () => m.state.recording === true,
+          press: () => app.ask('record', { on: !m.state.recording }),
+        },
+      ],
+    });
+  return { id: 'simulation', label: 'Simulation', controls };
+}
+
+function phaseText(app: App): string {
+  const s = app.model.state;
+  if (!s.phases.length) return '';
+  const t = app.clipTime();
+  const i = s.phases.findIndex(([, , end]) => t <= end + 1e-9);
+  return s.phase
+    ? `Phase ${(i < 0 ? s.phases.length - 1 : i) + 1} of ${s.phases.length}: ${s.phase}`
+    : 'Not on the protocol: press Play to return to it.';
+}
+
+function measures(app: App): string {
+  const s = app.model.state;
+  const lines: string[] = [];
+  if (s.gap_m !== null) lines.push(`Gap of the loops  ${length(s.gap_m)}`);
+  if (s.residual_m !== null) lines.push(`Equations ↔ mechanism  ${length(s.residual_m)}`);
+  if (s.rcm_error_m !== null) lines.push(`Shaft misses the RCM by  ${length(s.rcm_error_m)}`);
+  if (s.depth_m !== null) lines.push(`Insertion depth  ${length(s.depth_m)}`);
+  return lines.join('\n');
+}
+
+function interaction(app: App): Tab {
+  const m = app.model;
+  const modes: [Mode, string, string][] = [
+    ['auto', 'Tool', 'The tool follows the hand; any other link is led at the point where it is taken.'],
+    ['joint', 'Joint', 'Take a link: the driven joint that carries it moves.'],
+    ['link', 'Link', 'Take any link at any point: the mechanism follows that point.'],
+  ];
+  const mode = (value: Mode, label: string): Button => ({
+    kind: 'button',
+    id: `mode-${value}`,
+    label: () => label,
+    on: () => app.grab.mode === value,
+    press: () => {
+      app.grab.mode = value;
+      app.refresh();
+    },
+  });
+  const controls: Control[] = [
+    { kind: 'head', text: 'What a hand takes' },
+    { kind: 'row', items: modes.map(([value, label]) => mode(value, label)) },
+    {
+      kind: 'text',
+      id: 'how',
+      tone: () => 'faint',
+      text: () => `${modes.find(([v]) => v === app.grab.mode)?.[2] ?? ''} ${app.how()}`,
+    },
+    {
+      kind: 'row',
+      items: [
+        {
+          kind: 'button',
+          id: 'turning',
+          label: () => 'Tool turns with the hand',
+          on: () => app.grab.turning,
+          press: () => {
+            app.grab.turning = !app.grab.turning;
+            app.refresh();
+          },
+        },
+      ],
+    },
+  ];
+  const postures = m.info?.postures ?? [];
+  if (postures.length)
+    controls.push(
+      { kind: 'head', text: 'Postures' },
+      {
+        kind: 'row',
+        items: postures
+          .slice(0, 6)
+          .map((name) => ({
+            kind: 'button',
+            id: `posture-${name}`,
+            label: () => name,
+            press: () => app.ask('posture', { name }),
+          })),
+      },
+    );
+  controls.push({ kind: 'head', text: 'Joints' });
+  for (const joint of m.info?.joints.filter((j) => j.active) ?? []) {
+    const angle = isAngle(joint);
+    const slider: Slider = {
+      kind: 'slider',
+      id: `joint-${joint.name}`,
+      label: joint.name,
+      range: () => [joint.lower ?? (angle ? -Math.PI : -1), joint.upper ?? (angle ? Math.PI : 1)],
+      get: () => m.joint(joint.name),
+      show: (v) => jointValue(v, angle),
+      begin: () => void app.grab.startJoint(joint),
+      set: (v) => app.grab.moveJoint(v),
+      end: () => app.grab.end(),
+      off: () => m.heldByOther || m.line !== 'open',
+    };
+    controls.push(slider);
+  }
+  return { id: 'interaction', label: 'Interaction', controls };
+}

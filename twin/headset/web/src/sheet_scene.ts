@@ -1,0 +1,152 @@
+/** The controls of what is shown and where, and what is known of the robot. */
+
+import type { App } from './app';
+import type { Button, Control, Tab } from './controls';
+import { isAngle, jointValue } from './model';
+import type { Shows } from './overlays';
+
+export function scene(app: App): Tab {
+  const m = app.model;
+  const show = (key: keyof Shows, label: string): Button => ({
+    kind: 'button',
+    id: `show-${key}`,
+    label: () => label,
+    on: () => app.overlays.shows[key],
+    press: () => app.show(key),
+  });
+  const rows: Button[][] = [[show('path', 'Tool path'), show('rcm', 'RCM and shaft')], []];
+  if (m.info?.has_workspace) rows[1]?.push(show('workspace', 'Workspace'));
+  if (m.info?.scenery) rows[1]?.push(show('scenery', 'Table and patient'));
+  rows.push([
+    show('labels', 'Labels'),
+    {
+      kind: 'button',
+      id: 'look',
+      label: () => 'Bright, for additive displays',
+      on: () => app.world.look === 'additive',
+      press: () => app.setLook(app.world.look === 'additive' ? 'normal' : 'additive'),
+    },
+  ]);
+  const controls: Control[] = [
+    { kind: 'head', text: 'Show' },
+    ...rows.filter((r) => r.length).map((items): Control => ({ kind: 'row', items })),
+  ];
+  controls.push({ kind: 'text', id: 'cloud', tone: () => 'faint', text: () => app.cloudText() });
+  if (m.info?.variants.length)
+    controls.push(
+      {
+        kind: 'choice',
+        id: 'variant',
+        label: 'Tool by the equations, as',
+        options: () => [['', 'not shown'], ...(m.info?.variants ?? []).map((v): [string, string] => [v, v])],
+        get: () => m.state.variant ?? '',
+        set: (v) => app.ask('variant', { name: v || null }),
+      },
+      { kind: 'text', id: 'ghost', tone: () => 'faint', text: () => app.overlays.ghostText },
+    );
+  controls.push(
+    { kind: 'head', text: 'Size and place' },
+    {
+      kind: 'slider',
+      id: 'scale',
+      label: 'Size',
+      range: () => [-1, 1],
+      get: () => Math.log10(app.place.scale),
+      set: (v) => app.place.setScale(10 ** v),
+      show: (v) => `${(10 ** v).toFixed(2)}×`,
+    },
+    {
+      kind: 'slider',
+      id: 'yaw',
+      label: 'Turn',
+      range: () => [-Math.PI, Math.PI],
+      get: () => app.place.yaw,
+      set: (v) => app.place.setYaw(v),
+      show: (v) => `${((180 / Math.PI) * v).toFixed(0)}°`,
+    },
+    {
+      kind: 'slider',
+      id: 'height',
+      label: 'Height',
+      range: () => [-0.5, 1.5],
+      get: () => app.place.height,
+      set: (v) => app.place.setHeight(v),
+      show: (v) => `${(100 * v).toFixed(0)} cm`,
+    },
+    {
+      kind: 'row',
+      items: [
+        {
+          kind: 'button',
+          id: 'place',
+          label: () => 'Place on the floor',
+          on: () => app.place.placing,
+          off: () => !app.xr.canPlace,
+          press: () => app.place.begin(),
+          hint: 'In AR',
+        },
+        {
+          kind: 'button',
+          id: 'lead',
+          label: () => 'Move by hand',
+          on: () => app.place.leading,
+          off: () => !app.xr.presenting,
+          press: () => {
+            app.place.leading = !app.place.leading;
+            app.refresh();
+          },
+          hint: 'In XR: a pinch moves the whole robot, two pinches turn and scale it',
+        },
+        { kind: 'button', id: 'reset', label: () => 'Reset', press: () => app.place.reset() },
+      ],
+    },
+  );
+  return { id: 'scene', label: 'Scene', controls };
+}
+
+export function robot(app: App): Tab {
+  const m = app.model;
+  const count = m.info?.assumed.length ?? 0;
+  return {
+    id: 'robot',
+    label: 'Robot',
+    controls: [
+      { kind: 'text', id: 'name', text: () => m.info?.title || m.info?.name || '' },
+      {
+        kind: 'text',
+        id: 'about',
+        tone: () => 'faint',
+        text: () =>
+          `${m.info?.links.length ?? 0} links, ${m.info?.joints.length ?? 0} joints, ${m.info?.joints.filter((j) => j.active).length ?? 0} of them driven\nmodel ${m.info?.model_hash.slice(0, 19) ?? ''}`,
+      },
+      {
+        kind: 'text',
+        id: 'values',
+        text: () =>
+          (m.info?.joints ?? [])
+            .filter((j) => j.active)
+            .map((j) => `${j.name}  ${jointValue(m.joint(j.name), isAngle(j))}`)
+            .join('\n'),
+      },
+      { kind: 'text', id: 'line', tone: () => 'faint', text: () => app.lineText() },
+      { kind: 'head', text: count === 1 ? '1 ASSUMED parameter' : `${count} ASSUMED parameters` },
+      {
+        kind: 'text',
+        id: 'assumed',
+        tone: () => 'faint',
+        text: () => (count ? assumptions(m.info?.assumed ?? []) : 'None: every number has a source.'),
+      },
+    ],
+  };
+}
+
+/** What is assumed, the same reason told once. */
+function assumptions(all: readonly string[]): string {
+  const reasons = new Map<string, string[]>();
+  for (const line of all) {
+    const [name = '', ...rest] = line.split(': ');
+    const why = rest.join(': ');
+    reasons.set(why, [...(reasons.get(why) ?? []), name]);
+  }
+  return [...reasons].map(([why, names]) => `• ${names.join(', ')}: ${why}`).join('\n');
+}

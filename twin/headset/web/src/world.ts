@@ -1,0 +1,205 @@
+/** Scene, camera, light, floor and the two looks: normal, and bright for displays that add their light to the room. */
+
+import {
+  AmbientLight,
+  BufferGeometry,
+  CircleGeometry,
+  Color,
+  DirectionalLight,
+  Float32BufferAttribute,
+  Group,
+  HemisphereLight,
+  LineBasicMaterial,
+  LineSegments,
+  Mesh,
+  MeshBasicMaterial,
+  NeutralToneMapping,
+  Object3D,
+  PerspectiveCamera,
+  PCFShadowMap,
+  Scene,
+  ShadowMaterial,
+  SRGBColorSpace,
+  Vector3,
+  WebGLRenderer,
+} from 'three';
+import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
+
+export type Look = 'normal' | 'additive';
+
+const SKY = 0xe9eef5;
+
+/** From where the robot is looked at first. */
+export const VIEW: Readonly<Vector3> = new Vector3(0.62, 0.36, 0.8).normalize();
+
+export class World {
+  readonly renderer: WebGLRenderer;
+  readonly scene = new Scene();
+  readonly camera = new PerspectiveCamera(40, 1, 0.01, 60);
+  readonly orbit: OrbitControls;
+  /** Where the robot is in the room: place, turn about y, one scale. The origin is on the floor below it. */
+  readonly placement = new Group();
+  /** The robot's world, z up, below `placement`. */
+  readonly robotWorld = new Group();
+  readonly floor = new Group();
+  look: Look = 'normal';
+  /** Set when something has changed that must be drawn. */
+  dirty = true;
+  /** Edge of the robot's box, in m. */
+  size = 1;
+
+  private covered = { right: 0, bottom: 0 };
+  private readonly sun = new DirectionalLight(0xffffff, 2.1);
+  private readonly fill = new DirectionalLight(0xdfe9ff, 0.7);
+  private readonly hemisphere = new HemisphereLight(0xffffff, 0xc9c4bc, 1.15);
+  private readonly ambient = new AmbientLight(0xffffff, 0.15);
+  private readonly shadow = new Mesh(new CircleGeometry(6, 48), new ShadowMaterial({ opacity: 0.2 }));
+  private readonly grid: LineSegments;
+  private readonly disc: Mesh;
+
+  constructor(canvas: HTMLCanvasElement) {
+    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: 'high-performance' });
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    this.renderer.outputColorSpace = SRGBColorSpace;
+    this.renderer.toneMapping = NeutralToneMapping;
+    this.renderer.toneMappingExposure = 1.0;
+    this.renderer.xr.enabled = true;
+    this.renderer.shadowMap.enabled = true;
+    this.renderer.shadowMap.type = PCFShadowMap;
+    this.renderer.shadowMap.autoUpdate = false;
+    this.robotWorld.rotation.x = -Math.PI / 2;
+    this.placement.add(this.robotWorld);
+    this.scene.add(this.placement, this.floor, this.sun, this.sun.target, this.fill, this.hemisphere, this.ambient);
+    this.sun.castShadow = true;
+    this.sun.shadow.mapSize.set(1024, 1024);
+    this.sun.shadow.bias = -0.0004;
+    this.sun.shadow.normalBias = 0.004;
+    this.sun.shadow.radius = 4;
+    this.shadow.rotation.x = -Math.PI / 2;
+    this.shadow.receiveShadow = true;
+    this.shadow.position.y = 0.0005;
+    this.grid = gridOf();
+    this.disc = new Mesh(new CircleGeometry(4, 64), new MeshBasicMaterial({ color: 0xf4f7fa, toneMapped: false }));
+    this.disc.rotation.x = -Math.PI / 2;
+    this.disc.position.y = -0.002;
+    this.floor.add(this.disc, this.grid, this.shadow);
+    this.orbit = new OrbitControls(this.camera, canvas);
+    this.orbit.enableDamping = false;
+    this.orbit.addEventListener('change', () => (this.dirty = true));
+    this.setLook('normal', false);
+    window.addEventListener('resize', () => this.resize());
+    this.resize();
+  }
+
+  resize(): void {
+    if (this.renderer.xr.isPresenting) return;
+    const canvas = this.renderer.domElement;
+    const [w, h] = [canvas.clientWidth || 1, canvas.clientHeight || 1];
+    this.renderer.setSize(w, h, false);
+    // The picture's middle is the middle of what the controls leave free.
+    this.camera.setViewOffset(w, h, this.covered.right / 2, this.covered.bottom / 2, w, h);
+    this.dirty = true;
+  }
+
+  /** Say how much of the canvas the controls cover, in pixels. */
+  cover(right: number, bottom: number): void {
+    if (right === this.covered.right && bottom === this.covered.bottom) return;
+    this.covered = { right, bottom };
+    this.resize();
+  }
+
+  /** Look at the robot's box from the front right, so that it fills the picture. */
+  frameAll(middle: Vector3, radius: number): void {
+    const { clientWidth: w, clientHeight: h } = this.renderer.domElement;
+    const free = Math.max(0.2, Math.min((h - this.covered.bottom) / h, (w - this.covered.right) / h));
+    const away = (0.9 * radius) / Math.sin(Math.atan(Math.tan((this.camera.fov * Math.PI) / 360) * free));
+    this.camera.position.copy(middle).addScaledVector(VIEW, away);
+    this.camera.near = Math.max(0.002, away / 200);
+    this.camera.far = 60 * Math.max(1, away);
+    this.camera.updateProjectionMatrix();
+    this.orbit.target.copy(middle);
+    this.orbit.minDistance = 0.05 * radius;
+    this.orbit.maxDistance = 12 * radius;
+    this.orbit.update();
+    this.dirty = true;
+  }
+
+  /** Let light and shadow fit a robot that stands at the placement. */
+  relight(): void {
+    const s = this.size * this.placement.scale.x;
+    const at = this.placement.position;
+    this.sun.position.set(at.x + 0.9 * s, at.y + 2.6 * s, at.z + 1.3 * s);
+    this.sun.target.position.set(at.x, at.y + 0.35 * s, at.z);
+    this.fill.position.set(at.x - 2 * s, at.y + s, at.z - 1.5 * s);
+    const c = this.sun.shadow.camera;
+    c.left = c.bottom = -1.3 * s;
+    c.right = c.top = 1.3 * s;
+    c.near = 0.2 * s;
+    c.far = 6 * s;
+    c.updateProjectionMatrix();
+    this.sun.shadow.normalBias = 0.006 * s;
+    this.shadow.position.set(at.x, at.y + 0.0005, at.z);
+    this.shadow.scale.setScalar(Math.max(0.2, 0.5 * s));
+    const cell = 0.1 * 10 ** Math.round(Math.log10(Math.max(s, 1e-3)));
+    this.grid.scale.setScalar(cell / 0.1);
+    this.disc.scale.setScalar(cell / 0.1);
+    this.touch();
+  }
+
+  /** The robot has moved: draw, shadow included. */
+  touch(): void {
+    this.dirty = true;
+    this.renderer.shadowMap.needsUpdate = true;
+  }
+
+  setLook(look: Look, seeThrough: boolean): void {
+    this.look = look;
+    const additive = look === 'additive';
+    // On an additive display black is nothing: on a desk it previews what such a display would show.
+    this.scene.background = seeThrough ? null : new Color(additive ? 0x000000 : SKY);
+    this.ambient.intensity = additive ? 0.5 : 0.15;
+    this.sun.castShadow = !additive;
+    this.shadow.visible = !additive;
+    this.disc.visible = !seeThrough && !additive;
+    this.grid.visible = !seeThrough;
+    (this.grid.material as LineBasicMaterial).opacity = additive ? 0.35 : 1;
+    this.touch();
+  }
+}
+
+/** Lines 10 cm apart, every fifth stronger, fading to the rim. */
+function gridOf(): LineSegments {
+  const positions: number[] = [];
+  const colors: number[] = [];
+  const half = 30;
+  const near = [new Color(0xb9c4d1), new Color(0xd7dee7)] as const;
+  const rim = new Color(SKY);
+  const add = (x: number, z: number, strong: boolean) => {
+    positions.push(0.1 * x, 0, 0.1 * z);
+    const fade = Math.min(1, Math.hypot(x, z) / half) ** 1.5;
+    const c = near[strong ? 0 : 1].clone().lerp(rim, fade);
+    colors.push(c.r, c.g, c.b);
+  };
+  for (let i = -half; i <= half; i++)
+    for (let k = -half; k < half; k++) {
+      if (Math.hypot(i, k + 0.5) > half) continue;
+      const strong = i % 5 === 0;
+      (add(i, k, strong), add(i, k + 1, strong));
+      (add(k, i, strong), add(k + 1, i, strong));
+    }
+  const geometry = new BufferGeometry();
+  geometry.setAttribute('position', new Float32BufferAttribute(positions, 3));
+  geometry.setAttribute('color', new Float32BufferAttribute(colors, 3));
+  const material = new LineBasicMaterial({ vertexColors: true, transparent: true, toneMapped: false });
+  return new LineSegments(geometry, material);
+}
+
+/** Remove an object and give back what it holds on the graphics card. */
+export function discard(object: Object3D): void {
+  object.removeFromParent();
+  object.traverse((o) => {
+    const m = o as Partial<Mesh>;
+    m.geometry?.dispose();
+    for (const material of [m.material ?? []].flat()) material.dispose();
+  });
+}

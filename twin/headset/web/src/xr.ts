@@ -1,0 +1,204 @@
+/** Sessions: AR, or VR, or a sentence that says why neither. */
+
+import { Matrix4, Object3D, Quaternion, Vector3 } from 'three';
+import type { App } from './app';
+
+export type XrMode = 'immersive-ar' | 'immersive-vr';
+
+const OPTIONAL = ['local-floor', 'hit-test', 'hand-tracking'];
+const EYES = 1.4; // m above the floor, where a device does not know its floor
+const AWAY = 1500; // ms out of sight, after which the panel comes along
+
+export class Xr {
+  ar = false;
+  vr = false;
+  /** What this browser offers, in a sentence. */
+  text = 'Looking for a headset …';
+  session: XRSession | null = null;
+  mode: XrMode | null = null;
+  blend = '';
+  canPlace = false;
+  /** Pictures drawn in this session. */
+  frames = 0;
+
+  private floor = 0;
+  private viewerHits: XRHitTestSource | null = null;
+  /** One for each thing that points; null while it is being asked for. */
+  private readonly pointerHits = new Map<XRInputSource, XRHitTestSource | null>();
+  private settled = false;
+  private awaySince = 0;
+  private readonly position = new Vector3();
+  private readonly quaternion = new Quaternion();
+  private backdrop: 'normal' | 'additive' = 'normal';
+
+  constructor(private readonly app: App) {}
+
+  get presenting(): boolean {
+    return this.session !== null;
+  }
+
+  /** Find out what there is. */
+  async detect(): Promise<void> {
+    const xr = navigator.xr;
+    if (!xr)
+      this.text = window.isSecureContext
+        ? 'This browser has no WebXR. On this screen everything works with the mouse.'
+        : 'A headset needs https: start twin serve with --cert and --key. On this screen everything works with the mouse.';
+    else {
+      const has = (mode: XrMode) => xr.isSessionSupported(mode).catch(() => false);
+      [this.ar, this.vr] = await Promise.all([has('immersive-ar'), has('immersive-vr')]);
+      this.text = this.ar
+        ? 'AR: the robot stands in your room.'
+        : this.vr
+          ? 'No AR here, but VR: the robot stands in a plain room.'
+          : 'No XR hardware found. On this screen everything works with the mouse; with a headset, open this address in its browser.';
+      xr.ondevicechange = () => void this.detect();
+    }
+    this.app.refresh();
+  }
+
+  /** Begin; must be called by a press. AR falls back to VR. */
+  async enter(mode: XrMode = this.ar ? 'immersive-ar' : 'immersive-vr'): Promise<void> {
+    const xr = navigator.xr;
+    if (!xr || this.session) return;
+    const { renderer } = this.app.world;
+    try {
+      const session = await xr.requestSession(mode, { optionalFeatures: OPTIONAL });
+      const floor = await session.requestReferenceSpace('local-floor').then(
+        () => true,
+        () => false,
+      );
+      renderer.xr.setReferenceSpaceType(floor ? 'local-floor' : 'local');
+      this.floor = floor ? 0 : -EYES;
+      session.addEventListener('end', () => this.ended());
+      this.session = session;
+      this.mode = mode;
+      this.blend = session.environmentBlendMode ?? 'opaque';
+      this.settled = false;
+      this.frames = 0;
+      await renderer.xr.setSession(session);
+      this.begun();
+    } catch (error) {
+      this.session = null;
+      if (mode === 'immersive-ar' && this.vr) {
+        this.app.model.say('AR could not be entered; trying VR.');
+        await this.enter('immersive-vr');
+      } else this.app.model.say(`The headset did not let this page in: ${(error as Error).message}`);
+    }
+  }
+
+  async leave(): Promise<void> {
+    await this.session?.end();
+  }
+
+  /** Where the head is, in the scene. */
+  viewer(): Vector3 {
+    return this.position;
+  }
+
+  /** Put an object where the head is. */
+  head(object: Object3D): void {
+    object.position.copy(this.position);
+    object.quaternion.copy(this.quaternion);
+    object.updateMatrixWorld(true);
+  }
+
+  /** Once a picture of a session. */
+  update(frame: XRFrame, now: number): void {
+    const { app } = this;
+    const space = app.world.renderer.xr.getReferenceSpace();
+    const pose = space ? frame.getViewerPose(space) : undefined;
+    if (!space || !pose) return;
+    this.frames++;
+    const { position, orientation } = pose.transform;
+    this.position.set(position.x, position.y, position.z);
+    this.quaternion.set(orientation.x, orientation.y, orientation.z, orientation.w);
+    const forward = new Vector3(0, 0, -1).applyQuaternion(this.quaternion);
+    if (!this.settled && app.robot) {
+      this.settled = true;
+      app.place.before(this.position, forward, this.floor);
+      app.xrPanel.placeBefore(this.position, forward);
+      if (this.canPlace) app.place.begin();
+    }
+    this.aim(frame, space);
+    this.fetchPanel(forward, now);
+  }
+
+  private begun(): void {
+    const { app } = this;
+    const seeThrough = this.blend !== 'opaque';
+    this.backdrop = app.world.look;
+    app.xrPanel.group.visible = true;
+    app.setLook(this.blend === 'additive' ? 'additive' : app.world.look, seeThrough);
+    void this.prepareHits();
+    app.refresh();
+  }
+
+  private async prepareHits(): Promise<void> {
+    const session = this.session;
+    if (!session?.requestHitTestSource || this.mode !== 'immersive-ar') return;
+    if (session.enabledFeatures && !session.enabledFeatures.includes('hit-test')) return;
+    try {
+      const space = await session.requestReferenceSpace('viewer');
+      this.viewerHits = (await session.requestHitTestSource({ space })) ?? null;
+      this.canPlace = this.viewerHits !== null;
+      if (this.canPlace) this.app.place.begin();
+    } catch {
+      this.canPlace = false; // the device sees no surfaces: the robot stays in front of the viewer
+    }
+    this.app.refresh();
+  }
+
+  /** Where a hand that points, or else the head, sees a surface that one can stand on. */
+  private aim(frame: XRFrame, space: XRReferenceSpace): void {
+    const { place, hands } = this.app;
+    if (!place.placing) return place.aim(null);
+    const pointing = hands.pointing;
+    for (const source of pointing) if (!this.pointerHits.has(source)) this.askHits(source);
+    for (const source of [...pointing.map((p) => this.pointerHits.get(p)), this.viewerHits]) {
+      if (!source) continue;
+      for (const hit of frame.getHitTestResults(source)) {
+        const pose = hit.getPose(space);
+        if (!pose) continue;
+        const T = new Matrix4().fromArray(pose.transform.matrix);
+        if (new Vector3().setFromMatrixColumn(T, 1).y < 0.8) continue; // a wall
+        return place.aim(new Matrix4().setPosition(new Vector3().setFromMatrixPosition(T)));
+      }
+    }
+    place.aim(null);
+  }
+
+  private askHits(source: XRInputSource): void {
+    this.pointerHits.set(source, null);
+    void this.session?.requestHitTestSource?.({ space: source.targetRaySpace })?.then(
+      (hits) => this.pointerHits.set(source, hits),
+      () => undefined, // then the head alone aims
+    );
+  }
+
+  private fetchPanel(forward: Vector3, now: number): void {
+    const { xrPanel } = this.app;
+    if (!xrPanel.outOfSight(this.position, forward)) this.awaySince = now;
+    else if (now - this.awaySince > AWAY) {
+      xrPanel.placeBefore(this.position, forward);
+      this.awaySince = now;
+    }
+  }
+
+  private ended(): void {
+    const { app } = this;
+    this.session = null;
+    this.mode = null;
+    this.viewerHits = null;
+    this.pointerHits.clear();
+    this.canPlace = false;
+    app.hands.forget();
+    app.place.placing = app.place.leading = false;
+    app.place.aim(null);
+    app.xrPanel.group.visible = false;
+    app.place.reset();
+    app.setLook(this.backdrop, false);
+    app.world.resize();
+    app.refresh();
+  }
+}

@@ -1,0 +1,72 @@
+"""One thread that solves, so that the loop that sends never waits for it."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+from collections.abc import Callable
+from typing import Any
+
+
+class Worker:
+    """Jobs of each kind replace one another while they wait: a hand that is faster than the solver never queues up.
+
+    All methods are called from the event loop; `done` of a job is called there with what the job returned.
+    """
+
+    def __init__(self, broken: Callable[[Exception], object]) -> None:
+        """Begin; `broken` is called on the event loop with what a job should not have raised."""
+        self._broken = broken
+        self._jobs: dict[str, tuple[Callable[[], Any], Callable[[Any], object]]] = {}
+        self._condition = threading.Condition()
+        self._ended = False
+        self._loop = asyncio.get_running_loop()
+        self._thread = threading.Thread(target=self._run, daemon=True, name="solver")
+        self._thread.start()
+
+    def ask(self, kind: str, job: Callable[[], Any], done: Callable[[Any], object]) -> None:
+        """Let a job be done; one of its kind that still waits is forgotten."""
+        with self._condition:
+            self._jobs.pop(kind, None)
+            self._jobs[kind] = (job, done)
+            self._condition.notify()
+
+    def drop(self, *kinds: str) -> None:
+        """Forget jobs of these kinds that still wait."""
+        with self._condition:
+            for kind in kinds:
+                self._jobs.pop(kind, None)
+
+    def waits(self, kind: str) -> bool:
+        """Return whether a job of a kind waits."""
+        with self._condition:
+            return kind in self._jobs
+
+    def close(self, patience: float = 0.2) -> None:
+        """End the thread; what it is doing gets `patience` s."""
+        with self._condition:
+            self._jobs.clear()
+            self._ended = True
+            self._condition.notify()
+        self._thread.join(patience)
+
+    def _run(self) -> None:
+        while True:
+            with self._condition:
+                self._condition.wait_for(lambda: self._jobs or self._ended)
+                if self._ended:
+                    return
+                job, done = self._jobs.pop(next(iter(self._jobs)))
+            try:
+                result = job()
+            except Exception as error:  # one job that fails must not end the robot
+                logging.getLogger(__name__).exception("a job failed")
+                done, result = self._broken, error
+            with self._condition:
+                if self._ended:
+                    return
+            try:
+                self._loop.call_soon_threadsafe(done, result)
+            except RuntimeError:  # the loop was closed meanwhile
+                return

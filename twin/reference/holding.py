@@ -1,0 +1,39 @@
+"""What the drives must bear for the mechanism to stay where it is: its weight, through the closed loops."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.mechanism import Mechanism
+from twin.reference.model import ReferenceModel
+from twin.reference.states import Assembly
+from twin.spatial import Array
+
+GRAVITY = 9.81
+"""m/s2, along -z of base."""
+
+_STEP = 1e-5
+"""m or rad to either side of the state: by virtual work the effort is the slope of the potential energy."""
+
+
+def holding_efforts(model: ReferenceModel, state: Assembly) -> dict[str, float]:
+    """Return by which effort in N or N m each active joint holds a state at rest; bodies without mass weigh nothing.
+
+    Raises:
+        AssemblyError: the mechanism cannot be moved a little from there.
+    """
+    efforts = {}
+    for i, joint in enumerate(model.mechanism.active):
+        step = _STEP * (np.arange(len(state.q)) == i)
+        ahead, behind = (_energy(model.mechanism, model.solve(state.q + s, state).link_poses) for s in (step, -step))
+        efforts[joint.name] = (ahead - behind) / (2 * _STEP)
+    return efforts
+
+
+def _energy(mechanism: Mechanism, link_poses: dict[str, Array]) -> float:
+    heights = (
+        b.inertia.mass * float(link_poses[b.name][2, :3] @ b.inertia.p_body_com + link_poses[b.name][2, 3])
+        for b in mechanism.bodies
+        if b.inertia is not None
+    )
+    return GRAVITY * sum(heights)
