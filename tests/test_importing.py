@@ -14,8 +14,9 @@ from twin import api, cli, spatial
 from twin.cad.build import read_mechanism
 from twin.errors import OutputError, SourceError, TwinError
 from twin.importing import read
+from twin.importing.closing import close
 from twin.importing.closures import read_closures
-from twin.importing.folder import close, write_folder, zyx
+from twin.importing.folder import write_folder, zyx
 from twin.reference import ReferenceModel
 from twin.stage.read import read_stage
 

@@ -12,7 +12,9 @@ from twin.errors import TwinError
 def new(args: argparse.Namespace) -> int:
     """Read a foreign description and write the robot folder."""
     from twin.importing import read
-    from twin.importing.folder import close, gaps, write_folder
+    from twin.importing.closing import close
+    from twin.importing.folder import write_folder
+    from twin.reference import ReferenceModel
     from twin.stage.read.names import identifier
 
     if identifier(args.name) != args.name:
@@ -27,7 +29,7 @@ def new(args: argparse.Namespace) -> int:
         target = Path(args.out or args.name)
         written = write_folder(imported, args.name, target, source)
     m = imported.mechanism
-    worst = max((g[0] for g in gaps(m).values()), default=0.0)
+    worst = ReferenceModel(m).home().worst_gap
     data = {
         "robot": args.name,
         "files": [str(p) for p in written],

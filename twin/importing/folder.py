@@ -7,98 +7,19 @@ digits of a double, so the folder's mechanism closes as well as the one that was
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from twin import assets, spatial
-from twin.cad.build import locked_error
-from twin.errors import AssemblyError, OutputError
+from twin.errors import OutputError
 from twin.findings import Finding
 from twin.importing.source import Imported
 from twin.importing.templates import formula, protocol
 from twin.mechanism import Body, Joint, Mechanism, Mesh
-from twin.reference import ReferenceModel
 from twin.spatial import Array
 from twin.units import DEG, MM
-
-CLOSED = 1e-9
-"""Gap in m up to which a loop counts as closed."""
-
-
-def close(imported: Imported) -> Imported:
-    """Return the mechanism resting with its loops closed; a gap that stays is a finding with its size.
-
-    Raises:
-        AssemblyError: the loops cannot be closed from where the file puts the bodies.
-    """
-    mechanism = imported.mechanism
-    try:
-        model = ReferenceModel(mechanism)
-        home = model.home()
-    except AssemblyError as error:
-        raise AssemblyError(f"{mechanism.source}: {error}", error.best, error.gap) from error
-    findings = list(imported.findings)
-    for joint in mechanism.loops:
-        if _error(joint, home.link_poses)[1] > 1.0:  # a weld upside down looks closed: its sine is zero
-            turned = ReferenceModel(mechanism.with_rest(_turned(mechanism, joint, home.link_poses)))
-            other = turned.home()
-            if _worst(mechanism, other.link_poses) < _worst(mechanism, home.link_poses):
-                model, home = turned, other
-    for joint in mechanism.loops:
-        gap, tilt = _error(joint, home.link_poses)
-        if gap > CLOSED or tilt > 1e-8:
-            text = (
-                f"loop '{joint.name}' stays open by {gap:.3g} m and {tilt / DEG:.3g}°: the least found from all zero."
-            )
-            findings.append(Finding("import.gap", "warning", text, joint.name, size=gap, unit="m", limit=CLOSED))
-    for joint in mechanism.joints:
-        q = home.q_full.get(joint.name)
-        if q is not None and joint.limits and not joint.limits[0] - 1e-9 <= q <= joint.limits[1] + 1e-9:
-            text = f"joint '{joint.name}' rests at {q:.4g}, outside its limits."
-            findings.append(Finding("import.rest", "warning", text, joint.name))
-    freedom = model.mobility(home.x).freedom
-    if len(mechanism.active) > freedom:
-        text = (
-            f"{len(mechanism.active)} joints are driven, but the mechanism has {freedom} degrees of freedom: take "
-            "`active = true` off those that follow, and list the driven ones first."
-        )
-        findings.append(Finding("import.driven", "warning", text, mechanism.name))
-    q = {j.name: float(v) for j, v in zip(mechanism.active, home.q, strict=True)}
-    return Imported(replace(mechanism, rest=home.link_poses, postures={**mechanism.postures, "home": q}), findings)
-
-
-def _error(joint: Joint, poses: Mapping[str, Array]) -> tuple[float, float]:
-    """Return offset in m and the whole tilt in rad, up to half a turn, in the directions that the joint locks."""
-    return locked_error(joint.relative(poses[joint.parent], poses[joint.child]), joint.type)
-
-
-def _worst(mechanism: Mechanism, poses: Mapping[str, Array]) -> float:
-    return sum(sum(_error(j, poses)) for j in mechanism.loops)
-
-
-def _turned(mechanism: Mechanism, loop: Joint, poses: Mapping[str, Array]) -> dict[str, Array]:
-    """Return rest poses with an end of the loop turned half round its own joint, if that is an outermost one."""
-    rest = dict(poses)
-    inner = {j.parent for j in mechanism.tree}
-    for joint in mechanism.tree:
-        if joint.child in (loop.parent, loop.child) and joint.child not in inner and joint.type == "revolute":
-            half = spatial.pose(np.diag([-1.0, -1.0, 1.0]))
-            rest[joint.child] = (
-                poses[joint.parent]
-                @ joint.T_parent_joint
-                @ (
-                    spatial.inverse(poses[joint.parent] @ joint.T_parent_joint)
-                    @ poses[joint.child]
-                    @ joint.T_child_joint
-                    @ half
-                )
-                @ spatial.inverse(joint.T_child_joint)
-            )
-            break
-    return rest
 
 
 def write_folder(imported: Imported, name: str, target: Path, source: Path) -> list[Path]:
@@ -292,8 +213,3 @@ def _str(text: str) -> str:
 def _plain(text: str) -> str:
     """Return one line without control characters, for a comment."""
     return "".join(c if c.isprintable() else " " for c in text)
-
-
-def gaps(mechanism: Mechanism) -> Mapping[str, tuple[float, float]]:
-    """Return the gap of each loop in m and rad, closed as well as can be."""
-    return ReferenceModel(mechanism).home().gap
