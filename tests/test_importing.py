@@ -16,7 +16,8 @@ from twin.errors import OutputError, SourceError, TwinError
 from twin.importing import read
 from twin.importing.closing import close
 from twin.importing.closures import read_closures
-from twin.importing.folder import write_folder, zyx
+from twin.importing.folder import write_folder
+from twin.importing.text import zyx
 from twin.reference import ReferenceModel
 from twin.stage.read import read_stage
 

@@ -38,6 +38,15 @@ def _silent(label: str, fraction: float) -> None:
     """Report to nobody."""
 
 
+def _no_equations(robot: Robot) -> str:
+    if robot.files is None or not robot.files.formula.is_file():
+        return f"robot '{robot.name}' has no equations: formula.py is missing"
+    return (
+        f"{robot.files.formula}: there are no equations yet, so nothing can be planned or judged. Write `inverse` or "
+        f"`forward` there, and take the line `{assets.NO_EQUATIONS}` out."
+    )
+
+
 def names() -> list[str]:
     """Return the names of the built-in robots."""
     return assets.names()
@@ -110,8 +119,8 @@ class Robot:
     def _formula(self) -> Any:
         from twin.robots import load_formula
 
-        if self.files is None or not self.files.formula.is_file():
-            raise KinematicsError(f"robot '{self.name}' has no equations: formula.py is missing")
+        if self.files is None or not self.files.has_equations:
+            raise KinematicsError(_no_equations(self))
         return load_formula(self.files.formula)
 
     @property
@@ -382,7 +391,7 @@ def build(
     """Write the robot's USD stage: meshes, masses, joints, and one baked motion for each protocol.
 
     Args:
-        robot: with CAD; equations are needed for motions.
+        robot: with CAD; without equations, no motion is baked unless one is asked for.
         folder: where to; default: usd/<robot>/ in a checkout, the folder's usd/ for a robot of one's own.
         protocols: which to bake; default all.
         progress: see `Progress`.
@@ -404,7 +413,9 @@ def build(
         folder = robot.files.usd
     progress("read CAD, weigh parts", 0.0)
     cad = robot.cad = read_mechanism(robot.files.description, with_mass=True)
-    chosen = tuple(robot.files.protocols()) if protocols is None else protocols
+    chosen = protocols or ()
+    if protocols is None and robot.files.has_equations:
+        chosen = tuple(robot.files.protocols())
     with assets.atomic_folder(folder) as work:
         root = write_usd(cad.mechanism, (), work)[0]
         robot.mechanism = cad.mechanism

@@ -19,6 +19,9 @@ from twin.errors import OutputError, TwinError, unknown
 _BESIDE = ("dimensions", "inertia", "exhibit", "scene")
 """What may lie beside a description in a robot's cad/ folder."""
 
+NO_EQUATIONS = "FORMULA = None"
+"""The line of a formula.py that waits for its equations."""
+
 _PACKAGE = Path(__file__).resolve().parent
 
 
@@ -47,6 +50,14 @@ class RobotFiles:
     def description(self) -> Path:
         """The robot's TOML file."""
         return self.cad / f"{self.name}.toml"
+
+    @property
+    def has_equations(self) -> bool:
+        """Whether there is a formula that is no empty template: one has the line `FORMULA = None`; nothing is run."""
+        try:
+            return NO_EQUATIONS not in self.formula.read_text("utf-8", "replace").splitlines()
+        except OSError:
+            return False
 
     @property
     def stage(self) -> Path:

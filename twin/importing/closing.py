@@ -54,9 +54,7 @@ def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float) -> Finding
         return Finding("import.gap", "warning", what, name, size=offset, unit="m", limit=CLOSED[0])
     alone = closes_alone(mechanism, name)
     if _open(*alone):
-        why = (
-            f"Alone, all free, it leaves {alone[0] / MM:.3g} mm and {alone[1] / DEG:.3g}°: the model's own gap."
-        )
+        why = f"Alone, all free, it leaves {alone[0] / MM:.3g} mm and {alone[1] / DEG:.3g}°: the model's own gap."
     else:
         why = "Alone it closes: the loops of the file contradict one another, or another start would close them."
     text = f"loop '{name}' stays open by {offset / MM:.3g} mm and {tilt / DEG:.3g}°. {why}"

@@ -1,4 +1,4 @@
-"""Write a mechanism as a robot folder: description with given frames, meshes, templates.
+"""Write a mechanism as a robot folder: description with given frames, meshes, formula, first protocol, notes.
 
 Everything is given in drawn coordinates: the base frame, with the loops closed. Lengths are printed with all
 digits of a double, so the folder's mechanism closes as well as the one that was read.
@@ -6,30 +6,55 @@ digits of a double, so the folder's mechanism closes as well as the one that was
 
 from __future__ import annotations
 
-import json
+import contextlib
+import hashlib
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from twin import assets, spatial
+from twin import assets
 from twin.errors import OutputError
-from twin.findings import Finding
+from twin.findings import Finding, by_severity
 from twin.importing.source import Imported
 from twin.importing.templates import formula, protocol
+from twin.importing.text import frame, number, numbers, one_line, string
 from twin.mechanism import Body, Joint, Mechanism, Mesh
 from twin.spatial import Array
 from twin.units import DEG, MM
+from twin.version import __version__
+
+NOTES = "IMPORT.md"
+"""What was changed, guessed, missing or left out on the way."""
 
 
-def write_folder(imported: Imported, name: str, target: Path, source: Path) -> list[Path]:
-    """Write the robot folder of a mechanism whose loops are closed (see `close`).
+@contextlib.contextmanager
+def fresh_folder(target: Path, force: bool = False) -> Iterator[Path]:
+    """Yield a temporary folder that becomes a robot folder, whole or not at all.
+
+    Raises:
+        OutputError: there is something already (without `force`), or it cannot be written.
+    """
+    if target.exists() and not target.is_dir():
+        raise OutputError(f"{target}: there is a file of that name; choose another folder with --out")
+    if target.is_dir() and any(target.iterdir()):
+        if not force:
+            raise OutputError(f"{target}: there is something already; choose another folder with --out, or --force")
+        others = [p.name for p in (target / "cad").glob("*.toml")]
+        if any(target.iterdir()) and not others:
+            raise OutputError(f"{target}: it is no robot folder, so --force does not write into it")
+    with assets.atomic_folder(target) as work:
+        yield work
+
+
+def write_folder(imported: Imported, name: str, target: Path, source: Path, force: bool = False) -> list[Path]:
+    """Write the robot folder of a mechanism whose loops are closed (see `closing.close`).
 
     Args:
         imported: mechanism and findings.
         name: identifier of the robot.
         target: the folder; it must not exist, or be empty.
         source: the file it came from, for the description.
+        force: write over a robot folder; a formula with equations and other protocols stay as they are.
 
     Returns:
         The files written, the description first.
@@ -37,43 +62,71 @@ def write_folder(imported: Imported, name: str, target: Path, source: Path) -> l
     Raises:
         OutputError: the folder holds something already, or cannot be written.
     """
-    if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise OutputError(f"{target}: there is something already; choose another name or --out")
     mechanism = replace(imported.mechanism, name=name)
-    with assets.atomic_folder(target) as work:
-        (work / "cad/meshes").mkdir(parents=True)
-        (work / "templates").mkdir()
+
+    def cad(folder: Path) -> str:
+        (folder / "meshes").mkdir()
         for body in mechanism.bodies:
             for mesh in body.meshes:
-                _obj(work / f"cad/meshes/{mesh.name}.obj", mesh, mechanism.rest[body.name])
-        (work / f"cad/{name}.toml").write_text(describe(mechanism, imported.findings, source.name), "utf-8")
-        (work / "templates/formula.py").write_text(formula(mechanism), "utf-8")
-        (work / "templates/first.toml").write_text(protocol(mechanism), "utf-8")
+                _obj(folder / f"meshes/{mesh.name}.obj", mesh, mechanism.rest[body.name])
+        return describe(mechanism, source.name)
+
+    return write_robot(name, target, cad, mechanism, imported.findings, source, force)
+
+
+def write_robot(
+    name: str,
+    target: Path,
+    cad: Callable[[Path], str],
+    mechanism: Mechanism,
+    findings: list[Finding],
+    source: Path,
+    force: bool = False,
+) -> list[Path]:
+    """Write a robot folder; `cad` fills its folder cad/ and returns the description. Else as `write_folder`."""
+    with fresh_folder(target, force) as work:
+        (work / "cad").mkdir()
+        (work / "trajectories").mkdir()
+        (work / f"cad/{name}.toml").write_text(cad(work / "cad"), "utf-8")
+        own = assets.RobotFiles(name, work, work, work, target / "formula.py")
+        if not own.has_equations:
+            (work / "formula.py").write_text(formula(mechanism), "utf-8")
+        (work / "trajectories/first.toml").write_text(protocol(mechanism), "utf-8")
+        (work / NOTES).write_text(notes(name, findings, source), "utf-8")
         written = sorted(p.relative_to(work) for p in work.rglob("*") if p.is_file())
     first = Path("cad") / f"{name}.toml"
     return [target / first, *(target / p for p in written if p != first)]
 
 
-def describe(m: Mechanism, findings: list[Finding], source: str) -> str:
-    """Return the description of a mechanism in TOML."""
-    lost = [f for f in findings if f.severity != "info"]
+def notes(name: str, findings: list[Finding], source: Path) -> str:
+    """Return what the import has to say, the gravest first."""
+    digest = hashlib.sha256(source.read_bytes()).hexdigest() if source.is_file() else "-"
     lines = [
-        f"# {m.name}, made by `twin new` from {_plain(source)}.",
-        "# Everything is in drawn coordinates: the base frame, loops closed.",
-        *(f"# {f.severity}: {_plain(f.message)}" for f in lost),
-        f"name = {_str(m.name)}",
-        f"title = {_str(m.name)}",
-        f"source = {_str(source)}",
-        'default_protocol = "first"',
-        f"base = {_str(m.base)}",
-        f"tool = {_str(m.tool)}",
-        *([f"trocar = {_str(m.trocar)}"] if m.trocar else []),
+        f"# How {one_line(name)} was imported",
         "",
-        "[tolerance]",
-        "gross_mm = 1",
-        "gross_deg = 1",
-        "meeting_um = 1",
-        "meeting_deg = 0.001",
+        f"By twin {__version__} from `{one_line(source.name)}`, sha256 {digest}.",
+        "",
+    ]
+    titles = {"warning": "Not as in the file", "info": "Changed without loss"}
+    for severity, title in titles.items():
+        rows = [f for f in by_severity(findings) if f.severity == severity]
+        lines += [f"## {title}", "", *([f"- {one_line(f.message)} ({f.code})" for f in rows] or ["- nothing"]), ""]
+    return "\n".join(lines)
+
+
+def describe(m: Mechanism, source: str) -> str:
+    """Return the description of a mechanism in TOML."""
+    lines = [
+        f"# {m.name}, made by `twin new` from {one_line(source)}; what was left out or guessed is in ../{NOTES}.",
+        "# Everything is in drawn coordinates: the base frame, loops closed.",
+        f"name = {string(m.name)}",
+        f"title = {string(m.name)}",
+        f"source = {string(source)}",
+        'default_protocol = "first"',
+        f"base = {string(m.base)}",
+        f"tool = {string(m.tool)}",
+        *([f"trocar = {string(m.trocar)}"] if m.trocar else []),
+        *TOLERANCE,
     ]
     for body in m.bodies:
         lines += _body(m, body, source)
@@ -81,13 +134,13 @@ def describe(m: Mechanism, findings: list[Finding], source: str) -> str:
         lines += [
             "",
             "[[joint]]",
-            f"name = {_str(joint.name)}",
-            f"type = {_str(joint.type)}",
-            f"parent = {_str(joint.parent)}",
-            f"child = {_str(joint.child)}",
+            f"name = {string(joint.name)}",
+            f"type = {string(joint.type)}",
+            f"parent = {string(joint.parent)}",
+            f"child = {string(joint.child)}",
             *(["active = true"] if joint.active else []),
-            f"on_parent = {_frame(m.rest[joint.parent] @ joint.T_parent_joint)}",
-            f"on_child = {_frame(m.rest[joint.child] @ joint.T_child_joint)}",
+            f"on_parent = {frame(m.rest[joint.parent] @ joint.T_parent_joint)}",
+            f"on_child = {frame(m.rest[joint.child] @ joint.T_child_joint)}",
         ]
     for joint in m.joints:
         lines += _limit(joint, source) + _drive(joint, source)
@@ -96,21 +149,28 @@ def describe(m: Mechanism, findings: list[Finding], source: str) -> str:
         lines += [
             "",
             "[[coupling]]",
-            f"name = {_str(c.name)}",
-            f"joints = [{', '.join(map(_str, c.joints))}]",
-            f"ratios = {_list(c.ratios)}",
-            f"sum_deg = {_num(c.total / DEG)}" if angle else f"sum_mm = {_num(c.total / MM)}",
+            f"name = {string(c.name)}",
+            f"joints = [{', '.join(map(string, c.joints))}]",
+            f"ratios = {numbers(c.ratios)}",
+            f"sum_deg = {number(c.total / DEG)}" if angle else f"sum_mm = {number(c.total / MM)}",
             *_cited(source),
         ]
-    for frame in m.frames:
-        T = m.rest[frame.body] @ frame.T_body_frame
-        lines += ["", f"[frame.{frame.name}]", f"body = {_str(frame.body)}", f"at = {_frame(T)}"]
+    for f in m.frames:
+        T = m.rest[f.body] @ f.T_body_frame
+        lines += ["", f"[frame.{f.name}]", f"body = {string(f.body)}", f"at = {frame(T)}"]
+    for p in m.points:
+        at = m.rest[p.body][:3, :3] @ p.p_body + m.rest[p.body][:3, 3]
+        lines += ["", f"[point.{p.name}]", f"body = {string(p.body)}", f"position_mm = {numbers(at / MM)}"]
     for posture, values in m.postures.items():
         lines += ["", f"[posture.{posture}]"]
         for joint, q in values.items():
             angle = m.joint(joint).is_angle
-            lines.append(f"{joint}_{'deg' if angle else 'mm'} = {_num(q / (DEG if angle else MM))}")
+            lines.append(f"{joint}_{'deg' if angle else 'mm'} = {number(q / (DEG if angle else MM))}")
     return "\n".join(lines) + "\n"
+
+
+TOLERANCE = ("", "[tolerance]", "gross_mm = 1", "gross_deg = 1", "meeting_um = 1", "meeting_deg = 0.001")
+"""The table of tolerances of a new description."""
 
 
 def _body(m: Mechanism, body: Body, source: str) -> list[str]:
@@ -120,21 +180,22 @@ def _body(m: Mechanism, body: Body, source: str) -> list[str]:
         R = T[:3, :3]
         com = R @ body.inertia.p_body_com + T[:3, 3]
         I = R @ body.inertia.I_com @ R.T  # noqa: E741
-        tensor = _list([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])
+        tensor = numbers([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])
         lines += [
             f"[body.{body.name}.mass]",
-            f"mass_kg = {_num(body.inertia.mass)}",
-            f"com_mm = {_list(com / MM)}",
+            f"mass_kg = {number(body.inertia.mass)}",
+            f"com_mm = {numbers(com / MM)}",
             f"inertia_kg_m2 = {tensor} # xx yy zz xy xz yz, about the centre of mass",
             *_cited(source),
         ]
     for mesh in body.meshes:
+        color = mesh.color_rgba if mesh.color_rgba[3] != 1 else mesh.color_rgba[:3]
         lines += [
             "",
             f"[[body.{body.name}.meshes]]",
-            f"file = {_str(f'meshes/{mesh.name}.obj')}",
+            f"file = {string(f'meshes/{mesh.name}.obj')}",
             'unit = "m"',
-            f"color = {_list(mesh.color_rgba[:3])}",
+            f"color = {numbers(color)}",
         ]
     return lines
 
@@ -144,50 +205,36 @@ def _limit(joint: Joint, source: str) -> list[str]:
     lines = []
     for key, value in (("limits", joint.limits), ("soft_limits", joint.soft_limits)):
         if value is not None:
-            lines.append(f"{key}_{unit} = {_list([v / scale for v in value])}")
+            lines.append(f"{key}_{unit} = {numbers([v / scale for v in value])}")
     for key, value in (
         (f"max_speed_{unit}_s", joint.max_speed),
         (f"max_acceleration_{unit}_s2", joint.max_acceleration),
     ):
         if value is not None:
-            lines.append(f"{key} = {_num(value / scale)}")
+            lines.append(f"{key} = {number(value / scale)}")
     if joint.cone is not None:
-        lines.append(f"cone_deg = {_num(joint.cone / DEG)}")
-    return ["", "[[limit]]", f"joints = [{_str(joint.name)}]", *lines, *_cited(source)] if lines else []
+        lines.append(f"cone_deg = {number(joint.cone / DEG)}")
+    return ["", "[[limit]]", f"joints = [{string(joint.name)}]", *lines, *_cited(source)] if lines else []
 
 
 def _drive(joint: Joint, source: str) -> list[str]:
     drive = joint.drive
     if drive is None:
         return []
-    effort = [] if drive.max_effort is None else [f"max_effort = {_num(drive.max_effort)}"]
+    effort = [] if drive.max_effort is None else [f"max_effort = {number(drive.max_effort)}"]
     return [
         "",
         "[[drive]]",
-        f"joints = [{_str(joint.name)}]",
-        f"stiffness = {_num(drive.stiffness)}",
-        f"damping = {_num(drive.damping)}",
+        f"joints = [{string(joint.name)}]",
+        f"stiffness = {number(drive.stiffness)}",
+        f"damping = {number(drive.damping)}",
         *effort,
         *_cited(source),
     ]
 
 
 def _cited(source: str) -> list[str]:
-    return ['provenance = "CITED"', f"note = {_str(source)}"]
-
-
-def _frame(T: Array) -> str:
-    return f"{{ position_mm = {_list(T[:3, 3] / MM)}, angles_deg = {_list(zyx(T[:3, :3]) / DEG)} }}"
-
-
-def zyx(R: Array) -> Array:
-    """Return (psi, theta, phi) in rad with R = Rz(psi) Ry(theta) Rx(phi), exact to rounding in every pose."""
-    psi = np.arctan2(R[1, 0], R[0, 0])
-    theta = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
-    ex, ey, ez = np.eye(3)
-    # phi from what the other two leave: it holds where theta is 90° and psi may be anything
-    rest = (spatial.exp_so3(psi * ez) @ spatial.exp_so3(theta * ey)).T @ R
-    return np.array([psi, theta, np.arctan2(rest[2, 1] - rest[1, 2], rest[1, 1] + rest[2, 2])]) + 0.0 * ex
+    return ['provenance = "CITED"', f"note = {string(source)}"]
 
 
 def _obj(path: Path, mesh: Mesh, T: Array) -> None:
@@ -195,21 +242,3 @@ def _obj(path: Path, mesh: Mesh, T: Array) -> None:
     rows = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in points.tolist()]
     rows += [f"f {a} {b} {c}" for a, b, c in (mesh.triangles + 1).tolist()]
     path.write_text("\n".join(rows) + "\n", "ascii")
-
-
-def _num(value: float) -> str:
-    text = repr(float(value) + 0.0)  # no -0.0
-    return text if np.isfinite(value) else ("inf" if value > 0 else "-inf")
-
-
-def _list(values) -> str:
-    return f"[{', '.join(_num(v) for v in values)}]"
-
-
-def _str(text: str) -> str:
-    return json.dumps(text)  # a JSON string is a TOML string
-
-
-def _plain(text: str) -> str:
-    """Return one line without control characters, for a comment."""
-    return "".join(c if c.isprintable() else " " for c in text)
