@@ -331,14 +331,16 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = add(
         "new",
-        "make a robot folder from URDF, MJCF, SDF or a USD stage",
+        "make a robot folder from URDF, MJCF, SDF, a USD stage, or the STEP of an assembly",
         "  twin new leg --from robot.urdf                   loops from robot.yaml beside it\n"
-        "  twin new gripper --from gripper.xml --out robots/gripper/",
+        "  twin new gripper --from gripper.xml --out robots/gripper/\n"
+        "  twin new arm.step                                a skeleton: joints are proposed, you name them",
     )
-    sub.add_argument("name", help="of the robot: lower-case letters, digits and _")
-    sub.add_argument("--from", dest="source", metavar="FILE", required=True, help=".urdf, .xml (MJCF), .sdf or .usd*")
+    sub.add_argument("name", help="of the robot: lower-case letters, digits and _; or the file itself")
+    sub.add_argument("--from", dest="source", metavar="FILE", help=".urdf, .xml (MJCF), .sdf, .usd* or .step")
     sub.add_argument("--closures", metavar="FILE", help="closure YAML of a URDF (default: the .yaml beside it)")
     sub.add_argument("--root", metavar="PRIM", help="prim path of the robot on a stage that holds several")
+    sub.add_argument("--force", action="store_true", help="write over a robot folder; equations and protocols stay")
     out(sub, "./<name>/")
 
     sub = add(

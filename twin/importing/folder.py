@@ -34,6 +34,17 @@ def fresh_folder(target: Path, force: bool = False) -> Iterator[Path]:
     Raises:
         OutputError: there is something already (without `force`), or it cannot be written.
     """
+    require_free(target, force)
+    with assets.atomic_folder(target) as work:
+        yield work
+
+
+def require_free(target: Path, force: bool = False) -> None:
+    """Do nothing if `fresh_folder` may write there.
+
+    Raises:
+        OutputError: there is something already.
+    """
     if target.exists() and not target.is_dir():
         raise OutputError(f"{target}: there is a file of that name; choose another folder with --out")
     if target.is_dir() and any(target.iterdir()):
@@ -42,8 +53,6 @@ def fresh_folder(target: Path, force: bool = False) -> Iterator[Path]:
         others = [p.name for p in (target / "cad").glob("*.toml")]
         if any(target.iterdir()) and not others:
             raise OutputError(f"{target}: it is no robot folder, so --force does not write into it")
-    with assets.atomic_folder(target) as work:
-        yield work
 
 
 def write_folder(imported: Imported, name: str, target: Path, source: Path, force: bool = False) -> list[Path]:
@@ -54,7 +63,7 @@ def write_folder(imported: Imported, name: str, target: Path, source: Path, forc
         name: identifier of the robot.
         target: the folder; it must not exist, or be empty.
         source: the file it came from, for the description.
-        force: write over a robot folder; a formula with equations and other protocols stay as they are.
+        force: write over a robot folder; a formula with equations and protocols stay as they are.
 
     Returns:
         The files written, the description first.
@@ -64,34 +73,35 @@ def write_folder(imported: Imported, name: str, target: Path, source: Path, forc
     """
     mechanism = replace(imported.mechanism, name=name)
 
-    def cad(folder: Path) -> str:
+    def cad(folder: Path) -> Mechanism:
         (folder / "meshes").mkdir()
         for body in mechanism.bodies:
             for mesh in body.meshes:
                 _obj(folder / f"meshes/{mesh.name}.obj", mesh, mechanism.rest[body.name])
-        return describe(mechanism, source.name)
+        (folder / f"{name}.toml").write_text(describe(mechanism, source.name), "utf-8")
+        return mechanism
 
-    return write_robot(name, target, cad, mechanism, imported.findings, source, force)
+    return write_robot(name, target, cad, imported.findings, source, force)
 
 
 def write_robot(
     name: str,
     target: Path,
-    cad: Callable[[Path], str],
-    mechanism: Mechanism,
+    cad: Callable[[Path], Mechanism],
     findings: list[Finding],
     source: Path,
     force: bool = False,
 ) -> list[Path]:
-    """Write a robot folder; `cad` fills its folder cad/ and returns the description. Else as `write_folder`."""
+    """Write a robot folder; `cad` fills its folder cad/ and returns the mechanism. Else as `write_folder`."""
     with fresh_folder(target, force) as work:
         (work / "cad").mkdir()
         (work / "trajectories").mkdir()
-        (work / f"cad/{name}.toml").write_text(cad(work / "cad"), "utf-8")
+        mechanism = cad(work / "cad")
         own = assets.RobotFiles(name, work, work, work, target / "formula.py")
         if not own.has_equations:
             (work / "formula.py").write_text(formula(mechanism), "utf-8")
-        (work / "trajectories/first.toml").write_text(protocol(mechanism), "utf-8")
+        if not (target / "trajectories/first.toml").exists():
+            (work / "trajectories/first.toml").write_text(protocol(mechanism), "utf-8")
         (work / NOTES).write_text(notes(name, findings, source), "utf-8")
         written = sorted(p.relative_to(work) for p in work.rglob("*") if p.is_file())
     first = Path("cad") / f"{name}.toml"

@@ -200,9 +200,13 @@ def rest_poses(mechanism: Mechanism) -> dict[str, Array]:
 
 
 def with_tool(mechanism: Mechanism, findings: list[Finding]) -> tuple[str, tuple[Frame, ...]]:
-    """Return the tool's name and the frames with it: the frame `tool`, or one on the last body that holds nothing."""
+    """Return the tool's name and all frames: `tool`, the only one, or one made on the last body that holds nothing."""
     if any(f.name == "tool" for f in mechanism.frames):
         return "tool", mechanism.frames
+    if len(mechanism.frames) == 1:
+        only = mechanism.frames[0].name
+        findings.append(note("tool", f"the only named frame, '{only}', is the tool.", only))
+        return only, mechanism.frames
     inner = {j.parent for j in mechanism.joints} | {j.child for j in mechanism.loops} | {mechanism.base}
     outer = [b.name for b in mechanism.bodies if b.name not in inner]
     body = (outer or [mechanism.tree[-1].child])[-1]
