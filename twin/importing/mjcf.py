@@ -15,7 +15,8 @@ from twin import spatial
 from twin.errors import SourceError
 from twin.findings import Finding
 from twin.importing.shapes import placed, primitive
-from twin.importing.source import LARGEST, Imported, Names, along, assemble, possible, warning
+from twin.importing.source import Imported, Names, along, assemble, possible, warning
+from twin.importing.xml import LARGEST
 from twin.mechanism import Body, Coupling, Drive, Frame, Inertia, Joint, JointType, Mesh
 from twin.spatial import Array
 from twin.stage.read.names import identifier, unique

@@ -14,7 +14,8 @@ from twin import spatial
 from twin.errors import SourceError, unknown
 from twin.findings import Finding
 from twin.importing.shapes import Color, mesh_file, placed, primitive
-from twin.importing.source import Imported, Names, Xml, along, assemble, limits, possible, rpy, warning
+from twin.importing.source import Imported, Names, along, assemble, limits, possible, rpy, warning
+from twin.importing.xml import Xml
 from twin.mechanism import Body, Frame, Inertia, Joint, JointType, Mesh
 from twin.spatial import Array
 from twin.stage.read.names import identifier

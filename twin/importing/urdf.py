@@ -12,14 +12,13 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from twin import spatial
 from twin.errors import SourceError, unknown
 from twin.findings import Finding
 from twin.importing.closures import Closures, read_closures
-from twin.importing.shapes import Color, mesh_file, placed, primitive
-from twin.importing.source import Imported, Names, Xml, along, assemble, limits, missing, note, possible, rpy, warning
-from twin.mechanism import Body, Coupling, Frame, Inertia, Joint, JointType, Mesh
-from twin.spatial import Array
+from twin.importing.source import Imported, Names, along, assemble, limits, missing, note, possible, warning
+from twin.importing.urdf_visual import Visuals, origin
+from twin.importing.xml import Xml
+from twin.mechanism import Body, Coupling, Frame, Inertia, Joint, JointType
 from twin.stage.read.names import identifier
 
 TYPES: dict[str, JointType] = {
@@ -30,8 +29,6 @@ TYPES: dict[str, JointType] = {
     "floating": "free",
 }
 """Joint types of URDF that a mechanism here can express."""
-
-_GREY: Color = (0.6, 0.6, 0.6, 1.0)
 
 _KNOWN = {
     "robot": {"link", "joint", "material", "transmission", "gazebo"},
@@ -74,11 +71,6 @@ class _Urdf:
         self._strange(root, "robot", "robot")
         links = self._named(root, "link")
         joints = self._named(root, "joint")
-        self.colors = {
-            m.get("name", ""): self._color(m, f"material '{m.get('name')}'")
-            for m in root.findall("material")
-            if m.find("color") is not None
-        }
         ends = {n: self._ends(n, j, links) for n, j in joints.items()}
         base = self._base(links, ends)
         self.marks = self._marks(links, joints, ends, base)
@@ -89,16 +81,16 @@ class _Urdf:
             for n, j in self.marks.items():
                 if ends[j][0] in self.home:
                     body, T = self.home[ends[j][0]]
-                    self.home[n] = (body, T @ self._origin(joints[j], f"joint '{j}'"))
+                    self.home[n] = (body, T @ origin(self.xml, joints[j], f"joint '{j}'"))
         driven = self._driven(root, joints)
         made = [
             self._joint(n, joint_names[n], joints[n], ends[n], n in driven)
             for n in joints
             if ends[n][1] not in self.marks
         ]
-        taken: dict[str, int] = {}
+        visuals = Visuals(self.xml, found)
         bodies = [
-            Body(body_names[n], tuple(self._meshes(n, e, taken)), self._inertia(n, e))
+            Body(body_names[n], tuple(visuals.meshes(n, e)), self._inertia(n, e))
             for n, e in links.items()
             if n not in self.marks
         ]
@@ -129,8 +121,14 @@ class _Urdf:
         for tag in dict.fromkeys(str(child.tag) for child in element):
             if tag not in _KNOWN[kind]:
                 self.findings.append(warning("unread", f"{where}: <{tag}> is not read.", where))
-            elif tag in ("gazebo", "dynamics", "calibration", "joint_properties"):
-                self.findings.append(note("unread", f"{where}: <{tag}> is not kept: no friction, no plug-ins.", where))
+            elif tag in ("calibration", "joint_properties"):
+                self.findings.append(note("unread", f"{where}: <{tag}> is not kept.", where))
+            elif tag == "gazebo":
+                self.findings.append(warning("unread", f"{where}: <gazebo> is not kept: no plug-ins.", where))
+        dynamics = element.find("dynamics") if kind == "joint" else None
+        for key in ("damping", "friction"):
+            if dynamics is not None and self.xml.number(where, key, dynamics.get(key), 0.0):
+                self.findings.append(warning("friction", f"{where}: {key} {dynamics.get(key)} is not kept.", where))
 
     def _ends(self, name: str, joint: Element, links: dict[str, Element]) -> tuple[str, str]:
         out = []
@@ -188,6 +186,12 @@ class _Urdf:
                     kind = joints[motor].get("type")
                     raise SourceError(f"{self.closure_file}: name_mot: joint '{motor}' is {kind}: nothing to drive")
             return set(self.closures.motors)
+        for t in root.findall("transmission"):
+            for ratio in t.iter("mechanicalReduction"):
+                if self.xml.number("transmission", "mechanicalReduction", ratio.text, 1.0) != 1:
+                    name = str(t.get("name"))
+                    text = f"transmission '{name}': mechanicalReduction {ratio.text} is not kept: joints are driven."
+                    self.findings.append(warning("gear", text, name))
         told = {str(j.get("name")) for t in root.findall("transmission") for j in t.findall("joint")}
         for name in told:
             if name not in joints:
@@ -200,12 +204,6 @@ class _Urdf:
         return told or moving
 
     # -- parts ----------------------------------------------------------------------------------------
-
-    def _origin(self, element: Element, where: str) -> Array:
-        origin = element.find("origin")
-        xyz, angles = (origin.get("xyz"), origin.get("rpy")) if origin is not None else (None, None)
-        p = self.xml.numbers(where, "origin xyz", xyz, 3, (0, 0, 0))
-        return spatial.pose(rpy(self.xml.numbers(where, "origin rpy", angles, 3, (0, 0, 0))), p)
 
     def _joint(self, name: str, new: str, joint: Element, ends: tuple[str, str], active: bool) -> Joint:
         where, found = f"joint '{name}'", self.findings
@@ -229,7 +227,7 @@ class _Urdf:
             TYPES[kind],
             body,
             self.home[ends[1]][0],
-            T @ self._origin(joint, where) @ turn,
+            T @ origin(self.xml, joint, where) @ turn,
             turn,
             active=active,
             **values,
@@ -256,6 +254,8 @@ class _Urdf:
                     out["limits"] = limits(low or 0.0, high or 0.0, name, self.findings)
                 except SourceError as error:
                     raise SourceError(f"{self.path}: {error}") from error
+        elif any(limit.get(k) is not None for k in ("lower", "upper")):
+            self.findings.append(note("limits", f"{where} is continuous: its lower and upper mean nothing.", name))
         if limit is not None:
             speed, effort = value(limit, "velocity"), value(limit, "effort")
             if speed is not None and speed < 0:
@@ -307,7 +307,7 @@ class _Urdf:
         where, element = f"link '{name}'", link.find("inertial")
         if element is None:
             return None
-        T = self._origin(element, where)
+        T = origin(self.xml, element, where)
         mass, tensor = element.find("mass"), element.find("inertia")
         kilograms = self.xml.number(where, "mass", mass.get("value") if mass is not None else None)
         if tensor is None:
@@ -318,46 +318,6 @@ class _Urdf:
         R = T[:3, :3]
         I = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T  # noqa: E741
         return possible(Inertia(kilograms, T[:3, 3], 0.5 * (I + I.T)), name, self.findings)
-
-    def _color(self, material: Element | None, where: str) -> Color:
-        color = material.find("color") if material is not None else None
-        if color is None:
-            return self.colors.get(material.get("name", ""), _GREY) if material is not None else _GREY
-        r, g, b, a = self.xml.numbers(where, "color rgba", color.get("rgba"), 4, _GREY)
-        return (float(r), float(g), float(b), float(a))
-
-    def _meshes(self, name: str, link: Element, taken: dict[str, int]) -> list[Mesh]:
-        """Return what is shown of a link; its collision shapes only where nothing is shown."""
-        where, out = f"link '{name}'", []
-        for element in link.findall("visual") or link.findall("collision"):
-            geometry = element.find("geometry")
-            shape = geometry[0] if geometry is not None and len(geometry) else None
-            if shape is None:
-                self.xml.fail(where, "a <visual> without geometry")
-            if shape.tag == "mesh":
-                scale = self.xml.numbers(where, "mesh scale", shape.get("scale"), 3, (1, 1, 1))
-                solid = mesh_file(shape.get("filename", ""), self.path.parent, scale, name, self.findings)
-            else:
-                solid = primitive(str(shape.tag), self._size(where, shape))
-            if solid is not None:
-                stem = identifier(f"{name}_shape")
-                taken[stem] = taken.get(stem, 0) + 1
-                label = stem if taken[stem] == 1 else f"{stem}_{taken[stem]}"
-                color = self._color(element.find("material"), where)
-                out.append(placed(label, *solid, self._origin(element, where), color))
-        return out
-
-    def _size(self, where: str, shape: Element) -> list[float]:
-        keys = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
-        if shape.tag not in keys:
-            self.xml.fail(where, unknown("shape", str(shape.tag), (*keys, "mesh")))
-        if shape.tag == "box":
-            size = list(self.xml.numbers(where, "box size", shape.get("size"), 3, None))
-        else:
-            size = [self.xml.number(where, f"{shape.tag} {k}", shape.get(k)) for k in keys[shape.tag]]
-        if min(size) <= 0:
-            self.xml.fail(where, f"{shape.tag} of size {min(size):g}: it must be positive")
-        return [float(s) for s in size]
 
 
 def _common(a: str, b: str) -> str:
