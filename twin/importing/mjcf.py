@@ -7,6 +7,7 @@ close loops (connect, weld) or couple joints. Coordinates keep MuJoCo's zero (`r
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,13 @@ import numpy as np
 from twin import spatial
 from twin.errors import SourceError
 from twin.findings import Finding
-from twin.importing.shapes import placed, primitive
-from twin.importing.source import Imported, Names, along, assemble, possible, warning
+from twin.importing.mjcf_left import left_out
+from twin.importing.mjcf_shapes import shown
+from twin.importing.source import Imported, Names, along, assemble, note, possible, warning
 from twin.importing.xml import LARGEST
-from twin.mechanism import Body, Coupling, Drive, Frame, Inertia, Joint, JointType, Mesh
+from twin.mechanism import Body, Coupling, Drive, Frame, Inertia, Joint, JointType
 from twin.spatial import Array
-from twin.stage.read.names import identifier, unique
+from twin.stage.read.names import identifier
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
 _TYPES: tuple[JointType, ...] = ("free", "spherical", "prismatic", "revolute")
@@ -73,16 +75,13 @@ class _Mjcf:
             if m.body_mocapid[i] >= 0:
                 raise SourceError(f"{self.path}: body '{self.bodies[i]}' is a mocap body: it has no mechanism")
             joints += self._hang(i, extra)
-        meshes = self._meshes()
+        meshes = shown(m, self.bodies, self._name, self.findings)
         bodies = [Body(n, tuple(meshes[i]), self._inertia(i)) for i, n in enumerate(self.bodies)] + extra
         used = {j.name for j in joints}
         couplings: list[Coupling] = []
         for i in range(m.neq):
             self._equality(i, joints, couplings, used)
-        tied = sum(int(k) == int(self.mujoco.mjtEq.mjEQ_TENDON) for k in m.eq_type)
-        if m.ntendon > tied:
-            text = f"{m.ntendon - tied} tendons are not kept: no equality ties their length."
-            self.findings.append(warning("tendon", text, self._name("TENDON", 0)))
+        self.findings += left_out(m, self._name)
         site_names = Names("site", (self._name("SITE", i) for i in range(m.nsite)), self.findings)
         frames = [
             Frame(
@@ -93,7 +92,20 @@ class _Mjcf:
             for i in range(m.nsite)
         ]
         name = (m.names[: m.names.index(b"\0")] or b"").decode("utf-8", "replace") or self.path.stem
-        return assemble(self.path, name, self.bodies[0], bodies, joints, frames, couplings, self.findings)
+        out = assemble(self.path, name, self.bodies[0], bodies, joints, frames, couplings, self.findings)
+        return replace(out, mechanism=replace(out.mechanism, postures=self._postures()))
+
+    def _postures(self) -> dict[str, dict[str, float]]:
+        """Return the key frames as values of the driven joints; `home` is where the loops close."""
+        m, out = self.m, {}
+        for i in range(m.nkey):
+            label = identifier(self._name("KEY", i))
+            label = label if label not in ("home", *out) else f"{label}_key{i}"
+            out[label] = {
+                self.joints[k]: float(m.key_qpos[i, m.jnt_qposadr[k]]) for k in range(m.njnt) if k in self.drives
+            }
+            self.findings.append(note("key", f"key '{self._name('KEY', i)}' is posture '{label}'.", label))
+        return out
 
     def _hang(self, i: int, extra: list[Body]) -> Iterator[Joint]:
         """Yield the joints between a body and its parent, outermost last."""
@@ -148,6 +160,17 @@ class _Mjcf:
         m, trn = self.m, self.mujoco.mjtTrn
         for i in range(m.nu):
             name = self._name("ACTUATOR", i)
+            if trn(int(m.actuator_trntype[i])) == trn.mjTRN_TENDON and (
+                tied := self._tied(int(m.actuator_trnid[i, 0]))
+            ):
+                others = ", ".join(f"'{self.joints[k]}'" for k in tied[1:])
+                text = (
+                    f"actuator '{name}' pulls a tendon over several joints: '{self.joints[tied[0]]}' is driven here, "
+                )
+                text += f"not {others}: what does not follow it is passive." if others else "by no gains."
+                self.findings.append(warning("actuator", text, name))
+                yield tied[0], None
+                continue
             if trn(int(m.actuator_trntype[i])) not in (trn.mjTRN_JOINT, trn.mjTRN_JOINTINPARENT):
                 text = f"actuator '{name}' pulls a tendon, site or body: it drives no joint here."
                 self.findings.append(warning("actuator", text, name))
@@ -160,7 +183,20 @@ class _Mjcf:
             kp, bias = float(m.actuator_gainprm[i, 0]) * gear**2, m.actuator_biasprm[i]
             servo = bias[1] < 0 and np.isclose(-bias[1], m.actuator_gainprm[i, 0])
             effort = float(m.actuator_forcerange[i, 1] * abs(gear)) if m.actuator_forcelimited[i] else None
-            yield k, Drive(kp, max(0.0, float(-bias[2] * gear**2)), effort) if servo and kp > 0 else None
+            if servo and kp > 0:
+                yield k, Drive(kp, max(0.0, float(-bias[2] * gear**2)), effort)
+                continue
+            text = f"actuator '{name}' is no position servo: joint '{self.joints[k]}' is driven, without its gains."
+            self.findings.append(warning("actuator", text, name))
+            yield k, None
+
+    def _tied(self, tendon: int) -> list[int]:
+        """Return the joints of a fixed tendon; none of one that is led through space."""
+        m = self.m
+        rows = range(m.tendon_adr[tendon], m.tendon_adr[tendon] + m.tendon_num[tendon])
+        if any(int(m.wrap_type[w]) != int(self.mujoco.mjtWrap.mjWRAP_JOINT) for w in rows):
+            return []
+        return [int(m.wrap_objid[w]) for w in rows]
 
     def _equality(self, i: int, joints: list[Joint], couplings: list[Coupling], used: set[str]) -> None:
         m, eq = self.m, self.mujoco.mjtEq
@@ -194,10 +230,11 @@ class _Mjcf:
     def _tendon(self, i: int, name: str, label: str) -> Coupling:
         """Return the coupling of a fixed tendon of constant length: the sum of its coefficients times coordinates."""
         m, k = self.m, int(self.m.eq_obj1id[i])
-        rows = range(m.tendon_adr[k], m.tendon_adr[k] + m.tendon_num[k])
-        if any(int(m.wrap_type[w]) != int(self.mujoco.mjtWrap.mjWRAP_JOINT) for w in rows):
+        tied = self._tied(k)
+        if not tied:
             raise SourceError(f"{self.path}: equality '{name}' ties a tendon led through space: only fixed ones tie")
-        joints = tuple(self.joints[m.wrap_objid[w]] for w in rows)
+        rows = range(m.tendon_adr[k], m.tendon_adr[k] + m.tendon_num[k])
+        joints = tuple(self.joints[j] for j in tied)
         total = float(m.tendon_length0[k] + m.eq_data[i, 0])
         return Coupling(label, joints, tuple(float(m.wrap_prm[w]) for w in rows), total)
 
@@ -222,33 +259,3 @@ class _Mjcf:
         R = spatial.matrix_from_quat_wxyz(m.body_iquat[i])
         tensor = R @ np.diag(m.body_inertia[i]) @ R.T
         return possible(Inertia(float(m.body_mass[i]), m.body_ipos[i].copy(), tensor), self.bodies[i], self.findings)
-
-    def _meshes(self) -> list[list[Mesh]]:
-        """Return what is shown of each body: its visual shapes, or its colliders where there are no others."""
-        m, geom = self.m, self.mujoco.mjtGeom
-        out: list[list[Mesh]] = [[] for _ in range(m.nbody)]
-        shown = {i: bool(m.geom_contype[i] == m.geom_conaffinity[i] == 0) for i in range(m.ngeom)}
-        visual = {int(m.geom_bodyid[i]) for i in range(m.ngeom) if shown[i]}
-        names = unique((str(i), f"{self._name('BODY', m.geom_bodyid[i])}_shape") for i in range(m.ngeom))
-        for i in range(m.ngeom):
-            body, kind, size = int(m.geom_bodyid[i]), geom(int(m.geom_type[i])), m.geom_size[i]
-            if body in visual and not shown[i]:
-                continue
-            if kind == geom.mjGEOM_MESH:
-                k = m.geom_dataid[i]
-                v, f = m.mesh_vertadr[k], m.mesh_faceadr[k]
-                solid = (m.mesh_vert[v : v + m.mesh_vertnum[k]].astype(float), m.mesh_face[f : f + m.mesh_facenum[k]])
-            elif kind == geom.mjGEOM_BOX:
-                solid = primitive("box", 2 * size)
-            elif kind == geom.mjGEOM_CYLINDER:
-                solid = primitive("cylinder", (size[0], 2 * size[1]))
-            elif kind == geom.mjGEOM_SPHERE:
-                solid = primitive("sphere", size)
-            else:
-                text = f"body '{self.bodies[body]}': a shape of type {kind.name[7:].lower()} is not shown."
-                self.findings.append(warning("shape", text, self.bodies[body]))
-                continue
-            rgba = m.geom_rgba[i] if m.geom_matid[i] < 0 else m.mat_rgba[m.geom_matid[i]]
-            r, g, b, a = map(float, rgba)
-            out[body].append(placed(names[str(i)], *solid, _pose(m.geom_pos[i], m.geom_quat[i]), (r, g, b, a)))
-        return out

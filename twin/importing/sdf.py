@@ -5,6 +5,8 @@ Poses are resolved from `relative_to` and the frames of the model. Nested models
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -13,10 +15,11 @@ import numpy as np
 from twin import spatial
 from twin.errors import SourceError, unknown
 from twin.findings import Finding
+from twin.importing.sdf_left import left_out
 from twin.importing.shapes import Color, mesh_file, placed, primitive
 from twin.importing.source import Imported, Names, along, assemble, limits, possible, rpy, warning
 from twin.importing.xml import Xml
-from twin.mechanism import Body, Frame, Inertia, Joint, JointType, Mesh
+from twin.mechanism import Body, Coupling, Frame, Inertia, Joint, JointType, Mesh
 from twin.spatial import Array
 from twin.stage.read.names import identifier
 
@@ -74,8 +77,30 @@ class _Sdf:
             link = self._attached(old)
             frames.append(Frame(new, body_names[link], spatial.inverse(self._at(link)) @ self._at(old)))
         name = self.model.get("name") or self.path.stem
-        out = assemble(self.path, name, base, bodies, made, frames, (), self.findings)
-        return out
+        couplings = [c for n, e in joints.items() for c in self._mimic(n, e, joint_names)]
+        driven = {c.joints[0] for c in couplings}
+        made = [replace(j, active=False) if j.name in driven else j for j in made]
+        self.findings += left_out(self.model, self.xml)
+        return assemble(self.path, name, base, bodies, made, frames, couplings, self.findings)
+
+    def _mimic(self, name: str, joint: Element, names: Names) -> Iterator[Coupling]:
+        """Yield the coupling of a joint that follows another: q = multiplier (leader - reference) + offset."""
+        where, element = f"joint '{name}', mimic", joint.find("axis/mimic")
+        if element is None:
+            return
+        leader = element.get("joint") or ""
+        if leader not in names:
+            self.xml.fail(where, unknown("joint", leader, [e for e in self.elements if e in names]))
+        if element.get("axis", "axis") != "axis":
+            self.xml.fail(where, "it follows a second axis, which no joint here has")
+        ratio, offset, reference = (
+            self.xml.number(where, key, element.findtext(key), default)
+            for key, default in (("multiplier", 1.0), ("offset", 0.0), ("reference", 0.0))
+        )
+        if ratio == 0:
+            self.xml.fail(where, "multiplier 0 follows nothing; make the joint fixed")
+        total = offset - ratio * reference
+        yield Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), total)
 
     def _named(self, kind: str) -> dict[str, Element]:
         out: dict[str, Element] = {}
@@ -172,8 +197,6 @@ class _Sdf:
         direction = self.xml.numbers(where, "axis xyz", xyz.text if xyz is not None else None, 3, (0, 0, 1))
         if not np.linalg.norm(direction) > 1e-9:
             self.xml.fail(where, "its axis has no length")
-        if axis is not None and axis.find("mimic") is not None:
-            self.xml.fail(where, "<mimic> is not read")
         expressed = xyz.get("expressed_in") if xyz is not None else None
         if expressed:
             direction = T[:3, :3].T @ self._at(expressed)[:3, :3] @ direction
@@ -233,7 +256,8 @@ class _Sdf:
             if solid is not None:
                 rgba = element.findtext("material/diffuse")
                 r, g, b, a = map(float, self.xml.numbers(where, "diffuse", rgba, 4, (0.6, 0.6, 0.6, 1.0)))
-                color: Color = (r, g, b, a)
+                a *= 1.0 - self.xml.number(where, "transparency", element.findtext("transparency"), 0.0)
+                color: Color = (r, g, b, min(max(a, 0.0), 1.0))
                 label = identifier(f"{name}_shape") + (f"_{len(out) + 1}" if out else "")
                 out.append(placed(label, *solid, self._pose(element, where), color))
         return out

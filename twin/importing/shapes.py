@@ -18,13 +18,23 @@ Color = tuple[float, float, float, float]
 
 
 def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
-    """Return vertices (n, 3) in m and triangles (m, 3): box (edges), cylinder (radius, length) or sphere (radius)."""
+    """Return vertices (n, 3) in m and triangles (m, 3) of a shape.
+
+    Sizes: box (edges), cylinder (radius, length), capsule (radius, length between centres), sphere (radius), ellipsoid
+    (half axes).
+    """
     from trimesh import creation
 
     if kind == "box":
         solid = creation.box(size)
     elif kind == "cylinder":
         solid = creation.cylinder(size[0], size[1], sections=48)
+    elif kind == "capsule":
+        solid = creation.capsule(size[1], size[0], count=[24, 24])
+        solid.vertices -= solid.bounds.mean(axis=0)
+    elif kind == "ellipsoid":
+        solid = creation.icosphere(3, 1.0)
+        solid.vertices *= size
     else:
         solid = creation.icosphere(3, size[0])
     return np.asarray(solid.vertices, float), np.asarray(solid.faces, np.int32)
