@@ -56,7 +56,7 @@ def _make(args: argparse.Namespace, name: str, source: Path, target: Path, progr
 
         if args.closures or args.root:
             raise TwinError(f"{source}: a STEP has neither a closure YAML nor prims")
-        skeleton = read_skeleton(source)
+        skeleton = read_skeleton(source, guarded=True)
         progress("write the skeleton", 0.5)
         written, m = write_skeleton(skeleton, name, target, source, args.force)
         findings, worst = skeleton.findings, 0.0

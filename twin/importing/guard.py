@@ -12,7 +12,11 @@ from twin.errors import SourceError
 _PROGRAMS = {
     "MJCF": "import mujoco, sys; mujoco.MjSpec.from_file(sys.argv[1]).compile()",
     "USD": "from pxr import Usd; import sys; [p.GetAttributes() for p in Usd.Stage.Open(sys.argv[1]).Traverse()]",
-    "STEP": "import cascadio, sys, os; cascadio.step_to_glb(sys.argv[1], os.devnull, 1.0, 0.5, include_brep=True)",
+    "STEP": (
+        "import cascadio, sys, tempfile\n"
+        "with tempfile.TemporaryDirectory() as d:\n"
+        "    cascadio.step_to_glb(sys.argv[1], d + '/x.glb', 1.0, 0.5, include_brep=True)"
+    ),
 }
 
 _PATIENCE = 120.0

@@ -167,7 +167,7 @@ class _Mjcf:
                 text = (
                     f"actuator '{name}' pulls a tendon over several joints: '{self.joints[tied[0]]}' is driven here, "
                 )
-                text += f"not {others}: what does not follow it is passive." if others else "by no gains."
+                text += f"{others} only if an equality ties it." if others else "without gains."
                 self.findings.append(warning("actuator", text, name))
                 yield tied[0], None
                 continue
@@ -186,7 +186,8 @@ class _Mjcf:
             if servo and kp > 0:
                 yield k, Drive(kp, max(0.0, float(-bias[2] * gear**2)), effort)
                 continue
-            text = f"actuator '{name}' is no position servo: joint '{self.joints[k]}' is driven, without its gains."
+            joint = self.joints[k]
+            text = f"actuator '{name}' is no position servo: joint '{joint}' is driven, without its gains."
             self.findings.append(warning("actuator", text, name))
             yield k, None
 

@@ -13,13 +13,13 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from twin import spatial
-from twin.errors import SourceError, unknown
+from twin.errors import MechanismError, SourceError, unknown
 from twin.findings import Finding
 from twin.importing.sdf_left import left_out
 from twin.importing.shapes import Color, mesh_file, placed, primitive
 from twin.importing.source import Imported, Names, along, assemble, limits, possible, rpy, warning
 from twin.importing.xml import Xml
-from twin.mechanism import Body, Coupling, Frame, Inertia, Joint, JointType, Mesh
+from twin.mechanism import Body, Coupling, Frame, Inertia, Joint, JointType, Mechanism, Mesh
 from twin.spatial import Array
 from twin.stage.read.names import identifier
 
@@ -78,10 +78,32 @@ class _Sdf:
             frames.append(Frame(new, body_names[link], spatial.inverse(self._at(link)) @ self._at(old)))
         name = self.model.get("name") or self.path.stem
         couplings = [c for n, e in joints.items() for c in self._mimic(n, e, joint_names)]
-        driven = {c.joints[0] for c in couplings}
-        made = [replace(j, active=False) if j.name in driven else j for j in made]
+        made = self._drive(made, base, {c.joints[0] for c in couplings}, joint_names)
         self.findings += left_out(self.model, self.xml)
         return assemble(self.path, name, base, bodies, made, frames, couplings, self.findings)
+
+    def _drive(self, joints: list[Joint], base: str, followers: set[str], names: Names) -> list[Joint]:
+        """Return the joints, those driven that plug-ins name, or else all that neither follow nor close a loop."""
+        told = {t for p in self.model.iter("plugin") for e in p.iter("joint_name") if (t := (e.text or "").strip())}
+        told = {names[t] for t in told if t in names}
+        bare = [replace(j, active=False) for j in joints]
+        bodies = dict.fromkeys([base, *(b for j in joints for b in (j.parent, j.child))])
+        try:
+            closing = {j.name for j in Mechanism("m", base, tuple(map(Body, bodies)), tuple(bare)).loops}
+        except MechanismError as error:
+            raise SourceError(f"{self.path}: {error}") from error
+        out = []
+        for j in joints:
+            active = j.active and j.name not in followers and j.name in (told or {k.name for k in joints} - closing)
+            if active and j.name in closing:
+                self.xml.fail(f"joint '{j.name}'", "it is driven, but closes a loop: list it before the passive joints")
+            out.append(replace(j, active=active))
+        if not told and closing:
+            text = (
+                f"no plug-in names a driven joint: all are driven but {', '.join(sorted(closing))}, which close loops."
+            )
+            self.findings.append(warning("driven", text, base))
+        return out
 
     def _mimic(self, name: str, joint: Element, names: Names) -> Iterator[Coupling]:
         """Yield the coupling of a joint that follows another: q = multiplier (leader - reference) + offset."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from twin.errors import SourceError
+from twin.errors import SourceError, TwinError
 from twin.findings import Finding
 from twin.importing.source import Imported, warning, with_tool
 
@@ -37,7 +37,13 @@ def read_usd(path: Path, root: str | None) -> Imported:
     """
     from twin.stage.read import inspect_stage
 
-    mechanism, findings = inspect_stage(path, root)
+    try:
+        mechanism, findings = inspect_stage(path, root)
+    except TwinError as error:
+        if str(path) in str(error):
+            raise
+        raise SourceError(f"{path}: {error}") from error
+    findings = [replace(f, severity="warning") if f.code == "stage.read.shape" else f for f in findings]
     findings += _left_out(path, root)
     if all(f.name != mechanism.tool for f in mechanism.frames):
         tool, frames = with_tool(mechanism, findings)
@@ -63,6 +69,12 @@ def _left_out(path: Path, root: str | None) -> list[Finding]:
                 )
             if prim.HasAPI(UsdPhysics.RigidBodyAPI) or joint:
                 found.append(warning("schema", f"{where}: {schema} is not read.", where))
+        if prim.HasAPI(UsdPhysics.RigidBodyAPI) and prim.HasAPI(UsdPhysics.MassAPI):
+            mass = UsdPhysics.MassAPI(prim)
+            kilograms, tensor = mass.GetMassAttr().Get(), mass.GetDiagonalInertiaAttr().Get()
+            if kilograms and not any(tensor or ()):
+                text = f"{where}: its mass of {kilograms:g} kg is not kept: the stage gives no inertia with it."
+                found.append(warning("inertia", text, where))
         if joint:
             names = [a.GetName() for a in prim.GetAttributes() if a.HasAuthoredValue()]
             names = [n for n in names if not n.startswith(("drive:", "state:")) and any(w in n for w in _WITHOUT)]
