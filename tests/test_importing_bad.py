@@ -94,16 +94,16 @@ def test_every_bad_file_has_its_message():
     assert {p.name for p in DATA.glob("error_*")} == set(BAD)
 
 
+def _read(path):
+    if path.suffix == ".yaml":
+        return read(DATA / "good.urdf", path)
+    return read_skeleton(path) if path.suffix == ".step" else read(path, guarded=False)
+
+
 @pytest.mark.parametrize("name", sorted(BAD))
 def test_bad_file_is_refused_with_file_and_element(name):
-    path = DATA / name
     with pytest.raises(TwinError) as error:
-        if path.suffix == ".yaml":
-            read(DATA / "good.urdf", path)
-        elif path.suffix == ".step":
-            read_skeleton(path)
-        else:
-            read(path, guarded=False)
+        _read(DATA / name)
     assert BAD[name] in str(error.value)
     assert name in str(error.value)
 

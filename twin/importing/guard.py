@@ -11,7 +11,7 @@ from twin.errors import SourceError
 
 _PROGRAMS = {
     "MJCF": "import mujoco, sys; mujoco.MjSpec.from_file(sys.argv[1]).compile()",
-    "USD": "from pxr import Usd; import sys; [p.GetAttributes() for p in Usd.Stage.Open(sys.argv[1]).Traverse()]",
+    "USD": "from pxr import Usd; import sys; s = Usd.Stage.Open(sys.argv[1]); list(s.Traverse())",
     "STEP": (
         "import cascadio, sys, tempfile\n"
         "with tempfile.TemporaryDirectory() as d:\n"

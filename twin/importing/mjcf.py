@@ -57,7 +57,11 @@ class _Mjcf:
         self.findings: list[Finding] = []
 
     def _name(self, kind: str, i: int) -> str:
-        return self.mujoco.mj_id2name(self.m, getattr(self.mujoco.mjtObj, f"mjOBJ_{kind}"), i) or f"{kind.lower()}{i}"
+        try:
+            name = self.mujoco.mj_id2name(self.m, getattr(self.mujoco.mjtObj, f"mjOBJ_{kind}"), i)
+        except UnicodeDecodeError as error:
+            raise SourceError(f"{self.path}: the name of {kind.lower()} {i} is not UTF-8") from error
+        return name or f"{kind.lower()}{i}"
 
     def read(self) -> Imported:
         m = self.m
