@@ -114,7 +114,7 @@ class Search:
         sites = [x for x in self.own_sites() if only is None or (x[0].equation.name, x[1].index) in only]
         for n, (step, statement) in enumerate(sites):
             self.progress(n / len(sites))
-            choice = pool(step.source, statement, self.judge.available(step), self.parameters)
+            choice = pool(step.source, statement, self.judge.available(step), self.parameters, step.scope)
             for edit in edits(step.source, statement, choice, kinds):
                 candidate = self.attempt(step, [edit])
                 if candidate is not None:
@@ -135,7 +135,7 @@ class Search:
             others = [s for s in self.judge.steps if any(h.function is helper.function for h in self.judge.helpers(s))]
             every = [*steps, *(s for s in others if s not in steps and not s.missing)]
             for statement in source.statements:
-                choice = pool(source, statement, set(source.arguments), self.parameters)
+                choice = pool(source, statement, set(source.arguments), self.parameters, helper.function.__globals__)
                 for edit in edits(source, statement, choice, kinds):
                     candidate = self._everywhere(every, [edit])
                     if candidate is not None:

@@ -70,6 +70,13 @@ class Statement:
         """Whether it is the return of the function."""
         return isinstance(self.node, ast.Return)
 
+    def reads_at(self, position: int) -> set[str]:
+        """Return the names that one of the values reads, of those that it assigns or returns."""
+        value = self.node.value  # type: ignore[attr-defined]
+        if isinstance(value, ast.Tuple) and position < len(value.elts):
+            value = value.elts[position]
+        return {n.id for n in ast.walk(value) if isinstance(n, ast.Name)}
+
 
 @lru_cache(maxsize=64)
 def _parsed(path: str, stamp: tuple[int, int]) -> tuple[bytes, ast.Module, tuple[int, ...]]:
