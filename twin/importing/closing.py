@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 from twin.findings import Finding
+from twin.importing.drives import with_drives
 from twin.importing.source import Imported, note, warning
 from twin.mechanism import Mechanism
 from twin.reference import ReferenceModel
@@ -15,7 +16,7 @@ from twin.units import DEG, MM
 
 
 def close(imported: Imported) -> Imported:
-    """Return the mechanism resting with its loops closed, and posture `home` of where it rests.
+    """Return the mechanism resting with its loops closed, posture `home` of where it rests, and a drive where driven.
 
     A loop that stays open is a finding with its size, and with what it leaves when all others are open: what does
     not close alone is the model's own gap.
@@ -41,7 +42,8 @@ def close(imported: Imported) -> Imported:
         )
         findings.append(warning("driven", text, mechanism.name))
     q = {j.name: float(v) for j, v in zip(mechanism.active, home.q, strict=True)}
-    return Imported(replace(mechanism, rest=home.link_poses, postures={**mechanism.postures, "home": q}), findings)
+    mechanism = replace(mechanism, rest=home.link_poses, postures={**mechanism.postures, "home": q})
+    return with_drives(replace(imported, mechanism=mechanism, findings=findings))
 
 
 def _open(offset: float, tilt: float) -> bool:

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Set
 from dataclasses import replace
 from pathlib import Path
 
 from twin import assets
 from twin.errors import OutputError
 from twin.findings import Finding, by_severity
+from twin.importing.drives import NOTE
 from twin.importing.source import Imported
 from twin.importing.templates import formula, protocol
 from twin.importing.text import frame, number, numbers, one_line, string
@@ -78,7 +79,7 @@ def write_folder(imported: Imported, name: str, target: Path, source: Path, forc
         for body in mechanism.bodies:
             for mesh in body.meshes:
                 _obj(folder / f"meshes/{mesh.name}.obj", mesh, mechanism.rest[body.name])
-        (folder / f"{name}.toml").write_text(describe(mechanism, source.name), "utf-8")
+        (folder / f"{name}.toml").write_text(describe(mechanism, source.name, imported.assumed), "utf-8")
         return mechanism
 
     return write_robot(name, target, cad, imported.findings, source, force)
@@ -124,8 +125,8 @@ def notes(name: str, findings: list[Finding], source: Path) -> str:
     return "\n".join(lines)
 
 
-def describe(m: Mechanism, source: str) -> str:
-    """Return the description of a mechanism in TOML."""
+def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset()) -> str:
+    """Return the description of a mechanism in TOML; the drives of `assumed` joints are marked so."""
     lines = [
         f"# {m.name}, made by `twin new` from {one_line(source)}; what was left out or guessed is in ../{NOTES}.",
         "# Everything is in drawn coordinates: the base frame, loops closed.",
@@ -153,7 +154,7 @@ def describe(m: Mechanism, source: str) -> str:
             f"on_child = {frame(m.rest[joint.child] @ joint.T_child_joint)}",
         ]
     for joint in m.joints:
-        lines += _limit(joint, source) + _drive(joint, source)
+        lines += _limit(joint, source) + _drive(joint, source, joint.name in assumed)
     for c in m.couplings:
         angle = m.joint(c.joints[0]).is_angle
         lines += [
@@ -227,7 +228,7 @@ def _limit(joint: Joint, source: str) -> list[str]:
     return ["", "[[limit]]", f"joints = [{string(joint.name)}]", *lines, *_cited(source)] if lines else []
 
 
-def _drive(joint: Joint, source: str) -> list[str]:
+def _drive(joint: Joint, source: str, assumed: bool) -> list[str]:
     drive = joint.drive
     if drive is None:
         return []
@@ -239,7 +240,7 @@ def _drive(joint: Joint, source: str) -> list[str]:
         f"stiffness = {number(drive.stiffness)}",
         f"damping = {number(drive.damping)}",
         *effort,
-        *_cited(source),
+        *(['provenance = "ASSUMED"', f"note = {string(NOTE)}"] if assumed else _cited(source)),
     ]
 
 

@@ -55,6 +55,7 @@ class _Mjcf:
 
         self.path, self.m, self.mujoco = path, model, mujoco
         self.findings: list[Finding] = []
+        self.efforts: dict[str, float] = {}
 
     def _name(self, kind: str, i: int) -> str:
         try:
@@ -96,7 +97,9 @@ class _Mjcf:
             for i in range(m.nsite)
         ]
         name = (m.names[: m.names.index(b"\0")] or b"").decode("utf-8", "replace") or self.path.stem
-        out = assemble(self.path, name, self.bodies[0], bodies, joints, frames, couplings, self.findings)
+        out = assemble(
+            self.path, name, self.bodies[0], bodies, joints, frames, couplings, self.findings, efforts=self.efforts
+        )
         return replace(out, mechanism=replace(out.mechanism, postures=self._postures()))
 
     def _postures(self) -> dict[str, dict[str, float]]:
@@ -191,6 +194,8 @@ class _Mjcf:
                 yield k, Drive(kp, max(0.0, float(-bias[2] * gear**2)), effort)
                 continue
             joint = self.joints[k]
+            if effort is not None:
+                self.efforts[self.joints[k]] = effort
             text = f"actuator '{name}' is no position servo: joint '{joint}' is driven, without its gains."
             self.findings.append(warning("actuator", text, name))
             yield k, None

@@ -49,6 +49,7 @@ class _Sdf:
     def __init__(self, path: Path) -> None:
         self.xml, self.path = Xml(path, "sdf"), path
         self.findings: list[Finding] = []
+        self.efforts: dict[str, float] = {}
         models = [*self.xml.root.findall("model"), *self.xml.root.findall("world/model")]
         if len(models) != 1:
             raise SourceError(f"{path}: expected one model, found {len(models)}; write one model to a file")
@@ -80,7 +81,8 @@ class _Sdf:
         couplings = [c for n, e in joints.items() for c in self._mimic(n, e, joint_names)]
         made = self._drive(made, base, {c.joints[0] for c in couplings}, joint_names)
         self.findings += left_out(self.model, self.xml)
-        return assemble(self.path, name, base, bodies, made, frames, couplings, self.findings)
+        efforts = {joint_names[n]: e for n, e in self.efforts.items()}
+        return assemble(self.path, name, base, bodies, made, frames, couplings, self.findings, efforts=efforts)
 
     def _drive(self, joints: list[Joint], base: str, followers: set[str], names: Names) -> list[Joint]:
         """Return the joints, those driven that plug-ins name, or else all that neither follow nor close a loop."""
@@ -237,6 +239,9 @@ class _Sdf:
         speed = axis.findtext("limit/velocity") if axis is not None else None
         if speed is not None and 0 < (value := self.xml.number(where, "velocity", speed)) < _ENDLESS:
             values["max_speed"] = value
+        effort = axis.findtext("limit/effort") if axis is not None else None
+        if effort is not None and 0 < (value := self.xml.number(where, "effort", effort)) < _ENDLESS:
+            self.efforts[name] = value
         return T @ along(direction), values
 
     def _inertia(self, name: str, link: Element) -> Inertia | None:

@@ -13,7 +13,7 @@ _READ = {
     "link": {"visual", "collision", "inertial", "pose"},
     "joint": {"parent", "child", "axis", "pose"},
     "axis": {"xyz", "limit", "mimic", "initial_position"},
-    "limit": {"lower", "upper", "velocity"},
+    "limit": {"lower", "upper", "velocity", "effort"},
     "visual": {"geometry", "material", "pose", "transparency"},
     "material": {"diffuse"},
 }
@@ -57,7 +57,7 @@ def _walk(element: Element, kind: str, where: str, found: list[Finding]) -> None
 
 
 def _tell(child: Element, tag: str, where: str, found: list[Finding]) -> None:
-    if tag == "dynamics" or tag == "effort" or tag in ("stiffness", "dissipation"):
+    if tag in ("dynamics", "stiffness", "dissipation"):
         values = [f"{e.tag} {(e.text or '').strip()}" for e in (child.iter() if len(child) else [child]) if _says(e)]
         if values:
             found.append(warning("friction", f"{where}: {', '.join(values)} is not kept.", where))

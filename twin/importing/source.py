@@ -19,10 +19,19 @@ from twin.stage.read.names import identifier, unique
 
 @dataclass
 class Imported:
-    """A mechanism in SI units and what was renamed, guessed, missing or left out on the way."""
+    """A mechanism in SI units and what was renamed, guessed, missing or left out on the way.
+
+    Attributes:
+        mechanism: bodies, joints and loops.
+        findings: see above.
+        efforts: largest effort in N or N m that the file gives a joint without saying its gains.
+        assumed: joints whose drives are nobody's numbers.
+    """
 
     mechanism: Mechanism
     findings: list[Finding] = field(default_factory=list)
+    efforts: dict[str, float] = field(default_factory=dict)
+    assumed: frozenset[str] = frozenset()
 
 
 class Names:
@@ -105,6 +114,7 @@ def assemble(
     couplings: Sequence[Coupling],
     findings: list[Finding],
     tool: str | None = None,
+    efforts: dict[str, float] | None = None,
 ) -> Imported:
     """Return the mechanism with every body where its joints' zero puts it, and a tool.
 
@@ -133,7 +143,7 @@ def assemble(
         )
     except MechanismError as error:
         raise SourceError(f"{path}: {error}") from error
-    return Imported(mechanism, findings)
+    return Imported(mechanism, findings, efforts or {})
 
 
 def rest_poses(mechanism: Mechanism) -> dict[str, Array]:

@@ -65,6 +65,7 @@ class _Urdf:
         self.xml = Xml(path, "robot")
         self.path, self.closures, self.closure_file = path, closures, closure_file
         self.findings: list[Finding] = []
+        self.efforts: dict[str, float] = {}
 
     def read(self) -> Imported:
         root, found = self.xml.root, self.findings
@@ -98,9 +99,9 @@ class _Urdf:
         frames = [Frame(frame_names[n], *self.home[n]) for n in self.marks]
         couplings = [self._mimic(n, joint_names, joints) for n in joints if joints[n].find("mimic") is not None]
         made += self._loops(links, ends, joint_names)
-        return assemble(
-            self.path, root.get("name") or self.path.stem, body_names[base], bodies, made, frames, couplings, found
-        )
+        efforts = {joint_names[n]: e for n, e in self.efforts.items() if ends[n][1] not in self.marks}
+        label = root.get("name") or self.path.stem
+        return assemble(self.path, label, body_names[base], bodies, made, frames, couplings, found, efforts=efforts)
 
     # -- structure ------------------------------------------------------------------------------------
 
@@ -178,6 +179,12 @@ class _Urdf:
 
     def _driven(self, root: Element, joints: dict[str, Element]) -> set[str]:
         """Return the driven joints: those of the closure YAML, of the transmissions, or all that move."""
+        for t in root.findall("transmission"):
+            for ratio in t.iter("mechanicalReduction"):
+                if self.xml.number("transmission", "mechanicalReduction", ratio.text, 1.0) != 1:
+                    name = str(t.get("name"))
+                    text = f"transmission '{name}': mechanicalReduction {ratio.text} is not kept: joints are driven."
+                    self.findings.append(warning("gear", text, name))
         if self.closures is not None:
             for motor in self.closures.motors:
                 if motor not in joints:
@@ -186,12 +193,6 @@ class _Urdf:
                     kind = joints[motor].get("type")
                     raise SourceError(f"{self.closure_file}: name_mot: joint '{motor}' is {kind}: nothing to drive")
             return set(self.closures.motors)
-        for t in root.findall("transmission"):
-            for ratio in t.iter("mechanicalReduction"):
-                if self.xml.number("transmission", "mechanicalReduction", ratio.text, 1.0) != 1:
-                    name = str(t.get("name"))
-                    text = f"transmission '{name}': mechanicalReduction {ratio.text} is not kept: joints are driven."
-                    self.findings.append(warning("gear", text, name))
         told = {str(j.get("name")) for t in root.findall("transmission") for j in t.findall("joint")}
         for name in told:
             if name not in joints:
@@ -263,8 +264,7 @@ class _Urdf:
             if speed:
                 out["max_speed"] = speed
             if effort:
-                text = f"{where}: effort {effort:g} is not kept: the file has no drive gains to go with it."
-                self.findings.append(warning("effort", text, name))
+                self.efforts[name] = effort
         if safety is not None:
             low, high = value(safety, "soft_lower_limit"), value(safety, "soft_upper_limit")
             if low is not None and high is not None:

@@ -24,7 +24,7 @@ _READ = (
 )
 """Applied schemas whose content is read, or that only mark what is read otherwise."""
 
-_WITHOUT = ("friction", "armature", "breakForce", "breakTorque", "damping", "stiffness", "solver", "actuator")
+_WITHOUT = ("friction", "armature", "breakforce", "breaktorque", "damping", "stiffness", "solver", "actuator")
 """Parts of the names of authored joint properties that have no place in a mechanism."""
 
 
@@ -77,7 +77,9 @@ def _left_out(path: Path, root: str | None) -> list[Finding]:
                 found.append(warning("inertia", text, where))
         if joint:
             names = [a.GetName() for a in prim.GetAttributes() if a.HasAuthoredValue()]
-            names = [n for n in names if not n.startswith(("drive:", "state:")) and any(w in n for w in _WITHOUT)]
+            names = [
+                n for n in names if not n.startswith(("drive:", "state:")) and any(w in n.lower() for w in _WITHOUT)
+            ]
             if names := [n for n in names if _told(prim.GetAttribute(n))]:
                 found.append(warning("friction", f"joint {where}: {', '.join(names)} are not kept.", where))
         elif prim.IsA(UsdGeom.Gprim) and not prim.IsA(UsdGeom.Mesh) and prim.IsA(UsdGeom.PointBased):
