@@ -45,6 +45,12 @@ def read_usd(path: Path, root: str | None) -> Imported:
         raise SourceError(f"{path}: {error}") from error
     findings = [replace(f, severity="warning") if f.code == "stage.read.shape" else f for f in findings]
     findings += _left_out(path, root)
+    if not mechanism.active:
+        moving = {j.name for j in mechanism.tree if len(j.free_axes) == 1}
+        joints = tuple(replace(j, active=j.name in moving) for j in mechanism.joints)
+        mechanism = replace(mechanism, joints=joints, postures={})
+        text = f"no joint has a drive: all of the tree are driven, {', '.join(sorted(moving))}."
+        findings.append(warning("driven", text, mechanism.base))
     if all(f.name != mechanism.tool for f in mechanism.frames):
         tool, frames = with_tool(mechanism, findings)
         mechanism = replace(mechanism, tool=tool, frames=frames)
