@@ -70,7 +70,8 @@ def rpy(angles: Array) -> Array:
 
 def along(axis: Array) -> Array:
     """Return a frame (4, 4) whose z is along the axis (3,), which has a length; the identity for z itself."""
-    z = axis / np.linalg.norm(axis)
+    z = axis / np.abs(axis).max()  # first: the square of a huge or tiny number is none
+    z = z / np.linalg.norm(z)
     if np.array_equal(z, [0.0, 0.0, 1.0]):
         return np.eye(4)
     return spatial.pose(spatial.frame_from_axes(z, np.eye(3)[int(np.argmin(np.abs(z)))]))

@@ -216,7 +216,7 @@ class _Urdf:
         if kind in ("revolute", "continuous", "prismatic"):
             element = joint.find("axis")
             axis = self.xml.numbers(where, "axis", element.get("xyz") if element is not None else None, 3, (1, 0, 0))
-            if not np.linalg.norm(axis) > 1e-9:
+            if not np.abs(axis).max() > 1e-9:
                 self.xml.fail(where, "its axis has no length")
             turn = along(axis)
             values = self._limits(where, name, kind, joint.find("limit"), joint.find("safety_controller"))
