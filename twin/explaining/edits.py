@@ -74,7 +74,7 @@ def pool(
         {n: e for n, e in aliases.items() if n not in names},
         frozenset(parameters),
         frozenset({*source.arguments, *local}),
-        frozenset(n for n in statement.reads - names - {*statement.writes, *dir(builtins)} if n not in scope),
+        frozenset(n for n in statement.reads - names - set(dir(builtins)) if n not in scope),
     )
 
 

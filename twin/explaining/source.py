@@ -126,6 +126,8 @@ class Source:
     def _statement(self, index: int, node: ast.stmt) -> Statement:
         start, end = self.span(node)
         reads = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)}
+        loops = [n.target for n in ast.walk(node) if isinstance(n, ast.comprehension | ast.For)]
+        reads -= {n.id for target in loops for n in ast.walk(target) if isinstance(n, ast.Name)}
         writes = [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
         calls = {  # out += [...], out.append(...): the name is read and written
             n.value.id for n in ast.walk(node) if isinstance(n, ast.Attribute) and isinstance(n.value, ast.Name)
