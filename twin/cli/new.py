@@ -34,10 +34,11 @@ def new(args: argparse.Namespace) -> int:
         return 0
     _print(findings)
     loops = f", {data['loops']} loops closed to {data['worst_gap_m']:.2g} m" if data["loops"] else ""
+    first = "" if data["active"] else f"name the joints in {data['files'][0]}, then "
     print(
         f"  {target}/: {data['bodies']} bodies, {data['joints']} joints{loops}, {len(data['active'])} driven; "
         f"what is not as in the file: {target}/IMPORT.md\n"
-        f"  next: twin info {target}/, twin build {target}/, twin view {target}/; then your equations in formula.py "
+        f"  next: {first}twin info {target}/, twin build {target}/, twin view {target}/; then your equations in formula.py "
         f"and twin validate {target}/"
     )
     return 0
