@@ -57,6 +57,8 @@ BAD = {
     "error_unknown_shape.urdf": "link 'base': there is no shape 'cone'",
     "error_cut_off.usda": "is no USD file that can be read",
     "error_distance_joint.usda": "joint /fourbar/wrist: joints of type PhysicsDistanceJoint have no counterpart ",
+    "error_limit_of_three_numbers.usda": "lowerLimit is of type 'point3f'; its schema has float",
+    "error_unknown_type.usda": "lowerLimit is of type 'flaot', which USD does not know",
     "error_limits_swapped.usda": "fourbar: joint 'crank_joint': limits -1 .. -1.5708 are not ordered",
     "error_mimic_of_a_vendor.usda": "joint /fourbar/elbow follows another one by PhysxMimicJointAPI:rotZ: couplings",
     "error_missing_vertices.usda": "mesh /fourbar/crank/crank_shape: an index points to vertex 9, it has 4",

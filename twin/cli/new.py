@@ -38,13 +38,15 @@ def new(args: argparse.Namespace) -> int:
     print(
         f"  {target}/: {data['bodies']} bodies, {data['joints']} joints{loops}, {len(data['active'])} driven; "
         f"what is not as in the file: {target}/IMPORT.md\n"
-        f"  next: {first}twin info {target}/, twin build {target}/, twin view {target}/; then your equations in formula.py "
-        f"and twin validate {target}/"
+        f"  next: {first}twin info {target}/, twin build {target}/, twin view {target}/; then your equations in "
+        f"formula.py and twin validate {target}/"
     )
     return 0
 
 
-def _make(args: argparse.Namespace, name: str, source: Path, target: Path, progress) -> tuple[dict[str, Any], list]:
+def _make(
+    args: argparse.Namespace, name: str, source: Path, target: Path, progress
+) -> tuple[dict[str, Any], list[Finding]]:
     from twin.importing import kind_of, read
     from twin.importing.closing import close
     from twin.importing.folder import require_free, write_folder

@@ -102,6 +102,12 @@ BAD = {
     "error_distance_joint.usda": (USD, 'PhysicsRevoluteJoint "wrist"', 'PhysicsDistanceJoint "wrist"'),
     "error_limits_swapped.usda": (USD, "physics:upperLimit = 57.29578", "physics:upperLimit = -90"),
     "error_rotation_of_nothing.usda": (USD, "localRot1 = (0, 1, 0, 0)", "localRot1 = (0, 0, 0, 0)"),
+    "error_limit_of_three_numbers.usda": (
+        USD,
+        "float physics:lowerLimit = -57.29578",
+        "point3f physics:lowerLimit = (1, 2, 3)",
+    ),
+    "error_unknown_type.usda": (USD, "float physics:lowerLimit", "flaot physics:lowerLimit"),
     "error_missing_vertices.usda": (USD, "[0, 1, 2, 0", "[0, 1, 9, 0"),
     "error_mimic_of_a_vendor.usda": (
         USD,

@@ -125,15 +125,32 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
     return mechanism, notes
 
 
+def _shape(name: Sdf.ValueTypeName) -> tuple:
+    """Return what values of a type are read as: of any precision, numbers, quaternions, vectors of a length, texts."""
+    value = name.scalarType.defaultValue
+    if isinstance(value, bool | str):
+        return name.isArray, type(value)
+    try:
+        return name.isArray, "quaternion" if hasattr(value, "GetReal") else len(value)
+    except TypeError:
+        return name.isArray, 0
+
+
 def _refuse_unknown_types(scene: Scene) -> None:
-    """Raise for an attribute of a type that USD does not know: its value cannot be read as anything."""
+    """Raise for an attribute of a type that USD does not know, or that is not its schema's: it would be misread."""
     for layer in scene.stage.GetUsedLayers():
 
         def check(path: Sdf.Path, layer: Sdf.Layer = layer) -> None:
             spec = layer.GetAttributeAtPath(path) if path.IsPropertyPath() else None
-            if spec and spec.typeName.type.isUnknown:
-                kind = spec.GetInfo("typeName")
+            if not spec:
+                return
+            kind = spec.GetInfo("typeName")
+            if spec.typeName.type.isUnknown:
                 raise StageError(f"{scene.path}: {path} is of type '{kind}', which USD does not know")
+            prim = scene.stage.GetPrimAtPath(path.GetPrimPath())
+            meant = prim.GetPrimDefinition().GetSchemaAttributeSpec(path.name) if prim else None
+            if meant and _shape(meant.typeName) != _shape(spec.typeName):
+                raise StageError(f"{scene.path}: {path} is of type '{kind}'; its schema has {meant.typeName}")
 
         layer.Traverse(Sdf.Path.absoluteRootPath, check)
 
