@@ -38,15 +38,6 @@ def _silent(label: str, fraction: float) -> None:
     """Report to nobody."""
 
 
-def _no_equations(robot: Robot) -> str:
-    if robot.files is None or not robot.files.formula.is_file():
-        return f"robot '{robot.name}' has no equations: formula.py is missing"
-    return (
-        f"{robot.files.formula}: there are no equations yet, so nothing can be planned or judged. Write `inverse` or "
-        f"`forward` there, and take the line `{assets.NO_EQUATIONS}` out."
-    )
-
-
 def names() -> list[str]:
     """Return the names of the built-in robots."""
     return assets.names()
@@ -120,7 +111,7 @@ class Robot:
         from twin.robots import load_formula
 
         if self.files is None or not self.files.has_equations:
-            raise KinematicsError(_no_equations(self))
+            raise KinematicsError(assets.no_equations(self.name, self.files))
         return load_formula(self.files.formula)
 
     @property
@@ -413,9 +404,7 @@ def build(
         folder = robot.files.usd
     progress("read CAD, weigh parts", 0.0)
     cad = robot.cad = read_mechanism(robot.files.description, with_mass=True)
-    chosen = protocols or ()
-    if protocols is None and robot.files.has_equations:
-        chosen = tuple(robot.files.protocols())
+    chosen = tuple(robot.files.protocols() if robot.files.has_equations else ()) if protocols is None else protocols
     with assets.atomic_folder(folder) as work:
         root = write_usd(cad.mechanism, (), work)[0]
         robot.mechanism = cad.mechanism

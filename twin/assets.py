@@ -80,6 +80,16 @@ class RobotFiles:
         return known[name]
 
 
+def no_equations(name: str, files: RobotFiles | None) -> str:
+    """Return the message for a robot that has no equations: none at all, or none yet."""
+    if files is None or not files.formula.is_file():
+        return f"robot '{name}' has no equations: formula.py is missing"
+    return (
+        f"{files.formula}: there are no equations yet, so nothing can be planned or judged. Write `inverse` or "
+        f"`forward` there, and take the line `{NO_EQUATIONS}` out."
+    )
+
+
 def names() -> list[str]:
     """Return the names of the built-in robots: every cad/<name>/<name>.toml."""
     return sorted(p.parent.name for p in data_folder().glob("cad/*/*.toml") if p.stem == p.parent.name)
