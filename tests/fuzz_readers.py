@@ -129,8 +129,8 @@ def damaged(rng: random.Random, seeds: list[bytes], tokens: list[list[bytes]]) -
             del lines[rng.randrange(len(lines))]
             text = b"\n".join(lines)
         else:  # a word or number becomes another one
-            words = list(TOKEN.finditer(text))
-            word = rng.choice(words)
+            word = TOKEN.search(text, at) or TOKEN.match(text)
+            assert word
             new = rng.choice(ODD) if rng.random() < 0.3 else rng.choice(rng.choice(tokens))
             text = text[: word.start()] + new + text[word.end() :]
     return text
