@@ -110,9 +110,9 @@ class Robot:
     def _formula(self) -> Any:
         from twin.robots import load_formula
 
-        if self.files is None or not self.files.has_equations:
-            raise KinematicsError(assets.no_equations(self.name, self.files))
-        return load_formula(self.files.formula)
+        if self.files is None:
+            raise KinematicsError(f"robot '{self.name}' has no equations: it is a stage")
+        return load_formula(self.files.equations())
 
     @property
     def joints(self) -> tuple[str, ...]:

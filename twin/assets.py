@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from twin.errors import OutputError, TwinError, unknown
+from twin.errors import KinematicsError, OutputError, TwinError, unknown
 
 _BESIDE = ("dimensions", "inertia", "exhibit", "scene")
 """What may lie beside a description in a robot's cad/ folder."""
@@ -59,6 +59,21 @@ class RobotFiles:
         except OSError:
             return False
 
+    def equations(self) -> Path:
+        """Return the file of the equations.
+
+        Raises:
+            KinematicsError: there is none, or it is still the empty template.
+        """
+        if not self.formula.is_file():
+            raise KinematicsError(f"robot '{self.name}' has no equations: formula.py is missing")
+        if not self.has_equations:
+            raise KinematicsError(
+                f"{self.formula}: there are no equations yet, so nothing can be planned or judged. Write `inverse` or "
+                f"`forward` there, and take the line `{NO_EQUATIONS}` out."
+            )
+        return self.formula
+
     @property
     def stage(self) -> Path:
         """The robot's USD root layer."""
@@ -78,16 +93,6 @@ class RobotFiles:
         if name not in known:
             raise TwinError(f"{self.name}: {unknown('protocol', name, known)}")
         return known[name]
-
-
-def no_equations(name: str, files: RobotFiles | None) -> str:
-    """Return the message for a robot that has no equations: none at all, or none yet."""
-    if files is None or not files.formula.is_file():
-        return f"robot '{name}' has no equations: formula.py is missing"
-    return (
-        f"{files.formula}: there are no equations yet, so nothing can be planned or judged. Write `inverse` or "
-        f"`forward` there, and take the line `{NO_EQUATIONS}` out."
-    )
 
 
 def names() -> list[str]:
