@@ -111,9 +111,9 @@ class Robot:
         """The equations, not compiled yet (`KinematicsError`: none, or wrong). To read a `formula.py` is to run it."""
         from twin.robots import load_formula
 
-        if self.files is None or not self.files.formula.is_file():
-            raise KinematicsError(f"robot '{self.name}' has no equations: formula.py is missing")
-        return load_formula(self.files.formula, self.name, lambda: self.mechanism.driven)
+        if self.files is None:
+            raise KinematicsError(f"robot '{self.name}' has no equations: it is a stage")
+        return load_formula(self.files.equations(), self.name, lambda: self.mechanism.driven)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -387,7 +387,7 @@ def build(
     """Write the robot's USD stage: meshes, masses, joints, and one baked motion for each protocol.
 
     Args:
-        robot: with CAD; equations are needed for motions.
+        robot: with CAD; without equations, no motion is baked unless one is asked for.
         folder: where to; default: usd/<robot>/ in a checkout, the folder's usd/ for a robot of one's own.
         protocols: which to bake; default all.
         progress: see `Progress`.
@@ -409,7 +409,7 @@ def build(
         folder = robot.files.usd
     progress("read CAD, weigh parts", 0.0)
     cad = robot.cad = read_mechanism(robot.files.description, with_mass=True)
-    chosen = tuple(robot.files.protocols()) if protocols is None else protocols
+    chosen = tuple(robot.files.protocols() if robot.files.has_equations else ()) if protocols is None else protocols
     with assets.atomic_folder(folder) as work:
         root = write_usd(cad.mechanism, (), work)[0]
         robot.mechanism = cad.mechanism

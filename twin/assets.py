@@ -14,10 +14,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from twin.errors import OutputError, TwinError, unknown
+from twin.errors import KinematicsError, OutputError, TwinError, unknown
 
 _BESIDE = ("dimensions", "inertia", "exhibit", "scene")
 """What may lie beside a description in a robot's cad/ folder."""
+
+NO_EQUATIONS = "FORMULA = None"
+"""The line of a formula.py that waits for its equations."""
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -47,6 +50,29 @@ class RobotFiles:
     def description(self) -> Path:
         """The robot's TOML file."""
         return self.cad / f"{self.name}.toml"
+
+    @property
+    def has_equations(self) -> bool:
+        """Whether there is a formula that is no empty template: one has the line `FORMULA = None`; nothing is run."""
+        try:
+            return NO_EQUATIONS not in self.formula.read_text("utf-8", "replace").splitlines()
+        except OSError:
+            return False
+
+    def equations(self) -> Path:
+        """Return the file of the equations.
+
+        Raises:
+            KinematicsError: there is none, or it is still the empty template.
+        """
+        if not self.formula.is_file():
+            raise KinematicsError(f"robot '{self.name}' has no equations: formula.py is missing")
+        if not self.has_equations:
+            raise KinematicsError(
+                f"{self.formula}: there are no equations yet, so nothing can be planned or judged. Write `inverse` or "
+                f"`forward` there, and take the line `{NO_EQUATIONS}` out."
+            )
+        return self.formula
 
     @property
     def stage(self) -> Path:

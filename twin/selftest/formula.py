@@ -84,7 +84,7 @@ def _draw(sources: list[Source], parameters: set[str], kinds: tuple[str, ...], r
     if not statements:
         return None
     statement = statements[rng.integers(len(statements))]
-    around = pool(source, statement, set(source.arguments), parameters & set(source.arguments))
+    around = pool(source, statement, set(source.arguments), parameters & set(source.arguments), statement.reads)
     some = [e for e in edits(source, statement, around, kinds) if e.define is None]
     return some[rng.integers(len(some))] if some else None
 
