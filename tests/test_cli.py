@@ -18,8 +18,9 @@ from pathlib import Path
 import pytest
 
 import twin
-from twin import api, cli
+from twin import api
 from twin.cli import commands, main, show
+from twin.cli.parser import NAMES, parser
 from twin.errors import TwinError
 
 ROOT = Path(__file__).parents[1]
@@ -91,7 +92,7 @@ def files_below(folder: Path) -> set[str]:
 # --------------------------------------------------------------------------------------------------- help
 
 
-@pytest.mark.parametrize("command", cli.NAMES)
+@pytest.mark.parametrize("command", NAMES)
 def test_help_of_every_command_shows_examples(command, capsys):
     with pytest.raises(SystemExit) as left:
         main([command, "--help"])
@@ -104,14 +105,14 @@ def test_help_of_every_command_shows_examples(command, capsys):
         assert option in text
 
 
-@pytest.mark.parametrize("command", cli.NAMES)
+@pytest.mark.parametrize("command", NAMES)
 def test_examples_of_the_help_are_understood(command, capsys):
     with pytest.raises(SystemExit):
         main([command, "--help"])
     text = capsys.readouterr().out
     for line in text[text.index("examples:") :].splitlines()[1:]:
         words = re.split(r"\s{2,}", line.strip())[0].split()[1:]
-        assert cli._parser().parse_args(words).command == command
+        assert parser().parse_args(words).command == command
 
 
 def test_main_help_shows_examples_and_exit_codes(capsys):
@@ -121,13 +122,13 @@ def test_main_help_shows_examples_and_exit_codes(capsys):
     assert "examples:" in text
     assert "exit codes: 0 agree or done, 1 disagree, 2 could not check" in text
     for line in text[text.index("examples:") : text.index("exit codes")].strip().splitlines()[1:]:
-        cli._parser().parse_args(re.split(r"\s{2,}", line.strip())[0].split()[1:])
-    for command in cli.NAMES:
+        parser().parse_args(re.split(r"\s{2,}", line.strip())[0].split()[1:])
+    for command in NAMES:
         assert f"    {command} " in text
 
 
 def test_every_command_is_there():
-    assert set(commands.COMMANDS) == set(cli.NAMES)
+    assert set(commands.COMMANDS) == set(NAMES)
 
 
 def test_python_m_twin():
