@@ -327,11 +327,9 @@ def validate(
         trajectory: as planned, or None to plan now.
         protocol: its protocol; default the robot's default protocol.
         variants: the variants to judge; the motion is always planned with the robot's own.
-        tolerances: what counts as agreement; default: that of exact geometry, widened by what the CAD's
-            placements lost.
+        tolerances: what counts as agreement; default: that of exact geometry, widened by what placements lost.
         stage: root layer to judge; default the robot's own, or a fresh one if that is missing or stale.
-        baked: the motion beside that stage was just made for this trajectory: what differs is a disagreement, where
-            otherwise it is a warning that it may be older than the protocol.
+        baked: the motion beside that stage was just made for this trajectory; else it may be older, which only warns.
         progress: see `Progress`.
 
     Raises:
@@ -347,16 +345,13 @@ def validate(
     if tolerances is None:
         lost = max((f.size or 0.0 for f in cad.findings if f.code == "cad.placement_precision"), default=0.0)
         tolerances = Tolerances().widened(10 * lost * UM) if lost else Tolerances()
-    name = protocol or (trajectory.protocol if trajectory is not None else None)
-    chosen = robot.protocol(name)
+    chosen = robot.protocol(protocol or (trajectory.protocol if trajectory is not None else None))
     robot = robot.bound(chosen)
-    cad = robot.cad
     if trajectory is None:
         trajectory = plan(robot, chosen, progress)
     with contextlib.nullcontext(stage) if stage is not None else fresh_stage(robot) as root:
-        kin, paths = robot.kinematics(variants), robot.path_kinematics()
-        case = Case(kin, cad, chosen, trajectory, root, tolerances, paths, baked)
-        return judge(case, progress)
+        sides = (robot.kinematics(variants), robot.cad, chosen, trajectory, root, tolerances)
+        return judge(Case(*sides, robot.path_kinematics(), baked), progress)
 
 
 @contextlib.contextmanager

@@ -68,6 +68,9 @@ class Bench:
         weighed = read_mechanism(robot.files.description)
         self.weighed = weighed.mechanism
         self.stage = self.written(weighed.mechanism, self.robot.mechanism, folder / "stage")
+        # Without the motion: that would betray every other motion, whatever is wrong with it.
+        (folder / "still").mkdir()
+        self.still = write_usd(weighed.mechanism, (), folder / "still")[0]
         self.cad: CadModel = replace(self.robot.cad, mechanism=self.robot.mechanism)
         self.tolerances = Tolerances()
         lost = max((f.size or 0.0 for f in self.cad.findings if f.code == "cad.placement_precision"), default=0.0)
@@ -195,11 +198,11 @@ class Bench:
             case = self.case(
                 protocol=protocol, trajectory=trajectory, cad=cad, paths=paths, kinematics=robot.kinematics()
             )
-            case = replace(case, baked_for_it=False)
+            case = replace(case, stage=self.still)
             yield self._new(judge(case, parts=_FIRST | _EQUATIONS))
             yield self._new(judge(case))
         elif fault.trajectory is not None:
-            case = self.case(trajectory=fault.trajectory(), baked_for_it=False)
+            case = self.case(trajectory=fault.trajectory(), stage=self.still)
             yield self._new(judge(case, parts=_FIRST))
             yield self._new(judge(case, parts=_FIRST | _EQUATIONS))
             yield self._new(judge(case))

@@ -176,26 +176,32 @@ def _tip_rates(trajectory: Trajectory, span: PhaseSpan, dt: float) -> tuple[Arra
 
 
 def _rest(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> Iterator[Finding]:
-    """See that phases begin and end at rest: no joint gets further in one step than its acceleration carries it."""
+    """See that phases begin and end at rest: nothing gets further in one step than its acceleration carries it."""
     dt = _step(trajectory)
     for span in trajectory.phases:
-        ends = ((span.start, span.start + 1, "begins"), (span.stop, span.stop - 1, "ends"))
-        for here, there, verb in ends:
+        limits = protocol.limits[span.type]
+        for here, there, verb in ((span.start, span.start + 1, "begins"), (span.stop, span.stop - 1, "ends")):
+            T0, T1 = trajectory.Ts_base_frame[[here, there]]
+            turn = float(spatial.rotation_angle(T0[:3, :3].T @ T1[:3, :3]))
+            name = trajectory.frame
+            ways = [
+                (name, name, float(np.linalg.norm(T1[:3, 3] - T0[:3, 3])), limits.tip_acceleration, ("mm", MM)),
+                (f"{name}, turning,", name, turn, limits.rotation_acceleration, ("deg", DEG)),
+            ]
             for j, joint in enumerate(mechanism.active):
-                if joint.max_acceleration is None:
-                    continue
-                way = abs(float(trajectory.q[there, j] - trajectory.q[here, j]))
-                reach = 0.5 * joint.max_acceleration * dt**2 * (1 + OVER) + _ROUNDING * abs(
-                    float(trajectory.q[here, j])
-                )
+                if joint.max_acceleration is not None:
+                    way = abs(float(trajectory.q[there, j] - trajectory.q[here, j]))
+                    unit = ("deg", DEG) if joint.is_angle else ("mm", MM)
+                    ways.append((f"joint {joint.name}", joint.name, way, joint.max_acceleration, unit))
+            for what, where, way, acceleration, (unit, factor) in ways:
+                reach = 0.5 * acceleration * dt**2 * (1 + OVER) + 1e-12
                 if way > reach:
-                    unit, factor = ("deg", DEG) if joint.is_angle else ("mm", MM)
                     yield Finding(
                         "timing.rest",
                         "disagreement",
-                        f"phase '{span.name}' {verb} in motion: joint {joint.name} moves {way / factor:.3g} {unit} in "
-                        f"{dt:g} s, where from rest it could move {reach / factor:.3g} {unit}",
-                        where=joint.name,
+                        f"phase '{span.name}' {verb} in motion: {what} moves {way / factor:.3g} {unit} in {dt:g} s, "
+                        f"where from rest it could move {reach / factor:.3g} {unit}",
+                        where=where,
                         when=f"phase '{span.name}', t = {trajectory.t[here]:.3f} s",
                         size=way / factor,
                         unit=unit,
@@ -205,14 +211,18 @@ def _rest(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> I
 
 
 def _claims(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> Iterator[Finding]:
-    """Hold the speeds that the trajectory states against those of its positions."""
+    """Hold the speeds that the trajectory states against those of its positions.
+
+    The mean of the stated speeds at both ends of a step is the mean speed in it but for what the acceleration does in
+    between: with a limit a it is at most a dt/4 off (from one limit to the other in the middle of the step).
+    """
     dt = _step(trajectory)
     for j, joint in enumerate(mechanism.active):
         if joint.max_acceleration is None:
             continue
         mean = np.diff(trajectory.q[:, j]) / dt
         stated = 0.5 * (trajectory.qd[1:, j] + trajectory.qd[:-1, j])
-        off, limit = np.abs(mean - stated), dt * joint.max_acceleration * (1 + OVER)
+        off, limit = np.abs(mean - stated), dt * joint.max_acceleration * (1 + OVER) / 4
         k = int(np.argmax(off))
         if off[k] > limit:
             unit, factor = ("deg/s", DEG) if joint.is_angle else ("mm/s", MM)
@@ -236,7 +246,7 @@ def _claims(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) ->
             if not len(mean):
                 continue
             stated = 0.5 * (given[rows][1:] + given[rows][:-1])
-            off, limit = np.linalg.norm(mean - stated, axis=1), dt * most * (1 + OVER)
+            off, limit = np.linalg.norm(mean - stated, axis=1), dt * most * (1 + OVER) / 4
             k = int(np.argmax(off))
             if off[k] > limit:
                 where = rows.start + k
