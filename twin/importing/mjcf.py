@@ -132,6 +132,8 @@ class _Mjcf:
             at = np.eye(4) if kind == _FREE else spatial.pose(p=m.jnt_pos[k])
             ref = np.eye(4)
             if kind in (_SLIDE, _HINGE):
+                if not np.abs(m.jnt_axis[k]).max() > 0.5:  # MuJoCo makes it a unit vector, if it can
+                    raise SourceError(f"{self.path}: joint '{self.joints[k]}': its axis has no length, or is too long")
                 at = at @ along(m.jnt_axis[k])
                 q0 = float(m.qpos0[m.jnt_qposadr[k]])
                 ref = spatial.pose(p=[0, 0, -q0]) if kind == _SLIDE else spatial.pose(spatial.rotation_z(-q0))
