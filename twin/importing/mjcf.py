@@ -6,6 +6,7 @@ close loops (connect, weld) or couple joints. Coordinates keep MuJoCo's zero (`r
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -38,11 +39,14 @@ def read_mjcf(path: Path) -> Imported:
     if path.stat().st_size > LARGEST:
         raise SourceError(f"{path}: larger than {LARGEST // 1_000_000} MB; that is no description of a robot")
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        model = spec.compile()
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            model = mujoco.MjSpec.from_file(str(path)).compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise SourceError(f"{path}: MuJoCo refuses it: {' '.join(str(error).split())}") from error
-    return _Mjcf(path, model).read()
+    reader = _Mjcf(path, model)
+    reader.findings += [warning("mujoco", f"MuJoCo: {' '.join(str(w.message).split())}", path.name) for w in told]
+    return reader.read()
 
 
 def _pose(p: Array, q_wxyz: Array) -> Array:
