@@ -6,7 +6,10 @@ import re
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from twin.cad import references
 from twin.cad.build import fingerprint, read_mechanism
 from twin.cad.description import load
 from twin.errors import CadError, DescriptionError, MechanismError
@@ -166,3 +169,34 @@ note = "test"
     assert abs(group.inertia.p_body_com - (middles[0] + middles[1]) / 2).max() < 1e-7
     assert abs(middles[0] - middles[1]).max() > 0.02
     assert group.inertia.mass == pytest.approx(2 * 8000 * 3.14159265 * 0.005**2 * 0.03, rel=2e-3)
+
+
+NUMBERS = st.one_of(
+    st.floats().map(repr), st.integers().map(str), st.sampled_from(["true", '"text"', "[]", "{}", "[1, 2]"])
+)
+
+
+@given(st.integers(0, 10_000), NUMBERS)
+@settings(max_examples=150, deadline=None)
+def test_any_value_in_any_place_is_read_or_refused_with_its_line(tmp_path_factory, place, value):
+    text = (DATA / "crank.toml").read_text()
+    places = [m.span(1) for m in re.finditer(r"= (.+)$", text, re.MULTILINE)]
+    start, end = places[place % len(places)]
+    path = tmp_path_factory.mktemp("any") / "crank.toml"
+    path.write_text(text[:start] + value + text[end:])
+    try:
+        references.check(path, load(path))
+    except DescriptionError as error:
+        assert re.match(re.escape(str(path)) + r":\d+: ", str(error))  # noqa: PT017 - others must pass through
+
+
+def test_given_points_and_colours_with_alpha_are_read(tmp_path):
+    text = (DATA.parent / "importing/given.toml").read_text()
+    more = '[point.spot]\nbody = "crank"\nposition_mm = [1, 2, 3]\n'
+    path = tmp_path / "given.toml"
+    path.write_text(text + more)
+    (point,) = read_mechanism(path).mechanism.points
+    assert (point.name, point.body) == ("spot", "crank")
+    path.write_text(text + more.replace("position_mm = [1, 2, 3]", 'at = "x"'))
+    with pytest.raises(DescriptionError, match="either measured"):
+        load(path)

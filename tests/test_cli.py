@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import os
@@ -10,6 +11,7 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -573,14 +575,18 @@ def test_progress_is_shown_on_a_terminal_only(monkeypatch, screen, quiet, shown)
 def test_progress_goes_to_the_terminal_and_never_into_the_output(as_json):
     leader, follower = pty.openpty()
     argv = [sys.executable, "-m", "twin", "info", "sils", *(["--json"] if as_json else [])]
+    seen = bytearray()
+
+    def watch() -> None:  # meanwhile: a terminal that nobody reads is full after some seconds, and writing to it waits
+        with contextlib.suppress(OSError):  # end of a pseudo-terminal
+            while chunk := os.read(leader, 4096):
+                seen.extend(chunk)
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
     done = subprocess.run(argv, stdout=subprocess.PIPE, stderr=follower, env=os.environ | {"TERM": "xterm"})
     os.close(follower)
-    seen = b""
-    try:
-        while chunk := os.read(leader, 4096):
-            seen += chunk
-    except OSError:  # end of a pseudo-terminal
-        pass
+    watcher.join()
     os.close(leader)
     assert done.returncode == 0
     assert (b"read CAD" in seen) is not as_json

@@ -190,3 +190,19 @@ def test_phases_join_and_keep_the_rcm_on_the_shaft():
 def test_paths_that_make_no_sense_are_refused(phases, words):
     with pytest.raises(ProtocolError, match=words):
         build(protocol(*phases), T_TOOL_TIP)
+
+
+@pytest.mark.parametrize("limits", [(1.0, np.inf), (np.inf, 2.0)])
+def test_a_limit_that_is_not_there_does_not_bind_and_the_other_does(limits):
+    """Also for a coordinate that stands still: zero length times no limit is no number."""
+
+    def straight(s):
+        first = np.column_stack([np.ones_like(s), np.zeros_like(s), np.ones_like(s)])
+        return first, np.zeros_like(first)
+
+    speed, acceleration = limits
+    timing = time_path(straight, np.array([speed, np.inf, 50.0]), np.array([acceleration, np.inf, 80.0]))
+    assert np.max(timing.sd) <= min(speed, 50.0) * (1 + 1e-6)
+    assert np.max(np.abs(timing.sdd)) <= min(acceleration, 80.0) * (1 + 1e-3)
+    wanted = 1.0 + 1.0 / 80 if speed == 1 else 2 * np.sqrt(0.5)
+    assert timing.duration == pytest.approx(wanted, rel=2e-2)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin import assets, spatial
-from twin.errors import KinematicsError, TwinError
+from twin.errors import TwinError
 from twin.spatial import Array
 
 if TYPE_CHECKING:
@@ -111,9 +111,7 @@ class Robot:
         """The equations, not compiled yet (`KinematicsError`: none, or wrong). To read a `formula.py` is to run it."""
         from twin.robots import load_formula
 
-        if self.files is None or not self.files.formula.is_file():
-            raise KinematicsError(f"robot '{self.name}' has no equations: formula.py is missing")
-        return load_formula(self.files.formula, self.name, lambda: self.mechanism.driven)
+        return load_formula(assets.equations(self.files, self.name), self.name, lambda: self.mechanism.driven)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -382,7 +380,7 @@ def build(
     """Write the robot's USD stage: meshes, masses, joints, and one baked motion for each protocol.
 
     Args:
-        robot: with CAD; equations are needed for motions.
+        robot: with CAD; without equations, no motion is baked unless one is asked for.
         folder: where to; default: usd/<robot>/ in a checkout, the folder's usd/ for a robot of one's own.
         protocols: which to bake; default all.
         progress: see `Progress`.
@@ -404,7 +402,9 @@ def build(
         folder = robot.files.usd
     progress("read CAD, weigh parts", 0.0)
     cad = robot.cad = read_mechanism(robot.files.description, with_mass=True)
-    chosen = tuple(robot.files.protocols()) if protocols is None else protocols
+    chosen = protocols or ()
+    if protocols is None and robot.files.has_equations:
+        chosen = tuple(robot.files.protocols())
     with assets.atomic_folder(folder) as work:
         root = write_usd(cad.mechanism, (), work)[0]
         robot.mechanism = cad.mechanism

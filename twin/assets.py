@@ -14,10 +14,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from twin.errors import OutputError, TwinError, unknown
+from twin.errors import KinematicsError, OutputError, TwinError, unknown
 
 _BESIDE = ("dimensions", "inertia", "exhibit", "scene")
 """What may lie beside a description in a robot's cad/ folder."""
+
+NO_EQUATIONS = "FORMULA = None"
+"""The line of a formula.py that waits for its equations."""
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -49,6 +52,14 @@ class RobotFiles:
         return self.cad / f"{self.name}.toml"
 
     @property
+    def has_equations(self) -> bool:
+        """Whether there is a formula that is no empty template: one has the line `FORMULA = None`; nothing is run."""
+        try:
+            return NO_EQUATIONS not in self.formula.read_text("utf-8", "replace").splitlines()
+        except OSError:
+            return False
+
+    @property
     def stage(self) -> Path:
         """The robot's USD root layer."""
         return self.usd / f"{self.name}.usda"
@@ -67,6 +78,22 @@ class RobotFiles:
         if name not in known:
             raise TwinError(f"{self.name}: {unknown('protocol', name, known)}")
         return known[name]
+
+
+def equations(files: RobotFiles | None, name: str) -> Path:
+    """Return the file of a robot's equations; `files` is None for a bare stage.
+
+    Raises:
+        KinematicsError: there is none, or it is still the empty template.
+    """
+    if files is None or not files.formula.is_file():
+        raise KinematicsError(f"robot '{name}' has no equations: formula.py is missing")
+    if not files.has_equations:
+        raise KinematicsError(
+            f"{files.formula}: there are no equations yet, so nothing can be planned or judged. Write `inverse` or "
+            f"`forward` there, and take the line `{NO_EQUATIONS}` out."
+        )
+    return files.formula
 
 
 def names() -> list[str]:

@@ -27,6 +27,10 @@ class MechanismError(TwinError):
     """Bodies, joints and loops do not form a mechanism (unknown body, second root, swapped limits, ...)."""
 
 
+class SourceError(TwinError):
+    """A foreign description (URDF, MJCF, SDF, closure YAML) is malformed, or holds what no mechanism here can."""
+
+
 class StageError(TwinError):
     """A USD stage cannot be read or written as a mechanism."""
 

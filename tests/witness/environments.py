@@ -3,6 +3,7 @@
 A witness has a name and one file that pins what it needs:
 
     tests/witness/<name>.txt                 packages of PyPI            -> a virtual environment
+                                             (`# --no-deps` at its head: they alone, for the files in them)
     tests/witness/<name>/package-lock.json   packages of npm             -> a folder with node_modules
     twin/headset/web/package-lock.json       the same, named `web`
     tests/witness/<name>.apt                 packages of Debian, one a line (they go into the machine itself)
@@ -173,7 +174,8 @@ def build(env: Environment) -> str:
         if env.kind == "pip":
             uv = _uv()
             _must(env, [uv, "venv", "--quiet", "--relocatable", "--clear", "--python", sys.executable, aside])
-            _must(env, [uv, "pip", "install", "--quiet", "--python", aside / "bin/python", "-r", env.pins])
+            alone = ["--no-deps"] if env.pins.read_text().startswith("# --no-deps") else []
+            _must(env, [uv, "pip", "install", "--quiet", *alone, "--python", aside / "bin/python", "-r", env.pins])
         else:
             for file in ("package.json", "package-lock.json"):
                 shutil.copy(env.pins.with_name(file), aside)

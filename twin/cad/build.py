@@ -11,7 +11,7 @@ import numpy as np
 
 from twin import spatial
 from twin.cad import features, mesh, references
-from twin.cad.description import BodySpec, Description, FrameSpec, JointSpec, load
+from twin.cad.description import BodySpec, Description, FrameSpec, JointSpec, MassSpec, load
 from twin.cad.dimensions import read_dimensions
 from twin.cad.features import Measured
 from twin.cad.parameters import SCALES, parameters
@@ -207,7 +207,17 @@ def _shapes(
             meshes[body].append(Mesh(_unique(loaded.name, taken), vertices, loaded.triangles, loaded.color_rgba))
             if with_mass:
                 _weigh(d, loaded.name, vertices, loaded.triangles, masses[body], found)
-    return meshes, {name: mesh.combine(list_) for name, list_ in masses.items() if list_}
+    weighed = {name: mesh.combine(list_) for name, list_ in masses.items() if list_}
+    given = {n: _given(s.mass, drawn[n]) for n, s in d.body.items() if s.mass is not None}
+    return meshes, {**weighed, **given}
+
+
+def _given(spec: MassSpec, T_drawn_body: Array) -> Inertia:
+    """Return a given mass in the body frame."""
+    xx, yy, zz, xy, xz, yz = spec.inertia_kg_m2
+    R = T_drawn_body[:3, :3]
+    I = R.T @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R  # noqa: E741
+    return Inertia(spec.mass_kg, _into(T_drawn_body, np.array(spec.com_mm) * MM), 0.5 * (I + I.T))
 
 
 def _weigh(

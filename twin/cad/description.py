@@ -79,21 +79,35 @@ class FrameSpec(Table):
         return self
 
 
+class MassSpec(Table):
+    """Mass, centre of mass and inertia about it (xx, yy, zz, xy, xz, yz) of a body, in drawn coordinates."""
+
+    mass_kg: float = Field(gt=0)
+    com_mm: Vector
+    inertia_kg_m2: tuple[float, float, float, float, float, float]
+    provenance: Provenance
+    note: str = Field(min_length=1)
+
+
 class BodySpec(Table):
-    """A rigid body: the STEP node of the same name (or `node`), or mesh files with a declared unit."""
+    """A rigid body: the STEP node of the same name (or `node`), or mesh files with a declared unit.
+
+    `mass` is a given one; without it the body is weighed by the density of its materials.
+    """
 
     node: str | None = None
     frame: str | None = None
+    mass: MassSpec | None = None
     meshes: list[MeshSpec] = Field(default_factory=list)
 
 
 class MeshSpec(Table):
-    """A mesh file. It has no unit of its own: say it. `up` is the axis that points up in the file."""
+    """A mesh file. It has no unit of its own: say it. `up` points up in the file; `color` is RGB, or with alpha."""
 
     file: str
     unit: Literal["m", "cm", "mm", "um", "in"]
     up: Literal["z", "y"] = "z"
-    color: tuple[float, float, float] = (0.6, 0.6, 0.6)
+    color: tuple[float, float, float] | tuple[float, float, float, float] = (0.6, 0.6, 0.6)
 
 
 class Material(Table):
@@ -153,11 +167,18 @@ class NamedFrame(Table):
 
 
 class NamedPoint(Table):
-    """A named point: a sphere centre, or a point on a cylinder axis (see `FrameSpec`)."""
+    """A named point: a sphere centre, a point on a cylinder axis (see `FrameSpec`), or given in drawn coordinates."""
 
     body: Identifier
-    origin: str
+    origin: str | None = None
     at: str | None = None
+    position_mm: Vector | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> NamedPoint:
+        if (self.origin is None) == (self.position_mm is None) or (self.at and self.origin is None):
+            raise at((), "a point is either measured (`origin`, perhaps `at`) or given (`position_mm`)")
+        return self
 
 
 class CouplingSpec(Table):

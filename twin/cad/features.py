@@ -151,6 +151,9 @@ def centre(names: str | list[str], features: Mapping[str, Measured], at: str | N
 
 def point(spec: NamedPoint, features: Mapping[str, Measured]) -> Array:
     """Return a named point (3,)."""
+    if spec.position_mm is not None:
+        return np.array(spec.position_mm) * MM
+    assert spec.origin is not None
     return centre(spec.origin, features, spec.at)
 
 

@@ -6,6 +6,7 @@ implausible for it is said.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -30,7 +31,7 @@ def load_mesh(
     path: Path,
     unit: str | None,
     up: Literal["z", "y"] = "z",
-    color: tuple[float, float, float] = (0.6, 0.6, 0.6),
+    color: Sequence[float] = (0.6, 0.6, 0.6),
 ) -> tuple[Mesh, list[Finding]]:
     """Read an STL, OBJ, GLB, 3MF or PLY file into metres, Z up.
 
@@ -38,7 +39,7 @@ def load_mesh(
         path: the file.
         unit: "m", "cm", "mm", "um" or "in"; required.
         up: the axis that points up in the file.
-        color: linear RGB.
+        color: linear RGB, or RGB and alpha.
 
     Raises:
         CadError: no unit, missing or unreadable file, nothing in it.
@@ -81,9 +82,10 @@ def load_mesh(
                 suggestion="check the declared unit",
             )
         )
+    r, g, b, *alpha = color
     if inertia(vertices, triangles, 1.0) is None:
         findings.append(open_mesh(path.stem))
-    return Mesh(path.stem, vertices, triangles, (*color, 1.0)), findings
+    return Mesh(path.stem, vertices, triangles, (r, g, b, alpha[0] if alpha else 1.0)), findings
 
 
 def open_mesh(name: str) -> Finding:

@@ -34,7 +34,7 @@ exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 """
 
 NAMES = ("list", "info", "build", "plan", "validate", "explain", "run", "view", "serve")
-NAMES += ("operate", "track", "study", "export", "audit", "doctor")
+NAMES += ("operate", "track", "study", "export", "audit", "new", "doctor")
 """Every command."""
 
 
@@ -329,6 +329,20 @@ def _parser() -> argparse.ArgumentParser:
         "  twin study my_study.toml --json",
     )
     sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or of a study file")
+
+    sub = add(
+        "new",
+        "make a robot folder from URDF, MJCF, SDF, a USD stage, or the STEP of an assembly",
+        "  twin new leg --from robot.urdf                   loops from robot.yaml beside it\n"
+        "  twin new gripper --from gripper.xml --out robots/gripper/\n"
+        "  twin new arm.step                                a skeleton: joints are proposed, you name them",
+    )
+    sub.add_argument("name", help="of the robot: lower-case letters, digits and _; or the file itself")
+    sub.add_argument("--from", dest="source", metavar="FILE", help=".urdf, .xml (MJCF), .sdf, .usd* or .step")
+    sub.add_argument("--closures", metavar="FILE", help="closure YAML of a URDF (default: the .yaml beside it)")
+    sub.add_argument("--root", metavar="PRIM", help="prim path of the robot on a stage that holds several")
+    sub.add_argument("--force", action="store_true", help="write over a robot folder; equations and protocols stay")
+    out(sub, "./<name>/")
 
     sub = add(
         "export",

@@ -33,7 +33,7 @@ def list_robots(args: argparse.Namespace) -> int:
             {
                 "name": name,
                 "title": load(files.description).title,
-                "equations": files.formula.is_file(),
+                "equations": files.has_equations,
                 "stage": files.stage.is_file(),
                 "protocols": sorted(files.protocols()),
             }
@@ -64,7 +64,7 @@ def info(args: argparse.Namespace) -> int:
         model = robot.reference()
         mobility = model.mobility(model.home().x)
     formula, chosen = None, {}
-    if robot.files is not None and robot.files.formula.is_file():
+    if robot.files is not None and robot.files.has_equations:
         kin = robot.kinematics()
         formula, chosen = kin.formula, kin.variants
     cad = robot.cad if robot.files is not None else None
@@ -122,6 +122,8 @@ def build(args: argparse.Namespace) -> int:
     else:
         for path in written:
             print(f"  {path}  ({path.stat().st_size / 1e3:.0f} kB)")
+        if robot.files is not None and not robot.files.has_equations and robot.files.protocols():
+            print(f"  {', '.join(robot.files.protocols())}: not baked, there are no equations yet to plan with")
     return 0
 
 
@@ -384,6 +386,7 @@ COMMANDS = {
     "operate": _own_file("operate"),
     "track": _own_file("track"),
     "study": _own_file("study"),
+    "new": _own_file("new"),
     "export": _own_file("export"),
     "audit": _own_file("audit"),
     "doctor": doctor,

@@ -108,7 +108,7 @@ def order(
     chosen: list[str | Path] = list(files.protocols()) if protocols is None else list(protocols)
     if trajectory is not None:
         chosen = list(protocols or [trajectory.protocol])[:1]
-    has_equations = files.formula.is_file()
+    has_equations = files.has_equations
     if protocols is None and trajectory is None and not has_equations:
         if chosen:
             text = f"{robot.name} has no equations to plan with: {', '.join(map(str, chosen))} left out, no motion"

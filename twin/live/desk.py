@@ -267,7 +267,7 @@ class Desk:
 
 
 def _equations(robot: Robot) -> Kinematics | None:
-    if robot.files is None or not robot.files.formula.is_file():
+    if robot.files is None or not robot.files.has_equations:
         return None
     return robot.kinematics()
 

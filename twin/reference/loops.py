@@ -102,7 +102,8 @@ class Loops:
         """Return residuals (k, loops, 6) and the derivative (k, loops, 3, 3) of the locked rotations.
 
         Two axes must be parallel: the tilt of z is the residual, whatever the turn about it. A fixed or
-        prismatic joint locks all three: half the antisymmetric part of R, the sine of the angle.
+        prismatic joint locks all three: half the antisymmetric part of R, the sine of the angle. Beyond 90° the
+        sine falls again; there the residual grows on, so that no joint rests upside down.
         """
         R = T[..., :3, :3]
         residual = np.zeros((*T.shape[:2], 6))
@@ -113,8 +114,16 @@ class Loops:
         turn[..., 0, 2], turn[..., 1, 2] = -R[..., 0, 2], -R[..., 1, 2]
         if self._full.any():
             residual[:, self._full, 3:], turn[:, self._full] = sine_of_rotation(R[:, self._full])
+        beyond = self._cosine(R) < 0
+        if beyond.any():
+            residual[beyond, 3:], turn[beyond] = _grown(residual[beyond, 3:], turn[beyond], self._cosine(R)[beyond])
         residual[..., 3:] *= LENGTH_SCALE
         return residual, turn
+
+    def _cosine(self, T: Array) -> Array:
+        """Return the cosine (k, loops) of the angle in the locked directions of T (k, loops, 3 or 4, ...)."""
+        trace = T[..., 0, 0] + T[..., 1, 1] + T[..., 2, 2]
+        return np.where(self._full, 0.5 * (trace - 1), T[..., 2, 2])
 
     def gaps(self, X: Array, poses: Array) -> Array:
         """Return (k, names, 2): offset in m and misalignment in rad in the locked directions; couplings last."""
@@ -122,9 +131,8 @@ class Loops:
         locked = self._locked.reshape(-1, 6)
         residual = self._residual(T)[0] * locked
         offset = np.linalg.norm(residual[..., :3], axis=-1)
-        # The residual is a sine: it vanishes as well where a joint is assembled upside down.
-        sine = np.linalg.norm(residual[..., 3:], axis=-1) / LENGTH_SCALE
-        cosine = np.where(self._full, 0.5 * (np.trace(T[..., :3, :3], axis1=-2, axis2=-1) - 1), T[..., 2, 2])
+        size, cosine = np.linalg.norm(residual[..., 3:], axis=-1) / LENGTH_SCALE, self._cosine(T)
+        sine = np.where(cosine < 0, 2 - size, size)  # see `_residual`
         angle = np.where(locked[:, 3:].any(axis=1), np.arctan2(sine, cosine), 0.0)
         out = np.stack([offset, angle], axis=-1)
         if not self.couplings:
@@ -157,6 +165,22 @@ def sine_of_rotation(R: Array) -> tuple[Array, Array]:
     )
     trace = np.trace(R, axis1=-2, axis2=-1)[..., None, None]
     return sine, 0.5 * (trace * np.eye(3) - R)
+
+
+def _grown(sine: Array, turn: Array, cosine: Array) -> tuple[Array, Array]:
+    """Return axis times (2 - sine) for angles beyond 90°, and its derivative by the rotation.
+
+    Args:
+        sine: axis times sine (n, 3).
+        turn: its derivative (n, 3, 3).
+        cosine: of the angle (n,).
+    """
+    size = np.linalg.norm(sine, axis=-1)
+    # Half a turn has no axis to go back by: any will do.
+    axis = np.where(size[:, None] > 1e-9, sine / np.maximum(size, 1e-9)[:, None], np.eye(3)[0])
+    along = cosine[:, None, None] * axis[:, :, None] * axis[:, None, :]
+    swing = (turn - along) / np.maximum(size, 1e-3)[:, None, None]
+    return axis * (2 - size)[:, None], (2 - size)[:, None, None] * swing - along
 
 
 def _stack(poses: list[Array]) -> Array:

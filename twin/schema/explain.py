@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator
 from difflib import get_close_matches
+from functools import cache
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -35,7 +36,7 @@ def explain_syntax(text: str, name: str, error: Exception) -> str:
 
 def explain(error: ValidationError, data: dict, lines: dict[Keys, int], model: type[BaseModel], name: str) -> str:
     """Return one line per mistake, in the order of the file."""
-    schema = model.model_json_schema()
+    schema = _schema(model)
     found: dict[Keys, tuple[int, str]] = {}
     kinds: dict[Keys, str] = {}
     replaced: set[Keys] = set()  # missing keys that a misspelt one explains
@@ -57,6 +58,12 @@ def explain(error: ValidationError, data: dict, lines: dict[Keys, int], model: t
                 replaced.add(keys[:depth])
     rows = [row for keys, row in found.items() if keys not in replaced]
     return "\n".join(f"{name}:{line}: {text}" for line, text in sorted(rows, key=lambda row: row[0]))
+
+
+@cache
+def _schema(model: type[BaseModel]) -> dict[str, Any]:
+    """Return the JSON schema of a model; making it takes longer than reading a file."""
+    return model.model_json_schema()
 
 
 def _raw_keys(item: Any, data: Any) -> tuple[Keys, Any]:

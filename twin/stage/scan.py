@@ -260,15 +260,23 @@ def _open(path: Path) -> Usd.Stage:
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
-        reason = str(error).strip().splitlines()[-1].strip() if str(error).strip() else "unknown format"
-        raise StageError(f"{path} is no USD file that can be read: {reason}") from error
+        raise StageError(f"{path} is no USD file that can be read: {said(error)}") from error
     if not stage:
         raise StageError(f"{path} is no USD file that can be read")
     stage.Reload()  # USD keeps layers in memory; the file may have been rebuilt since
     broken = [e for e in stage.GetCompositionErrors()]  # noqa: C416 - a C++ vector, not a list
     if broken:
-        raise StageError(f"{path}: {str(broken[0]).strip()}")
+        raise StageError(f"{path}: {said(broken[0])}")
     return stage
+
+
+def said(error: object) -> str:
+    """Return the last line that USD says; text that is not UTF-8 makes its own messages unreadable."""
+    try:
+        lines = str(error).strip().splitlines()
+    except UnicodeDecodeError:
+        return "it holds text that is not UTF-8"
+    return lines[-1].strip() if lines else "unknown format"
 
 
 def _ancestry(prim: Usd.Prim):

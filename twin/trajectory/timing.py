@@ -58,6 +58,10 @@ class Timing:
     knots: int
 
 
+_BEYOND = 1e3
+"""How many times the shortest conceivable duration's speed stands for no limit."""
+
+
 def time_path(
     derivatives: Derivatives,
     max_speed: Array,
@@ -162,11 +166,15 @@ def _topp(grid: Array, first: Array, second: Array, speed: Array, acceleration: 
     if not (np.all(np.isfinite(first)) and np.all(np.isfinite(second))):
         raise TimingError("the path has no finite derivatives")
     length = np.mean(np.abs(first), axis=0)
-    top = np.minimum(speed, np.sqrt(length * acceleration))
     moves = length > 0
+    top = np.minimum(speed, np.sqrt(np.where(moves, length, 1.0) * acceleration))
     unit = float(np.max(length[moves] / top[moves], initial=0.0))  # s; the shortest conceivable duration
     if not unit > 0:
         raise TimingError("the path has no length")
+    # No limit is one that is never met: its coordinate may still have the other.
+    peak = np.max(np.abs(first), axis=0)
+    speed = np.where(np.isfinite(speed), speed, _BEYOND * np.where(peak > 0, peak, 1.0) / unit)
+    acceleration = np.where(np.isfinite(acceleration), acceleration, _BEYOND * speed / unit)
     size = acceleration * unit**2
     algorithm, constraint = _toppra()
     with _quiet():

@@ -84,6 +84,11 @@ def _check_size(path: str, box: tuple[Array, Array] | None) -> Iterator[Finding]
         )
 
 
+def _is_told_base(prim: Usd.Prim) -> bool:
+    told = prim.GetParent().GetAttribute("twin:base")
+    return bool(told) and str(told.Get()) == prim.GetName()
+
+
 def _check_mass(scene: Scene, path: str, prim: Usd.Prim, box: tuple[Array, Array] | None) -> Iterator[Finding]:
     api = UsdPhysics.MassAPI(prim)
     has = prim.HasAPI(UsdPhysics.MassAPI)
@@ -99,6 +104,14 @@ def _check_mass(scene: Scene, path: str, prim: Usd.Prim, box: tuple[Array, Array
             unit="kg",
             limit=0.0,
             suggestion="author a positive physics:mass",
+        )
+        return
+    if not mass and not density > 0 and _is_told_base(prim):
+        yield Finding(
+            "stage.mass_missing",
+            "info",
+            f"body {path} has no mass: it is the base, which stands still.",
+            where=path,
         )
         return
     if not mass and not density > 0:

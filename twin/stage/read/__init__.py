@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import UsdGeom
+from pxr import Sdf, Tf, UsdGeom
 
 from twin import spatial
 from twin.errors import MechanismError, StageError
@@ -27,7 +27,7 @@ from twin.stage.read.bodies import below, original_name, read_inertia, read_mark
 from twin.stage.read.joints import WORLD, Selection, convert, select
 from twin.stage.read.motion import read_motion
 from twin.stage.read.names import identifier, unique
-from twin.stage.scan import Scene
+from twin.stage.scan import Scene, said
 
 __all__ = ["inspect_stage", "made_from", "read_motion", "read_stage"]
 
@@ -66,6 +66,14 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
 
     """
     scene = Scene(path)
+    _refuse_unknown_types(scene)
+    try:
+        return _inspect(scene, root)
+    except Tf.ErrorException as error:  # a path that leads nowhere it may, for instance
+        raise StageError(f"{scene.path}: {said(error)}") from error
+
+
+def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
     notes: list[Finding] = []
     chosen = select(scene, root, notes)
     prims = [scene.bodies[p] for p in chosen.bodies]
@@ -115,6 +123,36 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
     except MechanismError as error:
         raise StageError(f"{scene.path}: {error}") from error
     return mechanism, notes
+
+
+def _shape(name: Sdf.ValueTypeName) -> tuple:
+    """Return what values of a type are read as: of any precision, numbers, quaternions, vectors of a length, texts."""
+    value = name.scalarType.defaultValue
+    if isinstance(value, bool | str):
+        return name.isArray, type(value)
+    try:
+        return name.isArray, "quaternion" if hasattr(value, "GetReal") else len(value)
+    except TypeError:
+        return name.isArray, 0
+
+
+def _refuse_unknown_types(scene: Scene) -> None:
+    """Raise for an attribute of a type that USD does not know, or that is not its schema's: it would be misread."""
+    for layer in scene.stage.GetUsedLayers():
+
+        def check(path: Sdf.Path, layer: Sdf.Layer = layer) -> None:
+            spec = layer.GetAttributeAtPath(path) if path.IsPropertyPath() else None
+            if not spec:
+                return
+            kind = spec.GetInfo("typeName")
+            if spec.typeName.type.isUnknown:
+                raise StageError(f"{scene.path}: {path} is of type '{kind}', which USD does not know")
+            prim = scene.stage.GetPrimAtPath(path.GetPrimPath())
+            meant = prim.GetPrimDefinition().GetSchemaAttributeSpec(path.name) if prim else None
+            if meant and _shape(meant.typeName) != _shape(spec.typeName):
+                raise StageError(f"{scene.path}: {path} is of type '{kind}'; its schema has {meant.typeName}")
+
+        layer.Traverse(Sdf.Path.absoluteRootPath, check)
 
 
 def _rest(names: dict[str, str], T_world_body: dict[str, Array], T_world_base: Array) -> dict[str, Array]:

@@ -137,7 +137,8 @@ def _color(mesh: UsdGeom.Mesh) -> tuple[float, float, float, float]:
     shown = mesh.GetDisplayColorAttr().Get()
     if shown:
         r, g, b = map(float, shown[0])
-        return (r, g, b, 1.0)
+        opacity = mesh.GetDisplayOpacityAttr().Get()
+        return (r, g, b, float(opacity[0]) if opacity else 1.0)
     return (0.6, 0.6, 0.6, 1.0)
 
 

@@ -42,7 +42,8 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
 
     Args:
         scene: the opened stage.
-        root: prim path; only what lies below it counts. None: the whole stage.
+        root: prim path; only what lies below it counts, and what stands on the world there is one robot. None: the
+            whole stage.
         notes: gets loose bodies and disabled joints, which are left out.
 
     Raises:
@@ -67,6 +68,8 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     groups = _groups(bodies, joints)
     robots = [g for g in groups if any(_moves(j) and _touches(j, g) for j in joints)]
     robots = robots or [g for g in groups if any(_touches(j, g) for j in joints)]
+    if root and len(robots) > 1 and all(any(_on_world(j) and _touches(j, g) for j in joints) for g in robots):
+        robots = [[p for g in robots for p in g]]  # limbs that stand on the world side by side are one robot
     if len(robots) > 1:
         firsts = ", ".join(g[0] for g in robots)
         raise StageError(f"{place}: {len(robots)} robots, with {firsts}. Choose one by its root prim.")
@@ -80,6 +83,10 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     base, anchor = _base(scene, place, members, joints)
     joints = [j for j in joints if j is not anchor]
     return Selection(base, members, sorted(joints, key=lambda j: j.excluded))
+
+
+def _on_world(joint: RawJoint) -> bool:
+    return any(not end.body for end in joint.ends)
 
 
 def convert(

@@ -1,0 +1,104 @@
+"""Foreign descriptions as robot folders: what survives, what is refused, and that nothing is dropped silently."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twin import spatial
+from twin.importing import read
+from twin.importing.text import zyx
+from twin.reference import ReferenceModel
+
+DATA = Path(__file__).parent / "data/importing"
+
+same = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("importing_same.py"))))
+
+FOURBAR = """<mujoco model="FourBar"><compiler angle="degree"/><worldbody>
+<body name="Crank"><joint name="q" axis="0 1 0" range="-30 40"/><geom type="box" size=".01 .01 .05" mass="2"/>
+<body name="Coupler" pos="0 0 .1"><joint name="c" axis="0 1 0"/><geom type="box" size=".1 .01 .01" pos=".1 0 0"/>
+<site name="tool" pos=".2 .01 .02" euler="10 20 30"/></body></body>
+<body name="Rocker" pos=".2 0 0"><joint name="r" axis="0 1 0"/><geom type="cylinder" size=".01 .05" pos="0 0 .05"/>
+</body></worldbody><equality><connect name="pin" body1="Coupler" body2="Rocker" anchor=".2 0 0"/></equality>
+<actuator><position joint="q" kp="10" kv="1"/></actuator></mujoco>"""
+
+
+def test_mjcf_four_bar_keeps_loop_limits_mass_names_and_drive(tmp_path):
+    source = tmp_path / "four.xml"
+    source.write_text(FOURBAR)
+    imported, folder, stage = same.made(source, "fourbar", tmp_path / "fourbar")
+    assert [j.name for j in imported.mechanism.loops] == ["pin"]
+    crank = imported.mechanism.joint("q")
+    np.testing.assert_allclose(crank.limits, np.deg2rad([-30, 40]))
+    assert (crank.drive.stiffness, crank.drive.damping) == (10, 1)
+    assert folder.body("crank").inertia.mass == 2
+    same.assert_same(imported.mechanism, folder)
+    same.assert_same(folder, stage, 5e-7)
+    # The loop moves as a parallelogram: the rocker turns as the crank does.
+    moved = ReferenceModel(folder).solve(np.array([0.3]))
+    assert moved.q_full["r"] == pytest.approx(0.3, abs=1e-9)
+    assert moved.worst_gap < 1e-9
+
+
+def test_urdf_goes_to_a_folder_and_usd_and_comes_back(tmp_path):
+    imported, folder, stage = same.made(DATA / "good.urdf", "arm", tmp_path / "arm")
+    assert folder.joint("q1").limits == pytest.approx((-1, 2))
+    assert folder.joint("q1").max_speed == pytest.approx(3)
+    assert folder.body("upper").inertia.mass == 2
+    assert len(folder.body("base").meshes) == 1
+    same.assert_same(imported.mechanism, folder)
+    same.assert_same(folder, stage, 5e-7)
+
+
+def test_a_seeded_shift_of_a_joint_is_seen(tmp_path):
+    a = read(DATA / "good.urdf").mechanism
+    text = (DATA / "good.urdf").read_text().replace("0 0 0.1", "0 0 0.100001")
+    (tmp_path / "shifted.urdf").write_text(text)
+    with pytest.raises(AssertionError):
+        same.assert_same(a, read(tmp_path / "shifted.urdf").mechanism, 5e-7)
+
+
+def test_sdf_limits_and_base_survive():
+    m = read(DATA / "good.sdf").mechanism
+    assert m.base == "base"
+    assert m.joint("q").limits == (-1, 1)
+    np.testing.assert_allclose(m.rest["upper"][:3, 3], [0, 0, 0.1])
+
+
+def test_missing_mesh_is_a_warning_that_names_it(tmp_path):
+    text = (DATA / "good.urdf").read_text().replace('<box size="0.1 0.1 0.1"/>', '<mesh filename="package://a/b.stl"/>')
+    (tmp_path / "arm.urdf").write_text(text)
+    found = [f for f in read(tmp_path / "arm.urdf").findings if f.code == "import.mesh"]
+    assert [f.severity for f in found] == ["warning"]
+    assert "package://a/b.stl" in found[0].message
+
+
+def test_mimic_is_a_coupling_with_its_offset(tmp_path):
+    text = (DATA / "good.urdf").read_text()
+    more = (
+        '<link name="tip"/><joint name="q2" type="continuous"><parent link="upper"/><child link="tip"/>'
+        '<axis xyz="0 0 1"/><mimic joint="q1" multiplier="-2" offset="0.5"/></joint></robot>'
+    )
+    (tmp_path / "arm.urdf").write_text(text.replace("</robot>", more))
+    m = read(tmp_path / "arm.urdf").mechanism
+    (c,) = m.couplings
+    assert (c.joints, c.ratios, c.total) == (("q2", "q1"), (1.0, 2.0), 0.5)
+    assert [j.name for j in m.active] == ["q1"]
+
+
+@given(st.lists(st.floats(-4, 4), min_size=3, max_size=3), st.sampled_from([None, np.pi / 2, -np.pi / 2]))
+@settings(max_examples=200, deadline=None)
+def test_printed_angles_give_the_rotation_back_also_at_90_degrees(angles, pitch):
+    psi, theta, phi = angles
+    theta = theta if pitch is None else pitch
+    ex, ey, ez = np.eye(3)
+    R = spatial.exp_so3(psi * ez) @ spatial.exp_so3(theta * ey) @ spatial.exp_so3(phi * ex)
+    a, b, c = zyx(R)
+    back = spatial.exp_so3(a * ez) @ spatial.exp_so3(b * ey) @ spatial.exp_so3(c * ex)
+    np.testing.assert_allclose(back, R, atol=4e-15)

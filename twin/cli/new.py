@@ -1,0 +1,96 @@
+"""`twin new`: a robot folder from a foreign description, or from the CAD alone."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from twin.cli import show
+from twin.errors import TwinError
+from twin.findings import Finding
+
+_SHOWN = 3
+"""How many findings of one kind are printed; all are in the notes."""
+
+
+def new(args: argparse.Namespace) -> int:
+    """Read a description or CAD and write the robot folder."""
+    from twin.importing import SUFFIXES
+    from twin.stage.read.names import identifier
+
+    source, name = Path(args.source or args.name), args.name
+    if args.source is None:
+        if source.suffix.lower() not in SUFFIXES:
+            raise TwinError(f"'{args.name}' is no file to begin with: say which with --from ({', '.join(SUFFIXES)})")
+        name = identifier(source.stem)
+    elif identifier(name) != name:
+        raise TwinError(f"'{name}' is no name for a robot; use [a-z][a-z0-9_]*, as in {identifier(name)}")
+    target = Path(args.out or name)
+    with show.progress(args.quiet or args.json) as progress:
+        data, findings = _make(args, name, source, target, progress)
+    if args.json:
+        print(show.as_json({**data, "findings": [f.as_dict() for f in findings]}))
+        return 0
+    _print(findings)
+    loops = f", {data['loops']} loops closed to {data['worst_gap_m']:.2g} m" if data["loops"] else ""
+    first = "" if data["active"] else f"name the joints in {data['files'][0]}, then "
+    print(
+        f"  {target}/: {data['bodies']} bodies, {data['joints']} joints{loops}, {len(data['active'])} driven; "
+        f"what is not as in the file: {target}/IMPORT.md\n"
+        f"  next: {first}twin info {target}/, twin build {target}/, twin view {target}/; then your equations in "
+        f"formula.py and twin validate {target}/"
+    )
+    return 0
+
+
+def _make(
+    args: argparse.Namespace, name: str, source: Path, target: Path, progress
+) -> tuple[dict[str, Any], list[Finding]]:
+    from twin.importing import kind_of, read
+    from twin.importing.closing import close
+    from twin.importing.folder import require_free, write_folder
+    from twin.reference import ReferenceModel
+
+    require_free(target, args.force)
+    progress(f"read {source.name}", 0.0)
+    if kind_of(source) == "STEP":
+        from twin.importing.step import read_skeleton, write_skeleton
+
+        if args.closures or args.root:
+            raise TwinError(f"{source}: a STEP has neither a closure YAML nor prims")
+        skeleton = read_skeleton(source, guarded=True)
+        progress("write the skeleton", 0.5)
+        written, m = write_skeleton(skeleton, name, target, source, args.force)
+        findings, worst = skeleton.findings, 0.0
+    else:
+        imported = read(source, Path(args.closures) if args.closures else None, args.root)
+        progress("close loops", 0.4)
+        imported = close(imported)
+        progress("write the folder", 0.8)
+        written = write_folder(imported, name, target, source, args.force)
+        m, findings = imported.mechanism, imported.findings
+        worst = ReferenceModel(m).home().worst_gap
+    data = {
+        "robot": name,
+        "files": [str(p) for p in written],
+        "bodies": len(m.bodies),
+        "joints": len(m.joints),
+        "active": [j.name for j in m.active],
+        "loops": len(m.loops),
+        "worst_gap_m": worst,
+    }
+    return data, findings
+
+
+def _print(findings: list[Finding]) -> None:
+    """Print the warnings, a few of each kind."""
+    kinds: dict[str, list[Finding]] = {}
+    for finding in findings:
+        if finding.severity != "info":
+            kinds.setdefault(finding.code, []).append(finding)
+    for code, alike in kinds.items():
+        for finding in alike[:_SHOWN]:
+            print(f"  {finding.severity}: {finding.message}")
+        if len(alike) > _SHOWN:
+            print(f"    and {len(alike) - _SHOWN} more of {code}")

@@ -1,0 +1,76 @@
+"""Rest a mechanism with its loops closed, and say what stays open and why."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from twin.findings import Finding
+from twin.importing.drives import with_drives
+from twin.importing.source import Imported, note, warning
+from twin.mechanism import Mechanism
+from twin.reference import ReferenceModel
+from twin.reference.assembling import CLOSED, assemble, closes_alone
+from twin.reference.states import Assembly
+from twin.units import DEG, MM
+
+
+def close(imported: Imported) -> Imported:
+    """Return the mechanism resting with its loops closed, posture `home` of where it rests, and a drive where driven.
+
+    A loop that stays open is a finding with its size, and with what it leaves when all others are open: what does
+    not close alone is the model's own gap.
+    """
+    mechanism, findings = imported.mechanism, list(imported.findings)
+    model = ReferenceModel(mechanism)
+    home = assemble(model)
+    findings += [_gap(mechanism, name, *home.gap[name]) for name in home.gap if _open(*home.gap[name])]
+    moved = [j for j in mechanism.active if abs(home.q_full.get(j.name, 0.0) - _drawn(mechanism, j.name)) > 1e-9]
+    if moved:
+        names = ", ".join(f"'{j.name}' at {_shown(mechanism, j.name, home)}" for j in moved)
+        findings.append(note("moved", f"The loops fit best with driven joints moved: home has {names}.", moved[0].name))
+    for joint in mechanism.joints:
+        q = home.q_full.get(joint.name)
+        if q is not None and joint.limits and not joint.limits[0] - 1e-9 <= q <= joint.limits[1] + 1e-9:
+            text = f"joint '{joint.name}' rests at {_shown(mechanism, joint.name, home)}, outside its limits."
+            findings.append(warning("rest", text, joint.name))
+    freedom = model.mobility(home.x).freedom
+    if len(mechanism.active) > freedom:
+        text = (
+            f"{len(mechanism.active)} joints are driven, but the mechanism has {freedom} degrees of freedom: take "
+            "`active = true` off those that follow, and list the driven ones first."
+        )
+        findings.append(warning("driven", text, mechanism.name))
+    q = {j.name: float(v) for j, v in zip(mechanism.active, home.q, strict=True)}
+    mechanism = replace(mechanism, rest=home.link_poses, postures={**mechanism.postures, "home": q})
+    return with_drives(replace(imported, mechanism=mechanism, findings=findings))
+
+
+def _open(offset: float, tilt: float) -> bool:
+    return offset > CLOSED[0] or tilt > CLOSED[1]
+
+
+def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float) -> Finding:
+    if name in {c.name for c in mechanism.couplings}:
+        what = f"coupling '{name}' is off by {tilt / DEG:.3g}° or {offset / MM:.3g} mm where the loops close best."
+        return Finding("import.gap", "warning", what, name, size=offset, unit="m", limit=CLOSED[0])
+    alone = closes_alone(mechanism, name)
+    if _open(*alone):
+        why = f"Alone, all free, it leaves {alone[0] / MM:.3g} mm and {alone[1] / DEG:.3g}°: the model's own gap."
+    else:
+        why = "Alone it closes: the loops of the file contradict one another, or another start would close them."
+    text = f"loop '{name}' stays open by {offset / MM:.3g} mm and {tilt / DEG:.3g}°. {why}"
+    return Finding("import.gap", "warning", text, name, size=offset, unit="m", limit=CLOSED[0])
+
+
+def _drawn(mechanism: Mechanism, name: str) -> float:
+    joint = mechanism.joint(name)
+    T = joint.relative(mechanism.rest[joint.parent], mechanism.rest[joint.child])
+    if joint.is_angle:
+        return math.atan2(float(T[1, 0] - T[0, 1]), float(T[0, 0] + T[1, 1]))
+    return float(T[2, 3])
+
+
+def _shown(mechanism: Mechanism, name: str, home: Assembly) -> str:
+    q = home.q_full[name]
+    return f"{q / DEG:.4g}°" if mechanism.joint(name).is_angle else f"{q / MM:.4g} mm"

@@ -1,0 +1,87 @@
+"""The closure YAML beside a URDF: which frames coincide, in how many directions, and which joints are driven.
+
+closed_loop: [[frame_a, frame_b], ...]
+type: [6d, ...]         6d: welded; 3d: the origins coincide, as in a ball joint
+name_mot: [joint, ...]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from twin.errors import SourceError, unknown
+from twin.mechanism import JointType
+
+TYPES: dict[str, JointType] = {"6d": "fixed", "3d": "spherical"}
+"""Joint that closes a loop, by the type the file gives."""
+
+LARGEST = 1_000_000
+"""Bytes that are still read."""
+
+
+@dataclass(frozen=True)
+class Closures:
+    """Pairs of frames that coincide with the type of joint between them, and the names of the driven joints."""
+
+    loops: tuple[tuple[str, str, JointType], ...]
+    motors: tuple[str, ...]
+
+
+def read_closures(path: Path) -> Closures:
+    """Read a closure YAML.
+
+    Raises:
+        SourceError: file, key and what would be right.
+    """
+    data = _data(path)
+    if not isinstance(data, dict):
+        raise SourceError(f"{path}: expected the keys closed_loop, type and name_mot")
+    for key in data:
+        if key not in ("closed_loop", "type", "name_mot"):
+            raise SourceError(f"{path}: {unknown('key', str(key), ('closed_loop', 'type', 'name_mot'))}")
+    pairs, types, motors = (_list(path, data, k) for k in ("closed_loop", "type", "name_mot"))
+    if len(types) != len(pairs):
+        raise SourceError(f"{path}: {len(pairs)} pairs in closed_loop, but {len(types)} in type; give one for each")
+    loops = []
+    for pair, kind in zip(pairs, types, strict=True):
+        if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(p, str) for p in pair)):
+            raise SourceError(f"{path}: closed_loop: {str(pair)[:80]} is not a pair of names")
+        if pair[0] == pair[1]:
+            raise SourceError(f"{path}: closed_loop: '{pair[0]}' is closed with itself")
+        if not isinstance(kind, str) or kind.lower() not in TYPES:
+            raise SourceError(f"{path}: type: {unknown('closure type', str(kind)[:40], TYPES)}")
+        loops.append((pair[0], pair[1], TYPES[kind.lower()]))
+    for motor in motors:
+        if not isinstance(motor, str):
+            raise SourceError(f"{path}: name_mot: {str(motor)[:40]} is not a name")
+        if motors.count(motor) > 1:
+            raise SourceError(f"{path}: name_mot: '{motor}' stands there twice")
+    if not motors:
+        raise SourceError(f"{path}: name_mot names no driven joint")
+    return Closures(tuple(loops), tuple(motors))
+
+
+def _data(path: Path) -> Any:
+    import yaml
+
+    try:
+        if path.stat().st_size > LARGEST:
+            raise SourceError(f"{path}: larger than 1 MB; that is no closure YAML")
+        text = path.read_text("utf-8")
+        # An alias may be repeated into something far larger than the file.
+        if any(isinstance(t, yaml.AliasToken) for t in yaml.scan(text, yaml.SafeLoader)):
+            raise SourceError(f"{path}: aliases (*name) are not read; write the list out")
+        return yaml.safe_load(text)
+    except OSError as error:
+        raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError, TypeError) as error:
+        raise SourceError(f"{path}: not YAML: {' '.join(str(error).split())[:200]}") from error
+
+
+def _list(path: Path, data: dict, key: str) -> list:
+    value = data.get(key, [])
+    if not isinstance(value, list):
+        raise SourceError(f"{path}: {key}: expected a list, found {str(value)[:40]!r}")
+    return value

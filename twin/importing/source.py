@@ -1,0 +1,179 @@
+"""What every reader shares: names made identifiers, findings, frames and limits checked, a tool."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from twin import spatial
+from twin.errors import MechanismError, SourceError, unknown
+from twin.findings import Finding
+from twin.mechanism import Body, Coupling, Frame, Inertia, Joint, Mechanism
+from twin.spatial import Array
+from twin.stage.read.names import identifier, unique
+
+
+@dataclass
+class Imported:
+    """A mechanism in SI units and what was renamed, guessed, missing or left out on the way.
+
+    Attributes:
+        mechanism: bodies, joints and loops.
+        findings: see above.
+        efforts: largest effort in N or N m that the file gives a joint without saying its gains.
+        assumed: joints whose drives are nobody's numbers.
+    """
+
+    mechanism: Mechanism
+    findings: list[Finding] = field(default_factory=list)
+    efforts: dict[str, float] = field(default_factory=dict)
+    assumed: frozenset[str] = frozenset()
+
+
+class Names:
+    """Foreign names of one kind made identifiers; each change is a finding."""
+
+    def __init__(self, kind: str, names: Iterable[str], findings: list[Finding]) -> None:
+        names = list(names)
+        self._kind = kind
+        self._known = unique((n, n) for n in names)
+        for old, new in self._known.items():
+            if old != new:
+                findings.append(note("renamed", f"{kind} '{old}' is called '{new}' here.", old))
+
+    def __getitem__(self, name: str) -> str:
+        return self._known[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._known
+
+
+def note(code: str, message: str, where: str) -> Finding:
+    """Return an info: something was changed that loses nothing."""
+    return Finding(f"import.{code}", "info", message, where)
+
+
+def warning(code: str, message: str, where: str) -> Finding:
+    """Return a warning: something of the file is not in the mechanism."""
+    return Finding(f"import.{code}", "warning", message, where)
+
+
+def rpy(angles: Array) -> Array:
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll), (3, 3), of (roll, pitch, yaw) in rad."""
+    ex, ey, ez = np.eye(3)
+    return spatial.exp_so3(angles[2] * ez) @ spatial.exp_so3(angles[1] * ey) @ spatial.exp_so3(angles[0] * ex)
+
+
+def along(axis: Array) -> Array:
+    """Return a frame (4, 4) whose z is along the axis (3,), which has a length; the identity for z itself."""
+    z = axis / np.abs(axis).max()  # first: the square of a huge or tiny number is none
+    z = z / np.linalg.norm(z)
+    if np.array_equal(z, [0.0, 0.0, 1.0]):
+        return np.eye(4)
+    return spatial.pose(spatial.frame_from_axes(z, np.eye(3)[int(np.argmin(np.abs(z)))]))
+
+
+def possible(inertia: Inertia, link: str, findings: list[Finding]) -> Inertia | None:
+    """Return the inertia, or None with a warning if no rigid body has it."""
+    bad = inertia.violations() if np.all(np.isfinite(inertia.I_com)) else ["its numbers are not finite"]
+    if not bad:
+        return inertia
+    findings.append(warning("inertia", f"link '{link}': {'; '.join(bad)}: its mass is left out.", link))
+    return None
+
+
+def limits(lower: float | None, upper: float | None, joint: str, findings: list[Finding]) -> tuple[float, float] | None:
+    """Return limits, or None where there are none.
+
+    Raises:
+        SourceError: they are swapped.
+    """
+    if lower is None and upper is None:
+        return None
+    low, high = -math.inf if lower is None else lower, math.inf if upper is None else upper
+    if low == high == 0.0:
+        findings.append(
+            warning("limits", f"joint '{joint}': limits 0 .. 0 are read as not given: it is unlimited.", joint)
+        )
+        return None
+    if low >= high:
+        raise SourceError(f"joint '{joint}': limits {low:g} .. {high:g} are not ordered")
+    return None if (low, high) == (-math.inf, math.inf) else (low, high)
+
+
+def assemble(
+    path: Path,
+    name: str,
+    base: str,
+    bodies: Sequence[Body],
+    joints: Sequence[Joint],
+    frames: Sequence[Frame],
+    couplings: Sequence[Coupling],
+    findings: list[Finding],
+    tool: str | None = None,
+    efforts: dict[str, float] | None = None,
+) -> Imported:
+    """Return the mechanism with every body where its joints' zero puts it, and a tool.
+
+    The tool is the frame that is named, else the last body that hangs on nothing else: named in a finding.
+
+    Raises:
+        SourceError: the parts form no mechanism.
+    """
+    if not joints:
+        raise SourceError(f"{path}: no joints, so there is no mechanism")
+    try:
+        bare = Mechanism(identifier(name), base, tuple(bodies), tuple(joints), tuple(frames), source=path.name)
+        rest = rest_poses(bare)
+        if tool is None:
+            tool, frames = with_tool(bare, findings)
+        mechanism = Mechanism(
+            bare.name,
+            base,
+            bare.bodies,
+            bare.joints,
+            tuple(frames),
+            rest=rest,
+            tool=tool,
+            couplings=tuple(couplings),
+            source=path.name,
+        )
+    except MechanismError as error:
+        raise SourceError(f"{path}: {error}") from error
+    return Imported(mechanism, findings, efforts or {})
+
+
+def rest_poses(mechanism: Mechanism) -> dict[str, Array]:
+    """Return T_base_body (4, 4) of every body with all coordinates of the tree zero."""
+    rest = {mechanism.base: np.eye(4)}
+    for joint in mechanism.tree:
+        rest[joint.child] = rest[joint.parent] @ joint.T_parent_joint @ spatial.inverse(joint.T_child_joint)
+    return rest
+
+
+def with_tool(mechanism: Mechanism, findings: list[Finding]) -> tuple[str, tuple[Frame, ...]]:
+    """Return the tool's name and all frames: `tool`, the only one, or one made on the last body that holds nothing."""
+    if any(f.name == "tool" for f in mechanism.frames):
+        return "tool", mechanism.frames
+    if len(mechanism.frames) == 1:
+        only = mechanism.frames[0].name
+        findings.append(note("tool", f"the only named frame, '{only}', is the tool.", only))
+        return only, mechanism.frames
+    inner = {j.parent for j in mechanism.joints} | {j.child for j in mechanism.loops} | {mechanism.base}
+    outer = [b.name for b in mechanism.bodies if b.name not in inner]
+    body = (outer or [mechanism.tree[-1].child])[-1]
+    findings.append(
+        warning(
+            "tool", f"the file names no tool: it is put at body '{body}'. Move [frame.tool] where it belongs.", body
+        )
+    )
+    return "tool", (*mechanism.frames, Frame("tool", body, np.eye(4)))
+
+
+def missing(path: Path, kind: str, name: str, known: Iterable[str], where: str) -> SourceError:
+    """Return the error for a name that does not exist."""
+    return SourceError(f"{path}: {where}: {unknown(kind, name, known)}")

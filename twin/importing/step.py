@@ -1,0 +1,201 @@
+"""A STEP assembly as the skeleton of a robot: one body a node, features, and joints proposed where bodies touch.
+
+The STEP knows shapes, not joints: every body is held to the base until its joint is named. The joints that the faces
+suggest stand in the description as comments.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from twin.cad.build import read_mechanism
+from twin.cad.step import Part, length_unit, read_step
+from twin.errors import CadError, SourceError
+from twin.findings import Finding
+from twin.importing.folder import TOLERANCE, write_robot
+from twin.importing.guard import try_first
+from twin.importing.pairs import Pair, find_pairs
+from twin.importing.proposals import Proposal, propose
+from twin.importing.source import Names, note, warning
+from twin.importing.text import numbers, one_line, string
+from twin.mechanism import Mechanism
+from twin.spatial import Array
+from twin.units import MM
+
+_GROUND = ("base", "frame", "ground", "world", "housing", "fixed")
+"""Words in the name of the body that stands still."""
+
+
+@dataclass
+class Skeleton:
+    """What a STEP shows: parts by body, the node of each body, the base, pairs of faces and proposed joints."""
+
+    parts: dict[str, list[Part]]
+    nodes: dict[str, str]
+    base: str
+    pairs: list[Pair]
+    proposals: list[Proposal]
+    findings: list[Finding] = field(default_factory=list)
+
+    @property
+    def tool(self) -> str:
+        """The body that hangs furthest out."""
+        return self.proposals[-1].child if self.proposals else list(self.parts)[-1]
+
+
+def read_skeleton(path: Path, guarded: bool = False) -> Skeleton:
+    """Read a STEP assembly; `guarded` lets OpenCASCADE try it in a process of its own first.
+
+    Raises:
+        SourceError: it cannot be read, or holds one part only.
+    """
+    try:
+        length_unit(path)  # what is no STEP at all is told without OpenCASCADE
+        if guarded:
+            try_first(path, "STEP")
+        step = read_step(path)
+    except CadError as error:
+        raise SourceError(str(error)) from error
+    findings: list[Finding] = []
+    by_node = bodies(step.parts)
+    if len(by_node) < 2:
+        raise SourceError(
+            f"{path}: it holds one body, '{next(iter(by_node))}': a mechanism needs an assembly, a node for each body"
+        )
+    names = Names("node", by_node, findings)
+    parts = {names[n]: p for n, p in by_node.items()}
+    for node, own in by_node.items():
+        seen: set[tuple[str, ...]] = set()
+        twice = {p.name for p in own if (key := (*p.path, p.name)) in seen or seen.add(key)}
+        if twice:
+            text = (
+                f"node '{node}' holds several parts named '{min(twice)}': if the node itself stands there several "
+                "times, its copies are read as one body. Name the copies apart in the CAD."
+            )
+            findings.append(warning("copies", text, node))
+    base = next((b for w in _GROUND for b in parts if w in b.split("_")), next(iter(parts)))
+    findings.append(note("base", f"body '{base}' is taken for the base; change `base` if another stands still.", base))
+    findings.append(warning("mass", "a STEP has no densities: bodies have no mass until [material.*] says them.", base))
+    pairs = find_pairs(parts)
+    proposals = propose(parts, pairs, base)
+    held = sorted(set(parts) - {base} - {p.child for p in proposals})
+    if held:
+        text = f"no joint is proposed for {', '.join(held)}: no bore, pin, rail or ball of theirs fits another body's."
+        findings.append(warning("held", text, held[0]))
+    text = f"{len(proposals)} joints are proposed, as comments: all bodies are held to '{base}' until you name theirs."
+    findings.append(warning("joints", text, base))
+    if step.placement_error > 0:
+        text = f"instances are placed by matrices: faces are measured to {step.placement_error * 1e6:.2g} um."
+        findings.append(note("placement", text, base))
+    return Skeleton(parts, {names[n]: n for n in by_node}, base, pairs, proposals, findings)
+
+
+def bodies(parts: Iterable[Part]) -> dict[str, list[Part]]:
+    """Return the parts of each assembly node on the first level where the tree forks."""
+    chains = [((*p.path, p.name), p) for p in parts]
+    level = 0
+    while all(len(c) > level + 1 for c, _ in chains) and len({c[level] for c, _ in chains}) == 1:
+        level += 1
+    out: dict[str, list[Part]] = {}
+    for chain, part in chains:
+        out.setdefault(chain[min(level, len(chain) - 1)], []).append(part)
+    return out
+
+
+def write_skeleton(
+    skeleton: Skeleton, name: str, target: Path, source: Path, force: bool = False
+) -> tuple[list[Path], Mechanism]:
+    """Write the robot folder of a STEP; see `folder.write_robot`.
+
+    Returns:
+        The files written, the description first, and the mechanism, which is rigid.
+    """
+    made: list[Mechanism] = []
+
+    def cad(folder: Path) -> Mechanism:
+        shutil.copyfile(source, folder / f"{name}.step")
+        (folder / f"{name}.toml").write_text(describe(skeleton, name, source.name), "utf-8")
+        made.append(read_mechanism(folder / f"{name}.toml", with_mass=False).mechanism)
+        return made[0]
+
+    return write_robot(name, target, cad, skeleton.findings, source, force), made[0]
+
+
+def describe(s: Skeleton, name: str, source: str) -> str:
+    """Return the description of a skeleton in TOML."""
+    lines = [
+        f"# {name}, made by `twin new` from {one_line(source)}. A skeleton: every body is held to the base.",
+        "# Name the joints: take the comment off those below that exist, name them, mark the driven ones with",
+        "# `active = true` (list those first), and delete the hold of each body that now moves.",
+        f"name = {string(name)}",
+        f"title = {string(name)}",
+        f"source = {string(source)}",
+        'default_protocol = "first"',
+        f"base = {string(s.base)}",
+        'tool = "tool"',
+        f"step = {string(f'{name}.step')}",
+        *TOLERANCE,
+        "",
+        "# [material.steel]",
+        "# density_kg_m3 = 7850",
+        '# parts = ["*"] # names of parts, with * and ?',
+        '# provenance = "ASSUMED"',
+        '# note = "where the density comes from"',
+    ]
+    for body in s.parts:
+        lines += ["", f"[body.{body}]"] + ([f"node = {string(s.nodes[body])}"] if s.nodes[body] != body else [])
+    used: dict[str, dict[str, str]] = {}
+    for proposal in s.proposals:
+        for body, features in (
+            (proposal.parent, proposal.on_parent.features),
+            (proposal.child, proposal.on_child.features),
+        ):
+            used.setdefault(body, {}).update(features)
+    for body in s.parts:
+        if body in used:
+            lines += ["", f"[feature.{body}]", *(f"{n} = {text}" for n, text in used[body].items())]
+    for p in s.proposals:
+        lines += [
+            "",
+            f"# {one_line(p.why)}",
+            "# [[joint]]",
+            f"# name = {string(p.name)}",
+            f"# type = {string(p.type)}",
+            f"# parent = {string(p.parent)}",
+            f"# child = {string(p.child)}",
+            f"# on_parent = {p.on_parent.text}",
+            f"# on_child = {p.on_child.text}",
+        ]
+    here = "{ position_mm = [0, 0, 0], angles_deg = [0, 0, 0] }"
+    for body in s.parts:
+        if body != s.base:
+            lines += [
+                "",
+                "[[joint]]",
+                f"name = {string(f'hold_{body}')}",
+                'type = "fixed"',
+                f"parent = {string(s.base)}",
+                f"child = {string(body)}",
+                f"on_parent = {here}",
+                f"on_child = {here}",
+            ]
+    centre = _middle(s.parts[s.tool]) / MM
+    lines += [
+        "",
+        "[frame.tool] # amid the outermost body: move it where the tool is",
+        f"body = {string(s.tool)}",
+        f"at = {{ position_mm = {numbers(round(float(v), 3) for v in centre)}, angles_deg = [0, 0, 0] }}",
+        "",
+        "[posture.home]",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _middle(parts: Iterable[Part]) -> Array:
+    points = np.concatenate([p.vertices for p in parts])
+    return 0.5 * (points.min(axis=0) + points.max(axis=0))

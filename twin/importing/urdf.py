@@ -1,0 +1,326 @@
+"""Read a URDF, with its loops from a closure YAML.
+
+Joint frames are URDF's own, turned so that z is the axis. A fixed link without shape and mass is a named
+frame on its parent. What a mechanism here has no word for is an error (planar joints) or a warning that names it
+(friction, efforts, textures).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from twin.errors import SourceError, unknown
+from twin.findings import Finding
+from twin.importing.closures import Closures, read_closures
+from twin.importing.source import Imported, Names, along, assemble, limits, missing, note, possible, warning
+from twin.importing.urdf_visual import Visuals, origin
+from twin.importing.xml import Xml
+from twin.mechanism import Body, Coupling, Frame, Inertia, Joint, JointType
+from twin.stage.read.names import identifier
+
+TYPES: dict[str, JointType] = {
+    "revolute": "revolute",
+    "continuous": "revolute",
+    "prismatic": "prismatic",
+    "fixed": "fixed",
+    "floating": "free",
+}
+"""Joint types of URDF that a mechanism here can express."""
+
+_KNOWN = {
+    "robot": {"link", "joint", "material", "transmission", "gazebo"},
+    "joint": {
+        "origin",
+        "parent",
+        "child",
+        "axis",
+        "limit",
+        "mimic",
+        "dynamics",
+        "safety_controller",
+        "calibration",
+        "joint_properties",
+    },
+    "link": {"visual", "collision", "inertial"},
+}
+
+_LIGHT = 1e-6
+"""Mass in kg up to which a link without shape is a mark and no body."""
+
+
+def read_urdf(path: Path, closures: Path | None = None) -> Imported:
+    """Read a URDF and its closure YAML, if it has one.
+
+    Raises:
+        SourceError: file and element, and what is wrong with it.
+    """
+    return _Urdf(path, read_closures(closures) if closures else None, closures).read()
+
+
+class _Urdf:
+    def __init__(self, path: Path, closures: Closures | None, closure_file: Path | None) -> None:
+        self.xml = Xml(path, "robot")
+        self.path, self.closures, self.closure_file = path, closures, closure_file
+        self.findings: list[Finding] = []
+        self.efforts: dict[str, float] = {}
+
+    def read(self) -> Imported:
+        root, found = self.xml.root, self.findings
+        self._strange(root, "robot", "robot")
+        links = self._named(root, "link")
+        joints = self._named(root, "joint")
+        ends = {n: self._ends(n, j, links) for n, j in joints.items()}
+        base = self._base(links, ends)
+        self.marks = self._marks(links, joints, ends, base)
+        body_names = Names("link", (n for n in links if n not in self.marks), found)
+        joint_names = Names("joint", joints, found)
+        self.home = {n: (body_names[n], np.eye(4)) for n in links if n not in self.marks}
+        for _ in self.marks:  # a mark may hang on a mark
+            for n, j in self.marks.items():
+                if ends[j][0] in self.home:
+                    body, T = self.home[ends[j][0]]
+                    self.home[n] = (body, T @ origin(self.xml, joints[j], f"joint '{j}'"))
+        driven = self._driven(root, joints)
+        made = [
+            self._joint(n, joint_names[n], joints[n], ends[n], n in driven)
+            for n in joints
+            if ends[n][1] not in self.marks
+        ]
+        visuals = Visuals(self.xml, found)
+        bodies = [
+            Body(body_names[n], tuple(visuals.meshes(n, e)), self._inertia(n, e))
+            for n, e in links.items()
+            if n not in self.marks
+        ]
+        frame_names = Names("frame", self.marks, found)
+        frames = [Frame(frame_names[n], *self.home[n]) for n in self.marks]
+        couplings = [self._mimic(n, joint_names, joints) for n in joints if joints[n].find("mimic") is not None]
+        made += self._loops(links, ends, joint_names)
+        efforts = {joint_names[n]: e for n, e in self.efforts.items() if ends[n][1] not in self.marks}
+        label = root.get("name") or self.path.stem
+        return assemble(self.path, label, body_names[base], bodies, made, frames, couplings, found, efforts=efforts)
+
+    # -- structure ------------------------------------------------------------------------------------
+
+    def _named(self, root: Element, kind: str) -> dict[str, Element]:
+        out: dict[str, Element] = {}
+        for element in root.findall(kind):
+            name = self.xml.name(element, kind)
+            if name in out:
+                self.xml.fail(f"{kind} '{name}'", "two have this name")
+            self._strange(element, kind, f"{kind} '{name}'")
+            out[name] = element
+        if not out:
+            raise SourceError(f"{self.path}: no <{kind}>, so there is no mechanism")
+        return out
+
+    def _strange(self, element: Element, kind: str, where: str) -> None:
+        """Say what is not read; each tag once for the whole file would hide where, so it is once an element."""
+        for tag in dict.fromkeys(str(child.tag) for child in element):
+            if tag not in _KNOWN[kind]:
+                self.findings.append(warning("unread", f"{where}: <{tag}> is not read.", where))
+            elif tag in ("calibration", "joint_properties"):
+                self.findings.append(note("unread", f"{where}: <{tag}> is not kept.", where))
+            elif tag == "gazebo":
+                self.findings.append(warning("unread", f"{where}: <gazebo> is not kept: no plug-ins.", where))
+        dynamics = element.find("dynamics") if kind == "joint" else None
+        for key in ("damping", "friction"):
+            if dynamics is not None and self.xml.number(where, key, dynamics.get(key), 0.0):
+                self.findings.append(warning("friction", f"{where}: {key} {dynamics.get(key)} is not kept.", where))
+
+    def _ends(self, name: str, joint: Element, links: dict[str, Element]) -> tuple[str, str]:
+        out = []
+        for end in ("parent", "child"):
+            element = joint.find(end)
+            link = element.get("link") if element is not None else None
+            if link is None:
+                self.xml.fail(f"joint '{name}'", f"it has no <{end} link>")
+            if link not in links:
+                raise missing(self.path, "link", link, links, f"joint '{name}', {end}")
+            out.append(link)
+        return out[0], out[1]
+
+    def _base(self, links: dict[str, Element], ends: dict[str, tuple[str, str]]) -> str:
+        above: dict[str, str] = {}
+        for joint, (_, child) in ends.items():
+            if child in above:
+                self.xml.fail(
+                    f"link '{child}'",
+                    f"joints '{above[child]}' and '{joint}' both hold it; close loops by a closure YAML",
+                )
+            above[child] = joint
+        roots = [n for n in links if n not in above]
+        if len(roots) != 1:
+            raise SourceError(f"{self.path}: expected one root link, found {', '.join(roots) or 'none: a cycle'}")
+        return roots[0]
+
+    def _marks(
+        self, links: dict[str, Element], joints: dict[str, Element], ends: dict[str, tuple[str, str]], base: str
+    ) -> dict[str, str]:
+        """Return the links that are named frames, with the fixed joint that holds each."""
+        out = {}
+        for joint, (_, child) in ends.items():
+            element = links[child]
+            if joints[joint].get("type") == "fixed" and child != base and not self._has_body(child, element):
+                out[child] = joint
+                self.findings.append(
+                    note("mark", f"link '{child}' has no shape and no mass: it is a frame on its parent.", child)
+                )
+        return out
+
+    def _has_body(self, name: str, link: Element) -> bool:
+        mass = link.find("inertial/mass")
+        value = mass.get("value") if mass is not None else "0"
+        heavy = self.xml.number(f"link '{name}'", "mass", value, 0.0) > _LIGHT
+        return heavy or link.find("visual") is not None or link.find("collision") is not None
+
+    def _driven(self, root: Element, joints: dict[str, Element]) -> set[str]:
+        """Return the driven joints: those of the closure YAML, of the transmissions, or all that move."""
+        for t in root.findall("transmission"):
+            for ratio in t.iter("mechanicalReduction"):
+                if self.xml.number("transmission", "mechanicalReduction", ratio.text, 1.0) != 1:
+                    name = str(t.get("name"))
+                    text = f"transmission '{name}': mechanicalReduction {ratio.text} is not kept: joints are driven."
+                    self.findings.append(warning("gear", text, name))
+        if self.closures is not None:
+            for motor in self.closures.motors:
+                if motor not in joints:
+                    raise SourceError(f"{self.closure_file}: name_mot: {unknown('joint', motor, joints)}")
+                if joints[motor].get("type") not in ("revolute", "continuous", "prismatic"):
+                    kind = joints[motor].get("type")
+                    raise SourceError(f"{self.closure_file}: name_mot: joint '{motor}' is {kind}: nothing to drive")
+            return set(self.closures.motors)
+        told = {str(j.get("name")) for t in root.findall("transmission") for j in t.findall("joint")}
+        for name in told:
+            if name not in joints:
+                raise missing(self.path, "joint", name, joints, "transmission")
+        moving = {
+            n
+            for n, j in joints.items()
+            if j.get("type") in ("revolute", "continuous", "prismatic") and j.find("mimic") is None
+        }
+        return told or moving
+
+    # -- parts ----------------------------------------------------------------------------------------
+
+    def _joint(self, name: str, new: str, joint: Element, ends: tuple[str, str], active: bool) -> Joint:
+        where, found = f"joint '{name}'", self.findings
+        kind = joint.get("type")
+        if kind not in TYPES:
+            self.xml.fail(where, unknown("joint type", str(kind), TYPES))
+        turn = np.eye(4)
+        values: dict = {}
+        if kind in ("revolute", "continuous", "prismatic"):
+            element = joint.find("axis")
+            axis = self.xml.numbers(where, "axis", element.get("xyz") if element is not None else None, 3, (1, 0, 0))
+            if not np.abs(axis).max() > 1e-9:
+                self.xml.fail(where, "its axis has no length")
+            turn = along(axis)
+            values = self._limits(where, name, kind, joint.find("limit"), joint.find("safety_controller"))
+        if kind == "floating":
+            found.append(warning("free", f"{where} is floating: the robot hangs freely on its parent.", name))
+        body, T = self.home[ends[0]]
+        return Joint(
+            new,
+            TYPES[kind],
+            body,
+            self.home[ends[1]][0],
+            T @ origin(self.xml, joint, where) @ turn,
+            turn,
+            active=active,
+            **values,
+        )
+
+    def _limits(self, where: str, name: str, kind: str, limit: Element | None, safety: Element | None) -> dict:
+        out: dict = {}
+
+        def value(element: Element, key: str) -> float | None:
+            return self.xml.number(where, key, element.get(key)) if element.get(key) is not None else None
+
+        if limit is None:
+            if kind != "continuous":
+                self.findings.append(warning("limits", f"{where} has no <limit>: it is unlimited.", name))
+        elif kind != "continuous":
+            low, high = value(limit, "lower"), value(limit, "upper")
+            if low is None and high is None:
+                self.findings.append(
+                    warning("limits", f"{where}: <limit> gives no lower and upper: it is unlimited.", name)
+                )
+            else:
+                # the format takes a bound that is left out for zero
+                try:
+                    out["limits"] = limits(low or 0.0, high or 0.0, name, self.findings)
+                except SourceError as error:
+                    raise SourceError(f"{self.path}: {error}") from error
+        elif any(limit.get(k) is not None for k in ("lower", "upper")):
+            self.findings.append(note("limits", f"{where} is continuous: its lower and upper mean nothing.", name))
+        if limit is not None:
+            speed, effort = value(limit, "velocity"), value(limit, "effort")
+            if speed is not None and speed < 0:
+                self.xml.fail(where, f"velocity {speed:g} is negative")
+            if speed:
+                out["max_speed"] = speed
+            if effort:
+                self.efforts[name] = effort
+        if safety is not None:
+            low, high = value(safety, "soft_lower_limit"), value(safety, "soft_upper_limit")
+            if low is not None and high is not None:
+                out["soft_limits"] = limits(low, high, name, self.findings)
+        return out
+
+    def _mimic(self, name: str, names: Names, joints: dict[str, Element]) -> Coupling:
+        where, mimic = f"joint '{name}', mimic", joints[name].find("mimic")
+        assert mimic is not None
+        leader = mimic.get("joint")
+        if leader is None or leader not in joints:
+            raise missing(self.path, "joint", str(leader), joints, where)
+        ratio = self.xml.number(where, "multiplier", mimic.get("multiplier"), 1.0)
+        if ratio == 0:
+            self.xml.fail(where, "multiplier 0 follows nothing; make the joint fixed")
+        total = self.xml.number(where, "offset", mimic.get("offset"), 0.0)
+        return Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), total)
+
+    def _loops(self, links: dict[str, Element], ends: dict[str, tuple[str, str]], names: Names) -> list[Joint]:
+        """Return the joints that the closure YAML adds; it names joints, whose child link is meant, or links."""
+        out = []
+        for i, (a, b, kind) in enumerate(self.closures.loops if self.closures else ()):
+            sides = []
+            for name in (a, b):
+                link = ends[name][1] if name in ends else name
+                if link not in links:
+                    known = [*ends, *links]
+                    raise SourceError(f"{self.closure_file}: closed_loop: {unknown('joint or link', name, known)}")
+                sides.append(self.home[link])
+            label = identifier(f"{_common(a, b)}") or f"loop{i + 1}"
+            used = {j.name for j in out}
+            label = label if label not in used and label not in names else f"loop{i + 1}_closure"
+            (body_a, T_a), (body_b, T_b) = sides
+            if body_a == body_b:
+                raise SourceError(f"{self.closure_file}: closed_loop: '{a}' and '{b}' lie on one body, '{body_a}'")
+            out.append(Joint(label, kind, body_a, body_b, T_a, T_b))
+        return out
+
+    def _inertia(self, name: str, link: Element) -> Inertia | None:
+        where, element = f"link '{name}'", link.find("inertial")
+        if element is None:
+            return None
+        T = origin(self.xml, element, where)
+        mass, tensor = element.find("mass"), element.find("inertia")
+        kilograms = self.xml.number(where, "mass", mass.get("value") if mass is not None else None)
+        if tensor is None:
+            self.xml.fail(where, "<inertial> without <inertia>")
+        xx, xy, xz, yy, yz, zz = (
+            self.xml.number(where, k, tensor.get(k)) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        )
+        R = T[:3, :3]
+        I = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T  # noqa: E741
+        return possible(Inertia(kilograms, T[:3, 3], 0.5 * (I + I.T)), name, self.findings)
+
+
+def _common(a: str, b: str) -> str:
+    """Return what two names begin with, as `closedloop1` of `closedloop1_A` and `closedloop1_B`."""
+    n = next((i for i, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
+    return a[:n].rstrip("_-")

@@ -1,0 +1,79 @@
+"""Closing the loops of a mechanism that was not drawn closed: from many starts, with and without the driven joints."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from twin.mechanism import Mechanism
+from twin.reference.model import ReferenceModel
+from twin.reference.newton import minimise
+from twin.reference.states import Assembly
+from twin.spatial import Array, Index
+
+CLOSED = (1e-9, 1e-8)
+"""Gap in m and rad up to which a loop counts as closed."""
+
+_SPREADS = (0.1, 0.3, 1.0, 2.0)
+"""Standard deviations in rad of turns (in LENGTH_SCALE m of slides) of the starts around the given state."""
+
+_TRIES = 3
+"""Starts for each spread."""
+
+
+def assemble(model: ReferenceModel) -> Assembly:
+    """Return the mechanism with its loops closed as well as can be found, as near as possible to how it was drawn.
+
+    The driven joints keep their values if the loops close by the others alone; else they move too. Starts are always
+    the same ones.
+    """
+    best = model.home()
+    drawn = model.tree.start(model.mechanism.rest)
+    for columns in (model.tree.passive, np.arange(model.tree.model.nv)):
+        for starts in (drawn[None], _around(model, drawn, columns)):
+            if is_closed(best):
+                return best
+            best = min((best, _nearest(model, starts, columns, drawn)), key=_misfit)
+    return best
+
+
+def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
+    """Return the least gap (m, rad) of one loop found with all others open and every joint free, driven ones too."""
+    others = {j.name for j in mechanism.loops} - {loop}
+    alone = replace(mechanism, joints=tuple(j for j in mechanism.joints if j.name not in others), couplings=())
+    model = ReferenceModel(alone)
+    every = np.arange(model.tree.model.nv)
+    drawn = model.tree.start(mechanism.rest)
+    starts = np.concatenate([drawn[None], _around(model, drawn, every)])
+    return _nearest(model, starts, every, drawn).gap[loop]
+
+
+def is_closed(state: Assembly) -> bool:
+    """Return whether every loop is closed, in place and in attitude."""
+    return all(offset <= CLOSED[0] and tilt <= CLOSED[1] for offset, tilt in state.gap.values())
+
+
+def _misfit(state: Assembly) -> float:
+    return 0.0 if is_closed(state) else sum(offset + 0.1 * tilt for offset, tilt in state.gap.values())
+
+
+def _around(model: ReferenceModel, x: Array, columns: Index) -> Array:
+    rng = np.random.default_rng(0)
+    spread = np.repeat(_SPREADS, _TRIES)[:, None]
+    steps = np.zeros((len(spread), model.tree.model.nv))
+    steps[:, columns] = spread * rng.standard_normal((len(spread), len(columns)))
+    slides = [model.tree.coordinate[j.name] for j in model.mechanism.tree if j.type == "prismatic"]
+    steps[:, slides] *= 0.1
+    return model.tree.integrate(np.tile(x, (len(steps), 1)), steps)
+
+
+def _nearest(model: ReferenceModel, starts: Array, columns: Index, drawn: Array) -> Assembly:
+    """Return the best assembly reached from the starts; of those that close, the nearest to the drawn state."""
+
+    def residual(X: Array, _: Index) -> tuple[Array, Array]:
+        return model.tree.loops.evaluate(X, *model.tree.update(X, closing_only=True))
+
+    X = minimise(model.tree, starts, residual, columns)[0]
+    states = [model.state(x) for x in X[np.isfinite(X).all(axis=1)]]
+    return min(states, key=lambda s: (_misfit(s), float(np.linalg.norm(s.x - drawn))))
