@@ -65,6 +65,7 @@ class Shot:
     trocar: float = 0.022  # radius of the ring, in m
     floor: float = -0.42  # in m
     distance: float = 3.0  # of the camera from the target, in m
+    folder: str = ""  # of the robot, if it is none of the built-in ones
     scene: str = ""  # instead of one robot: a scene, at `time` in s
     time: float = 0.0
 
@@ -89,10 +90,19 @@ SHOTS = (
         robot="sher", trocar=0.0025, floor=-0.115, distance=0.75,
     ),
     Shot(
+        "hexapod", "", "tour", "tilted", "level", (-58, 17, 17.4), (0.0, 0.0, 0.166), (1200, 1000),
+        robot="hexapod", trocar=0.0, floor=-0.016, distance=1.75, folder="examples/hexapod",
+    ),
+    Shot(
         "vsrs", "", "", "", "", (-62, 22, 30), (0.08, -0.02, 0.98), (1600, 1000),
         robot="vsrs", floor=0.0, distance=4.2, scene="vsrs", time=9.0,
     ),
 )  # fmt: skip
+
+
+def load(shot: Shot) -> twin.Robot:
+    """Return the robot of a shot."""
+    return twin.load(assets.data_folder() / shot.folder if shot.folder else shot.robot)
 
 
 def stand(robot: twin.Robot, shot: Shot) -> tuple[Mechanism, dict[str, Array], Array, Array]:
@@ -126,6 +136,8 @@ def fill(scene: viser.SceneApi, robot: twin.Robot | None, shot: Shot) -> None:
     mechanism, poses, rcm, shaft = stand(robot, shot)
     add_bodies(scene, mechanism, poses, "")
     light(scene, shot)
+    if not shot.trocar:
+        return
     scene.add_icosphere("/rcm", shot.trocar / 3, ORANGE, position=rcm, cast_shadow=False)
     ring = trimesh.creation.torus(shot.trocar, shot.trocar / 11)
     scene.add_mesh_simple("/trocar", ring.vertices, ring.faces, color=ORANGE, position=rcm, cast_shadow=False)
@@ -257,7 +269,7 @@ def main() -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     shots = [s for s in SHOTS if not args.only or s.name in args.only]
     with viewer(*(OVERSAMPLING * max(s.size[i] for s in shots) + 200 for i in (0, 1))) as (server, client):
-        images = {s: render(server, client, None if s.scene else twin.load(s.robot), s) for s in shots}
+        images = {s: render(server, client, None if s.scene else load(s), s) for s in shots}
     pictures = {s.file: image for s, image in images.items()}
     if not args.only:
         pictures["sils_table2.png"] = strip({s: i for s, i in images.items() if s.caption})

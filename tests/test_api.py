@@ -113,13 +113,14 @@ def test_another_robot_object_answers_the_same(robot, T_home, case):
 
 
 def test_every_public_member_of_robot_is_called_twice_here_or_below():
-    called = {c.split()[0] for c in TWICE} | {"cad", "mechanism", "kinematics"}
+    called = {c.split()[0] for c in TWICE} | {"cad", "mechanism", "formula", "kinematics"}
     assert {n for n in vars(twin.Robot) if not n.startswith("_")} == called - {"names", "plan"}
 
 
 def test_loaded_parts_are_kept(robot):
     assert robot.cad is robot.cad
     assert robot.mechanism is robot.mechanism
+    assert robot.formula is robot.formula
     assert robot.kinematics() is robot.kinematics()
     assert robot.kinematics({"eq1": "printed"}).variants == robot.kinematics({"eq1": "printed"}).variants
 

@@ -84,7 +84,10 @@ def _imports(path: Path) -> Iterator[str]:
                 yield f"<{name}>"
 
 
-@pytest.mark.parametrize("path", sorted(ROOT.glob("cad/**/*.py")), ids=lambda p: f"{p.parent.name}/{p.name}")
+DRAWINGS = sorted([*ROOT.glob("cad/**/*.py"), *ROOT.glob("examples/*/cad/*.py")])
+
+
+@pytest.mark.parametrize("path", DRAWINGS, ids=lambda p: f"{p.parent.name}/{p.name}")
 def test_drawing_imports_neither_twin_nor_equations(path):
     imported = set(_imports(path))
     beside = {p.stem for p in (*path.parent.glob("*.py"), *(ROOT / "cad").glob("*.py"))}

@@ -594,3 +594,18 @@ def test_progress_goes_to_the_terminal_and_never_into_the_output(as_json):
     assert b"\x1b" not in done.stdout
     if as_json:
         json.loads(done.stdout)
+
+
+def test_a_notice_says_whose_python_is_run(run, tmp_path, caplog):
+    """Equations of a robot folder are code; a stage is not."""
+    from twin import robots
+
+    folder = tmp_path / "own"
+    shutil.copytree(ROOT / "examples/hexapod", folder, ignore=shutil.ignore_patterns("usd", "__pycache__", "*parts.py"))
+    robots._said.clear()
+    assert run("info", folder).code == 0
+    assert [r.message for r in caplog.records] == [f"running the Python code in {folder / 'formula.py'}"]
+    caplog.clear()
+    assert run("info", folder, "--quiet").code == 0
+    assert run("info", "sils").code == 0
+    assert not caplog.records

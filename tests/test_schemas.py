@@ -47,7 +47,12 @@ def test_schema_refuses_what_the_reader_refuses(schemas, name):
 
 @pytest.mark.parametrize(
     ("name", "pattern"),
-    [("robot.schema.json", "cad/*/*.toml"), ("protocol.schema.json", "trajectories/*/*.toml")],
+    [
+        ("robot.schema.json", "cad/*/*.toml"),
+        ("robot.schema.json", "examples/*/cad/hexapod.toml"),
+        ("protocol.schema.json", "trajectories/*/*.toml"),
+        ("protocol.schema.json", "examples/*/trajectories/*.toml"),
+    ],
 )
 def test_committed_files_fit_their_schema(schemas, name, pattern):
     schema = json.loads(schemas[name])

@@ -8,19 +8,19 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twin import assets, spatial
-from twin.errors import KinematicsError, TwinError
+from twin.errors import TwinError
 from twin.spatial import Array
 
 if TYPE_CHECKING:
     from twin.cad.build import CadModel
     from twin.exporting.bundle import Bundle
     from twin.exporting.clip import Budget
-    from twin.kinematics import Kinematics, Solution, Task
+    from twin.kinematics import Formula, Kinematics, Solution, Task
     from twin.mechanism import Mechanism
     from twin.protocol import Protocol
     from twin.reference import ReferenceModel
@@ -100,19 +100,18 @@ class Robot:
         from twin.kinematics import compile_formula
 
         chosen = self._variants if variants is None else variants
-        return compile_formula(self._formula, chosen, {**(self._parameters or {}), **(parameters or {})})
+        return compile_formula(self.formula, chosen, {**(self._parameters or {}), **(parameters or {})})
 
     @cached_property
     def _kinematics(self) -> Kinematics:
         return self.kinematics(parameters={})
 
     @cached_property
-    def _formula(self) -> Any:
+    def formula(self) -> Formula:
+        """The equations, not compiled yet (`KinematicsError`: none, or wrong). To read a `formula.py` is to run it."""
         from twin.robots import load_formula
 
-        if self.files is None:
-            raise KinematicsError(f"robot '{self.name}' has no equations: it is a stage")
-        return load_formula(self.files.equations())
+        return load_formula(assets.equations(self.files, self.name), self.name, lambda: self.mechanism.driven)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -137,8 +136,7 @@ class Robot:
         Raises:
             KinematicsError: a pose is out of reach.
         """
-        kin = self.kinematics(variant)
-        T = np.asarray(T_base_tool, float)
+        kin, T = self.kinematics(variant), np.asarray(T_base_tool, float)
         if T.ndim == 2:
             return kin.inverse(T, seed)
         rows: list[Array] = []
@@ -152,8 +150,7 @@ class Robot:
         Raises:
             KinematicsError: no assembly, or not on that branch.
         """
-        kin = self.kinematics(variant)
-        q = np.asarray(q, float)
+        kin, q = self.kinematics(variant), np.asarray(q, float)
         return kin.forward(q, seed) if q.ndim == 1 else kin.forward_many(q, seed)
 
     def jacobian(self, q: Array, seed: Array | None = None) -> Array:
@@ -254,6 +251,7 @@ class Robot:
                 Gap(order.index(a), order.index(b), g, f"{a}-{b}") for a, b, g in (self.cad.gaps if self.files else ())
             ),
             revolute=tuple(bool(r) for r in kin.revolute),
+            why=kin.why,
         )
 
 
@@ -404,7 +402,9 @@ def build(
         folder = robot.files.usd
     progress("read CAD, weigh parts", 0.0)
     cad = robot.cad = read_mechanism(robot.files.description, with_mass=True)
-    chosen = tuple(robot.files.protocols() if robot.files.has_equations else ()) if protocols is None else protocols
+    chosen = protocols or ()
+    if protocols is None and robot.files.has_equations:
+        chosen = tuple(robot.files.protocols())
     with assets.atomic_folder(folder) as work:
         root = write_usd(cad.mechanism, (), work)[0]
         robot.mechanism = cad.mechanism

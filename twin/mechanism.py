@@ -254,6 +254,17 @@ class Mechanism:
         """Passive joints with one coordinate, tree and loop alike, in file order."""
         return tuple(j for j in self.joints if not j.active and len(j.free_axes) == 1)
 
+    @property
+    def driven(self) -> tuple[list[tuple[str, bool]], Array, Array | None]:
+        """What equations start from: active joints and whether each is an angle, T_base_tool and q as drawn.
+
+        q (n,) is that of the first posture, which is the drawn one; None if there is none.
+        """
+        tool = self.frame(self.tool)
+        q = self.posture(next(iter(self.postures))) if self.postures else None
+        joints = [(j.name, j.is_angle) for j in self.active]
+        return joints, self.rest.get(tool.body, np.eye(4)) @ tool.T_body_frame, q
+
     def body(self, name: str) -> Body:
         """Return the body of that name, or raise `MechanismError` with the names that exist."""
         return _find("body", self.bodies, name)

@@ -52,6 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # All matrices here are small: threads of the linear algebra library only get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
+    logging.getLogger("twin.robots").setLevel(logging.WARNING if args.quiet or args.json else logging.INFO)
     try:
         from twin.cli import commands
 

@@ -19,14 +19,13 @@ if TYPE_CHECKING:
 def explain(args: argparse.Namespace) -> int:
     """Explain, print; the exit code is 0 agree, 1 disagree, 2 could not check."""
     from twin.explaining.explain import explain as explain_
-    from twin.robots import load_formula
 
     if not (math.isfinite(args.seconds) and args.seconds >= 0):
         raise TwinError(f"--seconds {args.seconds:g}: give a number of seconds, 0 or more")
     robot = api.load(args.robot)
     if robot.files is None or not robot.files.has_equations:
         raise TwinError(f"{robot.name} has no equations to explain: formula.py is missing")
-    formula = load_formula(robot.files.formula)
+    formula = robot.formula
     chosen = _variants(args.variant)
     with show.progress(args.quiet or args.json) as progress:
         progress("read CAD", 0.0)

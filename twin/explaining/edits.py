@@ -202,7 +202,7 @@ def _calls(w: _Writer, root: ast.AST) -> Iterator[Edit]:
                 yield w.replace(node, f"({w.text(node.args[0])})", "surplus")
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult):
             yield w.replace(node, f"{w.text(node.right)} @ {w.text(node.left)}", "order")
-            for side in (node.left, node.right):
+            for side in (x for x in (node.left, node.right) if getattr(x, "attr", "") != "T"):
                 yield w.replace(side, f"({w.text(side)}).T", "transpose")
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from twin.explaining.judge import Judge, Place, worst
 from twin.explaining.numeric import Matrix, to_array
+from twin.explaining.plain import copied, parts
 from twin.explaining.source import OUT
 from twin.explaining.truth import Truth
 from twin.findings import Finding
@@ -222,7 +223,7 @@ def outputs(judge: Judge, equation: str, given: dict[str, Any] | None = None) ->
     step = judge.step(equation)
     if step.missing or not step.before:
         return {}
-    env = {**step.before[0], **(given or {})}
+    env = {**copied(step.before[0]), **(given or {})}
     try:
         with np.errstate(all="ignore"):
             for code in step.codes:
@@ -230,6 +231,8 @@ def outputs(judge: Judge, equation: str, given: dict[str, Any] | None = None) ->
     except Exception:
         return {}
     values = env[OUT]
+    if step.plain is not None:
+        return dict(zip(step.equation.outputs, parts(step.plain, values), strict=True))
     values = list(values) if isinstance(values, tuple | list) else [values]
     return dict(zip(step.equation.outputs, values, strict=False))
 

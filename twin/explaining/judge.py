@@ -9,19 +9,19 @@ from __future__ import annotations
 
 import copy
 import inspect
-from collections.abc import Callable, Collection, Iterable, Mapping
-from pathlib import Path
+from collections.abc import Collection, Iterable, Mapping
 from types import FunctionType
 from typing import Any
 
 import numpy as np
 
 from twin.errors import KinematicsError
-from twin.explaining import numeric
+from twin.explaining import numeric, plain
 from twin.explaining.numeric import Matrix, Rebuilder, to_array
 from twin.explaining.rows import Helper, Place, Step, Tolerance
 from twin.explaining.source import OUT, Edit, Source, Statement
 from twin.explaining.truth import Truth
+from twin.formula.rows import PlainRows
 from twin.kinematics.contract import POSE_SYMBOL, Equation, Formula, Rows, Stage, arguments
 from twin.kinematics.flow import choose
 from twin.spatial import Array
@@ -66,7 +66,7 @@ class Judge:
         other = copy.copy(self)
         other.truth, other.residuals, other.notes, other._zeros = truth, {}, [], {}
         other.steps = [
-            Step(s.equation, s.variant, s.source, s.codes, s.scope, s.inputs, s.required)
+            Step(s.equation, s.variant, s.source, s.codes, s.scope, s.inputs, s.required, plain=s.plain)
             for s in self.steps
             if only is None or s.equation.name in only
         ]
@@ -87,7 +87,8 @@ class Judge:
             return None
         codes = [source.compiled(s) for s in source.statements]
         required, optional = arguments(function)
-        return Step(equation, variant, source, codes, scope, (*required, *optional), tuple(required))
+        row = function if isinstance(function, PlainRows) else None
+        return Step(equation, variant, source, codes, scope, (*required, *optional), tuple(required), plain=row)
 
     def step(self, equation: str) -> Step:
         """Return the step of an equation."""
@@ -102,7 +103,7 @@ class Judge:
         def visit(names: Iterable[str], scope: Mapping[str, Any]) -> None:
             for name in sorted(names):
                 f = scope.get(name)
-                if not isinstance(f, FunctionType) or id(f) in seen or not _of_formula(f):
+                if not isinstance(f, FunctionType) or id(f) in seen or not numeric.of_formula(f):
                     continue
                 try:
                     source = Source(f)
@@ -126,8 +127,12 @@ class Judge:
                 continue
             step.computed = dict(computed)
             step.known = frozenset(n for n in step.equation.outputs if n in self.truth.kinds)
+            step.held = step.known
+            if step.plain is not None:
+                step.held = step.known & plain.held(step.source, step.equation.outputs)
             last = step.source.statements[-1]
-            elements = getattr(getattr(last.node, "value", None), "elts", [])
+            returned = getattr(last.node, "value", None)
+            elements = getattr(returned, "elts", getattr(returned, "values", []))
             names = step.equation.outputs
             step.lines = tuple(e.lineno for e in elements) if len(elements) == len(names) else (last.line,) * len(names)
             lost = [n for n in step.required if not self._has(n, computed)]
@@ -140,7 +145,7 @@ class Judge:
             s = step.source.statements[0]
             try:
                 for s, code in zip(step.source.statements, step.codes, strict=True):
-                    step.before.append(dict(env))
+                    step.before.append(plain.copied(env))
                     exec(code, env)
                     self._check(step, s, s.writes, env, found)
                 step.gave = self._outputs(step, env, found)
@@ -174,17 +179,22 @@ class Judge:
 
     def _environment(self, step: Step, computed: Mapping[str, Any]) -> dict[str, Any]:
         known = {**computed, **self.truth.symbols}
+        if step.plain is not None:
+            return {**step.scope, **plain.arguments(step.plain, known)}
         return {**step.scope, **{n: known[n] for n in step.inputs if n in known}}
 
     def _check(self, step: Step, s: Statement, names: Iterable[str], env: dict[str, Any], found: Residuals) -> None:
         """Note how far the outputs that a statement assigned are off, and put the true values in their place."""
         for i, name in enumerate(names):
-            if name in step.known:
-                found[step.place(s.index, i, name, s.line)] = self.difference(name, env[name])
-                env[name] = self.truth.symbols[name]
+            if name in step.held:
+                said = plain.outside(step.plain, env[name])
+                found[step.place(s.index, i, name, s.line)] = self.difference(name, said)
+                env[name] = plain.inside(step.plain, self.truth.symbols[name])
 
     def _outputs(self, step: Step, env: dict[str, Any], found: Residuals) -> dict[str, Any]:
         values = env[OUT]
+        if step.plain is not None:
+            values = plain.parts(step.plain, values)
         values = list(values) if isinstance(values, tuple | list) else [values]
         names = step.equation.outputs
         if len(values) != len(names):
@@ -266,10 +276,11 @@ class Judge:
             for e in mine:
                 if e.kind == "left side":
                     writes[i] = tuple(e.new if w == e.old else w for w in s.writes)
-        env = self._environment(step, step.computed) if anew else dict(step.before[first])
+        env = self._environment(step, step.computed) if anew else plain.copied(step.before[first])
         anew |= step.stuck  # there is nothing to go on from
-        for name, value in self._arguments(step, edits).items():
-            env.setdefault(name, value)
+        for name in {e.define[0] for e in edits if e.define and not e.define[1]}:  # edits make them new arguments
+            for known in (k for k in (step.computed, self.truth.symbols) if name in k):
+                env.setdefault(name, plain.inside(step.plain, known[name]))
         for name, value in extra.items():
             env.setdefault(name, value)
         found: Residuals = {}
@@ -282,22 +293,17 @@ class Judge:
                     return found
                 after = step.before[s.index + 1]
                 for name in mine:  # as they were: what they are made of has not changed
-                    env[name] = after[name]
+                    env[name] = plain.copied({name: after[name]})[name]
                     dirty.discard(name)
                 continue
             exec(codes[s.index], env)
             self._check(step, s, mine, env, found)
-            dirty |= {n for n in mine if n not in step.known}
+            dirty |= {n for n in mine if n not in step.held}
         gave = self._outputs(step, env, found)
         changed = {n for n in gave if n not in self.truth.kinds}
         if changed:
             self._downstream(step, gave, changed, found)
         return found
-
-    def _arguments(self, step: Step, edits: list[Edit]) -> dict[str, Any]:
-        """Return the values of what edits make new arguments."""
-        names = {e.define[0] for e in edits if e.define and not e.define[1]}
-        return {n: known[n] for known in (step.computed, self.truth.symbols) for n in names if n in known}
 
     def _downstream(self, step: Step, gave: dict[str, Any], changed: set[str], found: Residuals) -> None:
         computed = {**step.computed, **gave}
@@ -307,8 +313,11 @@ class Judge:
             if not changed & set(later.inputs):
                 computed = {**later.gave, **computed}
                 continue
-            env = dict(later.before[0])
-            env.update((n, computed[n]) for n in later.inputs if n in changed)
+            env = plain.copied(later.before[0])
+            if later.plain is not None:
+                env |= plain.arguments(later.plain, {**self.truth.symbols, **computed})
+            else:
+                env.update((n, computed[n]) for n in later.inputs if n in changed)
             for s, code in zip(later.source.statements, later.codes, strict=True):
                 exec(code, env)
                 self._check(later, s, s.writes, env, found)
@@ -339,7 +348,7 @@ class Judge:
         for i in range(index - 1, -1, -1):
             if wanted & set(statements[i].writes):
                 hit = wanted & set(statements[i].writes)
-                if hit <= step.known:
+                if hit <= step.held:
                     wanted -= hit
                     continue
                 mine.add(i)
@@ -386,8 +395,3 @@ def evaluate(judge: Judge, step: Step, edits: list[Edit], extra: Mapping[str, An
         return judge.trial(step, edits, extra)
     except Exception:
         return None
-
-
-def _of_formula(f: Callable) -> bool:
-    path = Path(f.__code__.co_filename)
-    return path != Path(numeric.__file__) and "kinematics" not in path.parts[-2:-1]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -324,7 +325,14 @@ class Rebuilder:
 def _ours(f: types.FunctionType) -> bool:
     """Whether a function is part of some formula: it can reach CasADi, or functions that do."""
     names = set(f.__globals__.get("__name__", "").split("."))
-    return "site-packages" not in f.__code__.co_filename and not names & {"dataclasses", "typing", "contract"}
+    foreign = {"dataclasses", "typing", "contract"}
+    return "site-packages" not in f.__code__.co_filename and not names & foreign and "formula" not in names
+
+
+def of_formula(f: types.FunctionType) -> bool:
+    """Whether a function that a formula calls is the formula's own, not one of the library's."""
+    path = Path(f.__code__.co_filename)
+    return path != Path(__file__) and not {"kinematics", "formula"} & set(path.parts[-2:-1])
 
 
 def _missing(name: str) -> Callable:

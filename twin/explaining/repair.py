@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import tempfile
 import time
 import warnings
@@ -23,7 +24,7 @@ from twin.spatial import Array
 TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
 """Kinds of edits that change one token: what misprints usually are. Others rank behind them."""
 
-_REST = ("order", "transpose", "parenthesis", "surplus", "missing")
+_REST = ("transpose", "order", "parenthesis", "surplus", "missing")
 
 _ORDER = (*TOKENS, *_REST)
 
@@ -291,15 +292,17 @@ class Search:
 
     def _left(self, c: Candidate) -> int | None:
         """Return how many rows are wrong in the whole formula after edits; None where they are not in its own file."""
-        home = self.judge.formula.equations[0]
-        path = Path(home.variants[home.default].__code__.co_filename)  # type: ignore[attr-defined]
+        formula = self.judge.formula
+        home = formula.equations[0]
+        path = Path(inspect.unwrap(home.variants[home.default]).__code__.co_filename)  # type: ignore[attr-defined]
+        joints = [(j.name, j.kind == "revolute") for j in formula.joints]
         if any(e.path != path or e.kind == "left side" for e in c.edits):
             return None
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "formula.py"
             file.write_text(patched(c.edits), encoding="utf-8")
             try:
-                formula = load_formula(file)
+                formula = load_formula(file, formula.name, lambda: (joints, np.eye(4), None), trial=True)
             except KinematicsError:
                 return None
             return len(Judge(formula, self.judge.variants, self.judge.truth, self.judge.tolerance).failing())

@@ -7,6 +7,7 @@ from types import CodeType, FunctionType
 from typing import Any
 
 from twin.explaining.source import Source
+from twin.formula.rows import PlainRows
 from twin.kinematics.contract import Equation, Stage
 
 
@@ -32,7 +33,10 @@ class Place:
 
 @dataclass
 class Step:
-    """One equation, ready to be run statement by statement."""
+    """One equation, ready to be run statement by statement.
+
+    `known` are its outputs that the mechanism knows, `held` those of them that a statement may be judged by.
+    """
 
     equation: Equation
     variant: str
@@ -47,6 +51,8 @@ class Step:
     computed: dict[str, Any] = field(default_factory=dict)
     gave: dict[str, Any] = field(default_factory=dict)
     known: frozenset[str] = frozenset()
+    held: frozenset[str] = frozenset()
+    plain: PlainRows | None = None
     lines: tuple[int, ...] = ()
     places: dict[tuple[int, int, str], Place] = field(default_factory=dict)
 

@@ -136,6 +136,9 @@ class Source:
             reads.add(node.target.id)
         if isinstance(node, ast.Expr | ast.For):
             writes += sorted(calls)
+        for n in ast.walk(node):  # q[i] = ...: part of what the name holds is written
+            if isinstance(n, ast.Subscript) and isinstance(n.ctx, ast.Store) and isinstance(n.value, ast.Name):
+                writes.append(n.value.id)
         return Statement(
             index, node, start, end, node.lineno, node.col_offset, frozenset(reads), tuple(dict.fromkeys(writes))
         )

@@ -266,6 +266,10 @@ class Kinematics:
             J[:, :, 3:] /= self.characteristic_length
         return singularity.condition_many(J)
 
+    def why(self, T: Array) -> str:
+        """Return where a plain formula has no value at a pose (4, 4), and the reason; empty: it cannot tell."""
+        return self.formula.numbers(T, self.parameters) if self.formula.numbers is not None else ""
+
     def need_six_joints(self) -> None:
         """Raise `KinematicsError` if the pose cannot be solved for: fewer joints and no forward equation."""
         if not self.closed_forward and len(self.joints) != 6:
@@ -307,7 +311,8 @@ class Kinematics:
         where = np.array2string(T[:3, 3] / MM, precision=1, suppress_small=True)
         if short:
             return f"{self.formula.name}: tool at {where} mm is out of reach: {', '.join(short)} too far."
-        return f"{self.formula.name}: the equations have no real solution with the tool at {where} mm."
+        why = self.why(T)
+        return f"{self.formula.name}: the equations have no real solution with the tool at {where} mm. {why}".rstrip()
 
 
 def _need(value: ArrayLike | None, what: str) -> ArrayLike:

@@ -144,6 +144,7 @@ class Formula:
         modes: assignments of the actuators; the first is the default. Empty: the order of `joints`.
         branches: numeric enumeration of all assemblies, (q, parameters, variants) -> list of poses, or None.
         seeds: starting values for solvers in SI: coordinates, or joints for a formula that is only forward.
+        numbers: (pose, parameters) -> where in the file and why the inverse has no value there, or "".
 
     """
 
@@ -163,6 +164,7 @@ class Formula:
     modes: tuple[Mode, ...] = ()
     branches: Callable[[np.ndarray, Mapping[str, float], Mapping[str, str]], list[np.ndarray]] | None = None
     seeds: Sequence[Sequence[float]] = ()
+    numbers: Callable[[np.ndarray, Mapping[str, float]], str] | None = None
 
     def has(self, stage: Stage) -> bool:
         """Return whether the formula has an equation of that stage."""

@@ -1,15 +1,18 @@
 """One file per robot: its published equations, and how such files are found and loaded.
 
 A file here and a user's `formula.py` elsewhere obey the same contract (`twin.kinematics.contract`) and
-load the same way. Importing this package imports no CasADi; loading a formula does.
+load the same way; or they hold plain functions, `inverse(pose)` and `forward(q)` (`twin.kinematics.plain`).
+Loading a formula runs its file. Importing this package imports no CasADi; loading a formula does.
 """
 
 from __future__ import annotations
 
 import hashlib
 import importlib.util
+import logging
 import sys
 import traceback
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,8 +20,10 @@ from twin.errors import KinematicsError, unknown
 
 if TYPE_CHECKING:
     from twin.kinematics.contract import Formula
+    from twin.spatial import Array
 
 _FOLDER = Path(__file__).resolve().parent
+_said: set[Path] = set()
 
 
 def names() -> list[str]:
@@ -26,12 +31,24 @@ def names() -> list[str]:
     return sorted(p.stem for p in _FOLDER.glob("*.py") if not p.stem.startswith("_"))
 
 
-def load_formula(robot: str | Path) -> Formula:
+def load_formula(
+    robot: str | Path,
+    name: str = "",
+    driven: Callable[[], tuple[Sequence[tuple[str, bool]], Array, Array | None]] | None = None,
+    trial: bool = False,
+) -> Formula:
     """Return the formula of a built-in robot (by name) or of any file, or robot folder (by path).
+
+    Args:
+        robot: name or path.
+        name: of the robot, for a plain formula; default the name of its folder.
+        driven: asked for a plain formula, which does not say it itself: active joints in order and whether each
+            is an angle; a tool pose (4, 4) of the robot, and q there or None, for solvers to begin at.
+        trial: a copy of a file that runs already; of any other a notice says once that its code is run.
 
     Raises:
         KinematicsError: if there is no such file, it cannot be imported (file and line are named), it has
-            no FORMULA, or that breaks the contract.
+            no FORMULA and no plain functions, or that breaks the contract.
 
     """
     path = _FOLDER / f"{robot}.py" if str(robot) in names() else Path(robot)
@@ -39,25 +56,37 @@ def load_formula(robot: str | Path) -> Formula:
         path = path / "formula.py"
     if not path.is_file():
         raise KinematicsError(f"{unknown('formula', str(robot), names())} A path to a formula.py is accepted too.")
-    module = _import(path.resolve())
-    if not hasattr(module, "FORMULA"):
-        raise KinematicsError(f"{path}: it defines no FORMULA; end the file with FORMULA = Formula(...).")
+    module = _import(path.resolve(), trial)
     from twin.kinematics.contract import check_formula
+    from twin.kinematics.plain import is_plain, plain_formula
 
+    formula = getattr(module, "FORMULA", None)
+    if formula is None and is_plain(module):
+        if driven is None:
+            raise KinematicsError(f"{path}: a plain formula needs the robot's joints: load the robot, not the file.")
+        joints, T, q = driven()
+        formula = plain_formula(module, path.resolve(), name or path.resolve().parent.name, joints, (T, q))
+    elif formula is None:
+        raise KinematicsError(
+            f"{path}: it defines no FORMULA and no plain functions: write inverse(pose), forward(q) or both."
+        )
     try:
-        check_formula(module.FORMULA)
+        check_formula(formula)
     except KinematicsError as error:
         raise KinematicsError(f"{path}: {error}") from error
-    return module.FORMULA
+    return formula
 
 
-def _import(path: Path):
+def _import(path: Path, trial: bool):
     if path.parent == _FOLDER:
         name = f"twin.robots.{path.stem}"
         if name in sys.modules:
             return sys.modules[name]
     else:
         name = f"_twin_formula_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
+        if not trial and path not in _said:  # whoever opens a stranger's folder should know
+            _said.add(path)
+            logging.getLogger(__name__).info("running the Python code in %s", path)
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise KinematicsError(f"{path}: not a Python file; its name must end in .py.")

@@ -48,6 +48,7 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
     message = (
         f"{protocol}: phase '{path.phase.name}' ({path.phase.type}) cannot be carried out: {text}, {where}, "
         f"with {frame} at {_mm(path.motion(np.array([high])).p[0])}."
+        f"{_why(kinematics, path, high) if cause == 'inverse' else ''}"
     )
     raise ProtocolError(f"{message} {_reachable(path, low, first == 0)}")
 
@@ -95,6 +96,12 @@ def _spread(rows: np.ndarray, values: Array) -> Array:
     out = np.zeros(len(rows))
     out[rows] = values
     return out
+
+
+def _why(kinematics: PathKinematics, path: PhasePath, s: float) -> str:
+    """Return where the equations have no value, if they can tell, as one more sentence."""
+    text = kinematics.why(path.motion(np.array([s])).Ts_base_tool[0]) if kinematics.why else ""
+    return f" {text}" if text else ""
 
 
 def _cause(kinematics: PathKinematics, cause: Cause, name: str, size: float) -> str:

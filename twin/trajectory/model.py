@@ -44,6 +44,7 @@ class PathKinematics:
         branch: (k, 4, 4), (k, n) -> (k,) labels of the working mode; None: not watched.
         gaps: carriages that share a rail.
         revolute: (n,) which joints are in rad; empty: none.
+        why: pose (4, 4) -> where and why the equations have no value there, or ""; None: they cannot tell.
     """
 
     joint_names: tuple[str, ...]
@@ -61,6 +62,7 @@ class PathKinematics:
     branch: Callable[[Array, Array], np.ndarray] | None = None
     gaps: tuple[Gap, ...] = ()
     revolute: tuple[bool, ...] = ()
+    why: Callable[[Array], str] | None = None
 
     def unit(self, joint: int) -> tuple[str, float]:
         """Return the unit that a joint is shown in, and its factor to SI."""

@@ -1,0 +1,73 @@
+"""Draw the hexapod and write it as a STEP assembly.
+
+    python examples/hexapod/cad/model.py [--dimensions FILE] [--out hexapod.step]
+
+The platform stands level.  Each rigid body is one sub-assembly (base, cross1..6, cylinder1..6, rod1..6, platform);
+its parts are named <body>_<part>.  All shapes are written in world coordinates: no instance carries a placement.
+"""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parents[2] / "cad"))
+import drawing as cad
+from drawing import pose4, unit
+
+LEGS = range(1, 7)
+BODIES = ["base", *(f"{kind}{n}" for n in LEGS for kind in ("cross", "cylinder", "rod")), "platform"]
+
+
+def on_circle(radius, angle, z):
+    """Point of a horizontal circle; degrees."""
+    return np.array([radius * np.cos(np.radians(angle)), radius * np.sin(np.radians(angle)), z])
+
+
+def ends(d, n):
+    """Centre of the universal joint on the base, and of the ball below the platform, both in the frames of these."""
+    middle, side = 120.0 * ((n - 1) // 2), 1 if n % 2 == 0 else -1
+    return on_circle(d.r_a, middle + side * d.alpha, d.h_a), on_circle(d.r_b, middle + side * d.beta, -d.h_b)
+
+
+def placements(d):
+    """World placement (4x4, mm) of every body, the platform level.
+
+    A leg's frame: z from the universal joint to the ball, x along the pin in the base (level), y along the other.
+    """
+    out = {"base": np.eye(4), "platform": np.eye(4)}
+    out["platform"][2, 3] = d.height
+    for n in LEGS:
+        a, b = ends(d, n)
+        b[2] += d.height
+        z = unit(b - a)
+        x = unit(np.cross([0, 0, 1.0], z))
+        out[f"cross{n}"] = out[f"cylinder{n}"] = pose4(a, x, np.cross(z, x), z)
+        out[f"rod{n}"] = pose4(b, x, np.cross(z, x), z)
+    return out
+
+
+def drawing():
+    """Load parts.py beside this file; late, because build123d takes seconds."""
+    if "hexapod_parts" not in sys.modules:
+        spec = importlib.util.spec_from_file_location("hexapod_parts", HERE / "parts.py")
+        sys.modules["hexapod_parts"] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules["hexapod_parts"])
+    return sys.modules["hexapod_parts"]
+
+
+def assembly(path):
+    """Return the drawn robot of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
+    d, parts = cad.Dimensions(path, {}), drawing()
+    where = placements(d)
+    legs = [where[f"cross{n}"] for n in LEGS]
+    solids = {"base": parts.base(d, legs), "platform": parts.platform(d, [ends(d, n)[1] for n in LEGS], legs)}
+    for n in LEGS:
+        solids |= {f"cross{n}": parts.cross(d), f"cylinder{n}": parts.cylinder(d), f"rod{n}": parts.rod(d)}
+    return cad.build(BODIES, solids, where, parts.MATERIALS)
+
+
+if __name__ == "__main__":
+    cad.command("hexapod", HERE, assembly)

@@ -1,0 +1,8 @@
+# 8: inverse(): 'q2' is nan whatever the pose
+import numpy as np
+
+OFFSET = np.nan
+
+
+def inverse(pose):
+    return pose[0, 3], pose[1, 3] + OFFSET

@@ -1,0 +1,19 @@
+"""What a plain `formula.py` may import beside NumPy: parameters with units, conditions, rotations."""
+
+from twin.formula.functions import if_else, pose, rotation_x, rotation_y, rotation_z
+from twin.formula.quantities import deg, m, mm, number, rad
+from twin.provenance import Parameter
+
+__all__ = [
+    "Parameter",
+    "deg",
+    "if_else",
+    "m",
+    "mm",
+    "number",
+    "pose",
+    "rad",
+    "rotation_x",
+    "rotation_y",
+    "rotation_z",
+]

@@ -1,0 +1,53 @@
+"""Functions of a plain formula that NumPy lacks or that need a condition, on numbers and on symbols alike."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from twin.formula.scalar import Scalar
+
+
+def if_else(condition: Any, yes: Any, no: Any) -> Any:
+    """Return `yes` where the condition holds, else `no`; both are computed. Arrays go entry by entry."""
+    if any(isinstance(x, np.ndarray | list | tuple) for x in (condition, yes, no)):
+        parts = np.broadcast_arrays(*(np.asarray(x, dtype=object) for x in (condition, yes, no)))
+        out = np.array([if_else(*p) for p in zip(*(p.ravel() for p in parts), strict=True)], dtype=object)
+        return plain(out.reshape(parts[0].shape))
+    if isinstance(condition, Scalar):
+        return condition.if_else(yes, no)
+    return yes if condition else no
+
+
+def rotation_x(angle: Any) -> Any:
+    """Return the rotation (3, 3) about x; the angle is in rad."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+
+
+def rotation_y(angle: Any) -> Any:
+    """Return the rotation (3, 3) about y; the angle is in rad."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def rotation_z(angle: Any) -> Any:
+    """Return the rotation (3, 3) about z; the angle is in rad."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def pose(R: Any, p: Any) -> Any:
+    """Return the pose (4, 4) of a rotation (3, 3) and a position (3) in m."""
+    R, p = np.asarray(R), np.asarray(p)
+    if R.shape != (3, 3) or p.shape != (3,):
+        raise ValueError(f"pose(R, p) takes a rotation (3, 3) and a position (3,), not {R.shape} and {p.shape}")
+    return np.vstack([np.column_stack([R, p]), [0, 0, 0, 1]])
+
+
+def plain(array: np.ndarray) -> np.ndarray:
+    """Return an array of objects as one of numbers where it holds nothing else."""
+    if array.dtype == object and not any(isinstance(x, Scalar) for x in array.ravel()):
+        return array.astype(float)
+    return array

@@ -1,0 +1,45 @@
+"""Parameters of a plain formula: a number, its unit, and where it comes from."""
+
+from __future__ import annotations
+
+import math
+
+from twin.provenance import Parameter, Provenance
+from twin.units import DEG, MM
+
+
+def mm(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Parameter:
+    """Return a length given in mm; equations get it in m."""
+    return _parameter(value, MM, "mm", provenance, note)
+
+
+def m(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Parameter:
+    """Return a length given in m."""
+    return _parameter(value, 1.0, "m", provenance, note)
+
+
+def deg(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Parameter:
+    """Return an angle given in degrees; equations get it in rad."""
+    return _parameter(value, DEG, "deg", provenance, note)
+
+
+def rad(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Parameter:
+    """Return an angle given in rad."""
+    return _parameter(value, 1.0, "rad", provenance, note)
+
+
+def number(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Parameter:
+    """Return a number without a unit: a ratio, a count."""
+    return _parameter(value, 1.0, "1", provenance, note)
+
+
+def _parameter(value: float, scale: float, unit: str, provenance: Provenance, note: str) -> Parameter:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError(f"{value!r} is not a number: write it as in 135.0")
+    if not math.isfinite(value):
+        raise ValueError(f"{value} is not a finite number")
+    if provenance not in ("SEED", "CITED", "DERIVED", "ASSUMED"):
+        raise ValueError(
+            f"provenance {provenance!r} is not known: SEED (printed in the paper), CITED, DERIVED or ASSUMED"
+        )
+    return Parameter("", value * scale, unit, value, provenance, note or "no source is given")

@@ -1,0 +1,159 @@
+"""A scalar that stands in NumPy's arrays for what is no plain number: a symbol, or many samples at once.
+
+NumPy's functions work on arrays of such objects: arithmetic calls the operators below, `np.sin` the method `sin`,
+and so on. A subclass says what these do. Whatever needs a number here and now (`if`, `math.sin`) is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+METHODS = (
+    *("sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh"),
+    *("exp", "log", "sqrt", "arctan2", "hypot", "fabs"),
+)
+"""Functions that NumPy looks for as methods of the objects in an array."""
+
+
+class NeedsNumberError(TypeError):
+    """A number was needed where there is a symbol; the message shows the way out."""
+
+
+class Scalar:
+    """One scalar; `x` is what a subclass computes with.
+
+    Attributes:
+        x: the value.
+        functions: by name of `METHODS`, and `if_else`: functions of values.
+    """
+
+    __slots__ = ("x",)
+    functions: ClassVar[Mapping[str, Callable[..., Any]]] = {}
+
+    def __init__(self, x: Any) -> None:
+        self.x = x
+
+    def _of(self, name: str, *others: Any) -> Any:
+        values = [_value(o) for o in others]
+        if any(v is NotImplemented for v in values):
+            return NotImplemented
+        return type(self)(self.functions[name](self.x, *values))
+
+    def __add__(self, other: Any) -> Any:
+        return self._made(other, lambda a, b: a + b)
+
+    def __radd__(self, other: Any) -> Any:
+        return self._made(other, lambda a, b: b + a)
+
+    def __sub__(self, other: Any) -> Any:
+        return self._made(other, lambda a, b: a - b)
+
+    def __rsub__(self, other: Any) -> Any:
+        return self._made(other, lambda a, b: b - a)
+
+    def __mul__(self, other: Any) -> Any:
+        return self._made(other, lambda a, b: a * b)
+
+    def __rmul__(self, other: Any) -> Any:
+        return self._made(other, lambda a, b: b * a)
+
+    def __truediv__(self, other: Any) -> Any:
+        return self._made(other, lambda a, b: a / b)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._made(other, lambda a, b: b / a)
+
+    def __pow__(self, other: Any) -> Any:
+        return self._made(other, lambda a, b: a**b)
+
+    def __rpow__(self, other: Any) -> Any:
+        return self._made(other, lambda a, b: b**a)
+
+    def __lt__(self, other: Any) -> Any:
+        return self._made(other, lambda a, b: a < b)
+
+    def __le__(self, other: Any) -> Any:
+        return self._made(other, lambda a, b: a <= b)
+
+    def __gt__(self, other: Any) -> Any:
+        return self._made(other, lambda a, b: a > b)
+
+    def __ge__(self, other: Any) -> Any:
+        return self._made(other, lambda a, b: a >= b)
+
+    def __eq__(self, other: object) -> Any:
+        return self._made(other, lambda a, b: a == b)
+
+    def __ne__(self, other: object) -> Any:
+        return self._made(other, lambda a, b: a != b)
+
+    __hash__ = None  # type: ignore[assignment] # equality is a symbol
+
+    def __neg__(self) -> Any:
+        return type(self)(-self.x)
+
+    def __pos__(self) -> Any:
+        return self
+
+    def __abs__(self) -> Any:
+        return self._of("fabs")
+
+    def conjugate(self) -> Any:
+        """Return the number itself: it is real. `np.linalg.norm` along an axis asks."""
+        return self
+
+    def radians(self) -> Any:
+        """Return degrees as radians."""
+        return self * (np.pi / 180)
+
+    def degrees(self) -> Any:
+        """Return radians as degrees."""
+        return self * (180 / np.pi)
+
+    deg2rad, rad2deg = radians, degrees
+
+    def if_else(self, yes: Any, no: Any) -> Any:
+        """Return `yes` where this condition holds, else `no`."""
+        return self._of("if_else", yes, no)
+
+    def __bool__(self) -> bool:
+        raise NeedsNumberError(
+            "`if`, `and`, `not`, max() and sorted() need to know now whether this is true, but it depends on the pose "
+            "or the joints. Write if_else(condition, yes, no) of twin.formula, or np.where, np.maximum, np.minimum"
+        )
+
+    def __float__(self) -> float:
+        raise NeedsNumberError(
+            "a plain number is needed here, but this depends on the pose or the joints: leave float() and "
+            ".astype(float) out, and use functions of NumPy"
+        )
+
+    __int__ = __index__ = __float__  # type: ignore[assignment]
+
+    def _made(self, other: Any, operation: Callable[[Any, Any], Any]) -> Any:
+        value = _value(other)
+        return NotImplemented if value is NotImplemented else type(self)(operation(self.x, value))
+
+
+def _value(other: Any) -> Any:
+    if isinstance(other, Scalar):
+        return other.x
+    if isinstance(other, bool | int | float | np.number | np.bool_):
+        return float(other)
+    return NotImplemented  # an array: NumPy goes through its entries
+
+
+def _method(name: str) -> Callable[..., Any]:
+    def method(self: Scalar, *others: Any) -> Any:
+        return self._of(name, *others)
+
+    method.__name__ = name
+    method.__doc__ = f"Return np.{name} of this."
+    return method
+
+
+for _name in METHODS:
+    setattr(Scalar, _name, _method(_name))
