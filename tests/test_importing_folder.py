@@ -33,29 +33,10 @@ GANTRY = """<robot name="gantry"><link name="base"/>
 """
 
 EQUATIONS = """
-import casadi as ca
-from twin.kinematics import Formula
-from twin.kinematics.contract import ActiveJoint, Coordinates, Equation
-from twin.kinematics.symbolic import pose_from_zyx, zyx_from_pose
-
-def slides(X, Y, Z):
-    return X, Y, Z - 0.3 + FAULT
-
-FORMULA = Formula(
-    name="gantry", title="gantry", source="test", parameters=(),
-    joints=tuple(ActiveJoint(n, "prismatic") for n in ("qx", "qy", "qz")),
-    coordinates=Coordinates(
-        ("X", "Y", "Z"), ("m",) * 3,
-        lambda x, y, z: ca.vertcat(
-            ca.horzcat(1, 0, 0, x), ca.horzcat(0, 1, 0, y), ca.horzcat(0, 0, 1, z), ca.horzcat(0, 0, 0, 1)
-        ),
-        lambda T: (T[0, 3], T[1, 3], T[2, 3]),
-    ),
-    equations=(Equation("eq1", "pose to slides", "", "inverse", ("qx", "qy", "qz"), {"own": slides}, default="own"),),
-    characteristic_length=lambda: 0.1,
-    seeds=((0.0, 0.0, 0.3),),
-)
-""".replace("from twin.kinematics.symbolic import pose_from_zyx, zyx_from_pose\n", "")
+def inverse(pose):
+    x, y, z = pose[:3, 3]
+    return x, y, z - 0.3 + FAULT
+"""
 
 
 @pytest.mark.parametrize("name", ["fourbar.urdf", "slider.xml", "slider.sdf", "fourbar.usda"])
@@ -83,12 +64,15 @@ def test_the_template_and_protocol_serve_as_soon_as_equations_are_there(tmp_path
     write_folder(close(read(source)), "gantry", folder, source)
     with pytest.raises(KinematicsError, match="no equations yet"):
         api.plan(api.load(folder))
-    (folder / "formula.py").write_text(EQUATIONS.replace("FAULT", "0"))
+    template = (folder / "formula.py").read_text()
+    assert template.endswith("\nFORMULA = None\n")
+    written = template.removesuffix("FORMULA = None\n") + EQUATIONS  # as its text says
+    (folder / "formula.py").write_text(written.replace("FAULT", "0"))
     robot = api.load(folder)
     trajectory = api.plan(robot)
     assert np.ptp(trajectory.q[:, 0]) == pytest.approx(0.01, abs=1e-6)  # qx, as the protocol says
     assert api.validate(robot, trajectory).verdict == "agree"
-    (folder / "formula.py").write_text(EQUATIONS.replace("FAULT", "0.0001"))
+    (folder / "formula.py").write_text(written.replace("FAULT", "0.0001"))
     assert api.validate(api.load(folder), trajectory).verdict == "disagree"
 
 

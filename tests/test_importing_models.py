@@ -166,6 +166,22 @@ def test_third_party_model_that_cannot_close_says_which_loops_and_that_it_is_its
     assert max(own.values()) == pytest.approx(0.056, abs=0.005)
 
 
+def test_third_party_model_that_stays_open_goes_to_usd_and_comes_back_as_well(tmp_path):
+    imported, folder, stage = same.made(third_party("kangaroo_like"), "robot", tmp_path / "robot")
+    assert len(imported.mechanism.loops) == 11
+    same.assert_same(imported.mechanism, folder, 1e-11)
+    same.assert_same(folder, stage, 1e-6)
+
+
+def test_a_mechanism_with_more_drives_than_freedoms_is_built_too(tmp_path):
+    text = (MODELS / "fourbar.sdf").read_text()
+    (tmp_path / "all.sdf").write_text(text.replace("<joint_name>crank_joint</joint_name>", ""))
+    imported, folder, stage = same.made(tmp_path / "all.sdf", "own", tmp_path / "own")
+    assert len(imported.mechanism.active) == 3
+    assert {"import.driven"} <= {f.code for f in imported.findings}
+    same.assert_same(folder, stage, 5e-7)
+
+
 def test_third_party_meshes_that_are_missing_are_named_warnings():
     found = read(third_party("cassie_like")).findings
     missing = [f for f in found if f.code == "import.mesh"]

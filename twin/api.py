@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin import assets, spatial
-from twin.errors import KinematicsError, TwinError
+from twin.errors import TwinError
 from twin.spatial import Array
 
 if TYPE_CHECKING:
@@ -111,9 +111,7 @@ class Robot:
         """The equations, not compiled yet (`KinematicsError`: none, or wrong). To read a `formula.py` is to run it."""
         from twin.robots import load_formula
 
-        if self.files is None:
-            raise KinematicsError(f"robot '{self.name}' has no equations: it is a stage")
-        return load_formula(self.files.equations(), self.name, lambda: self.mechanism.driven)
+        return load_formula(assets.equations(self.files, self.name), self.name, lambda: self.mechanism.driven)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -404,7 +402,9 @@ def build(
         folder = robot.files.usd
     progress("read CAD, weigh parts", 0.0)
     cad = robot.cad = read_mechanism(robot.files.description, with_mass=True)
-    chosen = tuple(robot.files.protocols() if robot.files.has_equations else ()) if protocols is None else protocols
+    chosen = protocols or ()
+    if protocols is None and robot.files.has_equations:
+        chosen = tuple(robot.files.protocols())
     with assets.atomic_folder(folder) as work:
         root = write_usd(cad.mechanism, (), work)[0]
         robot.mechanism = cad.mechanism

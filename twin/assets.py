@@ -59,21 +59,6 @@ class RobotFiles:
         except OSError:
             return False
 
-    def equations(self) -> Path:
-        """Return the file of the equations.
-
-        Raises:
-            KinematicsError: there is none, or it is still the empty template.
-        """
-        if not self.formula.is_file():
-            raise KinematicsError(f"robot '{self.name}' has no equations: formula.py is missing")
-        if not self.has_equations:
-            raise KinematicsError(
-                f"{self.formula}: there are no equations yet, so nothing can be planned or judged. Write `inverse` or "
-                f"`forward` there, and take the line `{NO_EQUATIONS}` out."
-            )
-        return self.formula
-
     @property
     def stage(self) -> Path:
         """The robot's USD root layer."""
@@ -93,6 +78,22 @@ class RobotFiles:
         if name not in known:
             raise TwinError(f"{self.name}: {unknown('protocol', name, known)}")
         return known[name]
+
+
+def equations(files: RobotFiles | None, name: str) -> Path:
+    """Return the file of a robot's equations; `files` is None for a bare stage.
+
+    Raises:
+        KinematicsError: there is none, or it is still the empty template.
+    """
+    if files is None or not files.formula.is_file():
+        raise KinematicsError(f"robot '{name}' has no equations: formula.py is missing")
+    if not files.has_equations:
+        raise KinematicsError(
+            f"{files.formula}: there are no equations yet, so nothing can be planned or judged. Write `inverse` or "
+            f"`forward` there, and take the line `{NO_EQUATIONS}` out."
+        )
+    return files.formula
 
 
 def names() -> list[str]:

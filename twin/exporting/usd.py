@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdPhysics
 
+from twin.errors import AssemblyError
 from twin.mechanism import Mechanism
 from twin.reference.holding import GRAVITY, holding_efforts
 from twin.spatial import Array
@@ -47,7 +48,10 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
 
     model = ReferenceModel(mechanism)
     home = model.home()
-    efforts = holding_efforts(model, home)
+    try:
+        efforts = holding_efforts(model, home)
+    except AssemblyError:  # loops that stay open, or more drives than freedoms: nothing can be moved a little
+        efforts = {}
     files = write_stage(mechanism, folder, rounded(home.link_poses), home.q_full, efforts=efforts)
     out = [files.root, files.physics, files.geometry, _write_scene(mechanism, folder / f"{mechanism.name}_sim.usda")]
     for clip in clips:

@@ -42,7 +42,8 @@ def close(imported: Imported) -> Imported:
         )
         findings.append(warning("driven", text, mechanism.name))
     q = {j.name: float(v) for j, v in zip(mechanism.active, home.q, strict=True)}
-    mechanism = replace(mechanism, rest=home.link_poses, postures={**mechanism.postures, "home": q})
+    others = {n: v for n, v in mechanism.postures.items() if n != "home"}  # the first posture is the drawn one
+    mechanism = replace(mechanism, rest=home.link_poses, postures={"home": q, **others})
     return with_drives(replace(imported, mechanism=mechanism, findings=findings))
 
 

@@ -6,6 +6,7 @@ close loops (connect, weld) or couple joints. Coordinates keep MuJoCo's zero (`r
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -38,11 +39,14 @@ def read_mjcf(path: Path) -> Imported:
     if path.stat().st_size > LARGEST:
         raise SourceError(f"{path}: larger than {LARGEST // 1_000_000} MB; that is no description of a robot")
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        model = spec.compile()
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            model = mujoco.MjSpec.from_file(str(path)).compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise SourceError(f"{path}: MuJoCo refuses it: {' '.join(str(error).split())}") from error
-    return _Mjcf(path, model).read()
+    reader = _Mjcf(path, model)
+    reader.findings += [warning("mujoco", f"MuJoCo: {' '.join(str(w.message).split())}", path.name) for w in told]
+    return reader.read()
 
 
 def _pose(p: Array, q_wxyz: Array) -> Array:
@@ -132,6 +136,8 @@ class _Mjcf:
             at = np.eye(4) if kind == _FREE else spatial.pose(p=m.jnt_pos[k])
             ref = np.eye(4)
             if kind in (_SLIDE, _HINGE):
+                if not np.abs(m.jnt_axis[k]).max() > 0.5:  # MuJoCo makes it a unit vector, if it can
+                    raise SourceError(f"{self.path}: joint '{self.joints[k]}': its axis has no length, or is too long")
                 at = at @ along(m.jnt_axis[k])
                 q0 = float(m.qpos0[m.jnt_qposadr[k]])
                 ref = spatial.pose(p=[0, 0, -q0]) if kind == _SLIDE else spatial.pose(spatial.rotation_z(-q0))
