@@ -7,7 +7,7 @@ UV := $(shell command -v uv 2>/dev/null || echo .venv-uv/bin/uv)
 RUN := $(UV) run --frozen --no-sync
 export UV_PYTHON_DOWNLOADS ?= never
 
-.PHONY: demo test test-slow witnesses check cad-check usd-check bench lock-check clean
+.PHONY: demo test test-slow test-pages witnesses check cad-check usd-check bench lock-check clean
 
 demo: .venv/.synced
 	$(UV) run --frozen --no-sync twin run sils
@@ -17,6 +17,8 @@ test: .venv/.synced-dev
 
 test-slow: .venv/.synced-dev  ## what the default suite leaves out
 	$(RUN) pytest -n auto --dist loadfile -m "slow or wheel"
+
+test-pages: .venv/.synced-dev  ## the pages of twin view and twin serve in Chromium
 	$(RUN) pytest -m browser
 
 witnesses:  ## programs that are not ours read what twin writes (about 3 GB of environments, once)
