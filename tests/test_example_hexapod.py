@@ -198,3 +198,13 @@ def test_a_plan_without_values_names_the_line(tmp_path):
 def test_it_agrees_along_its_protocol(robot):
     report = api.validate(robot)
     assert report.verdict == "agree"
+
+
+@pytest.mark.slow
+def test_no_part_runs_through_another_along_the_protocol(robot, model):
+    from twin.reference.clearance import clearance
+
+    run = model.run(api.plan(robot).q[::60])
+    found = clearance(robot.mechanism, model.link_poses(run.x))
+    assert found.contacts == ()
+    assert found.distance.min() > 0.5e-3  # fork and bracket of a universal joint

@@ -256,14 +256,9 @@ class Mechanism:
 
     @property
     def driven(self) -> tuple[list[tuple[str, bool]], Array, Array | None]:
-        """What equations start from: active joints and whether each is an angle, T_base_tool and q as drawn.
-
-        q (n,) is that of the first posture, which is the drawn one; None if there is none.
-        """
-        tool = self.frame(self.tool)
-        q = self.posture(next(iter(self.postures))) if self.postures else None
-        joints = [(j.name, j.is_angle) for j in self.active]
-        return joints, self.rest.get(tool.body, np.eye(4)) @ tool.T_body_frame, q
+        """Active joints and whether each is an angle; T_base_tool as drawn; q (n,) of the first posture, or None."""
+        T = self.rest.get(self.frame(self.tool).body, np.eye(4)) @ self.frame(self.tool).T_body_frame
+        return [(j.name, j.is_angle) for j in self.active], T, next(map(self.posture, self.postures), None)
 
     def body(self, name: str) -> Body:
         """Return the body of that name, or raise `MechanismError` with the names that exist."""
@@ -335,13 +330,8 @@ def _check(m: Mechanism) -> None:
     def fail(text: str) -> None:
         raise MechanismError(f"{m.name or 'mechanism'}: {text}")
 
-    for kind, items in (
-        ("body", m.bodies),
-        ("joint", m.joints),
-        ("frame", m.frames),
-        ("point", m.points),
-        ("coupling", m.couplings),
-    ):
+    named = {"body": m.bodies, "joint": m.joints, "frame": m.frames, "point": m.points, "coupling": m.couplings}
+    for kind, items in named.items():
         seen: set[str] = set()
         for item in items:
             if not _IDENTIFIER.fullmatch(item.name):
