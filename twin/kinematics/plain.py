@@ -180,6 +180,8 @@ def _sx(value: Any) -> ca.SX:
         return value
     if isinstance(value, ca.DM | int | float | np.number):
         return ca.SX(float(value)) if not isinstance(value, ca.DM) else ca.SX(value)
+    if not isinstance(value, np.ndarray | list | tuple):
+        raise TypeError(f"{type(value).__name__} is no number")
     a = np.asarray(value, dtype=object)
     if a.ndim > 2:
         raise ValueError(f"{a.ndim} dimensions")
