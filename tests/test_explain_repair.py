@@ -138,6 +138,16 @@ def test_one_edit_cures_several_rows(faulty, truth):
     assert len(found.rows) == 5
 
 
+def test_a_name_that_is_not_there_is_put_right(faulty, sils_model, truth):
+    formula = faulty(("c_psi * s_theta * s_phi", "c_psi * s_theta * s_phy"))
+    x = explain("sils", formula, sils_model, truth=truth)
+    (repair,) = x.repairs
+    assert len(repair.rows) == 9  # none of them has a value
+    assert not repair.tie
+    assert repair.ways[0][0].changes[0].edit == "s_phy -> s_phi"
+    assert any("name 's_phy' is not defined" in n for n in x.notes)
+
+
 def test_what_no_edit_explains_is_said_to_be_unexplained(faulty, sils_model, truth):
     right = "Z_S2 = Z_E + sqrt(3) / 3 * l_p * s_theta"
     formula = faulty((right, "Z_S2 = Z_E * cos(phi * X_E * 7.3) + psi ** 3 * theta"))

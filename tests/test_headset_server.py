@@ -428,8 +428,8 @@ def test_the_tool_is_dragged_and_two_clients_have_one_grab(sils):
             await b.state(holder=None)
             assert (await b.ask("grab", target="joint", name="q1"))["type"] == "ack"
             assert (await a.ask("grab", target="tool"))["code"] == "held"
-            assert (await b.ask("drag", value=float(b.frames[-1].q[0]) + 1 * MM))["type"] == "ack"
             was = float(b.frames[-1].q[0])
+            assert (await b.ask("drag", value=was + 1 * MM))["type"] == "ack"
             await b.until(lambda: abs(b.frames[-1].q[0] - was - 1 * MM) < 1e-6)
 
     asyncio.run(go())

@@ -6,6 +6,7 @@ An edit is a replacement in the text of the file. What makes no Python, or no nu
 from __future__ import annotations
 
 import ast
+import builtins
 import re
 import tokenize
 from collections.abc import Container, Iterator
@@ -42,9 +43,12 @@ class Pool:
     aliases: dict[str, str]
     parameters: frozenset[str]
     arguments: frozenset[str]
+    unknown: frozenset[str]  # the statement reads them and nothing gives them: misspelt
 
 
-def pool(source: Source, statement: Statement, available: set[str], parameters: set[str]) -> Pool:
+def pool(
+    source: Source, statement: Statement, available: set[str], parameters: set[str], scope: Container[str]
+) -> Pool:
     """Return the names that a statement could use: symbols of the flow, locals so far, aliases in the file's style."""
     local = {w for s in source.statements[: statement.index] for w in s.writes}
     names = {n for n in available if n.isidentifier()} | local | set(source.arguments)
@@ -70,6 +74,7 @@ def pool(source: Source, statement: Statement, available: set[str], parameters: 
         {n: e for n, e in aliases.items() if n not in names},
         frozenset(parameters),
         frozenset({*source.arguments, *local}),
+        frozenset(n for n in statement.reads - names - set(dir(builtins)) if n not in scope),
     )
 
 
@@ -164,7 +169,7 @@ def _names(w: _Writer, root: ast.AST) -> Iterator[Edit]:
         if not isinstance(node, ast.Name) or _is_called(w, node) or isinstance(w.parent(node), ast.Attribute):
             continue
         old = node.id
-        if old not in w.pool.names and old not in w.pool.arguments:
+        if old not in w.pool.names | w.pool.arguments | w.pool.unknown:
             continue
         for new in choices:
             if new != old:

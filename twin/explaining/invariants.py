@@ -107,7 +107,7 @@ def _distance(
     judge: Judge, length: Array, true: float, name: str, where: str, code: str, what: str = ""
 ) -> Iterator[Finding]:
     off = np.abs(length - true)
-    if float(np.nanmax(off)) <= judge.tolerance.length:
+    if not np.isfinite(off).any() or float(np.nanmax(off)) <= judge.tolerance.length:
         return
     low, high = float(np.nanmin(length)), float(np.nanmax(length))
     constant = high - low <= 10 * judge.tolerance.length

@@ -137,12 +137,16 @@ class Judge:
                 continue
             env = self._environment(step, computed)
             found: Residuals = {}
+            s = step.source.statements[0]
             try:
                 for s, code in zip(step.source.statements, step.codes, strict=True):
                     step.before.append(dict(env))
                     exec(code, env)
                     self._check(step, s, s.writes, env, found)
                 step.gave = self._outputs(step, env, found)
+            except (NameError, IndexError) as error:
+                self._stuck(step, s, found)
+                self.notes.append(f"{step.equation.name} ({step.variant}) stops in line {s.line}: {error}")
             except Exception as error:
                 step.missing = str(error)
                 self.notes.append(f"{step.equation.name} ({step.variant}) fails on arrays: {error}")
@@ -151,13 +155,26 @@ class Judge:
             for name, value in step.gave.items():
                 computed.setdefault(name, value)
 
+    def _stuck(self, step: Step, s: Statement, found: Residuals) -> None:
+        """Count all that an equation was still to give as wrong: it names what is not there."""
+        step.stuck = True
+        late = [(t, i, name) for t in step.source.statements[s.index :] for i, name in enumerate(t.writes)]
+        last = step.source.statements[-1]
+        late += [(last, i, name) for i, name in enumerate(step.equation.outputs)]
+        seen = {p.symbol for p in found}
+        for t, i, name in late:
+            if name in step.known and name not in seen:
+                seen.add(name)
+                size = to_array(self.truth.symbols[name], self.truth.k).shape
+                found[step.place(t.index, i, name, step.lines[i] if t is last else t.line)] = np.full(size, np.nan)
+        step.gave = {name: self.truth.symbols[name] for name in step.known}
+
     def _has(self, name: str, computed: Mapping[str, Any]) -> bool:
         return name in self.truth.symbols or name in computed
 
     def _environment(self, step: Step, computed: Mapping[str, Any]) -> dict[str, Any]:
         known = {**computed, **self.truth.symbols}
-        free = {n: v for n, v in known.items() if n not in step.scope}
-        return {**step.scope, **free, **{n: known[n] for n in step.inputs if n in known}}
+        return {**step.scope, **{n: known[n] for n in step.inputs if n in known}}
 
     def _check(self, step: Step, s: Statement, names: Iterable[str], env: dict[str, Any], found: Residuals) -> None:
         """Note how far the outputs that a statement assigned are off, and put the true values in their place."""
@@ -250,6 +267,9 @@ class Judge:
                 if e.kind == "left side":
                     writes[i] = tuple(e.new if w == e.old else w for w in s.writes)
         env = self._environment(step, step.computed) if anew else dict(step.before[first])
+        anew |= step.stuck  # there is nothing to go on from
+        for name, value in self._arguments(step, edits).items():
+            env.setdefault(name, value)
         for name, value in extra.items():
             env.setdefault(name, value)
         found: Residuals = {}
@@ -273,6 +293,11 @@ class Judge:
         if changed:
             self._downstream(step, gave, changed, found)
         return found
+
+    def _arguments(self, step: Step, edits: list[Edit]) -> dict[str, Any]:
+        """Return the values of what edits make new arguments."""
+        names = {e.define[0] for e in edits if e.define and not e.define[1]}
+        return {n: known[n] for known in (step.computed, self.truth.symbols) for n in names if n in known}
 
     def _downstream(self, step: Step, gave: dict[str, Any], changed: set[str], found: Residuals) -> None:
         computed = {**step.computed, **gave}
@@ -310,7 +335,7 @@ class Judge:
         mine.add(index)
         wanted = set(s.reads)
         if s.returns and position is not None:
-            wanted = _reads_of_element(s, position)
+            wanted = s.reads_at(position)
         for i in range(index - 1, -1, -1):
             if wanted & set(statements[i].writes):
                 hit = wanted & set(statements[i].writes)
@@ -366,12 +391,3 @@ def evaluate(judge: Judge, step: Step, edits: list[Edit], extra: Mapping[str, An
 def _of_formula(f: Callable) -> bool:
     path = Path(f.__code__.co_filename)
     return path != Path(numeric.__file__) and "kinematics" not in path.parts[-2:-1]
-
-
-def _reads_of_element(s: Statement, position: int) -> set[str]:
-    import ast
-
-    value = s.node.value  # type: ignore[attr-defined]
-    if isinstance(value, ast.Tuple) and position < len(value.elts):
-        value = value.elts[position]
-    return {n.id for n in ast.walk(value) if isinstance(n, ast.Name)}

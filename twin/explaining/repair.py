@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
 import warnings
 from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,8 @@ from twin.errors import KinematicsError
 from twin.explaining.canonical import canonical
 from twin.explaining.edits import edits, pool
 from twin.explaining.judge import Helper, Judge, Place, Residuals, Step, evaluate, worst
-from twin.explaining.source import Edit, Source, Statement
+from twin.explaining.source import Edit, Source, Statement, patched
+from twin.robots import load_formula
 from twin.spatial import Array
 
 TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
@@ -23,6 +26,9 @@ TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function",
 _REST = ("order", "transpose", "parenthesis", "surplus", "missing")
 
 _ORDER = (*TOKENS, *_REST)
+
+_WHOLE = 12
+"""Repairs of a kind that are tried in the whole formula, when there is a choice."""
 
 Key = tuple[str, int, int]
 """A row whatever symbol it assigns: equation, statement, position."""
@@ -114,12 +120,17 @@ class Search:
         sites = [x for x in self.own_sites() if only is None or (x[0].equation.name, x[1].index) in only]
         for n, (step, statement) in enumerate(sites):
             self.progress(n / len(sites))
-            choice = pool(step.source, statement, self.judge.available(step), self.parameters)
+            choice = pool(step.source, statement, self.judge.available(step), self.parameters, step.scope)
+            # Other equations may call this one.
+            others = [s for s in self.judge.steps if s is not step and not s.missing and self._calls(s, step.source)]
             for edit in edits(step.source, statement, choice, kinds):
-                candidate = self.attempt(step, [edit])
+                candidate = self._everywhere([step, *others] if not edit.define else [step], [edit])
                 if candidate is not None:
                     out.append(candidate)
         return out
+
+    def _calls(self, step: Step, source: Source) -> bool:
+        return any((h.source.name, h.source.path) == (source.name, source.path) for h in self.judge.helpers(step))
 
     def in_helpers(self, kinds: Container[str]) -> list[Candidate]:
         """Return every single edit of the plain functions that those statements call."""
@@ -135,7 +146,7 @@ class Search:
             others = [s for s in self.judge.steps if any(h.function is helper.function for h in self.judge.helpers(s))]
             every = [*steps, *(s for s in others if s not in steps and not s.missing)]
             for statement in source.statements:
-                choice = pool(source, statement, set(source.arguments), self.parameters)
+                choice = pool(source, statement, set(source.arguments), self.parameters, helper.function.__globals__)
                 for edit in edits(source, statement, choice, kinds):
                     candidate = self._everywhere(every, [edit])
                     if candidate is not None:
@@ -145,7 +156,7 @@ class Search:
     def _everywhere(self, steps: list[Step], change: list[Edit]) -> Candidate | None:
         """Return the candidate of an edited helper, judged in every equation that calls it."""
         first = self.attempt(steps[0], change)
-        if first is None or not first.scores:
+        if first is None:
             return None
         for step in steps[1:]:
             c = self.attempt(step, change)
@@ -241,7 +252,7 @@ class Search:
 
     def _found(self, rows: list[Key], exact_from: list[Candidate], all_: list[Candidate]) -> Found:
         exact = self._exact(rows, exact_from)
-        ways = self._ways(sorted(exact, key=lambda c: c.rank), rows)
+        ways = self._best(self._ways(sorted(exact, key=lambda c: c.rank), rows))
         mine = {id(c) for c in exact}
         rest = [(c.over(rows, self.base), c) for c in all_ if id(c) not in mine and any(k in c.scores for k in rows)]
         rest = [(s, c) for s, c in rest if s > 1 or c.broken]
@@ -268,6 +279,30 @@ class Search:
                 home[1].append(c)
                 home[2].add(text)
         return [w[1] for w in ways]
+
+    def _best(self, ways: list[list[Candidate]]) -> list[list[Candidate]]:
+        """Leave out what leaves more rows of the whole formula wrong than another repair does."""
+        if sum(map(len, ways)) < 2:
+            return ways
+        left = {id(c): self._left(c) for way in ways for c in way[:_WHOLE]}
+        least = min((n for n in left.values() if n is not None), default=None)
+        kept = [[c for c in way if left.get(id(c), least) in (None, least)] for way in ways]
+        return [way for way in kept if way]
+
+    def _left(self, c: Candidate) -> int | None:
+        """Return how many rows are wrong in the whole formula after edits; None where they are not in its own file."""
+        home = self.judge.formula.equations[0]
+        path = Path(home.variants[home.default].__code__.co_filename)  # type: ignore[attr-defined]
+        if any(e.path != path or e.kind == "left side" for e in c.edits):
+            return None
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "formula.py"
+            file.write_text(patched(c.edits), encoding="utf-8")
+            try:
+                formula = load_formula(file)
+            except KinematicsError:
+                return None
+            return len(Judge(formula, self.judge.variants, self.judge.truth, self.judge.tolerance).failing())
 
     def _text(self, c: Candidate) -> str:
         parts = []

@@ -42,6 +42,7 @@ class Step:
     inputs: tuple[str, ...]
     required: tuple[str, ...]
     missing: str = ""
+    stuck: bool = False
     before: list[dict[str, Any]] = field(default_factory=list)
     computed: dict[str, Any] = field(default_factory=dict)
     gave: dict[str, Any] = field(default_factory=dict)

@@ -70,6 +70,13 @@ class Statement:
         """Whether it is the return of the function."""
         return isinstance(self.node, ast.Return)
 
+    def reads_at(self, position: int) -> set[str]:
+        """Return the names that one of the values reads, of those that it assigns or returns."""
+        value = self.node.value  # type: ignore[attr-defined]
+        if isinstance(value, ast.Tuple) and position < len(value.elts):
+            value = value.elts[position]
+        return {n.id for n in ast.walk(value) if isinstance(n, ast.Name)}
+
 
 @lru_cache(maxsize=64)
 def _parsed(path: str, stamp: tuple[int, int]) -> tuple[bytes, ast.Module, tuple[int, ...]]:
@@ -119,6 +126,8 @@ class Source:
     def _statement(self, index: int, node: ast.stmt) -> Statement:
         start, end = self.span(node)
         reads = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)}
+        loops = [n.target for n in ast.walk(node) if isinstance(n, ast.comprehension | ast.For)]
+        reads -= {n.id for target in loops for n in ast.walk(target) if isinstance(n, ast.Name)}
         writes = [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
         calls = {  # out += [...], out.append(...): the name is read and written
             n.value.id for n in ast.walk(node) if isinstance(n, ast.Attribute) and isinstance(n.value, ast.Name)
