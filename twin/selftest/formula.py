@@ -57,7 +57,8 @@ def faults(robot: api.Robot, rng: np.random.Generator, count: int) -> Iterator[F
     assert robot.files is not None
     formula = load_formula(robot.files.formula)
     sources = []
-    for f in functions(formula):
+    made_of = functions(formula)
+    for f in made_of:
         try:
             sources.append(Source(f))
         except TwinError:  # a wrapper: it has no text of its own
@@ -67,7 +68,7 @@ def faults(robot: api.Robot, rng: np.random.Generator, count: int) -> Iterator[F
     for i in range(count):
         kind = list(KINDS)[i % len(KINDS)]
         for _ in range(_TRIES):
-            edit = _draw(sources, parameters, KINDS[kind], rng)
+            edit = _draw(sources, parameters, made_of[0].__globals__, KINDS[kind], rng)
             if edit is None or (text := patched([edit])) in seen:
                 continue
             seen.add(text)
@@ -78,13 +79,19 @@ def faults(robot: api.Robot, rng: np.random.Generator, count: int) -> Iterator[F
             break
 
 
-def _draw(sources: list[Source], parameters: set[str], kinds: tuple[str, ...], rng: np.random.Generator) -> Edit | None:
+def _draw(
+    sources: list[Source],
+    parameters: set[str],
+    scope: dict[str, Any],
+    kinds: tuple[str, ...],
+    rng: np.random.Generator,
+) -> Edit | None:
     source = sources[rng.integers(len(sources))]
     statements = [s for s in source.statements if not isinstance(s.node, ast.FunctionDef)]
     if not statements:
         return None
     statement = statements[rng.integers(len(statements))]
-    around = pool(source, statement, set(source.arguments), parameters & set(source.arguments), statement.reads)
+    around = pool(source, statement, set(source.arguments), parameters & set(source.arguments), scope)
     some = [e for e in edits(source, statement, around, kinds) if e.define is None]
     return some[rng.integers(len(some))] if some else None
 
