@@ -1,7 +1,6 @@
 """Faults of one token, seeded in the sources of three robots: are they found and undone?
 
-`TWIN_FAULTS=200` seeds two hundred: 186 of the first 199 were (93.5 %), where 95 % are aimed at. The misses read names
-that are not defined there, or lie in functions that several equations share.
+`TWIN_FAULTS=200` seeds two hundred: all of them were, 185 by the first edit and 15 as a tie that names it.
 """
 
 from __future__ import annotations
@@ -196,7 +195,7 @@ def test_seeded_faults_are_undone(known, tmp_path, capsys):
         for name in ROBOTS:
             print(f"{name:8} {count[name, 'rank 1']:7} {count[name, 'tie']:5} {count[name, 'missed']:7}")
     good = sum(c for (_, w), c in count.items() if w != "missed")
-    assert good >= 0.9 * len(results)
+    assert good >= 0.95 * len(results)
 
 
 def judged(formula, faulty, truth, folder):

@@ -20,7 +20,6 @@ from twin.errors import TwinError
 from twin.explaining.edits import edits, pool
 from twin.explaining.source import Edit, Source, patched
 from twin.kinematics.contract import Formula
-from twin.robots import load_formula
 from twin.selftest.fault import Fault
 
 KINDS: dict[str, tuple[str, ...]] = {
@@ -55,7 +54,7 @@ def functions(formula: Formula) -> list[FunctionType]:
 def faults(robot: api.Robot, rng: np.random.Generator, count: int) -> Iterator[Fault]:
     """Yield faults of the equations of a robot; none of them is drawn twice."""
     assert robot.files is not None
-    formula = load_formula(robot.files.formula)
+    formula = robot.formula
     sources = []
     made_of = functions(formula)
     for f in made_of:

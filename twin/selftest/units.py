@@ -11,7 +11,6 @@ import tomlkit
 
 from twin import api
 from twin.protocol import Protocol, load_protocol
-from twin.robots import load_formula
 from twin.selftest.fault import Fault
 
 KINDS = (
@@ -63,9 +62,7 @@ def _reader(name: str, document: Any) -> Callable[[Path], Protocol]:
 
 def _parameter(robot: api.Robot, rng: np.random.Generator) -> Fault:
     assert robot.files is not None
-    some = [
-        p for p in load_formula(robot.files.formula).parameters if p.value and p.name not in (robot._parameters or {})
-    ]
+    some = [p for p in robot.formula.parameters if p.value and p.name not in (robot._parameters or {})]
     p = some[rng.integers(len(some))]
     angle = p.unit in ("deg", "rad")
     factor = float(rng.choice((180 / np.pi, np.pi / 180) if angle else (1000.0, 0.001)))
