@@ -53,9 +53,9 @@ def folder(tmp_path_factory):
     own = place / "my_robot"
     (own / "cad").mkdir(parents=True)
     toml = (ROOT / "cad/sils/sils.toml").read_text(encoding="utf-8")
-    toml = toml.replace('name = "sils"', 'name = "my_robot"', 1)
+    toml = toml.replace('name = "sils"', 'name = "my_robot"', 1).replace("sils.step", "my_robot.step")
     (own / "cad/my_robot.toml").write_text(toml, encoding="utf-8")
-    shutil.copy(ROOT / "cad/sils/sils.step", own / "cad")
+    shutil.copy(ROOT / "cad/sils/sils.step", own / "cad/my_robot.step")
     (own / "trajectories").mkdir()
     for protocol in (ROOT / "trajectories/sils").glob("*.toml"):
         text = protocol.read_text(encoding="utf-8").replace('robot = "sils"', 'robot = "my_robot"', 1)
