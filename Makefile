@@ -16,7 +16,7 @@ test: .venv/.synced-dev
 	$(RUN) pytest -n auto --dist loadfile
 
 test-slow: .venv/.synced-dev  ## what the default suite leaves out
-	$(RUN) pytest -n auto --dist loadfile -m "slow or wheel"
+	$(RUN) pytest -n auto --dist loadfile -m "slow or wheel" --durations 20
 
 test-pages: .venv/.synced-dev  ## the pages of twin view and twin serve in Chromium
 	$(RUN) pytest -m browser

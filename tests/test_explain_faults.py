@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 ROBOTS = ("sils", "sher", "lapbot")
-FAULTS = int(os.environ.get("TWIN_FAULTS", "30"))
+FAULTS = int(os.environ.get("TWIN_FAULTS", "15"))
 SWAPS = {"sin": "cos", "cos": "sin", "acos": "asin", "asin": "acos", "+": "-", "-": "+", "*": "/", "/": "*"}
 
 
