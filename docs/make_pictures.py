@@ -91,7 +91,7 @@ SHOTS = (
     ),
     Shot(
         "hexapod", "", "tour", "tilted", "level", (-58, 17, 17.4), (0.0, 0.0, 0.166), (1200, 1000),
-        robot="hexapod", trocar=0.0, floor=-0.016, distance=1.75, folder="examples/hexapod",
+        robot="hexapod", trocar=0.0, floor=-0.016, distance=1.75, folder="docs/examples/hexapod",
     ),
     Shot(
         "vsrs", "", "", "", "", (-62, 22, 30), (0.08, -0.02, 0.98), (1600, 1000),

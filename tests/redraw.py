@@ -30,7 +30,7 @@ def same(a: bytes, b: bytes) -> bool:
 def main() -> int:
     """Redraw every robot that has a model.py; return 1 if one differs."""
     failed = 0
-    for model in sorted([*ROOT.glob("cad/*/model.py"), *ROOT.glob("examples/*/cad/model.py")]):
+    for model in sorted([*ROOT.glob("cad/*/model.py"), *ROOT.glob("docs/examples/*/cad/model.py")]):
         name = model.parent.name if model.parent.name != "cad" else model.parents[1].name
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / f"{name}.step"

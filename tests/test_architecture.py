@@ -84,7 +84,7 @@ def _imports(path: Path) -> Iterator[str]:
                 yield f"<{name}>"
 
 
-DRAWINGS = sorted([*ROOT.glob("cad/**/*.py"), *ROOT.glob("examples/*/cad/*.py")])
+DRAWINGS = sorted([*ROOT.glob("cad/**/*.py"), *ROOT.glob("docs/examples/*/cad/*.py")])
 
 
 @pytest.mark.parametrize("path", DRAWINGS, ids=lambda p: f"{p.parent.name}/{p.name}")

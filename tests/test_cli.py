@@ -602,7 +602,9 @@ def test_a_notice_says_whose_python_is_run(run, tmp_path, caplog):
     from twin import robots
 
     folder = tmp_path / "own"
-    shutil.copytree(ROOT / "examples/hexapod", folder, ignore=shutil.ignore_patterns("usd", "__pycache__", "*parts.py"))
+    shutil.copytree(
+        ROOT / "docs/examples/hexapod", folder, ignore=shutil.ignore_patterns("usd", "__pycache__", "*parts.py")
+    )
     robots._said.clear()
     assert run("info", folder).code == 0
     assert [r.message for r in caplog.records] == [f"running the Python code in {folder / 'formula.py'}"]

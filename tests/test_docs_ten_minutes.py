@@ -15,7 +15,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs/ten-minutes.md").read_text(encoding="utf-8")
-EXAMPLE = ROOT / "examples/hexapod"
+EXAMPLE = ROOT / "docs/examples/hexapod"
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -57,7 +57,7 @@ def serve(arguments, folder):
 
 @pytest.mark.slow
 def test_the_page_from_top_to_bottom(tmp_path):
-    shutil.copytree(EXAMPLE, tmp_path / "examples/hexapod", ignore=shutil.ignore_patterns("usd", "__pycache__"))
+    shutil.copytree(EXAMPLE, tmp_path / "docs/examples/hexapod", ignore=shutil.ignore_patterns("usd", "__pycache__"))
     done = []
     for kind, what, content in steps():
         if kind == "file":

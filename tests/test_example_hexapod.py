@@ -16,7 +16,7 @@ from twin.explaining.repair import Search
 from twin.explaining.source import patched
 
 ROOT = Path(__file__).parents[1]
-FOLDER = ROOT / "examples/hexapod"
+FOLDER = ROOT / "docs/examples/hexapod"
 
 POINTS = '''
 """Hexapod, by way of its named points."""

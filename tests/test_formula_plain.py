@@ -109,7 +109,7 @@ def test_symbols_and_samples_give_what_numbers_give(row):
 
 # ------------------------------------------------------------------------------ files
 
-HEXAPOD = (ROOT / "examples/hexapod/formula.py").read_text(encoding="utf-8")
+HEXAPOD = (ROOT / "docs/examples/hexapod/formula.py").read_text(encoding="utf-8")
 LEGS = [(f"q{i}", False) for i in range(1, 7)]
 CASADI = '''
 """The same hexapod in CasADi."""

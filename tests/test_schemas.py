@@ -49,9 +49,9 @@ def test_schema_refuses_what_the_reader_refuses(schemas, name):
     ("name", "pattern"),
     [
         ("robot.schema.json", "cad/*/*.toml"),
-        ("robot.schema.json", "examples/*/cad/hexapod.toml"),
+        ("robot.schema.json", "docs/examples/*/cad/hexapod.toml"),
         ("protocol.schema.json", "trajectories/*/*.toml"),
-        ("protocol.schema.json", "examples/*/trajectories/*.toml"),
+        ("protocol.schema.json", "docs/examples/*/trajectories/*.toml"),
     ],
 )
 def test_committed_files_fit_their_schema(schemas, name, pattern):

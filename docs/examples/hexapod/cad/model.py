@@ -1,6 +1,6 @@
 """Draw the hexapod and write it as a STEP assembly.
 
-    python examples/hexapod/cad/model.py [--dimensions FILE] [--out hexapod.step]
+    python docs/examples/hexapod/cad/model.py [--dimensions FILE] [--out hexapod.step]
 
 The platform stands level.  Each rigid body is one sub-assembly (base, cross1..6, cylinder1..6, rod1..6, platform);
 its parts are named <body>_<part>.  All shapes are written in world coordinates: no instance carries a placement.
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parents[2] / "cad"))
+sys.path.insert(0, str(HERE.parents[3] / "cad"))
 import drawing as cad
 from drawing import pose4, unit
 
