@@ -23,8 +23,6 @@ def explain(args: argparse.Namespace) -> int:
     if not (math.isfinite(args.seconds) and args.seconds >= 0):
         raise TwinError(f"--seconds {args.seconds:g}: give a number of seconds, 0 or more")
     robot = api.load(args.robot)
-    if robot.files is None or not robot.files.has_equations:
-        raise TwinError(f"{robot.name} has no equations to explain: formula.py is missing")
     formula = robot.formula
     chosen = _variants(args.variant)
     with show.progress(args.quiet or args.json) as progress:

@@ -33,8 +33,8 @@ class Xml:
         except (ElementTree.ParseError, ValueError, LookupError) as error:
             raise SourceError(f"{path}: not XML: {error}") from error
         if self.root.tag != root:
-            hint = " It is a xacro or another format: expand or rename it." if self.root.tag != root else ""
-            raise SourceError(f"{path}: the root element is <{self.root.tag}>, expected <{root}>.{hint}")
+            hint = "It is a xacro or another format: expand or rename it."
+            raise SourceError(f"{path}: the root element is <{self.root.tag}>, expected <{root}>. {hint}")
 
     def fail(self, where: str, message: str) -> NoReturn:
         """Raise `SourceError` for an element."""
