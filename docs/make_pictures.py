@@ -31,7 +31,6 @@ from trimesh.visual.color import linear_to_srgb
 
 import twin
 from twin import assets, spatial
-from twin.api import tool_frame
 from twin.cad.build import read_mechanism
 from twin.mechanism import Mechanism
 from twin.reference import ReferenceModel
@@ -109,7 +108,7 @@ def stand(robot: twin.Robot, shot: Shot) -> tuple[Mechanism, dict[str, Array], A
     """Return the mechanism, its link poses at the waypoint, the trocar, and two ends (2, 3) of the shaft's axis."""
     stage = robot.files.usd / f"{robot.name}_{shot.protocol}.usda"
     mechanism, (times, poses), protocol = read_stage(stage), read_motion(stage), robot.protocol(shot.protocol)
-    tool, T_tool_moved = mechanism.frame(mechanism.tool), tool_frame(mechanism, protocol.frame)
+    tool, T_tool_moved = mechanism.frame(mechanism.tool), mechanism.frame_in_tool(protocol.frame)
     Ts_tool = poses[tool.body] @ tool.T_body_frame
     way, rcm = protocol.waypoints[shot.waypoint], protocol.waypoints[shot.rcm].position
     R = rotation(way.angles, protocol.rotation)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import twin
-from twin import api, spatial
+from twin import spatial
 from twin.errors import KinematicsError, TwinError
 from twin.kinematics import Pose, Tip, Trocar
 from twin.units import DEG, MM
@@ -445,8 +445,8 @@ def test_protocol_of_another_robot_is_refused(robot, tmp_path):
 
 
 def test_frame_of_the_tool(robot):
-    assert np.allclose(api.tool_frame(robot.mechanism, "tool"), np.eye(4), atol=1e-12)
-    T = api.tool_frame(robot.mechanism, "endoscope_tip")
+    assert np.allclose(robot.mechanism.frame_in_tool("tool"), np.eye(4), atol=1e-12)
+    T = robot.mechanism.frame_in_tool("endoscope_tip")
     assert T[2, 3] < 0, "the tip is below the platform"
     with pytest.raises(TwinError, match="they move apart"):
-        api.tool_frame(robot.mechanism, "base")
+        robot.mechanism.frame_in_tool("base")

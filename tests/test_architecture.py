@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 SOURCES = sorted((ROOT / "twin").rglob("*.py"))
 
 MOST_LINES = 400
-LONGER = {"twin/api.py": (460, "the public facade is one file, and half of it is documentation")}
+LONGER = {"twin/api.py": (440, "the public facade is one file, and half of it is documentation")}
 """Files that may be longer, how long, and why."""
 
 HEAVY = {

@@ -13,7 +13,6 @@ import pytest
 
 import twin
 from twin import spatial
-from twin.api import tool_frame
 from twin.protocol import Positioning
 from twin.trajectory.plan import plan
 from twin.units import DEG, MM
@@ -127,7 +126,7 @@ def test_two_hundred_moves_of_micrometres_are_timed(robot):
     rng = np.random.default_rng(1)
     protocol, kin = robot.protocol("sclerotomy"), robot.path_kinematics()
     start = protocol.waypoints["home"]
-    T_tool_frame = tool_frame(robot.mechanism, protocol.frame)
+    T_tool_frame = robot.mechanism.frame_in_tool(protocol.frame)
     for distance in np.logspace(-6, -4, 200):
         way = rng.normal(size=3)
         goal = start.position + distance * way / np.linalg.norm(way)

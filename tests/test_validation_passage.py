@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import twin
-from twin import api, spatial
+from twin import spatial
 from twin.trajectory.plan import plan
 from twin.units import DEG, MM
 from twin.validation import consistent, margins, shaft, timing
@@ -24,14 +24,14 @@ def sils():
 def planned(sils):
     """The protocol and its plan in steps of 5 ms."""
     protocol = sils.protocol("table2")
-    T = api.tool_frame(sils.mechanism, protocol.frame)
+    T = sils.mechanism.frame_in_tool(protocol.frame)
     return protocol, plan(protocol, sils.path_kinematics(), T_tool_frame=T, dt=5e-3)
 
 
 @pytest.fixture(scope="module")
 def printed(sils):
     protocol = sils.protocol("table2_printed")
-    T = api.tool_frame(sils.mechanism, protocol.frame)
+    T = sils.mechanism.frame_in_tool(protocol.frame)
     return protocol, plan(protocol, sils.path_kinematics(), T_tool_frame=T, dt=0.01)
 
 
@@ -201,7 +201,7 @@ def test_the_maximum_between_samples_is_that_of_a_dense_look(sils, planned):
 
 def test_the_printed_target_and_what_would_keep_the_rcm(sils, printed):
     protocol, trajectory = printed
-    T = api.tool_frame(sils.mechanism, protocol.frame)
+    T = sils.mechanism.frame_in_tool(protocol.frame)
     facts, found = consistent.fixes(protocol, trajectory, sils.path_kinematics(), T)
     move = facts["sweep: move the tip, keep the angles"]
     assert "by 45.78 mm" in move
@@ -222,7 +222,7 @@ def test_the_printed_target_and_what_would_keep_the_rcm(sils, printed):
 
 def test_a_protocol_that_keeps_its_rcm_needs_no_fix(sils, planned):
     protocol, trajectory = planned
-    T = api.tool_frame(sils.mechanism, protocol.frame)
+    T = sils.mechanism.frame_in_tool(protocol.frame)
     assert consistent.fixes(protocol, trajectory, sils.path_kinematics(), T) == ({}, [])
 
 

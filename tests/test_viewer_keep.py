@@ -13,7 +13,6 @@ import pytest
 
 import twin
 from twin import spatial
-from twin.api import tool_frame
 from twin.cad.build import read_mechanism
 from twin.errors import DescriptionError, OutputError, ProtocolError, TwinError
 from twin.protocol import load_protocol
@@ -253,7 +252,7 @@ def test_angles_give_the_rotation_and_are_the_nearest(order, rng):
 def test_a_phase_goes_to_the_pose(source, protocol, robots):
     path = protocol(ident(source))
     text, old = path.read_text(), load_protocol(path)
-    T_tool_frame = tool_frame(robots[old.robot].mechanism, old.frame)
+    T_tool_frame = robots[old.robot].mechanism.frame_in_tool(old.frame)
     end = build(old, T_tool_frame)[-1].motion(np.array([1.0])).Ts_base_tool[0]
     turn = spatial.exp_so3(np.array([0.1, -0.2, 0.3]))
     T = end @ spatial.pose(turn, [0.01, -0.02, 1 / 300])
@@ -324,7 +323,7 @@ def test_an_appended_phase_plans_and_arrives(robot, name, protocol, robots):
     p = load_protocol(path)
     q = r.mechanism.posture("home") + 2e-3
     T = r.reference().solve(q).T_base_tool
-    append_phase(path, "look", T, tool_frame(r.mechanism, p.frame))
+    append_phase(path, "look", T, r.mechanism.frame_in_tool(p.frame))
     trajectory = twin.plan(r, path)
     np.testing.assert_allclose(trajectory.Ts_base_tool[-1], T, rtol=0, atol=1e-7)
     np.testing.assert_allclose(trajectory.q[-1], q, rtol=0, atol=1e-6)

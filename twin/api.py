@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin import assets, spatial
+from twin import assets
 from twin.errors import TwinError
 from twin.spatial import Array
 
@@ -291,20 +291,8 @@ def plan(robot: Robot, protocol: str | Path | Protocol | None = None, progress: 
 
     chosen = protocol if isinstance(protocol, Protocol) else robot.protocol(protocol)
     robot = robot.bound(chosen)
-    T = tool_frame(robot.mechanism, chosen.frame)
+    T = robot.mechanism.frame_in_tool(chosen.frame)
     return plan_(chosen, robot.path_kinematics(), T_tool_frame=T, progress=lambda phase: progress(f"plan {phase}", 0.0))
-
-
-def tool_frame(mechanism: Mechanism, frame: str) -> Array:
-    """Return T_tool_frame (4, 4) of a named frame that moves with the tool.
-
-    Raises:
-        TwinError: the frame is on another body.
-    """
-    tool, other = mechanism.frame(mechanism.tool), mechanism.frame(frame)
-    if tool.body != other.body:
-        raise TwinError(f"frame '{frame}' is on body '{other.body}', the tool on '{tool.body}': they move apart")
-    return spatial.inverse(tool.T_body_frame) @ other.T_body_frame
 
 
 def validate(
@@ -333,7 +321,6 @@ def validate(
     Raises:
         TwinError: something is missing or wrong, so that nothing could be judged.
     """
-    from twin.units import UM
     from twin.validation.case import Case
     from twin.validation.judge import judge
     from twin.validation.rows import Tolerances
@@ -341,8 +328,7 @@ def validate(
     progress("read CAD", 0.0)
     cad = robot.cad
     if tolerances is None:
-        lost = max((f.size or 0.0 for f in cad.findings if f.code == "cad.placement_precision"), default=0.0)
-        tolerances = Tolerances().widened(10 * lost * UM) if lost else Tolerances()
+        tolerances = Tolerances().widened(10 * cad.placement_loss)
     chosen = robot.protocol(protocol or (trajectory.protocol if trajectory is not None else None))
     robot = robot.bound(chosen)
     if trajectory is None:

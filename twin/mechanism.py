@@ -257,8 +257,7 @@ class Mechanism:
     def driven(self) -> tuple[list[tuple[str, bool]], Array, Array | None]:
         """Active joints and whether each is an angle, T_base_tool and q (n,) as drawn; None if there is no posture."""
         tool, q = self.frame(self.tool), self.posture(next(iter(self.postures))) if self.postures else None
-        T = self.rest.get(tool.body, np.eye(4)) @ tool.T_body_frame
-        return [(j.name, j.is_angle) for j in self.active], T, q
+        return [(j.name, j.is_angle) for j in self.active], self.rest.get(tool.body, np.eye(4)) @ tool.T_body_frame, q
 
     def body(self, name: str) -> Body:
         """Return the body of that name, or raise `MechanismError` with the names that exist."""
@@ -271,6 +270,13 @@ class Mechanism:
     def frame(self, name: str) -> Frame:
         """Return the frame of that name, or raise `MechanismError` with the names that exist."""
         return _find("frame", self.frames, name)
+
+    def frame_in_tool(self, name: str) -> Array:
+        """Return the pose (4, 4) in the tool of a frame that moves with it, or raise `MechanismError`."""
+        tool, it = self.frame(self.tool), self.frame(name)
+        if tool.body != it.body:
+            raise MechanismError(f"frame '{name}' is on body '{it.body}', the tool on '{tool.body}': they move apart")
+        return spatial.inverse(tool.T_body_frame) @ it.T_body_frame
 
     def point(self, name: str) -> Point:
         """Return the point of that name, or raise `MechanismError` with the names that exist."""
@@ -330,13 +336,8 @@ def _check(m: Mechanism) -> None:
     def fail(text: str) -> None:
         raise MechanismError(f"{m.name or 'mechanism'}: {text}")
 
-    for kind, items in (
-        ("body", m.bodies),
-        ("joint", m.joints),
-        ("frame", m.frames),
-        ("point", m.points),
-        ("coupling", m.couplings),
-    ):
+    named = {"body": m.bodies, "joint": m.joints, "frame": m.frames, "point": m.points, "coupling": m.couplings}
+    for kind, items in named.items():
         seen: set[str] = set()
         for item in items:
             if not _IDENTIFIER.fullmatch(item.name):
@@ -394,7 +395,6 @@ def _check(m: Mechanism) -> None:
             fail(f"posture '{posture}' must give each active joint once; check: {', '.join(wrong)}")
         for name, value in ((n, v) for n, v in values.items() if not np.isfinite(v)):
             fail(f"posture '{posture}': {name} = {value} is not finite")
-    in_tree = {j.name for j in m.tree}
-    for joint in m.active:
-        if joint.name not in in_tree:
+    for joint in m.loops:
+        if joint.active:
             fail(f"active joint '{joint.name}' would close a loop; list it before the passive joints of its loop")

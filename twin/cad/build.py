@@ -44,6 +44,11 @@ class CadModel:
     dimensions: tuple[Parameter, ...]
     gaps: tuple[tuple[str, str, float], ...]
 
+    @property
+    def placement_loss(self) -> float:
+        """Return how far in m placements in single precision may have moved a joint frame; 0 if none did."""
+        return max((f.size or 0.0 for f in self.findings if f.code == "cad.placement_precision"), default=0.0) * UM
+
 
 def inputs(description_path: Path) -> list[Path]:
     """Return everything that the mechanism is made from: the TOML file and the CAD it names."""

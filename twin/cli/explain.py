@@ -68,9 +68,7 @@ def _tolerance(robot: api.Robot, um: float | None):
 
     if um is not None and not (math.isfinite(um) and um > 0):
         raise TwinError(f"--tolerance-um {um:g}: give a positive number of micrometres")
-    lost = max((f.size or 0.0 for f in robot.cad.findings if f.code == "cad.placement_precision"), default=0.0)
-    wide = um if um is not None else 10 * lost
-    t = Tolerances().widened(wide * UM) if wide else Tolerances()
+    t = Tolerances().widened(um * UM if um is not None else 10 * robot.cad.placement_loss)
     return Tolerance(t.position, t.rotation)
 
 

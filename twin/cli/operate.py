@@ -38,7 +38,7 @@ def operate(args: argparse.Namespace) -> int:
     assets.require_writable(folder)
     with show.progress(args.quiet or args.json) as progress:
         progress("read CAD", 0.0)
-        kin, T_tool_tip = robot.kinematics(), api.tool_frame(robot.mechanism, protocol.frame)
+        kin, T_tool_tip = robot.kinematics(), robot.mechanism.frame_in_tool(protocol.frame)
         paths = build(protocol, T_tool_tip)
         goals = []
         for path in paths:

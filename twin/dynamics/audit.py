@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from twin.dynamics.possible import least_mass
 from twin.findings import Finding
 from twin.schema import Table, at, load_toml
 from twin.spatial import Array
@@ -131,14 +132,6 @@ def tensor(body: Body, products: Products) -> Array:
     sign = -1.0 if products == "negated" else 1.0
     xy, xz, yz = sign * s.xy, sign * s.xz, sign * s.yz
     return np.array([[s.xx, xy, xz], [xy, s.yy, yz], [xz, yz, s.zz]])
-
-
-def least_mass(J: Array, h: Array) -> float:
-    """Return the smallest mass in kg of a body with tensor J (3, 3) and first moment h (3,); infinite if none has."""
-    sigma = 0.5 * np.trace(J) * np.eye(3) - J
-    if np.linalg.eigvalsh(sigma)[0] <= 0:
-        return float("inf")
-    return float(h @ np.linalg.solve(sigma, h))
 
 
 def recompute(exhibit: Exhibit) -> tuple[list[Row], list[Finding]]:

@@ -108,28 +108,11 @@ def pseudo(tensor: Array, first: Array, mass: float) -> Array:
 
 
 def least_mass(tensor: Array, first: Array) -> float:
-    """Return the smallest mass in kg with which the pseudo-inertia is positive: by bisection on its eigenvalues."""
+    """Return the smallest mass in kg of a body with tensor (3, 3) and first moment (3,); infinite if none has."""
     S = second(tensor)
     if not np.all(np.isfinite(S)) or np.linalg.eigvalsh(S)[0] <= 0:
         return float("inf")
-
-    def possible(mass: float) -> bool:
-        P = np.zeros((4, 4))
-        P[:3, :3], P[:3, 3], P[3, :3], P[3, 3] = S, first, first, mass
-        scale = np.sqrt(np.maximum(np.diag(P), 1e-300))
-        return bool(np.linalg.eigvalsh(P / np.outer(scale, scale))[0] >= 0)
-
-    if not np.any(first):
-        return 0.0
-    low, high = 0.0, 1e-9
-    while not possible(high):
-        low, high = high, 10 * high
-        if high > 1e12:
-            return float("inf")
-    for _ in range(100):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if possible(middle) else (middle, high)
-    return high
+    return float(first @ np.linalg.solve(S, first))
 
 
 def judged(body: Stated) -> Judged:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import traceback
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import FunctionType
@@ -19,7 +20,7 @@ POSE, JOINTS = "pose", "q"
 """Arguments that stand for the whole pose (4, 4) and for all active joints (n,)."""
 
 
-class PlainRows:
+class PlainRows(ABC):
     """A plain function in the form that a flow of symbols calls: its symbols by name, a tuple of its outputs.
 
     Attributes:
@@ -70,9 +71,9 @@ class PlainRows:
         kind = inspect.Parameter.KEYWORD_ONLY
         self.__signature__ = inspect.Signature([inspect.Parameter(n, kind) for n in dict.fromkeys(wanted)])
 
+    @abstractmethod
     def __call__(self, **symbols: Any) -> Any:
-        """Return the outputs for symbols of CasADi; set by the adapter that knows it."""
-        raise NotImplementedError
+        """Return the outputs for symbols of CasADi, which this room does not know."""
 
     def given(self, symbols: Mapping[str, Any], convert: Callable[[Any], Any], join: Callable[..., Any]) -> dict:
         """Return the arguments out of the symbols; `convert` turns one into what the function takes, `join` several."""

@@ -16,7 +16,7 @@ from twin import spatial
 from twin.errors import MechanismError, SourceError, unknown
 from twin.findings import Finding
 from twin.importing.sdf_left import left_out
-from twin.importing.shapes import Color, mesh_file, placed, primitive
+from twin.importing.shapes import SIZES, Color, mesh_file, placed, primitive, size
 from twin.importing.source import Imported, Names, along, assemble, limits, possible, rpy, warning
 from twin.importing.xml import Xml
 from twin.mechanism import Body, Coupling, Frame, Inertia, Joint, JointType, Mechanism, Mesh
@@ -74,7 +74,7 @@ class _Sdf:
         bodies = [Body("world")] if grounded else []
         bodies += [Body(body_names[n], tuple(self._meshes(n, e)), self._inertia(n, e)) for n, e in links.items()]
         frames = []
-        for old, new in Names("frame", marks, self.findings)._known.items():
+        for old, new in Names("frame", marks, self.findings).items():
             link = self._attached(old)
             frames.append(Frame(new, body_names[link], spatial.inverse(self._at(link)) @ self._at(old)))
         name = self.model.get("name") or self.path.stem
@@ -271,13 +271,8 @@ class _Sdf:
             if shape.tag == "mesh":
                 scale = self.xml.numbers(where, "mesh scale", shape.findtext("scale"), 3, (1, 1, 1))
                 solid = mesh_file((shape.findtext("uri") or "").strip(), self.path.parent, scale, name, self.findings)
-            elif shape.tag in ("box", "cylinder", "sphere"):
-                keys = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}[shape.tag]
-                text = " ".join(shape.findtext(k) or "" for k in keys)
-                size = self.xml.numbers(where, shape.tag, text, 3 if shape.tag == "box" else len(keys), None)
-                if min(size) <= 0:
-                    self.xml.fail(where, f"{shape.tag} of size {min(size):g}: it must be positive")
-                solid = primitive(shape.tag, list(size))
+            elif shape.tag in SIZES:
+                solid = primitive(shape.tag, size(self.xml, where, shape.tag, shape.findtext))
             else:
                 self.findings.append(warning("shape", f"{where}: a <{shape.tag}> is not shown.", name))
             if solid is not None:

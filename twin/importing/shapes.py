@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +11,12 @@ from twin.cad.mesh import SUFFIXES, load_mesh
 from twin.errors import CadError
 from twin.findings import Finding
 from twin.importing.source import warning
+from twin.importing.xml import Xml
 from twin.mechanism import Mesh
 from twin.spatial import Array
+
+SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
+"""What URDF and SDF say of each shape that both have."""
 
 Color = tuple[float, float, float, float]
 
@@ -38,6 +42,16 @@ def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
     else:
         solid = creation.icosphere(3, size[0])
     return np.asarray(solid.vertices, float), np.asarray(solid.faces, np.int32)
+
+
+def size(xml: Xml, where: str, kind: str, text: Callable[[str], str | None]) -> list[float]:
+    """Return the positive sizes of a box, cylinder or sphere; `text` gives what stands under a key."""
+    size = [
+        float(s) for k in SIZES[kind] for s in xml.numbers(where, f"{kind} {k}", text(k), 3 if k == "size" else 1, None)
+    ]
+    if min(size) <= 0:
+        xml.fail(where, f"{kind} of size {min(size):g}: it must be positive")
+    return size
 
 
 def placed(name: str, vertices: Array, triangles: np.ndarray, T_body_mesh: Array, color: Color) -> Mesh:

@@ -51,6 +51,10 @@ class Names:
     def __contains__(self, name: str) -> bool:
         return name in self._known
 
+    def items(self) -> Iterable[tuple[str, str]]:
+        """Return each foreign name with its name here."""
+        return self._known.items()
+
 
 def note(code: str, message: str, where: str) -> Finding:
     """Return an info: something was changed that loses nothing."""

@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element
 from twin import spatial
 from twin.errors import unknown
 from twin.findings import Finding
-from twin.importing.shapes import Color, mesh_file, placed, primitive
+from twin.importing.shapes import SIZES, Color, mesh_file, placed, primitive, size
 from twin.importing.source import note, rpy, warning
 from twin.importing.xml import Xml
 from twin.mechanism import Mesh
@@ -65,8 +65,10 @@ class Visuals:
             if shape.tag == "mesh":
                 scale = self.xml.numbers(where, "mesh scale", shape.get("scale"), 3, (1, 1, 1))
                 solid = mesh_file(shape.get("filename", ""), self.path.parent, scale, name, self.findings)
+            elif shape.tag in SIZES:
+                solid = primitive(shape.tag, size(self.xml, where, shape.tag, shape.get))
             else:
-                solid = primitive(str(shape.tag), self._size(where, shape))
+                self.xml.fail(where, unknown("shape", str(shape.tag), (*SIZES, "mesh")))
             if solid is not None:
                 stem = identifier(f"{name}_shape")
                 self.taken[stem] = self.taken.get(stem, 0) + 1
@@ -77,15 +79,3 @@ class Visuals:
                 color = self._color(material, where)
                 out.append(placed(label, *solid, origin(self.xml, element, where), color))
         return out
-
-    def _size(self, where: str, shape: Element) -> list[float]:
-        keys = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
-        if shape.tag not in keys:
-            self.xml.fail(where, unknown("shape", str(shape.tag), (*keys, "mesh")))
-        if shape.tag == "box":
-            size = list(self.xml.numbers(where, "box size", shape.get("size"), 3, None))
-        else:
-            size = [self.xml.number(where, f"{shape.tag} {k}", shape.get(k)) for k in keys[shape.tag]]
-        if min(size) <= 0:
-            self.xml.fail(where, f"{shape.tag} of size {min(size):g}: it must be positive")
-        return [float(s) for s in size]

@@ -72,10 +72,7 @@ class Bench:
         (folder / "still").mkdir()
         self.still = write_usd(weighed.mechanism, (), folder / "still")[0]
         self.cad: CadModel = replace(self.robot.cad, mechanism=self.robot.mechanism)
-        self.tolerances = Tolerances()
-        lost = max((f.size or 0.0 for f in self.cad.findings if f.code == "cad.placement_precision"), default=0.0)
-        if lost:
-            self.tolerances = self.tolerances.widened(10 * lost * 1e-6)
+        self.tolerances = Tolerances().widened(10 * self.cad.placement_loss)
 
     def _protocol_file(self, robot: api.Robot, protocol: str | None) -> Path:
         if protocol is not None and Path(protocol).suffix == ".toml":
@@ -88,7 +85,7 @@ class Bench:
         """Return a protocol planned in the steps of the bench."""
         paths = self.paths if robot is None else robot.path_kinematics()
         mechanism = (robot or self.robot).mechanism
-        return plan(protocol, paths, T_tool_frame=api.tool_frame(mechanism, protocol.frame), dt=STEP)
+        return plan(protocol, paths, T_tool_frame=mechanism.frame_in_tool(protocol.frame), dt=STEP)
 
     def written(self, mechanism: Mechanism, bound: Mechanism, folder: Path) -> Path:
         """Write the stage of a mechanism with the motion of the bench; return its root layer."""

@@ -20,6 +20,7 @@ from twin.errors import TwinError
 from twin.explaining.edits import edits, pool
 from twin.explaining.source import Edit, Source, patched
 from twin.kinematics.contract import Formula
+from twin.robots import load_formula
 from twin.selftest.fault import Fault
 
 KINDS: dict[str, tuple[str, ...]] = {
@@ -125,4 +126,5 @@ def with_formula(robot: api.Robot, path: Path) -> api.Robot:
     assert robot.files is not None
     out = api.Robot(dataclasses.replace(robot.files, formula=path), None, robot._variants, robot._parameters)
     out.cad = robot.cad
+    out.formula = load_formula(path, robot.name, lambda: robot.mechanism.driven, trial=True)
     return out

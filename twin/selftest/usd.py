@@ -281,9 +281,7 @@ def _rest(stage: Usd.Stage, rng: np.random.Generator) -> Made:
         a
         for b in _bodies(stage)
         for a in b.GetAuthoredAttributes()
-        if a.GetName().startswith("xformOp:translate")
-        and len(UsdPhysics.MassAPI(b).GetPath().pathString)
-        and _moves(stage, b)
+        if a.GetName().startswith("xformOp:translate") and _moves(stage, b)
     ]
     path, size = str(_some(found, rng).GetPath()), rng.uniform(0.2, 2.0) * MM
 

@@ -151,6 +151,11 @@ class Trajectory:
     findings: tuple[Finding, ...] = field(default=())
 
     @property
+    def step(self) -> float:
+        """Seconds between samples."""
+        return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
+
+    @property
     def duration(self) -> float:
         """Seconds from the first to the last sample."""
         return float(self.t[-1] - self.t[0])

@@ -24,9 +24,7 @@ def about_rcm(case: Case, out: Comparison, clock: Clock) -> None:
     run, trajectory, mechanism = out.driven, case.trajectory, case.cad.mechanism
     if run is None or any(r.consequence_of for r in out.residuals if r.quantity == "tool"):
         return
-    tool, frame = mechanism.frame(mechanism.tool), mechanism.frame(trajectory.frame)
-    T_tool_frame = spatial.inverse(tool.T_body_frame) @ frame.T_body_frame
-    Ts = run.Ts_base_tool @ T_tool_frame
+    Ts = run.Ts_base_tool @ mechanism.frame_in_tool(trajectory.frame)
     for span in trajectory.phases:
         if span.rcm is None:
             continue
@@ -128,8 +126,7 @@ def of_protocol(case: Case, out: Comparison) -> list[Finding]:
     clock = Clock(trajectory.t, summaries(trajectory))
     left = margins(trajectory, mechanism, case.paths, clock)
     out.facts["margins along the path"] = left | out.facts.get("margins along the path", {})
-    tool, frame = mechanism.frame(mechanism.tool), mechanism.frame(trajectory.frame)
-    ways, notes = fixes(case.protocol, trajectory, case.paths, spatial.inverse(tool.T_body_frame) @ frame.T_body_frame)
+    ways, notes = fixes(case.protocol, trajectory, case.paths, mechanism.frame_in_tool(trajectory.frame))
     if ways:
         out.facts["ways to keep the RCM"] = ways
     return [*said, *found, *notes]

@@ -1,9 +1,10 @@
-"""The shaft and the RCM between samples: how far it passes there, found by looking, and how far at most.
+"""The shaft and the RCM between samples: how far it passes there, found by looking, and about how far at most.
 
 Between samples the joints run on cubics through positions and speeds, as a controller takes them, and the mechanism
 carries the shaft. The vector from the RCM to the shaft is a smooth curve. Where its cubic through the samples is
 longest or bends most (in a coarse motion: everywhere) the mechanism itself is driven and the maximum measured; for the
-rest an eighth of the step squared times the curve's bend says what can hide between two samples.
+rest an eighth of the step squared times the curve's bend estimates what can hide between two samples: the bend is
+that of the samples, doubled, so that this is no proof.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin import spatial
 from twin.errors import AssemblyError
 from twin.findings import Finding
 from twin.reference import ReferenceModel
@@ -37,7 +37,7 @@ class Passage:
         phase: its name. enforced: whether the protocol enforces the RCM.
         at_samples: largest distance in m at a sample.
         between: largest distance in m that was measured between samples, and `t` when.
-        bound: m, by the bend of the curve no distance between samples is larger.
+        bound: m, estimate of the largest distance between any samples, by the bend of the curve.
         looked, intervals: in how many the mechanism was driven, and how many there are.
     """
 
@@ -65,16 +65,13 @@ def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
         model: the mechanism that carries the shaft.
         trajectory: its `q` and `qd` decide the motion.
     """
-    mechanism = model.mechanism
-    tool, frame = mechanism.frame(mechanism.tool), mechanism.frame(trajectory.frame)
-    T_tool_frame = spatial.inverse(tool.T_body_frame) @ frame.T_body_frame
     spans = [s for s in trajectory.phases if s.rcm is not None and s.stop > s.start]
     at = [_suspects(trajectory, s) for s in spans]
     if not spans:
         return []
     times = np.concatenate([np.add.outer(k, _INSIDE).ravel() for k in at])
     out, first = [], 0
-    Ts = _poses(model, trajectory, times) @ T_tool_frame
+    Ts = _poses(model, trajectory, times) @ model.mechanism.frame_in_tool(trajectory.frame)
     for span, k in zip(spans, at, strict=True):
         count = len(k) * len(_INSIDE)
         seen = Ts[first : first + count].reshape(len(k), len(_INSIDE), 4, 4)
@@ -93,7 +90,7 @@ def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
     d = np.gradient(e, axis=0)
     s = _INSIDE[:, None, None]
     a, b, m, n = e[:-1], e[1:], d[:-1], d[1:]
-    curve = a + s * (m + s * (3 * (b - a) - 2 * m - n + s * (2 * (a - b) + m + n)))
+    curve = _cubic(s, a, b, m, n)
     longest = np.linalg.norm(curve, axis=2).max(axis=0)
     # where it is long, and where it bends most: there the samples know least of it
     bend = np.zeros(len(longest))
@@ -105,15 +102,18 @@ def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
     return span.start + np.array(sorted(chosen))
 
 
+def _cubic(s: Array, a: Array, b: Array, m: Array, n: Array) -> Array:
+    """Return the cubic at s in 0..1 from a to b with slopes m and n."""
+    return a + s * (m + s * (3 * (b - a) - 2 * m - n + s * (2 * (a - b) + m + n)))
+
+
 def _poses(model: ReferenceModel, trajectory: Trajectory, x: Array) -> Array:
     """Return T_base_tool (k, 4, 4) of the mechanism at fractional samples x (k,), the joints on their cubics."""
     i = np.minimum(x.astype(int), len(trajectory.t) - 2)
     f = (x - i)[:, None]
-    step = float(trajectory.t[-1] - trajectory.t[0]) / (len(trajectory.t) - 1)
     a, b = trajectory.q[i], trajectory.q[i + 1]
-    m, n = step * trajectory.qd[i], step * trajectory.qd[i + 1]
-    q = a + f * (m + f * (3 * (b - a) - 2 * m - n + f * (2 * (a - b) + m + n)))
-    return model.run(q).Ts_base_tool
+    m, n = trajectory.step * trajectory.qd[i], trajectory.step * trajectory.qd[i + 1]
+    return model.run(_cubic(f, a, b, m, n)).Ts_base_tool
 
 
 def _passage(trajectory: Trajectory, span: PhaseSpan, at: Index, seen: Array) -> Passage:
@@ -126,7 +126,6 @@ def _passage(trajectory: Trajectory, span: PhaseSpan, at: Index, seen: Array) ->
     )
     i, j = np.unravel_index(int(np.argmax(inside)), inside.shape)
     size, where = _summit(inside[i], int(j))
-    step = float(trajectory.t[-1] - trajectory.t[0]) / (len(trajectory.t) - 1)
     # |e| <= the chord's longer end + h^2/8 |e''|; e'' from second differences at both ends, doubled where it switches
     bend = np.linalg.norm(np.diff(e, n=2, axis=0), axis=1) if len(e) > 2 else np.zeros(1)
     bend = np.pad(bend, 1, mode="edge")[: len(ends)]
@@ -137,7 +136,7 @@ def _passage(trajectory: Trajectory, span: PhaseSpan, at: Index, seen: Array) ->
         span.rcm_mode != "monitored",
         float(ends.max()),
         float(size),
-        float(trajectory.t[at[i]] + where * step),
+        float(trajectory.t[at[i]] + where * trajectory.step),
         float(max(bound.max(), size, 1e-12)),  # less is rounding
         len(at),
         len(ends) - 1,
@@ -175,7 +174,7 @@ def between_samples(
     for p in found:
         k = np.array([np.searchsorted(trajectory.t, p.t)])
         judged = p.enforced or p.at_samples <= tolerance
-        note = f"measured in {p.looked} of {p.intervals} intervals; by its bend nowhere more than {text(p.bound, 'm')}"
+        note = f"measured in {p.looked} of {p.intervals} intervals; by its bend an estimated {text(p.bound, 'm')}"
         name = f"{p.phase}, between samples"
         limit = tolerance if judged else None
         r = row("B", "rcm", name, "m", np.array([p.between]), limit, clock.at(k), note=note)

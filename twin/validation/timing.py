@@ -18,7 +18,7 @@ from twin.findings import Finding
 from twin.mechanism import Mechanism
 from twin.protocol import Protocol
 from twin.spatial import Array
-from twin.trajectory.model import PhaseSpan, Trajectory
+from twin.trajectory.model import Trajectory
 from twin.units import DEG, MM
 
 OVER = 2e-3
@@ -118,16 +118,12 @@ def _clock(trajectory: Trajectory) -> Iterator[Finding]:
         yield Finding("timing.phases", "disagreement", text, where=", ".join(s.name for s in spans))
 
 
-def _step(trajectory: Trajectory) -> float:
-    return float((trajectory.t[-1] - trajectory.t[0]) / (len(trajectory.t) - 1))
-
-
 def _phase(trajectory: Trajectory, sample: int) -> str:
     return next(s.name for s in trajectory.phases if sample <= s.stop)
 
 
 def _joints(trajectory: Trajectory, mechanism: Mechanism) -> Iterator[Load]:
-    q, dt = trajectory.q, _step(trajectory)
+    q, dt = trajectory.q, trajectory.step
     for order, name in ((1, "speed"), (2, "acceleration"), (3, "jerk")):
         if len(q) <= order:
             return
@@ -146,10 +142,11 @@ def _joints(trajectory: Trajectory, mechanism: Mechanism) -> Iterator[Load]:
 
 
 def _tip(trajectory: Trajectory, protocol: Protocol) -> Iterator[Load]:
-    dt = _step(trajectory)
+    dt = trajectory.step
     for span in trajectory.phases:
         limits = protocol.limits[span.type]
-        v, a, w, dw = _tip_rates(trajectory, span, dt)
+        v, w = _tip_speeds(trajectory, slice(span.start, span.stop + 1))
+        a, dw = np.diff(v, axis=0) / dt, np.diff(w, axis=0) / dt
         for code, values, limit, unit, factor in (
             ("timing.tip_speed", v, limits.tip_speed, "mm/s", MM),
             ("timing.tip_acceleration", a, limits.tip_acceleration, "mm/s2", MM),
@@ -166,18 +163,16 @@ def _tip(trajectory: Trajectory, protocol: Protocol) -> Iterator[Load]:
             yield Load(code, f"{what} in phase '{span.name}'", name, unit, size, limit / factor, t, span.name)
 
 
-def _tip_rates(trajectory: Trajectory, span: PhaseSpan, dt: float) -> tuple[Array, Array, Array, Array]:
-    """Return mean speeds and accelerations of the moved frame, and of its turning, from its poses in one phase."""
-    Ts = trajectory.Ts_base_frame[span.start : span.stop + 1]
+def _tip_speeds(trajectory: Trajectory, rows: slice) -> tuple[Array, Array]:
+    """Return mean velocities of the moved frame and of its turning (k - 1, 3) between its poses in k samples."""
+    Ts, dt = trajectory.Ts_base_frame[rows], trajectory.step
     R = Ts[:, :3, :3]
-    v = np.diff(Ts[:, :3, 3], axis=0) / dt
-    w = spatial.log_so3(R[1:] @ np.swapaxes(R[:-1], 1, 2)) / dt
-    return v, np.diff(v, axis=0) / dt, w, np.diff(w, axis=0) / dt
+    return np.diff(Ts[:, :3, 3], axis=0) / dt, spatial.log_so3(R[1:] @ np.swapaxes(R[:-1], 1, 2)) / dt
 
 
 def _rest(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> Iterator[Finding]:
     """See that phases begin and end at rest: nothing gets further in one step than its acceleration carries it."""
-    dt = _step(trajectory)
+    dt = trajectory.step
     for span in trajectory.phases:
         limits = protocol.limits[span.type]
         for here, there, verb in ((span.start, span.start + 1, "begins"), (span.stop, span.stop - 1, "ends")):
@@ -216,7 +211,7 @@ def _claims(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) ->
     The mean of the stated speeds at both ends of a step is the mean speed in it but for what the acceleration does in
     between: with a limit a it is at most a dt/4 off (from one limit to the other in the middle of the step).
     """
-    dt = _step(trajectory)
+    dt = trajectory.step
     for j, joint in enumerate(mechanism.active):
         if joint.max_acceleration is None:
             continue
@@ -230,18 +225,10 @@ def _claims(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) ->
     for span in trajectory.phases:
         limits = protocol.limits[span.type]
         rows = slice(span.start + (1 if span.start else 0), span.stop + 1)  # the shared sample is the earlier phase's
-        Ts = trajectory.Ts_base_frame[rows]
-        R = Ts[:, :3, :3]
+        v, w = _tip_speeds(trajectory, rows)
         for name, mean, given, most, unit, factor in (
-            ("tip", np.diff(Ts[:, :3, 3], axis=0) / dt, trajectory.tip_velocity, limits.tip_acceleration, "mm/s", MM),
-            (
-                "turning",
-                spatial.log_so3(R[1:] @ np.swapaxes(R[:-1], 1, 2)) / dt,
-                trajectory.angular_velocity,
-                limits.rotation_acceleration,
-                "deg/s",
-                DEG,
-            ),
+            ("tip", v, trajectory.tip_velocity, limits.tip_acceleration, "mm/s", MM),
+            ("turning", w, trajectory.angular_velocity, limits.rotation_acceleration, "deg/s", DEG),
         ):
             if not len(mean):
                 continue
@@ -269,7 +256,7 @@ def _claim(trajectory: Trajectory, what: str, where: str, sample: int, size: flo
 
 def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
     """Return the most loaded of each kind, in words."""
-    out = {"computed from": f"{len(trajectory.t)} samples {1e3 * _step(trajectory):g} ms apart, positions alone"}
+    out = {"computed from": f"{len(trajectory.t)} samples {1e3 * trajectory.step:g} ms apart, positions alone"}
     for code in dict.fromkeys(x.code for x in loads):
         alike = [x for x in loads if x.code == code]
         most = max(alike, key=lambda x: x.size / x.limit if np.isfinite(x.limit) else 0.0)

@@ -64,7 +64,7 @@ def append_phase(
         protocol: trajectories/<robot>/<protocol>.toml.
         name: identifier of the waypoint and of the phase.
         T_base_tool: (4, 4) pose of the tool to go to.
-        T_tool_frame: (4, 4) pose in the tool of the frame that the protocol moves; see `twin.api.tool_frame`.
+        T_tool_frame: (4, 4) pose in the tool of the frame that the protocol moves; see `Mechanism.frame_in_tool`.
         note: why there; goes into the file.
 
     Raises:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import viser
 
-from twin.api import tool_frame
 from twin.errors import TwinError
 from twin.live.session import Session
 from twin.viewer.keep import append_phase, save_posture
@@ -113,6 +112,6 @@ class RecordPanel:
         robot, a = self.actor.desk.robot, self.actor
         assert robot.files is not None
         protocol = robot.protocol(a.playback.protocol if a.playback is not None else None)
-        T_tool_frame = tool_frame(a.desk.mechanism, protocol.frame)
+        T_tool_frame = a.desk.mechanism.frame_in_tool(protocol.frame)
         append_phase(robot.files.protocol(protocol.name), self._name.value, a.desk.assembly.T_base_tool, T_tool_frame)
         self.front.say(f"phase '{self._name.value}' written into {protocol.name}.toml: load the protocol again")
