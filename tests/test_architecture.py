@@ -14,11 +14,23 @@ ROOT = Path(__file__).parents[1]
 SOURCES = sorted((ROOT / "twin").rglob("*.py"))
 
 MOST_LINES = 400
-LONGER = {"twin/api.py": (440, "the public facade is one file, and half of it is documentation")}
+LONGER = {"twin/api.py": (450, "the public facade is one file, and half of it is documentation")}
 """Files that may be longer, how long, and why."""
 
 HEAVY = {
-    *("casadi", "pinocchio", "pxr", "trimesh", "cascadio", "toppra", "matplotlib", "viser", "coal", "scipy"),
+    *(
+        "casadi",
+        "pinocchio",
+        "pxr",
+        "trimesh",
+        "cascadio",
+        "toppra",
+        "matplotlib",
+        "viser",
+        "coal",
+        "scipy",
+        "llvmlite",
+    ),
     *("numpy", "pydantic", "jinja2", "rich", "tomlkit"),
 }
 

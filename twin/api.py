@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from twin.exporting.bundle import Bundle
     from twin.exporting.clip import Budget
     from twin.kinematics import Formula, Kinematics, Solution, Task
+    from twin.loops import LoopSolver
     from twin.mechanism import Mechanism
     from twin.protocol import Protocol
     from twin.reference import ReferenceModel
@@ -112,6 +113,13 @@ class Robot:
         from twin.robots import load_formula
 
         return load_formula(assets.equations(self.files, self.name), self.name, lambda: self.mechanism.driven)
+
+    @cached_property
+    def loops(self) -> LoopSolver:
+        """The mechanism's own forward kinematics, loops closed by compiled code: `forward(q)`, `forward_many(qs)`."""
+        from twin.loops import LoopSolver
+
+        return LoopSolver(self.mechanism)
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ import threading
 import traceback
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -15,6 +15,12 @@ from twin.errors import KinematicsError, unknown
 from twin.kinematics import symbolic
 from twin.kinematics.contract import POSE_SYMBOL, Equation, Formula, Rows, Stage, arguments
 from twin.spatial import Array
+
+if TYPE_CHECKING:
+    from twin.compiled import Kernel
+
+_MANY = 20_000
+"""Rows from which a kernel is worth compiling."""
 
 _BLOCK = 256
 """Samples that one mapped call evaluates; larger blocks are no faster and cost more for small batches."""
@@ -177,7 +183,7 @@ def _where(error: BaseException, function: Rows) -> str:
 
 
 class Evaluator:
-    """A compiled function of one vector, called on single vectors by buffer or on batches in blocks.
+    """A compiled function of one vector, called on single vectors by buffer, on batches in blocks or by a kernel.
 
     `Function.buffer()` leaves out CasADi's argument handling, some 30 times the cost of a small function.
     A lock guards the buffers: a viewer calls from several threads.
@@ -203,6 +209,16 @@ class Evaluator:
             return self._out.reshape(self.shape).copy()
 
     @cached_property
+    def _kernel(self) -> Kernel | None:
+        from twin import compiled
+
+        stage = compiled.Stage(self.function, ("z",), ("out",))
+        try:
+            return compiled.Kernel([stage], {"z": self._in.size}, ["out"])
+        except ValueError:  # a rootfinder, or an operation that no kernel has: CasADi does it
+            return None
+
+    @cached_property
     def _mapped(self) -> tuple:
         function = self.function.map(_BLOCK)
         inputs, outputs = np.zeros((_BLOCK, self._in.size)), np.zeros((_BLOCK, self._out.size))
@@ -214,6 +230,8 @@ class Evaluator:
     def many(self, Z: Array) -> Array:
         """Return the values (k, *shape) at the rows of Z (k, n)."""
         k = len(Z)
+        if k >= _MANY and self._out.size and self._kernel is not None:
+            return self._kernel(np.ascontiguousarray(np.asarray(Z, float).T))[0].T.reshape(k, *self.shape)
         result = np.zeros((k, self._out.size))
         if k <= 16:
             for i in range(k):

@@ -1,0 +1,284 @@
+"""Compiled kernels answer as CasADi does: every operation, NaN where it is NaN, any number of samples and threads."""
+
+from __future__ import annotations
+
+import os
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twin.compiled import Kernel, Stage, machine
+from twin.compiled.lower import lowered
+
+a, b = ca.SX.sym("a"), ca.SX.sym("b")
+
+OPERATIONS = {
+    "add": a + b,
+    "sub": a - b,
+    "mul": a * b,
+    "div": a / b,
+    "neg": -a,
+    "sq": a * a,
+    "twice": 2 * a,
+    "inv": 1 / a,
+    "sqrt": ca.sqrt(a),
+    "fabs": ca.fabs(a),
+    "floor": ca.floor(a),
+    "ceil": ca.ceil(a),
+    "sign": ca.sign(a),
+    "copysign": ca.copysign(a, b),
+    "fmin": ca.fmin(a, b),
+    "fmax": ca.fmax(a, b),
+    "sin": ca.sin(a),
+    "cos": ca.cos(a),
+    "tan": ca.tan(a),
+    "asin": ca.asin(a),
+    "acos": ca.acos(a),
+    "atan": ca.atan(a),
+    "atan2": ca.atan2(a, b),
+    "sin of atan2": ca.sin(ca.atan2(a, b)),
+    "cos of atan2": ca.cos(ca.atan2(a, b)),
+    "hypot": ca.hypot(a, b),
+    "exp": ca.exp(a),
+    "log": ca.log(a),
+    "pow": a**b,
+    "constpow": a**2.5,
+    "sinh": ca.sinh(a),
+    "cosh": ca.cosh(a),
+    "tanh": ca.tanh(a),
+    "lt": a < b,
+    "le": a <= b,
+    "eq": a == b,
+    "ne": a != b,
+    "not": ca.logic_not(a > 0),
+    "and": ca.logic_and(a > 0, b > 0),
+    "or": ca.logic_or(a > 0, b > 0),
+    "if_else": ca.if_else(a > b, a, 3.0),
+}
+
+BY_SQUARES = ("hypot", "sin of atan2", "cos of atan2")
+ODD = [0.0, -0.0, 1.0, -1.0, np.nan, np.pi, -np.pi / 2, 1e-300, 1e6, -1e6, 0.5, 2.0]
+
+
+def both(function: ca.Function, X: np.ndarray, **more) -> tuple[np.ndarray, np.ndarray]:
+    kernel = Kernel([Stage(function, ("x",), ("y",))], {"x": len(X)}, ["y"], **more)
+    with np.errstate(all="ignore"):
+        expected = np.array(function.map(X.shape[1])(X))
+    return kernel(X)[0], expected
+
+
+@pytest.mark.parametrize("single", [True, False])
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_operation_is_what_casadi_computes(name, single):
+    rng = np.random.default_rng(3)
+    grid = np.array(np.meshgrid(ODD, ODD)).reshape(2, -1)
+    X = np.concatenate(
+        [grid, rng.normal(size=(2, 500)), rng.uniform(-1, 1, (2, 300)), rng.normal(size=(2, 99)) * 50], 1
+    )
+    if name in BY_SQUARES:  # whose squares vanish
+        X = X[:, (np.abs(X) != 1e-300).all(axis=0)]
+    function = ca.Function("f", [ca.vertcat(a, b)], [OPERATIONS[name]])
+    out, expected = both(function, X, single=single)
+    assert np.array_equal(np.isnan(out), np.isnan(expected))
+    good = np.isfinite(expected)
+    assert np.array_equal(out[np.isinf(expected)], expected[np.isinf(expected)])
+    assert np.abs(out[good] - expected[good]).max() <= 1e-12
+    scale = np.maximum(np.abs(expected[good]), 1e-3 if "sin" in name or "cos" in name or name == "tan" else 1e-300)
+    assert (np.abs(out[good] - expected[good]) / scale).max() <= 1e-12
+
+
+def test_operations_are_all_of_casadis_instructions_that_formulas_use():
+    for name, expression in OPERATIONS.items():
+        f = ca.Function("f", [ca.vertcat(a, b)], [expression])
+        assert f.n_instructions() > 2, name
+    assert set(lowered()) >= {ca.OP_ATAN2, ca.OP_ASIN, ca.OP_ACOS, ca.OP_ATAN, ca.OP_TAN}
+
+
+@pytest.mark.parametrize("size", [1e3, 1e6, 9e8])
+def test_sine_of_large_arguments(size):
+    X = np.random.default_rng(0).uniform(-size, size, (1, 4000))
+    out, _ = both(ca.Function("f", [a], [ca.vertcat(ca.sin(a), ca.cos(a))]), X)
+    assert np.abs(out - [np.sin(X[0]), np.cos(X[0])]).max() <= 4e-16
+
+
+def test_sine_beyond_meaning_is_nan():
+    out, _ = both(ca.Function("f", [a], [ca.sin(a)]), np.array([[1e10, np.inf, -np.inf, np.nan]]))
+    assert np.isnan(out).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=70))
+def test_any_number_of_samples(values):
+    X = np.array([values])
+    out, expected = both(ca.Function("f", [a], [ca.vertcat(3 * a, a - 1)]), X)
+    assert np.array_equal(out, expected)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 7, None])
+def test_threads_change_nothing(threads):
+    X = np.random.default_rng(1).normal(size=(2, 20_011))
+    function = ca.Function("f", [ca.vertcat(a, b)], [ca.vertcat(ca.atan2(a, b), ca.sin(a) * b)])
+    kernel = Kernel([Stage(function, ("x",), ("y",))], {"x": 2}, ["y"])
+    assert np.array_equal(kernel(X, threads=threads)[0], kernel(X, threads=1)[0])
+
+
+def root() -> Stage:
+    """Newton's method for the square root of p, from x."""
+    new = 0.5 * (a + b / a)
+    return Stage(ca.Function("step", [a, b], [new, ca.fabs(new - a)]), ("x", "p"), ("x", "error"), 60, 1e-12)
+
+
+@pytest.mark.parametrize("single", [True, False])
+def test_repeated_stage_ends_when_every_lane_has_converged(single):
+    P = np.random.default_rng(2).uniform(1e-3, 1e6, (1, 1001))
+    kernel = Kernel([root()], {"p": 1, "x": 1}, ["x", "error"], single=single)
+    x, error = kernel(P, np.ones_like(P))
+    assert np.abs(x / np.sqrt(P) - 1).max() < 1e-15
+    assert error.max() <= 1e-12
+
+
+def test_repeated_stage_ends_with_nan_and_after_its_limit():
+    kernel = Kernel([root()], {"p": 1, "x": 1}, ["x"])
+    (x,) = kernel(np.array([[np.nan, 4.0, -1.0]]), np.array([[1.0, 1.0, 1.0]]))
+    assert np.isnan(x[0, 0])
+    assert x[0, 1] == 2.0
+
+
+def test_stages_hand_on_by_name():
+    square = Stage(ca.Function("square", [a], [a * a]), ("p",), ("s",))
+    twice = Stage(ca.Function("twice", [a, b], [a + b, a - b]), ("s", "p"), ("sum", "difference"))
+    kernel = Kernel([square, twice], {"p": 1}, ["difference", "sum"])
+    difference, total = kernel(np.array([[1.0, 2.0, 3.0]]))
+    assert difference.tolist() == [[0.0, 2.0, 6.0]]
+    assert total.tolist() == [[2.0, 6.0, 12.0]]
+
+
+def test_carry_is_taken_over_from_sample_to_sample():
+    stage = Stage(ca.Function("sum", [a, b], [a + b, a]), ("total", "x"), ("total", "before"))
+    kernel = Kernel([stage], {"x": 1}, ["total", "before"], carried={"total": 1})
+    carry = np.array([100.0])
+    total, before = kernel(np.arange(1.0, 6.0)[None], carry=carry)
+    assert total.tolist() == [[101.0, 103.0, 106.0, 110.0, 115.0]]
+    assert before.tolist() == [[100.0, 101.0, 103.0, 106.0, 110.0]]
+    assert carry.tolist() == [115.0]
+
+
+def test_what_cannot_be_compiled_is_named():
+    function = ca.Function("gauss", [a], [ca.erf(a)])
+    with pytest.raises(ValueError, match="function 'gauss': CasADi's operation"):
+        Kernel([Stage(function, ("x",), ("y",))], {"x": 1}, ["y"])
+
+
+def test_arrays_of_another_shape_are_refused():
+    kernel = Kernel([root()], {"p": 1, "x": 1}, ["x"])
+    with pytest.raises(ValueError, match=r"'x' has shape \(2, 3\), not \(1, 3\)"):
+        kernel(np.ones((1, 3)), np.ones((2, 3)))
+    with pytest.raises(ValueError, match="1 arrays for p, x"):
+        kernel(np.ones((1, 3)))
+
+
+# -- the cache -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    return tmp_path / "twin" / "kernels"
+
+
+def compile_one(factor: float = 3.0) -> float:
+    function = ca.Function("f", [a], [factor * a])
+    return float(Kernel([Stage(function, ("x",), ("y",))], {"x": 1}, ["y"])(np.ones((1, 1)))[0][0, 0])
+
+
+def test_kernel_is_compiled_once(cache, monkeypatch):
+    assert compile_one() == 3.0
+    monkeypatch.setattr(machine, "_code", lambda *_: pytest.fail("compiled again"))
+    assert compile_one() == 3.0
+    assert len(list(cache.iterdir())) == 1
+    assert cache.stat().st_mode & 0o777 == 0o700
+
+
+def test_other_numbers_are_another_kernel(cache):
+    assert (compile_one(3.0), compile_one(4.0)) == (3.0, 4.0)
+    assert len(list(cache.glob("*.o"))) == 2
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda d: d[: len(d) // 2], lambda d: d[:-1] + b"\x00", lambda d: b"", lambda d: d[::-1]]
+)
+def test_damaged_file_is_compiled_anew(cache, damage):
+    compile_one()
+    (file,) = cache.glob("*.o")
+    whole = file.read_bytes()
+    file.write_bytes(damage(whole))
+    assert compile_one() == 3.0
+    assert len(file.read_bytes()) == len(whole)
+
+
+@pytest.mark.parametrize("which", ["file", "folder"])
+def test_what_others_may_write_is_not_loaded(cache, which, monkeypatch):
+    compile_one()
+    (file,) = cache.glob("*.o")
+    (file if which == "file" else cache).chmod(0o777)
+    done = []
+    code = machine._code
+    monkeypatch.setattr(machine, "_code", lambda *x: done.append(1) or code(*x))
+    assert compile_one() == 3.0
+    assert done
+
+
+def test_cache_that_cannot_be_written_is_no_error(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert compile_one() == 3.0
+
+
+def test_cache_keeps_the_newest(cache, monkeypatch):
+    monkeypatch.setattr(machine, "_CACHED", 3)
+    for i in range(6):
+        compile_one(i + 1.5)
+        for k, file in enumerate(sorted(cache.glob("*.o"), key=lambda p: p.stat().st_mtime)):
+            os.utime(file, (k, k))
+    assert len(list(cache.glob("*.o"))) == 4
+
+
+# -- formulas of robots ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["sils", "sher", "pa10", "lapbot", "hibou"])
+def test_formulas_give_the_same_in_many_rows_and_in_few(name, monkeypatch):
+    import twin
+    from twin import spatial
+    from twin.kinematics import flow
+
+    rng = np.random.default_rng(5)
+    robot = twin.load(name)
+    kin = robot.kinematics()
+    T = spatial.pose(spatial.exp_so3(rng.uniform(-0.8, 0.8, (500, 3))), rng.uniform(-0.3, 0.3, (500, 3)))
+    rows = T.reshape(-1, 16) if kin.closed_inverse else rng.uniform(-2, 2, (500, len(kin.joints)))
+    program = kin.program
+    evaluators = [program.points, *program.group.values()]
+    evaluators += [program.inverse, program.inverse_jacobian] if kin.closed_inverse else []
+    evaluators += [program.forward, program.forward_jacobian] if kin.closed_forward and not kin.closed_inverse else []
+    for evaluator in evaluators:
+        few = evaluator.many(rows)
+        monkeypatch.setattr(flow, "_MANY", 10)
+        many = evaluator.many(rows)
+        monkeypatch.undo()
+        assert np.array_equal(np.isnan(few), np.isnan(many)), evaluator.name
+        flat, difference = np.abs(few).reshape(500, -1), np.abs(many - few).reshape(500, -1)
+        if flat.size:  # near a singularity large terms cancel: of each row the largest number counts
+            most = np.max(np.where(np.isfinite(flat), flat, 0), axis=1, keepdims=True)
+            assert np.nanmax(difference / np.maximum(most, 1)) < 1e-12, evaluator.name
+        assert evaluator._out.size == 0 or evaluator._kernel is not None
+
+
+def test_rootfinders_are_left_to_casadi():
+    import twin
+
+    newton = twin.load("sils").kinematics().program.newton
+    assert newton._kernel is None
