@@ -166,6 +166,27 @@ def test_carry_is_taken_over_from_sample_to_sample():
     assert carry.tolist() == [115.0]
 
 
+def test_results_go_where_they_are_wanted():
+    kernel = Kernel([root()], {"p": 1, "x": 1}, ["x", "error"])
+    P = np.random.default_rng(4).uniform(1, 9, (1, 1003))
+    x, error = np.zeros((1, 1003)), np.zeros((1, 1003))
+    given = kernel(P, np.ones_like(P), out=(x, error))
+    assert given[0] is x
+    assert np.array_equal(x, kernel(P, np.ones_like(P))[0])
+    for wrong in (x[:, 1:], x.astype(np.float32), np.zeros((1, 2006))[:, ::2], np.broadcast_to(0.0, x.shape)):
+        with pytest.raises(ValueError, match=r"out for 'x' is no contiguous float64 array of shape \(1, 1003\)"):
+            kernel(P, np.ones_like(P), out=(wrong, error))
+
+
+@pytest.mark.parametrize("divisor", [3.0, -0.1, 1e-320, np.inf, 0.0, -0.0, np.nan, 1e308])
+def test_division_by_a_number(divisor):
+    function = ca.Function("f", [a], [a / ca.SX(divisor)])
+    out, expected = both(function, np.array([ODD]))
+    assert np.array_equal(np.isnan(out), np.isnan(expected))
+    assert np.array_equal(np.signbit(out), np.signbit(expected)) or divisor != divisor
+    np.testing.assert_allclose(out, expected, rtol=3e-16)
+
+
 def test_what_cannot_be_compiled_is_named():
     function = ca.Function("gauss", [a], [ca.erf(a)])
     with pytest.raises(ValueError, match="function 'gauss': CasADi's operation"):

@@ -30,7 +30,7 @@ _INTRINSIC = {
     **{ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_TANH: "tanh"},
 }
 
-_HALF_PI = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591833e-33)
+_HALF_PI = (1.5707963267948966, 6.123233995736766e-17)
 """A right angle as a sum of doubles."""
 
 _SINE = (
@@ -113,6 +113,7 @@ class _Writer:
             raise ValueError(f"function '{function.name()}' is no CasADi function of scalars (SX)")
         V, one, zero = self.V, self.constant(1.0), self.constant(0.0)
         at: dict[int, str] = {}
+        fixed: dict[str, float] = {}
         out = [[zero] * function.numel_out(i) for i in range(function.n_out())]
         sines: dict[str, tuple[str, str]] = {}
         angles: dict[str, tuple[str, str]] = {}
@@ -125,10 +126,15 @@ class _Writer:
                 at[o[0]] = arguments[i[0]][i[1]]
                 continue
             if op == ca.OP_CONST:
-                at[o[0]] = self.constant(function.instruction_constant(k))
+                number = function.instruction_constant(k)
+                at[o[0]] = self.constant(number)
+                fixed[at[o[0]]] = number
                 continue
             a = [at[j] for j in i]
-            if op in _ARITHMETIC:
+            if op == ca.OP_DIV and _invertible(fixed.get(a[1], 0.0)):
+                # a division costs ten products, and rounds half a unit less
+                done = self.put(f"fmul contract {V} {a[0]}, {self.constant(1 / fixed[a[1]])}")
+            elif op in _ARITHMETIC:
                 done = self.put(f"{_ARITHMETIC[op]} {V} {a[0]}, {a[1]}")
             elif op in (ca.OP_SQ, ca.OP_TWICE):
                 done = self.put(f"{'fmul' if op == ca.OP_SQ else 'fadd'} contract {V} {a[0]}, {a[0]}")
@@ -174,7 +180,8 @@ class _Writer:
         square = self.put(f"fadd contract {V} {self.put(f'fmul {V} {x}, {x}')}, {self.put(f'fmul {V} {y}, {y}')}")
         length = self.intrinsic("sqrt", square)
         nowhere = self.put(f"fcmp oeq {V} {length}, {self.constant(0.0)}")  # the angle is 0 there, or half a turn
-        cosine, sine = (self.put(f"fdiv {V} {c}, {length}") for c in (x, y))
+        inverse = self.put(f"fdiv {V} {self.constant(1.0)}, {length}")
+        cosine, sine = (self.put(f"fmul {V} {c}, {inverse}") for c in (x, y))
         end = self.intrinsic("copysign", self.constant(1.0), x)
         return self.choose(nowhere, self.constant(0.0), sine), self.choose(nowhere, end, cosine)
 
@@ -191,7 +198,8 @@ def _sines(width: int) -> _Writer:
     V, integers, c = w.V, w.I, w.constant
     shifted = w.intrinsic("fma", "%x", c(2 / 3.141592653589793), c(_ROUND))
     minus = w.put(f"fneg {V} {w.put(f'fsub {V} {shifted}, {c(_ROUND)}')}")
-    r = "%x"
+    found = w.put(f"fcmp olt {V} {w.intrinsic('fabs', '%x')}, {c(_TURNS)}")
+    r = w.choose(found, "%x", c(float("nan")))
     for part in _HALF_PI:
         r = w.intrinsic("fma", minus, c(part), r)
     z = w.put(f"fmul {V} {r}, {r}")
@@ -200,14 +208,13 @@ def _sines(width: int) -> _Writer:
     cosine = w.intrinsic("fma", w.polynomial(_COSINE, z), w.put(f"fmul {V} {z}, {z}"), start)
     bits = w.put(f"bitcast {V} {shifted} to {integers}")
     odd = w.put(f"icmp ne {integers} {w.put(f'and {integers} {bits}, {w.integer(1)}')}, {w.integer(0)}")
-    found = w.put(f"fcmp olt {V} {w.intrinsic('fabs', '%x')}, {c(_TURNS)}")
     both = "undef"
     for i, value in enumerate((w.choose(odd, cosine, sine), w.choose(odd, sine, cosine))):
         # bit 1 of the quadrant (of the next one for the cosine) is the sign
         turned = w.put(f"shl {integers} {w.put(f'add {integers} {bits}, {w.integer(i)}')}, {w.integer(62)}")
         sign = w.put(f"and {integers} {turned}, {w.integer(-(2**63))}")
         signed = w.put(f"xor {integers} {w.put(f'bitcast {V} {value} to {integers}')}, {sign}")
-        value = w.choose(found, w.put(f"bitcast {integers} {signed} to {V}"), c(float("nan")))
+        value = w.put(f"bitcast {integers} {signed} to {V}")
         both = w.put(f"insertvalue {{{V}, {V}}} {both}, {V} {value}, {i}")
     w.line(f"ret {{{V}, {V}}} {both}")
     w.lines = [f"define internal {{{V}, {V}}} @sines({V} %x) alwaysinline nounwind {{", *w.lines, "}"]
@@ -280,6 +287,11 @@ def emit(
         *("exit:", *end, "  ret void", "}"),
     ]
     return "\n".join(text), {n: len(known[n]) for n in outputs}
+
+
+def _invertible(x: float) -> bool:
+    """Return whether a product with 1 / x is a division by x but for rounding."""
+    return x != 0 and 1e-300 < abs(x) < 1e300
 
 
 def _pointer(kind: str, number: int) -> list[str]:

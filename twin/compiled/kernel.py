@@ -58,13 +58,23 @@ class Kernel:
         text, self.outputs = emit(stages, inputs, outputs, self._width, self._carried)
         self._call, self._alive = compiled(text)
 
-    def __call__(self, *arrays: Array, carry: Array | None = None, threads: int | None = None) -> tuple[Array, ...]:
+    def __call__(
+        self,
+        *arrays: Array,
+        carry: Array | None = None,
+        threads: int | None = None,
+        out: Sequence[Array] | None = None,
+    ) -> tuple[Array, ...]:
         """Return an array (numbers, k) for each output.
 
         Args:
             arrays: (numbers, k) float64 in the order of `inputs`; samples along the last axis.
             carry: what the first sample takes over; afterwards what the last one left.
             threads: at most so many; default as many as there are processors.
+            out: arrays (numbers, k) float64 that are filled and returned: fresh memory costs as much as a small kernel.
+
+        Raises:
+            ValueError: an array has another shape, or one of `out` cannot be filled.
         """
         if len(arrays) != len(self.inputs):
             raise ValueError(f"{len(arrays)} arrays for {', '.join(self.inputs)}")
@@ -74,7 +84,11 @@ class Kernel:
             if a.shape != (count, k):
                 raise ValueError(f"'{name}' has shape {a.shape}, not {(count, k)}")
             given.append(np.ascontiguousarray(a, np.float64))
-        results = tuple(np.zeros((count, k)) for count in self.outputs.values())
+        shapes = {name: (count, k) for name, count in self.outputs.items()}
+        results = tuple(np.zeros(shape) for shape in shapes.values()) if out is None else tuple(out)
+        for (name, shape), a in zip(shapes.items(), results, strict=True):
+            if a.shape != shape or a.dtype != np.float64 or not (a.flags.c_contiguous and a.flags.writeable):
+                raise ValueError(f"out for '{name}' is no contiguous float64 array of shape {shape}")
         whole = k - k % self._width
         self._run(given, results, 0, whole, carry, threads)
         if whole < k:  # the last few, in a vector of their own
@@ -132,5 +146,5 @@ class Kernel:
 
 
 def _pointers(arrays: Sequence[Array]) -> ctypes.Array:
-    rows = [a.ctypes.data + i * a.strides[0] for a in arrays for i in range(len(a))]
+    rows = [at + i * a.strides[0] for a in arrays for at in (a.ctypes.data,) for i in range(len(a))]
     return (ctypes.c_void_p * max(1, len(rows)))(*rows)
