@@ -16,7 +16,9 @@ from twin.compiled.machine import compiled, lanes
 from twin.spatial import Array
 
 _CHUNK = 4096
-"""Samples that a thread takes at once: microseconds to milliseconds of work, a few hundred KB of memory."""
+"""Samples that are worth a thread: a hundred microseconds of work and more."""
+_PIECES = 4
+"""Pieces of work for each processor, should one be busy with something else. Each costs a turn of Python's lock."""
 
 
 @cache
@@ -139,7 +141,7 @@ class Kernel:
             self._call(begin, end, ins, outs, start)
             return
         bounds = [*range(begin, end, _CHUNK), end]
-        share = max(1, -(-(len(bounds) - 1) // (threads or 10**9)))
+        share = -(-(len(bounds) - 1) // (threads or _PIECES * len(os.sched_getaffinity(0))))
         pieces = [(bounds[i], bounds[min(i + share, len(bounds) - 1)]) for i in range(0, len(bounds) - 1, share)]
         # ctypes lets other threads run meanwhile
         list(_pool().map(lambda piece: self._call(*piece, ins, outs, None), pieces))

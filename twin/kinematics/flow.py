@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -187,6 +187,9 @@ class Evaluator:
 
     `Function.buffer()` leaves out CasADi's argument handling, some 30 times the cost of a small function.
     A lock guards the buffers: a viewer calls from several threads.
+
+    Attributes:
+        one: returns the value, of the declared shape, at one vector z.
     """
 
     def __init__(self, name: str, z: Any, out: Any, shape: tuple[int, ...] = ()) -> None:
@@ -200,13 +203,19 @@ class Evaluator:
         if self._out.size:
             self._buffer.set_arg(0, self._in.data)  # pyright: ignore[reportCallIssue]
             self._buffer.set_res(0, self._out.data)  # pyright: ignore[reportCallIssue]
+        self.one = self._caller()
 
-    def one(self, z: Array) -> Array:
-        """Return the value, of the declared shape, at one vector z."""
-        with self._lock:
-            self._in[:] = z
-            self._trigger()
-            return self._out.reshape(self.shape).copy()
+    def _caller(self) -> Callable[[Array], Array]:
+        # Names of its own: to look them up on the object would cost as much as the function itself.
+        lock, given, trigger, value = self._lock, self._in, self._trigger, self._out.reshape(self.shape)
+
+        def one(z: Array) -> Array:
+            with lock:
+                given[:] = z
+                trigger()
+                return value.copy()
+
+        return one
 
     @cached_property
     def _kernel(self) -> Kernel | None:
