@@ -1,29 +1,25 @@
-"""Tip and trocar of the PA-10 against peers, interleaved in one process; those that are not installed are left out.
+"""Tip and trocar of the PA-10 from random starts: time per success.
 
-    python tests/benchmarks/trocar_peers.py        (peers: roboticstoolbox-python, pin-pink with daqp, mink, drake)
-
-Peers but Drake have no trocar task: they get the full pose of a solution, harder on redundancy, easier on the side.
-A success keeps the joint limits and misses by less than 1e-6 m and rad; time is counted per success. Not a test.
+Peers but scipy and Drake have no trocar task: they get the full pose of a solution, harder on redundancy, easier on the
+side. A success keeps the joint limits and misses by less than 1e-6 m and rad.
 """
 
 from __future__ import annotations
 
-import os
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-import importlib.util
 from collections.abc import Callable
 from typing import Any
 
+import casadi as ca
 import numpy as np
-from race import race
+from race import Contender, Effort, Table, installed, race
 
 from twin.kinematics import Tip, Trocar, compile_formula, solve
+from twin.kinematics.flow import Evaluator
 from twin.kinematics.srs import SrsArm
+from twin.kinematics.tasks import residual
 from twin.robots import load_formula
 
-ROUNDS, COUNT, STEPS, TOLERANCE = 5, 40, 100, 1e-6
+COUNT, STEPS, TOLERANCE = 40, 100, 1e-6
 HALF = np.radians([177, 94, 174, 137, 255, 165, 255])
 LIMITS = np.stack([-HALF, HALF], axis=1)
 AXES, LENGTHS = "zyzyzyz", (0, 0, 0.45, 0, 0.48, 0, 0.40)
@@ -192,16 +188,83 @@ def pydrake() -> Callable[[], int]:
     return run
 
 
-def main() -> None:
-    """Run all that are installed in turns and print time per success."""
-    contenders = {"closed form": closed(), "general solver of twin": general()}
-    for name, make in (("roboticstoolbox", roboticstoolbox), ("pink", pink), ("mink", mink), ("pydrake", pydrake)):
-        if importlib.util.find_spec(name) is None:
-            print(f"{name} is not installed: left out")
-        else:
-            contenders[f"{name} ({(make.__doc__ or '').split(':')[0].split(',')[0]})"] = make()
-    race("tip and trocar", contenders, rounds=ROUNDS, tries=COUNT)
+def scipy_exact() -> Callable[[], int]:
+    """Levenberg-Marquardt of scipy, exact Jacobian, one start."""
+    from scipy.optimize import least_squares
+
+    # What its user would compile; padded, since 'lm' wants as many rows as unknowns.
+    z = ca.SX.sym("z", 13)
+    T, q = KIN.program.around(ca.SX.zeros(7), z[:7])
+    rows = ca.vertcat(
+        residual("tip", (0, 1, 2), T, q, ca.vertcat(z[7:10], ca.SX.zeros(3))),
+        residual("trocar", (0, 1, 2), T, q, ca.vertcat(z[10:13], 0, 0, 1, ca.SX.zeros(3))),
+        0,
+    )
+    value, derivative = Evaluator("r", z, rows), Evaluator("J", z, ca.jacobian(rows, z[:7]), (7, 7))
+
+    def run() -> int:
+        done = 0
+        for (tip, trocar), q0 in zip(PROBLEMS, STARTS, strict=True):
+            target = np.concatenate([tip, trocar])
+            found = least_squares(
+                lambda q, target=target: value.one(np.concatenate([q, target])),
+                q0,
+                lambda q, target=target: derivative.one(np.concatenate([q, target])),
+                method="lm",
+                xtol=1e-14,
+                ftol=1e-14,
+            )
+            done += _within(found)
+        return done
+
+    return run
 
 
-if __name__ == "__main__":
-    main()
+def scipy_plain() -> Callable[[], int]:
+    """What is written down first for scipy: a residual in numpy, differences for its derivative, one start."""
+    from scipy.optimize import least_squares
+
+    def miss(q: np.ndarray, tip: np.ndarray, trocar: np.ndarray) -> np.ndarray:
+        T = KIN.forward(q)
+        w = trocar - T[:3, 3]
+        return np.concatenate([T[:3, 3] - tip, w + np.linalg.norm(w) * T[:3, 2], [0.0]])
+
+    def run() -> int:
+        done = 0
+        for problem, q0 in zip(PROBLEMS, STARTS, strict=True):
+            done += _within(least_squares(miss, q0, args=problem, method="lm", xtol=1e-14, ftol=1e-14))
+        return done
+
+    return run
+
+
+def _within(found: Any) -> bool:
+    q = np.angle(np.exp(1j * found.x))  # a turn more or less is the same posture
+    return bool(np.linalg.norm(found.fun) < 1e-9 and (np.abs(q) <= HALF).all())
+
+
+CONTENDERS = (
+    ("twin: closed form, with its scan and limits", "numpy", closed, None),
+    ("twin: general solver, multi-start", "numpy", general, None),
+    ("Robotics Toolbox, ik_LM in C++ (Chan)", "roboticstoolbox", roboticstoolbox, 4.0),
+    ("scipy least_squares('lm'), exact Jacobian", "scipy", scipy_exact, 40.0),
+    ("scipy least_squares('lm'), plain", "scipy", scipy_plain, None),
+    ("pink and daqp", "pink", pink, None),
+    ("mink and daqp", "mink", mink, None),
+    ("Drake IK, SNOPT at 1e-9", "pydrake", pydrake, None),
+)
+"""Bars are those that were set for the closed form."""
+
+
+def topic(effort: Effort) -> list[Table]:
+    """Race all that are installed; in the short form only those that come with the development packages."""
+    table = Table("trocar", f"Tip and trocar of the PA-10, {COUNT} random starts: time per success within the limits")
+    contenders = []
+    for name, module, make, bar in CONTENDERS:
+        if effort.short and (make is scipy_plain or module in ("pink", "mink", "pydrake")):
+            continue
+        if installed(table, module, name):
+            run = make()
+            contenders.append(Contender(name, run, COUNT, None, f"{run()} of {COUNT}", bar, counted=True))
+    table.notes.append("Robotics Toolbox, pink and mink are given the full pose of a solution, having no trocar task.")
+    return [race(table, contenders, effort)]
