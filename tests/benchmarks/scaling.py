@@ -64,8 +64,8 @@ def poses(effort: Effort) -> Table:
     kernel = Kernel([Stage(kin.program.inverse.function, ("z",), ("out",))], {"z": 16}, ["out"])
     sizes = [n for n in (1000, 10_000, 100_000, 1_000_000) if n <= most]
     for what, make in (
-        ("closed-form IK", lambda n: (lambda a=np.ascontiguousarray(z[:, :n]): kernel(a))),
-        ("closed-loop FK", lambda n: (lambda a=qs[:n]: solver.forward_many(a))),
+        ("closed-form IK", lambda n: lambda a=np.ascontiguousarray(z[:, :n]): kernel(a)),
+        ("closed-loop FK", lambda n: lambda a=qs[:n]: solver.forward_many(a)),
     ):
         seconds = measured(sizes, make, effort)
         rows(table, what, sizes, seconds)
@@ -90,9 +90,7 @@ def grid(effort: Effort) -> Table:
 
     sizes = [101, 1001, 10_001] if not effort.short else [101, 501, 2001]
     limits = np.full(6, 1.0), np.full(6, 5.0)
-    seconds = measured(
-        sizes, lambda n: lambda: time_path(derivatives, *limits, dt=1e-2, knots=n, finest=n), effort
-    )
+    seconds = measured(sizes, lambda n: lambda: time_path(derivatives, *limits, dt=1e-2, knots=n, finest=n), effort)
     rows(table, "time_path", sizes, seconds)
     table.facts.append(Fact("exponent of grid points", exponent(sizes, seconds), bar=BAR))
     show(table)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import threading
+import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -15,15 +18,20 @@ from twin.compiled.emit import Stage, emit
 from twin.compiled.machine import compiled, lanes
 from twin.spatial import Array
 
-_CHUNK = 4096
-"""Samples that are worth a thread: a hundred microseconds of work and more."""
-_PIECES = 4
-"""Pieces of work for each processor, should one be busy with something else. Each costs a turn of Python's lock."""
+_CHUNK, _PIECES = 4096, 64
+"""Least samples that a thread takes at once, and about the most pieces of work: each costs a turn of Python's lock."""
+_WORTH = 2e-4
+"""Seconds of work for which it is worth waking a thread."""
+
+
+@cache
+def _processors() -> int:
+    return len(os.sched_getaffinity(0))
 
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(len(os.sched_getaffinity(0)), "twin-kernel")
+    return ThreadPoolExecutor(_processors(), "twin-kernel")
 
 
 class Kernel:
@@ -42,6 +50,7 @@ class Kernel:
         *,
         single: bool = False,
         carried: Mapping[str, int] | None = None,
+        backwards: bool = False,
     ) -> None:
         """Compile, or take from the cache.
 
@@ -51,13 +60,14 @@ class Kernel:
             outputs: names of what is wanted.
             single: one sample at a time: the fastest for a few samples.
             carried: what one sample takes over from the one before (see `emit`): samples in sequence, no threads.
+            backwards: with `carried`: from the last sample to the first.
 
         Raises:
             ValueError: an operation of CasADi that cannot be compiled.
         """
         self.inputs, self._carried = dict(inputs), dict(carried or {})
         self._width = 1 if single or carried else lanes()
-        text, self.outputs = emit(stages, inputs, outputs, self._width, self._carried)
+        text, self.outputs = emit(stages, inputs, outputs, self._width, self._carried, backwards)
         self._call, self._alive = compiled(text)
 
     def __call__(
@@ -85,7 +95,9 @@ class Kernel:
         for (name, count), a in zip(self.inputs.items(), arrays, strict=True):
             if a.shape != (count, k):
                 raise ValueError(f"'{name}' has shape {a.shape}, not {(count, k)}")
-            given.append(np.ascontiguousarray(a, np.float64))
+            # Samples must be neighbours in memory; the rows of a slice may lie apart.
+            packed = a.dtype == np.float64 and (k <= 1 or a.strides[1] == a.itemsize)
+            given.append(a if packed else np.ascontiguousarray(a, np.float64))
         shapes = {name: (count, k) for name, count in self.outputs.items()}
         results = tuple(np.zeros(shape) for shape in shapes.values()) if out is None else tuple(out)
         for (name, shape), a in zip(shapes.items(), results, strict=True):
@@ -135,18 +147,34 @@ class Kernel:
             return
         ins, outs = _pointers(given), _pointers(results)
         start = None if carry is None else carry.ctypes.data
+        if self._carried and carry is None:
+            raise ValueError(f"no carry for {', '.join(self._carried)}")
         if carry is not None and (carry.dtype != np.float64 or carry.size != sum(self._carried.values())):
             raise ValueError(f"carry has {carry.size} numbers, not {sum(self._carried.values())}")
         if self._carried or threads == 1 or end - begin <= _CHUNK:
             self._call(begin, end, ins, outs, start)
             return
-        bounds = [*range(begin, end, _CHUNK), end]
-        share = -(-(len(bounds) - 1) // (threads or _PIECES * len(os.sched_getaffinity(0))))
-        pieces = [(bounds[i], bounds[min(i + share, len(bounds) - 1)]) for i in range(0, len(bounds) - 1, share)]
-        # ctypes lets other threads run meanwhile
-        list(_pool().map(lambda piece: self._call(*piece, ins, outs, None), pieces))
+        size = _CHUNK * max(1, (end - begin) // (_CHUNK * _PIECES))
+        left = deque((i, min(i + size, end)) for i in range(begin, end, size))
+        first = time.perf_counter()
+        self._call(*left.popleft(), ins, outs, None)
+        wanted = min(threads or len(left), (time.perf_counter() - first) * len(left) / _WORTH, _processors())
+
+        def work() -> None:  # ctypes lets other threads run meanwhile
+            with contextlib.suppress(IndexError):
+                while True:
+                    self._call(*left.popleft(), ins, outs, None)
+
+        helpers = [_pool().submit(work) for _ in range(int(wanted) - 1)]
+        work()
+        for helper in helpers:
+            if not helper.cancel():  # one that has not begun has nothing left to do
+                helper.result()
 
 
 def _pointers(arrays: Sequence[Array]) -> ctypes.Array:
-    rows = [at + i * a.strides[0] for a in arrays for at in (a.ctypes.data,) for i in range(len(a))]
+    rows: list[int] = []
+    for a in arrays:
+        first, step = a.ctypes.data, a.strides[0]  # asked once an array: it costs more than all the rest
+        rows += range(first, first + len(a) * step, step) if step else [first] * len(a)
     return (ctypes.c_void_p * max(1, len(rows)))(*rows)

@@ -58,7 +58,7 @@ def plan(
     Raises:
         ProtocolError: a phase cannot be carried out; the message says where on it, by how much, and what
             would be reachable.
-        TimingError: TOPP-RA found no timing within the limits.
+        TimingError: there is no timing within the limits.
     """
     T_tool_frame = np.asarray(T_tool_frame, float)
     if T_tool_frame.shape != (4, 4) or not spatial.is_pose(T_tool_frame):
@@ -110,6 +110,9 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
         )
     except TimingError as error:
         raise TimingError(f"{where}: {error}") from error
+    if timing.solver != "passes":
+        text = f"the optimal rate was found by {timing.solver}, since the passes of our own failed"
+        found.append(Finding("trajectory.timing", "info", text, when=f"phase '{path.phase.name}'"))
     motion = path.motion(timing.s)
     q = kinematics.inverse(motion.Ts_base_tool)
     sd, sdd = timing.sd[:, None], timing.sdd[:, None]
