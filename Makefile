@@ -7,7 +7,7 @@ UV := $(shell command -v uv 2>/dev/null || echo .venv-uv/bin/uv)
 RUN := $(UV) run --frozen --no-sync
 export UV_PYTHON_DOWNLOADS ?= never
 
-.PHONY: demo test test-slow test-pages witnesses check cad-check usd-check bench lock-check clean
+.PHONY: demo test test-slow test-pages witnesses check cad-check usd-check bench bench-check lock-check clean
 
 demo: .venv/.synced
 	$(UV) run --frozen --no-sync twin run sils
@@ -43,6 +43,9 @@ bench: .venv/.synced-dev
 	$(RUN) python tests/benchmarks/viewer_first.py
 	$(RUN) python tests/benchmarks/export.py
 	$(RUN) python tests/benchmarks/stream.py
+
+bench-check: .venv/.synced-dev  ## the short form: has a ratio fallen far below its record?
+	$(RUN) python tests/benchmarks/run.py --short --check
 
 lock-check: | $(UV)
 	$(UV) lock --check

@@ -42,6 +42,7 @@ class Contender:
         error: its worst error, by the judge of the table, in the table's unit.
         good: how many it answered rightly, of how many.
         bar: its time is at least so many times that of the first.
+        watched: whether a fall of its ratio is a fault; not where memory or a second processor decide.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Contender:
     good: str = ""
     bar: float | None = None
     counted: bool = False
+    watched: bool = True
 
 
 @dataclass
@@ -71,6 +73,7 @@ class Row:
     error: float | None
     good: str
     bar: float | None
+    watched: bool = True
 
     @property
     def met(self) -> bool:
@@ -102,6 +105,7 @@ class Table:
         name: identifier; title: what is done; judge: what the errors are, by whom, in which unit.
         limit: largest error allowed of the first.
         notes: what a reader must know; missing: contenders that are not installed.
+        sizes: whether its rows are one contender at several sizes.
     """
 
     name: str
@@ -112,6 +116,7 @@ class Table:
     limit: float | None = None
     notes: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
+    sizes: bool = False
 
     @property
     def exact(self) -> bool:
@@ -157,7 +162,8 @@ def race(table: Table, contenders: Sequence[Contender], effort: Effort) -> Table
         mine = np.array(times[c.name])
         low, median, high = np.percentile(mine, (25, 50, 75))
         ratios = np.percentile(mine / first, (25, 50, 75))
-        row = Row(c.name, median, (high - low) / median, ratios[1], ratios[0], ratios[2], c.error, c.good, c.bar)
+        spread, watched = (high - low) / median, c.watched and not c.name.startswith("twin:")
+        row = Row(c.name, median, spread, ratios[1], ratios[0], ratios[2], c.error, c.good, c.bar, watched)
         table.rows.append(row)
     show(table)
     return table

@@ -1,6 +1,13 @@
-"""Side-by-side benchmarks: contenders take turns in one process, ratios of medians are printed (`make bench`).
+"""Side-by-side benchmarks of all topics, or of those named (`make bench`; `make bench-check` is the short form).
 
-Absolute times depend on the machine and its load; ratios do not. Nothing here is a test.
+    python tests/benchmarks/run.py                        all topics -> bench-out/bench.md, .json, .png
+    python tests/benchmarks/run.py loops timing           two of them
+    python tests/benchmarks/run.py --short --check        under a minute; 1 if a ratio fell far below its record
+    python tests/benchmarks/run.py --docs --record        docs/benchmarks.md, and the record, anew
+
+A topic is a module here with `topic(effort) -> list[Table]`. Absolute times depend on the machine; ratios do, much
+less: they are recorded by the machine that `recorded.json` names. Peers: `uv sync --group peers`; those that are not
+installed are left out, loudly. Nothing here is a test.
 """
 
 from __future__ import annotations
@@ -9,166 +16,73 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from collections.abc import Callable
+import argparse
+import importlib
+import sys
+import time
+from pathlib import Path
 
-import numpy as np
-from race import race
+import pages
+from race import Effort, Table
 
-import twin
-from twin.control.velocity import Limits, pose_error, step
-
-
-def trocar_race() -> None:
-    """Tip and trocar of the PA-10 from random starts: time per success, not per try."""
-    import casadi as ca
-    from scipy.optimize import least_squares
-
-    from twin.kinematics import Tip, Trocar, compile_formula, solve
-    from twin.kinematics.flow import Evaluator
-    from twin.kinematics.srs import SrsArm
-    from twin.kinematics.tasks import residual
-    from twin.robots import load_formula
-
-    kin = compile_formula(load_formula("pa10"))
-    half = np.radians([177, 94, 174, 137, 255, 165, 255])
-    limits = np.stack([-half, half], axis=1)
-    arm = SrsArm(0.45, 0.48, 0.40, limits[:6])
-    rng = np.random.default_rng(0)
-    Ts = kin.forward_many(rng.uniform(-half, half, (60, 7)))
-    problems = [(T[:3, 3], T[:3, 3] - d * T[:3, 2]) for T, d in zip(Ts, rng.uniform(0.05, 0.35, 60), strict=True)]
-    starts = rng.uniform(-half, half, (60, 7))
-
-    def closed() -> int:
-        return sum(arm.solve(tip, trocar).margin > 0 for tip, trocar in problems)
-
-    def general() -> int:
-        good = 0
-        for i, (tip, trocar) in enumerate(problems):
-            found = solve(kin, Tip(tip) + Trocar(trocar, axis=(0, 0, 1)), limits=limits, any_branch=True, rng=i)
-            good += found.residual < 1e-9
-        return good
-
-    # What a user of scipy would compile: residual and exact Jacobian, padded since 'lm' wants as many rows as unknowns.
-    z = ca.SX.sym("z", 13)
-    T, q = kin.program.around(ca.SX.zeros(7), z[:7])
-    rows = ca.vertcat(
-        residual("tip", (0, 1, 2), T, q, ca.vertcat(z[7:10], ca.SX.zeros(3))),
-        residual("trocar", (0, 1, 2), T, q, ca.vertcat(z[10:13], 0, 0, 1, ca.SX.zeros(3))),
-        0,
-    )
-    value, derivative = Evaluator("r", z, rows), Evaluator("J", z, ca.jacobian(rows, z[:7]), (7, 7))
-
-    def scipy_lm(exact: bool) -> int:
-        good = 0
-        for (tip, trocar), q0 in zip(problems, starts, strict=True):
-            target = np.concatenate([tip, trocar])
-            found = least_squares(
-                lambda q, target=target: value.one(np.concatenate([q, target])),
-                q0,
-                (lambda q, target=target: derivative.one(np.concatenate([q, target]))) if exact else "2-point",
-                method="lm",
-                xtol=1e-14,
-                ftol=1e-14,
-            )
-            q = np.angle(np.exp(1j * found.x))  # a turn more or less is the same posture
-            good += bool(np.linalg.norm(found.fun) < 1e-9 and (np.abs(q) <= half).all())
-        return good
-
-    def scipy_plain() -> int:
-        """Return the successes of what is written down first: a residual in numpy, no derivative."""
-        good = 0
-        for (tip, trocar), q0 in zip(problems, starts, strict=True):
-
-            def miss(q: np.ndarray, tip=tip, trocar=trocar) -> np.ndarray:
-                T = kin.forward(q)
-                w = trocar - T[:3, 3]
-                return np.concatenate([T[:3, 3] - tip, w + np.linalg.norm(w) * T[:3, 2], [0.0]])
-
-            found = least_squares(miss, q0, method="lm", xtol=1e-14, ftol=1e-14)
-            q = np.angle(np.exp(1j * found.x))
-            good += bool(np.linalg.norm(found.fun) < 1e-9 and (np.abs(q) <= half).all())
-        return good
-
-    contenders: dict[str, Callable[[], int]] = {
-        "closed form, with its scan and limits": closed,
-        "general solver (Levenberg-Marquardt), multi-start": general,
-        "scipy least_squares('lm'), exact Jacobian, one start": lambda: scipy_lm(True),
-        "scipy least_squares('lm'), finite differences": lambda: scipy_lm(False),
-        "the same, residual in numpy": scipy_plain,
-    }
-    title = "tip and trocar of the PA-10, random starts: time per success within the limits"
-    race(title, contenders, tries=len(problems))
+TOPICS = {
+    "loops": "closed_loops",
+    "closed form": "closed_form",
+    "timing": "timing",
+    "trocar": "trocar",
+    "control": "control",
+    "scaling": "scaling",
+}
+"""Name -> module. Throughput of workspaces comes here when it exists."""
+ROOT = Path(__file__).resolve().parents[2]
+AGAIN = 2
+"""How often a topic that fell short is run once more: what is busy for a moment is not slower."""
 
 
-def main() -> None:
-    """Run all races on SILS."""
-    robot = twin.load("sils")
-    kin = robot.kinematics()
-    q0, q1 = (robot.mechanism.posture(n) for n in ("insertion", "inserted"))
-    T = robot.forward(q0)
-    evaluator = kin.program.inverse
-    flat = T.ravel()
-    plain = evaluator.function
-    race(
-        "inverse kinematics, one pose",
-        {
-            "compiled function through its buffer": lambda: [evaluator.one(flat) for _ in range(2000)],
-            "Kinematics.inverse, with its checks": lambda: [kin.inverse(T) for _ in range(2000)],
-            "the same function called as f(x)": lambda: [plain(flat) for _ in range(2000)],
-        },
-        per=2000,
-    )
-    model = robot.reference()
-    motion = q0 + (0.5 - 0.5 * np.cos(np.linspace(0, np.pi, 1000)))[:, None] * (q1 - q0)
-
-    def one_by_one() -> None:
-        state = None
-        for q in motion:
-            state = model.solve(q, state)
-
-    race(
-        "independent model, per sample of a 1 kHz motion",
-        {
-            "run: coarse walk, then all samples together": lambda: model.run(motion),
-            "solve: each sample from the one before": one_by_one,
-        },
-        per=len(motion),
-    )
-    run, single = model.run(motion), model.solve(motion[-1])
-    print(f"  largest gap {run.gaps[..., 0].max():.1e} m, runs differ by "
-          f"{np.abs(run.Ts_base_tool[-1] - single.T_base_tool).max():.1e} m")  # fmt: skip
-    control()
+def run(topics: list[str], effort: Effort) -> dict[str, list[Table]]:
+    """Return the tables of each topic."""
+    out = {}
+    for name in topics:
+        start = time.monotonic()
+        print(f"\n== {name}")
+        out[name] = importlib.import_module(TOPICS[name]).topic(effort)
+        print(f"   ({time.monotonic() - start:.0f} s)")
+    return out
 
 
-def control() -> None:
-    """Race the solvers of a control tick on SHER: Algorithm 2.1's SLSQP against damped least squares."""
-    robot = twin.load("sher")
-    kin, active = robot.kinematics(), robot.mechanism.active
-    low, high = np.array([j.limits for j in active]).T
-    limits = Limits(low, high, np.array([j.max_speed for j in active]))
-    home = robot.mechanism.posture("home")
-    near, far = np.array([1e-6, -1e-6, 2e-6, 1e-5, 1e-6]), np.array([4e-3, -3e-3, 2e-3, 0.15, 5e-3])
-    for title, goal in (("free, some um away", home + near), ("rates at their bounds, some mm away", home + far)):
-        T = kin.forward(goal)
-
-        def ticks(solver, T=T) -> None:
-            for _ in range(50):
-                step(kin, home, T, 1e-3, limits, solver)
-
-        contenders = {
-            "damped least squares, bounded": lambda: ticks("damped"),
-            "SLSQP (Algorithm 2.1)": lambda: ticks("slsqp"),
-        }
-        race(f"one control tick of SHER at 1 kHz, {title}", contenders, per=50)
-        for solver in ("damped", "slsqp"):
-            q, count, left = home, 0, 1.0
-            while left > 1e-9 and count < 5000:
-                q, count = step(kin, q, T, 1e-3, limits, solver).q, count + 1  # type: ignore[arg-type]
-                left = float(np.linalg.norm(pose_error(kin.forward(q), T)))
-            print(f"  {solver:8s} {count} ticks to an error of {left:.1e} (m, rad)")
-
-    trocar_race()
+def main(argv: list[str] | None = None) -> int:
+    """Run, write, and compare; 1 when something fell."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("topics", nargs="*", metavar="TOPIC", help=f"of {', '.join(TOPICS)}; default all")
+    parser.add_argument("--short", action="store_true", help="small sizes and few rounds")
+    parser.add_argument("--check", action="store_true", help="compare with recorded.json")
+    parser.add_argument("--record", action="store_true", help="write recorded.json")
+    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks.md and its picture, too")
+    parser.add_argument("--out", type=Path, default=Path("bench-out"), help="folder (default bench-out)")
+    options = parser.parse_args(argv)
+    if strange := [t for t in options.topics if t not in TOPICS]:
+        parser.error(f"no topic is named {', '.join(strange)}; there are {', '.join(TOPICS)}")
+    effort, where = Effort(options.short), pages.here()
+    results = run(options.topics or list(TOPICS), effort)
+    pages.write(results, where, options.out / "bench.md", options.out / "bench.png", options.short)
+    print(f"\n{options.out / 'bench.md'}, .json and .png")
+    if options.docs:
+        pages.write(results, where, ROOT / "docs/benchmarks.md", ROOT / "docs/pictures/benchmarks.png", options.short)
+    if options.record:
+        pages.record(results, where, options.short)
+    if not options.check:
+        return 0
+    bad = pages.fallen(results, options.short)
+    for _ in range(AGAIN):
+        if bad:
+            print(f"\nonce more, slower than recorded: {', '.join(bad)}")
+            bad = pages.fallen(run(list(bad), effort), options.short)
+    for text in (line for lines in bad.values() for line in lines):
+        print(f"FALLEN  {text}", file=sys.stderr)
+    if not bad:
+        print("no ratio is 40 % below its record, and every error is within its limit")
+    return 1 if bad else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

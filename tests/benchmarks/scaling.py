@@ -46,9 +46,10 @@ def exponent(sizes: list[int], seconds: np.ndarray) -> float:
 
 def rows(table: Table, what: str, sizes: list[int], seconds: np.ndarray, per: bool = True) -> None:
     """Add the times to a table, for an item or for all; their ratio is to the first size."""
+    table.sizes = True
     each = seconds * 1e6 / np.array(sizes) if per else seconds * 1e6
     for n, us in zip(sizes, each, strict=True):
-        table.rows.append(Row(f"{what}, {n}", us, 0, us / each[0], us / each[0], us / each[0], None, "", None))
+        table.rows.append(Row(f"{what}, {n}", us, 0, us / each[0], us / each[0], us / each[0], None, "", None, False))
 
 
 def poses(effort: Effort) -> Table:
@@ -63,10 +64,14 @@ def poses(effort: Effort) -> Table:
     z = np.ascontiguousarray(Ts.reshape(-1, 16).T)
     kernel = Kernel([Stage(kin.program.inverse.function, ("z",), ("out",))], {"z": 16}, ["out"])
     sizes = [n for n in (1000, 10_000, 100_000, 1_000_000) if n <= most]
-    for what, make in (
-        ("closed-form IK", lambda n: lambda a=np.ascontiguousarray(z[:, :n]): kernel(a)),
-        ("closed-loop FK", lambda n: lambda a=qs[:n]: solver.forward_many(a)),
-    ):
+
+    def inverse(n: int) -> Callable[[], Any]:
+        return lambda: kernel(z[:, :n])
+
+    def forward(n: int) -> Callable[[], Any]:
+        return lambda: solver.forward_many(qs[:n])
+
+    for what, make in (("closed-form IK", inverse), ("closed-loop FK", forward)):
         seconds = measured(sizes, make, effort)
         rows(table, what, sizes, seconds)
         table.facts.append(Fact(f"exponent of poses, {what}", exponent(sizes, seconds), bar=BAR))
@@ -115,7 +120,7 @@ def one_on_another(count: int) -> Mechanism:
 
 
 def _four_bar(joints: list[Joint], k: int, base: str, at: np.ndarray) -> dict:
-    """Add crank 0.1, coupler 0.3, rocker 0.25 on a ground of 0.3 (m), upright crank; return where they are in `base`."""
+    """Add crank 0.1, coupler 0.3, rocker 0.25 on a ground of 0.3 (m), upright crank; return where they are."""
     crank, coupler, rocker = (f"{n}{k}" for n in ("crank", "coupler", "rocker"))
     ground, at_base = np.array([0.3, 0, 0]), spatial.pose(p=at)
     top = np.array([0.0, 0.1, 0.0])
@@ -153,31 +158,33 @@ def _mechanism(joints: list[Joint], relative: dict, tool: str) -> Mechanism:
 
 def mechanisms(effort: Effort) -> list[Table]:
     """Closed-loop solvers of mechanisms that grow, four links and a loop at a time."""
-    out = []
-    for name, title, make in (
-        ("loops_beside", "four-bars side by side", side_by_side),
-        ("loops_chained", "four-bars, each on the coupler of the one before", one_on_another),
-    ):
-        table = Table(name, f"Cost against loops: {title}")
-        sizes = [1, 2, 4, 8] if effort.short else [1, 2, 4, 8, 16]
-        solvers, made = {}, []
-        for n in sizes:
-            start = time.perf_counter()
-            solvers[n] = LoopSolver(make(n))
-            made.append(time.perf_counter() - start)
-        rng = np.random.default_rng(0)
-        count = effort.of(20_000, 8_000)
-        qs = {n: s.q + rng.uniform(-0.2, 0.2, (count, n)) for n, s in solvers.items()}
-        worst = max(float(solvers[n].forward_many(qs[n]).offset.max()) for n in sizes)
-        seconds = measured(sizes, lambda n: lambda: solvers[n].forward_many(qs[n]), effort)
-        rows(table, f"{count} states, loops", sizes, seconds / count, per=False)
-        rows(table, "structure and equations, loops", sizes, np.array(made), per=False)
-        table.facts += [
-            Fact("exponent of loops, solving (from 2 on)", exponent(sizes[1:], seconds[1:])),
-            Fact("exponent of loops, structure and equations (from 2 on)", exponent(sizes[1:], np.array(made[1:]))),
-            Fact("largest gap of any loop", worst, "m", bar=1e-11),
-            Fact("largest block of equations", max(len(b.rows) for b in solvers[sizes[-1]].blocks)),
-        ]
-        show(table)
-        out.append(table)
-    return out
+    return [
+        growing(effort, "loops_beside", "four-bars side by side", side_by_side),
+        growing(effort, "loops_chained", "four-bars, each on the coupler of the one before", one_on_another),
+    ]
+
+
+def growing(effort: Effort, name: str, title: str, make: Callable[[int], Mechanism]) -> Table:
+    """Solve and build mechanisms of more and more loops."""
+    table = Table(name, f"Cost against loops: {title}")
+    sizes = [1, 2, 4, 8] if effort.short else [1, 2, 4, 8, 16]
+    solvers, made = {}, []
+    for n in sizes:
+        start = time.perf_counter()
+        solvers[n] = LoopSolver(make(n))
+        made.append(time.perf_counter() - start)
+    rng = np.random.default_rng(0)
+    count = effort.of(20_000, 8_000)
+    qs = {n: s.q + rng.uniform(-0.2, 0.2, (count, n)) for n, s in solvers.items()}
+    worst = max(float(solvers[n].forward_many(qs[n]).offset.max()) for n in sizes)
+    seconds = measured(sizes, lambda n: lambda: solvers[n].forward_many(qs[n]), effort)
+    rows(table, f"{count} states, loops", sizes, seconds / count, per=False)
+    rows(table, "structure and equations, loops", sizes, np.array(made), per=False)
+    table.facts += [
+        Fact("exponent of loops, solving (from 2 on)", exponent(sizes[1:], seconds[1:])),
+        Fact("exponent of loops, structure and equations (from 2 on)", exponent(sizes[1:], np.array(made[1:]))),
+        Fact("largest gap of any loop", worst, "m", bar=1e-11),
+        Fact("largest block of equations", max(len(b.rows) for b in solvers[sizes[-1]].blocks)),
+    ]
+    show(table)
+    return table

@@ -61,6 +61,8 @@ class Stage:
         repeat: calls at most. If more than one, results that it also takes are fed back until the result `error` is at
             most `tolerance` (or NaN) in every lane.
         tolerance: see `repeat`.
+        reciprocals: whether to divide once by what several numbers are divided by, which rounds once more: for steps
+            towards a solution, which the next step corrects.
     """
 
     function: ca.Function
@@ -68,6 +70,7 @@ class Stage:
     gives: tuple[str, ...]
     repeat: int = 1
     tolerance: float = 0.0
+    reciprocals: bool = False
 
 
 class _Writer:
@@ -107,13 +110,16 @@ class _Writer:
     def true(self, x: str) -> str:
         return self.put(f"fcmp une {self.V} {x}, {self.constant(0.0)}")
 
-    def call(self, function: ca.Function, arguments: Sequence[Sequence[str]]) -> list[list[str]]:
+    def call(
+        self, function: ca.Function, arguments: Sequence[Sequence[str]], reciprocals: bool = False
+    ) -> list[list[str]]:
         """Write the instructions of a function; return the names of its results."""
         if not function.is_a("SXFunction"):
             raise ValueError(f"function '{function.name()}' is no CasADi function of scalars (SX)")
         V, one, zero = self.V, self.constant(1.0), self.constant(0.0)
         at: dict[int, str] = {}
         fixed: dict[str, float] = {}
+        inverse: dict[str, str] = {}
         out = [[zero] * function.numel_out(i) for i in range(function.n_out())]
         sines: dict[str, tuple[str, str]] = {}
         angles: dict[str, tuple[str, str]] = {}
@@ -134,6 +140,10 @@ class _Writer:
             if op == ca.OP_DIV and _invertible(fixed.get(a[1], 0.0)):
                 # a division costs ten products, and rounds half a unit less
                 done = self.put(f"fmul contract {V} {a[0]}, {self.constant(1 / fixed[a[1]])}")
+            elif op == ca.OP_DIV and reciprocals:
+                if a[1] not in inverse:
+                    inverse[a[1]] = self.put(f"fdiv {V} {one}, {a[1]}")
+                done = self.put(f"fmul contract {V} {a[0]}, {inverse[a[1]]}")
             elif op in _ARITHMETIC:
                 done = self.put(f"{_ARITHMETIC[op]} {V} {a[0]}, {a[1]}")
             elif op in (ca.OP_SQ, ca.OP_TWICE):
@@ -262,7 +272,8 @@ def emit(
     block = "loop"
     for i, stage in enumerate(stages):
         if stage.repeat == 1:
-            known |= zip(stage.gives, w.call(stage.function, [known[n] for n in stage.takes]), strict=True)
+            results = w.call(stage.function, [known[n] for n in stage.takes], stage.reciprocals)
+            known |= zip(stage.gives, results, strict=True)
         else:
             block = _repeated(w, i, stage, known, block)
     number = 0
@@ -313,7 +324,7 @@ def _repeated(w: _Writer, number: int, stage: Stage, known: dict[str, list[str]]
     w.lines.append(f"{here}:")
     place = len(w.lines)
     inside = known | {n: [f"%f{number}.{n}.{j}" for j in range(len(known[n]))] for n in fed}
-    results = w.call(stage.function, [inside[n] for n in stage.takes])
+    results = w.call(stage.function, [inside[n] for n in stage.takes], stage.reciprocals)
     given = dict(zip(stage.gives, results, strict=True))
     phis = [f"  %k{number} = phi i64 [ 1, %{before} ], [ %kn{number}, %{here} ]"]
     for name in fed:

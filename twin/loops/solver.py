@@ -242,4 +242,4 @@ class LoopSolver:
         arguments, names = [e.q, *[p.state for p in e.passive]], ("q", *self._names)
         results = {**new, "error": size, **more}
         function = ca.Function(f"block{number}", arguments, [ca.densify(x) for x in results.values()], {"cse": True})
-        return Stage(function, names, tuple(results), _STEPS, _LAST)
+        return Stage(function, names, tuple(results), _STEPS, _LAST, reciprocals=True)
