@@ -101,7 +101,7 @@ def summary(results: Results) -> Iterator[str]:
     for topic, tables in results.items():
         for t in tables:
             for r in (r for r in t.rows if r.bar is not None):
-                yield f"| {topic}: {t.title} | {r.name} | {_x(r.ratio)} | ≥ {_x(r.bar or 0)} | {_verdict(r.met)} |"
+                yield f"| {topic}: {t.name} | {r.name} | {_x(r.ratio)} | ≥ {_x(r.bar or 0)} | {_verdict(r.met)} |"
             if t.limit is not None and t.rows:
                 error = t.rows[0].error
                 yield f"| {topic}: {t.name}, error | {t.judge} | {error:.1e} | ≤ {t.limit:g} | {_verdict(t.exact)} |"
@@ -142,6 +142,9 @@ def _verdict(met: bool) -> str:
     return "met" if met else "**not met**"
 
 
+TITLE: dict[str, Any] = {"fontsize": 7.5, "weight": "bold", "backgroundcolor": "white", "zorder": 3}
+
+
 def plot(results: Results, path: Path) -> None:
     """Draw all ratios against others, on a logarithmic axis; a stroke where a bar is."""
     import matplotlib as mpl
@@ -157,20 +160,21 @@ def plot(results: Results, path: Path) -> None:
     figure, axes = plt.subplots(figsize=(9, 0.19 * height + 0.8), layout="constrained")
     y, ticks, colours = 0.0, [], plt.get_cmap("tab10")
     for k, (t, rows) in enumerate(shown):
-        axes.text(0.0, y, t.title, transform=axes.get_yaxis_transform(), fontsize=7.5, weight="bold", va="center")
+        axes.text(0.0, y, t.title, transform=axes.get_yaxis_transform(), va="center", **TITLE)
         for r in rows:
             y += 1
             axes.barh(y, r.ratio - 1, left=1, height=0.75, color=colours(k % 10), xerr=None)
             axes.plot([r.low, r.high], [y, y], color="black", linewidth=0.8)
             if r.bar is not None:
                 axes.plot([r.bar, r.bar], [y - 0.45, y + 0.45], color="black", linewidth=1.6)
-            axes.text(max(r.high, 1) * 1.06, y, f"{r.ratio:.3g}", fontsize=6.5, va="center")
+            axes.text(max(r.high, 1) * 1.06, y, _x(r.ratio), fontsize=6.5, va="center")
             ticks.append((y, r.name))
         y += 1.6
     axes.set_xscale("log")
     axes.axvline(1, color="black", linewidth=0.8)
     axes.set_yticks([p for p, _ in ticks], [n for _, n in ticks], fontsize=6.5)
     axes.set_ylim(y, -1)
+    axes.set_xlim(right=2 * axes.get_xlim()[1])
     axes.set_xlabel("time of the contender / time of twin (thin line: quartiles; thick stroke: bar)", fontsize=8)
     axes.tick_params(axis="x", labelsize=7)
     axes.grid(axis="x", linewidth=0.3)

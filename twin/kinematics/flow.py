@@ -206,14 +206,18 @@ class Evaluator:
         self.one = self._caller()
 
     def _caller(self) -> Callable[[Array], Array]:
-        # Names of its own: to look them up on the object would cost as much as the function itself.
-        lock, given, trigger, value = self._lock, self._in, self._trigger, self._out.reshape(self.shape)
+        # Names of its own, no `with`, no `[:]`: they would cost as much as the function itself.
+        acquire, release, given, trigger = self._lock.acquire, self._lock.release, self._in, self._trigger
+        copy = self._out.reshape(self.shape).copy
 
         def one(z: Array) -> Array:
-            with lock:
-                given[:] = z
+            acquire()
+            try:
+                given[...] = z
                 trigger()
-                return value.copy()
+                return copy()
+            finally:
+                release()
 
         return one
 
