@@ -20,7 +20,7 @@ from twin.compiled import machine
 
 RECORD = Path(__file__).with_name("recorded.json")
 FALL = 0.4
-"""How far a ratio may fall below its recorded value."""
+"""How far a ratio (of shortest times, see `Row.best`) may fall below its recorded value."""
 
 PACKAGES = (
     *("numpy", "casadi", "llvmlite", "pin", "mujoco", "scipy", "toppra", "drake", "numba", "mink", "pin-pink", "daqp"),
@@ -196,7 +196,7 @@ def record(results: Results, where: Mapping[str, Any], short: bool) -> None:
     data = json.loads(RECORD.read_text()) if RECORD.exists() else {}
     form = "short" if short else "full"
     kept = {k: v for k, v in data.get(form, {}).get("ratios", {}).items() if k.split("/")[0] not in results}
-    kept |= {key: float(f"{row.ratio:.3g}") for key, row in watched(results).items()}
+    kept |= {key: float(f"{row.best:.3g}") for key, row in watched(results).items()}
     data[form] = {"where": where, "ratios": dict(sorted(kept.items()))}
     RECORD.write_text(json.dumps(data, indent=1, sort_keys=True, ensure_ascii=False) + "\n")
 
@@ -207,8 +207,8 @@ def fallen(results: Results, short: bool) -> dict[str, list[str]]:
     out: dict[str, list[str]] = {}
     for key, row in watched(results).items():
         before = data["ratios"].get(key)
-        if before is not None and not row.ratio >= (1 - FALL) * before:
-            text = f"{key}: ratio {row.ratio:.3g}, more than 40 % below the recorded {before:.3g} of an "
+        if before is not None and not row.best >= (1 - FALL) * before:
+            text = f"{key}: ratio {row.best:.3g}, more than 40 % below the recorded {before:.3g} of an "
             out.setdefault(key.split("/")[0], []).append(text + data["where"]["processor"])
     for topic, tables in results.items():
         for t in (t for t in tables if not t.exact):

@@ -62,6 +62,7 @@ class Row:
     Attributes:
         us: median time of an item in µs; spread: interquartile range of it, relative.
         ratio: median over rounds of its time by that of the first; low, high: quartiles.
+        best: ratio of the shortest times of both: what is left of it when others keep the machine busy.
     """
 
     name: str
@@ -74,6 +75,7 @@ class Row:
     good: str
     bar: float | None
     watched: bool = True
+    best: float = 1.0
 
     @property
     def met(self) -> bool:
@@ -164,6 +166,7 @@ def race(table: Table, contenders: Sequence[Contender], effort: Effort) -> Table
         ratios = np.percentile(mine / first, (25, 50, 75))
         spread, watched = (high - low) / median, c.watched and not c.name.startswith("twin:")
         row = Row(c.name, median, spread, ratios[1], ratios[0], ratios[2], c.error, c.good, c.bar, watched)
+        row.best = mine.min() / first.min()
         table.rows.append(row)
     show(table)
     return table
