@@ -30,6 +30,7 @@ EXIT_1 = (
     "study pa10",
     "info pa10 --inertia",
     "--clutch printed",
+    "tolerance sher",
 )
 """Commands of which the documentation says that they disagree."""
 

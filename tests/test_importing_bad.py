@@ -74,6 +74,7 @@ BAD = {
     "error_mocap.xml": "MuJoCo refuses it: Error: mocap body 'a' is not a fixed child of world Element",
     "error_no_joints.xml": "no joints, so there is no mechanism",
     "error_quadratic_coupling.xml": "equality 'equality0' is a polynomial of degree > 1: only linear ones tie",
+    "error_size_nan.xml": "size = '0.1 0.1 nan' is not all finite numbers",
     "error_spatial_tendon.xml": "equality 'equality0' ties a tendon led through space: only fixed ones tie",
     "error_unknown_attribute.xml": "MuJoCo refuses it: XML Error: Schema violation: unrecognized attribute: 'colou",
     "error_alias.yaml": "aliases (*name) are not read; write the list out",

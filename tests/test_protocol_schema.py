@@ -60,6 +60,8 @@ def test_a_right_file_is_read():
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
+        ('name = "a"\njoints.q1 = { type = { slide = 1 } }', "r.toml:2: joints.q1: unknown type"),
+        ('name = "a"\njoints.q1 = { type = ["slide"] }', "r.toml:2: joints.q1: unknown type"),
         ("", "r.toml:1: name: this key is missing; allowed: text"),
         ('name = "a"\nmass = 2', "r.toml:2: mass: the unit is missing: write mass_kg"),
         ('name = "a"\nmass_g = 2', "r.toml:2: mass_g: the unit is kg here: write mass_kg"),

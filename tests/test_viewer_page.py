@@ -180,7 +180,7 @@ def test_the_timeline_is_scrubbed_and_the_curve_has_a_cursor(sils):
     assert read(front.hand.desk, front.scenery.rcm(front.hand)).rcm_error < 1e-9
     sils.tab("Curves")
     curve = sils.page.locator(".uplot canvas").first
-    until(lambda: curve.bounding_box()["width"] > 0, "the curve")
+    until(lambda: (curve.bounding_box() or {"width": 0})["width"] > 0, "the curve")
     time.sleep(1.5)
     canvas = curve.bounding_box()
     image = np.asarray(Image.open(io.BytesIO(sils.page.screenshot(clip=canvas))).convert("RGB")).astype(int)

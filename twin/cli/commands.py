@@ -206,9 +206,9 @@ def validate(args: argparse.Namespace) -> int:
         tolerances = Tolerances().widened(args.tolerance_um * 1e-6)
     robot = api.load(args.robot)
     if args.sweep or args.compare:
-        from twin.cli.sweep import run as run_sweep
+        from twin.cli.stroke import run as run_stroke
 
-        return run_sweep(robot, args)
+        return run_stroke(robot, args)
     jobs = [(p, v) for p in _protocols(robot, args) for v in _variants(robot, args.variant)]
     root = Path(args.out) if args.out else Path("twin-out") / robot.name
     for protocol, variants in jobs:
@@ -378,22 +378,16 @@ def _own_file(name: str) -> Callable[[argparse.Namespace], int]:
     return lambda args: getattr(import_module(f"twin.cli.{name}"), name)(args)
 
 
+_OWN = ("explain", "view", "serve", "operate", "track", "study", "new", "export", "audit", "selftest")
+_OWN += ("workspace", "tolerance", "sweep")
+
 COMMANDS = {
     "list": list_robots,
     "info": info,
     "build": build,
     "plan": plan,
     "validate": validate,
-    "explain": _own_file("explain"),
     "run": run,
-    "view": _own_file("view"),
-    "serve": _own_file("serve"),
-    "operate": _own_file("operate"),
-    "track": _own_file("track"),
-    "study": _own_file("study"),
-    "new": _own_file("new"),
-    "export": _own_file("export"),
-    "audit": _own_file("audit"),
-    "selftest": _own_file("selftest"),
+    **{name: _own_file(name) for name in _OWN},
     "doctor": doctor,
 }

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import re
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from twin import __version__
+from twin.cli.parser_sweeps import add_sweeps
 from twin.errors import unknown
 
 _EPILOG = """\
@@ -24,7 +25,8 @@ exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
 """
 
 NAMES = ("list", "info", "build", "plan", "validate", "explain", "run", "view", "serve")
-NAMES += ("operate", "track", "study", "export", "audit", "new", "selftest", "doctor")
+NAMES += ("operate", "track", "study", "export", "audit", "new", "selftest")
+NAMES += ("workspace", "tolerance", "sweep", "doctor")
 """Every command."""
 
 
@@ -34,6 +36,14 @@ class UsageError(Exception):
     def __init__(self, message: str, usage: str) -> None:
         super().__init__(message)
         self.usage = usage
+
+
+class _Help(argparse.RawDescriptionHelpFormatter):
+    """Leaves room for the longest command: argparse forgets that commands are indented."""
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._action_max_length = 4 + max(map(len, NAMES))
 
 
 class _Parser(argparse.ArgumentParser):
@@ -46,7 +56,7 @@ class _Parser(argparse.ArgumentParser):
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of every command."""
-    formatter = argparse.RawDescriptionHelpFormatter
+    formatter = _Help
     root = _Parser(
         prog="twin",
         description="Bring your CAD and your equations; see where they disagree.",
@@ -346,6 +356,8 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--count", type=int, default=118, metavar="N", help="how many faults in all (default 118)")
     sub.add_argument("--seed", type=int, default=0, help="of the draw (default 0): the same seed, the same faults")
     out(sub, "./twin-out/<robot>/")
+
+    add_sweeps(add, robot, out)
 
     add("doctor", "show what can be checked on this machine", "  twin doctor")
     return root

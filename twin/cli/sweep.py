@@ -1,91 +1,119 @@
-"""`twin validate --sweep`: the stroke of each joint, equations against mechanism and against stand-ins."""
+"""`twin sweep`: designs beside the drawn one, by parameters of the equations or distances of the mechanism."""
 
 from __future__ import annotations
 
 import argparse
+import signal
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twin import api, assets
 from twin.cli import show
-from twin.errors import TwinError, unknown
-from twin.units import DEG, MM, UM
+from twin.errors import TwinError
+from twin.spatial import Array
+
+if TYPE_CHECKING:
+    from twin.sweeps.design import Job
+    from twin.sweeps.table import Table
 
 
-def run(robot: api.Robot, args: argparse.Namespace) -> int:
-    """Sweep, print a table, write sweep.json, sweep.csv and sweep.png; exit 1 if the equations disagree."""
+def sweep(args: argparse.Namespace) -> int:
+    """Judge every design, keep each as it is judged, print the best; what was judged before is not judged again."""
+    from twin.report.design import figure
     from twin.report.style import png
-    from twin.report.sweep import figure
-    from twin.validation.sweep import STANDINS, sweep
+    from twin.sweeps import design, table
 
-    standins = tuple(dict.fromkeys(filter(None, (args.compare or "").split(","))))
-    for name in standins:
-        if name not in STANDINS:
-            raise TwinError(f"--compare: {unknown('stand-in', name, STANDINS)}")
-    joints = robot.joints if args.sweep in (None, "all") else tuple(args.sweep.split(","))
-    for name in joints:
-        if name not in robot.joints:
-            raise TwinError(f"--sweep: {unknown('active joint', name, robot.joints)}")
-    if args.variant and not all("=" in v for v in args.variant):
-        raise TwinError("--sweep judges one choice of variants: give EQ=NAME pairs")
-    variants = dict(v.split("=", 1) for v in args.variant) or None
-    folder = (Path(args.out) if args.out else Path("twin-out") / robot.name) / "sweep"
+    if not args.vary:
+        raise TwinError("--vary: say what is varied, as in --vary l_p=120..150mm; it may be given more than once")
+    if args.samples < 1 or (args.grid is not None and args.grid < 2):
+        raise TwinError("--samples: give at least 1; --grid: give at least 2 levels")
+    if args.workers is not None and args.workers < 1:
+        raise TwinError(f"--workers {args.workers}: give at least 1")
+    if args.parquet:
+        table.arrow()
+    robot = api.load(args.robot)
+    if args.protocol or robot.mechanism.trocar:
+        robot = robot.bound(robot.protocol(args.protocol))
+    factors = [design.factor(robot, text) for text in args.vary]
+    if len({f.name for f in factors}) < len(factors):
+        raise TwinError("--vary: a factor is given twice")
+    default = "tolerance" if all(":" in f.name for f in factors) else "volume,conditioning"
+    objectives = tuple(dict.fromkeys(x.strip() for x in (args.objective or default).split(",")))
+    folder = Path(args.out) if args.out else Path("twin-out") / robot.name / "sweep"
     assets.require_writable(folder)
     with show.progress(args.quiet or args.json) as progress:
-        progress("read CAD", 0.0)
-        kin, model = robot.kinematics(variants), robot.reference()
-        home = robot.mechanism.posture("home") if "home" in robot.mechanism.postures else model.home().q
-        sweeps = []
-        for i, joint in enumerate(joints):
-            progress(f"sweep {joint}", (i + 0.5) / len(joints))
-            sweeps.append(sweep(kin, model, joint, home, standins))
-    asked = robot.cad.description.requirement if robot.files is not None else None
-    requirement = (asked.tool_um * UM, f"required: {asked.tool_um:g} µm") if asked else None
-    agree = all(s.agrees for s in sweeps)
+        progress("positions", 0.0)
+        source = str(Path(args.robot).resolve()) if Path(args.robot).exists() else args.robot
+        work = design.job(robot, source, args.protocol, factors, objectives)
+        designs = design.values(factors, args.samples, args.grid, args.seed)
+        with table.Table(folder, work, designs, fresh=args.fresh) as kept:
+            before = len(kept.done)
+            _judge(work, designs, kept, args, progress)
+        progress("write", 0.0)
+        judged = np.array([[kept.done[i][n] for n in objectives] for i in range(len(designs))])
+        best = design.pareto(judged, [design.OBJECTIVES[n][1] for n in objectives])
+        rows = [{**design.row(work, i, designs[i], kept.done[i]), "pareto": bool(best[i])} for i in range(len(designs))]
+        names = list(rows[0])[1:-1]
+        shown = designs / np.array([f.scale for f in factors])
+        labels, measured = names[: len(factors)], names[len(factors) :]
+        with assets.atomic_folder(folder) as made:
+            files = table.write(rows, made, parquet=args.parquet)
+            (made / "sweep.png").write_bytes(png(figure(robot.name, labels, shown, measured, judged, best)))
+            names_written = [p.name for p in files]
     data = {
-        "verdict": "agree" if agree else "disagree",
         "robot": robot.name,
-        "requirement": {"tool_um": asked.tool_um, "provenance": asked.provenance, "note": asked.note}
-        if asked
-        else None,
-        "sweeps": [s.as_dict() for s in sweeps],
+        "designs": len(designs),
+        "judged_before": before,
+        "objectives": {n: {"unit": design.OBJECTIVES[n][0], "meaning": design.OBJECTIVES[n][2]} for n in objectives},
+        "drawn": rows[0],
+        "pareto": [r for r in rows if r["pareto"]],
         "folder": str(folder),
+        "files": [*names_written, "sweep.png"],
     }
-    with assets.atomic_folder(folder) as work:
-        (work / "sweep.json").write_text(show.as_json(data) + "\n", encoding="utf-8")
-        (work / "sweep.png").write_bytes(png(figure(robot.name, sweeps, requirement)))
-        for s in sweeps:
-            curves = {"equations": s.formula, **s.standins}
-            columns = {n: c for n, c in curves.items() if len(c.offset)}
-            head = [f"{s.joint}_{'deg' if s.angle else 'mm'}"]
-            head += [f"{n}_{a}_um" for n in columns for a in "xyz"]
-            body = np.column_stack([s.q / (DEG if s.angle else MM), *(c.offset / UM for c in columns.values())])
-            np.savetxt(work / f"{s.joint}.csv", body, "%.9g", ",", header=",".join(head), comments="")
-    if args.json:
-        print(show.as_json(data))
-        return 0 if agree else 1
-    print(f"{robot.name} · each stroke with the other joints at home · tool against the mechanism\n")
-    rows = []
-    for s in sweeps:
-        scale, unit = (DEG, "deg") if s.angle else (MM, "mm")
-        reach = f"{s.q[0] / scale:g} .. {s.q[-1] / scale:g} {unit}"
-        for name, curve in {"equations": s.formula, **s.standins}.items():
-            d = curve.as_dict()
-            if d["position_max"] is None:
-                rows.append((s.joint, reach, name, "-", "-", "-", curve.note))
-                continue
-            figures = [f"{d[k] / UM:.3g} µm" for k in ("position_mean", "position_max")]
-            turned = f"{d['rotation_max'] / DEG:.2g}°"
-            if name == "equations":
-                verdict = "ok" if s.agrees else "DIFFERS"
-            elif asked:
-                verdict = "within" if d["position_max"] <= asked.tool_um * UM else f"over {asked.tool_um:g} µm"
-            else:
-                verdict = ""
-            rows.append((s.joint, reach, name, *figures, turned, verdict))
-    print(show.table(rows, ("joint", "stroke", "model", "mean", "worst", "turned", "")))
-    if asked:
-        print(f"\n  requirement: {asked.tool_um:g} µm at the tool ({asked.provenance}: {asked.note})")
-    print(f"\n  {folder / 'sweep.png'}")
-    return 0 if agree else 1
+    print(show.as_json(data) if args.json else "\n".join(_lines(data)))
+    return 0
+
+
+def _judge(
+    work: Job, designs: Array, kept: Table, args: argparse.Namespace, progress: Callable[[str, float], None]
+) -> None:
+    from twin.sweeps.cluster import HERE, cluster, each
+    from twin.sweeps.design import judge
+
+    todo = [i for i in range(len(designs)) if i not in kept.done]
+    if not todo:
+        return
+    # To be stopped is to be asked to stop: what is judged is kept.
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with cluster(args.scheduler or HERE, args.workers) as client:
+            for k, result in each(client, judge, [(work, designs[i].tolist()) for i in todo]):
+                kept.add(todo[k], result)
+                progress(f"{len(kept.done)} of {len(designs)} designs", len(kept.done) / len(designs))
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _lines(data: Mapping[str, Any]) -> Iterator[str]:
+    yield f"{data['robot']} · {data['designs']} designs, {data['judged_before']} of them judged before"
+    for name, meaning in data["objectives"].items():
+        yield f"  {name}: {meaning['meaning']}"
+    yield ""
+    head = [n for n in data["drawn"] if n != "pareto"]
+    best = [r for r in data["pareto"] if r["design"] != 0]
+    rows = [tuple(_text(n, r[n]) for n in head) for r in [data["drawn"], *best[:20]]]
+    yield show.table(rows, head, fit=True)
+    if len(best) > 20:
+        yield f"  and {len(best) - 20} more that none beats"
+    yield ""
+    yield f"  {Path(data['folder']) / 'sweep.png'}"
+    yield f"  {Path(data['folder']) / 'sweep.csv'}"
+
+
+def _text(name: str, value: Any) -> str:
+    if name == "design":
+        return "as drawn" if value == 0 else str(value)
+    return f"{value:.4g}"

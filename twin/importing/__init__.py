@@ -81,6 +81,10 @@ def read(path: Path, closures: Path | None = None, root: str | None = None, guar
         from twin.importing.sdf import read_sdf
 
         return read_sdf(path)
+    if kind == "MJCF":
+        from twin.importing.mjcf import refuse_nan
+
+        refuse_nan(path)
     if guarded:
         from twin.importing.guard import try_first
 

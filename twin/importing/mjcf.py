@@ -6,6 +6,7 @@ close loops (connect, weld) or couple joints. Coordinates keep MuJoCo's zero (`r
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
@@ -23,6 +24,8 @@ from twin.importing.xml import LARGEST
 from twin.mechanism import Body, Coupling, Drive, Frame, Inertia, Joint, JointType
 from twin.spatial import Array
 from twin.stage.read.names import identifier
+
+_ATTRIBUTE = re.compile(r"""([\w:]+)\s*=\s*["']([^"']*)["']""")
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
 _TYPES: tuple[JointType, ...] = ("free", "spherical", "prismatic", "revolute")
@@ -47,6 +50,22 @@ def read_mjcf(path: Path) -> Imported:
     reader = _Mjcf(path, model)
     reader.findings += [warning("mujoco", f"MuJoCo: {' '.join(str(w.message).split())}", path.name) for w in told]
     return reader.read()
+
+
+def refuse_nan(path: Path) -> None:
+    """Raise `SourceError` for a number that is none: MuJoCo compiles an ellipsoid of such a size for ever."""
+    for number, line in enumerate(path.read_bytes().decode(errors="replace").splitlines(), 1):
+        for name, value in _ATTRIBUTE.findall(line):
+            if "nan" in (tokens := value.lower().split()) and all(map(_is_number, tokens)):
+                raise SourceError(f"{path}:{number}: {name} = '{value[:80]}' is not all finite numbers")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _pose(p: Array, q_wxyz: Array) -> Array:

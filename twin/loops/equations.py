@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -52,12 +53,16 @@ class Passive:
         return ca.vertcat(lengths + step[:-3], turned / ca.sqrt(ca.sumsqr(turned)))
 
 
-@dataclass(frozen=True)
-class _Link:
-    """One joint on the way from a body to another, and the fixed pose (4, 4) from its child's side to the next."""
+Chain = list[Any]
+"""What lies between a body and a frame, from there on: fixed poses (4, 4), moving joints, and errors of frames."""
 
-    joint: Joint
-    T_after: Array
+
+@dataclass(frozen=True)
+class _Error:
+    """A frame that is off by a shift (m) and a turn (rad) in its own axes, (6,); or the way back."""
+
+    e: ca.SX
+    back: bool
 
 
 class Equations:
@@ -72,10 +77,14 @@ class Equations:
         row_names: loop joint or coupling of each row.
         offset, tilt: norms over all loops of the offsets in m and the misalignments in rad; a joint upside down is one.
         T_base_tool: (4, 4).
+        errors: (6,) by joint and side ("parent", "child"): by what its frame there is off, in its own axes; the shift
+            in m, then the turn in rad, to second order. Empty unless they were asked for.
     """
 
-    def __init__(self, mechanism: Mechanism) -> None:
+    def __init__(self, mechanism: Mechanism, *, with_errors: bool = False) -> None:
         self.mechanism = mechanism
+        sides = [(j.name, side) for j in mechanism.joints for side in ("parent", "child")] if with_errors else []
+        self.errors = {key: ca.SX.sym(f"e_{'_'.join(key)}", 6) for key in sides}
         self.q = ca.SX.sym("q", len(mechanism.active))
         self._active = {j.name: i for i, j in enumerate(mechanism.active)}
         self._joint_to = {j.child: j for j in mechanism.tree}
@@ -112,11 +121,11 @@ class Equations:
         tool = mechanism.frame(mechanism.tool)
         self.T_base_tool = self.pose(tool.body, tool.T_body_frame)
 
-    def pose(self, body: str, T_body_frame: Array | None = None) -> ca.SX:
-        """Return T_base_frame (4, 4) of a frame on a body."""
-        first, chain = self._chain(self._path(body), np.eye(4) if T_body_frame is None else T_body_frame)
-        axes = [self._carried(first, chain, ca.SX(e), False, False) for e in np.eye(3)]
-        T = ca.horzcat(*axes, self._carried(first, chain, ca.SX.zeros(3), True, False))
+    def pose(self, body: str, T_body_frame: Array | None = None, stepping: bool = False) -> ca.SX:
+        """Return T_base_frame (4, 4) of a frame on a body; `stepping`: a first order step further."""
+        chain = self._chain(self._path(body)) + ([] if T_body_frame is None else [_rounded(T_body_frame)])
+        axes = [self._carried(chain, ca.SX(e), False, stepping) for e in np.eye(3)]
+        T = ca.horzcat(*axes, self._carried(chain, ca.SX.zeros(3), True, stepping))
         return ca.vertcat(T, ca.SX([[0, 0, 0, 1]]))
 
     def rest(self) -> tuple[Array, list[Array]]:
@@ -146,10 +155,11 @@ class Equations:
         ways = [self._path(joint.parent), self._path(joint.child)]
         while ways[0] and ways[1] and ways[0][0].name == ways[1][0].name:
             ways = [w[1:] for w in ways]
-        a, b = (self._chain(w, T) for w, T in zip(ways, (joint.T_parent_joint, joint.T_child_joint), strict=True))
-        gap = self._carried(*b, ca.SX.zeros(3), True, stepping) - self._carried(*a, ca.SX.zeros(3), True, stepping)
+        a = self._chain(ways[0]) + self._frame(joint, "parent")
+        b = self._chain(ways[1]) + self._frame(joint, "child")
+        gap = self._carried(b, ca.SX.zeros(3), True, stepping) - self._carried(a, ca.SX.zeros(3), True, stepping)
         locked = [i for i in range(6) if i not in joint.free_axes]
-        frame = [self._carried(*a, ca.SX(e), False, stepping) for e in np.eye(3)]
+        frame = [self._carried(a, ca.SX(e), False, stepping) for e in np.eye(3)]
         if locked[:3] == [0, 1, 2]:
             # In a frame that stands still: as drawn, so that what a planar loop cannot do is exactly nothing.
             rest = self.mechanism.rest
@@ -160,7 +170,7 @@ class Equations:
             length = ca.vertcat(*[ca.dot(frame[i], gap) for i in locked if i < 3])
         if 3 in joint.free_axes:
             return length, ca.SX(0, 1), ca.SX(1)
-        others = [self._carried(*b, ca.SX(e), False, stepping) for e in np.eye(3)]
+        others = [self._carried(b, ca.SX(e), False, stepping) for e in np.eye(3)]
         if 5 in joint.free_axes:
             return length, ca.vertcat(*[ca.dot(frame[i], others[2]) for i in (0, 1)]), ca.dot(frame[2], others[2])
         R = ca.horzcat(*frame).T @ ca.horzcat(*others)
@@ -179,24 +189,40 @@ class Equations:
             body = out[-1].parent
         return out[::-1]
 
-    def _chain(self, joints: Sequence[Joint], T_last: Array) -> tuple[Array, list[_Link]]:
-        """Return the fixed pose before the first moving joint, and the links: what does not move becomes one pose."""
-        T, out = np.eye(4), []
-        for joint in joints:
-            T = T @ joint.T_parent_joint
-            if joint.type != "fixed":
-                out.append((joint, T))
-                T = np.eye(4)
-            T = T @ spatial.inverse(joint.T_child_joint)
-        before = [_rounded(t) for _, t in out] + [_rounded(T @ T_last)]
-        return before[0], [_Link(j, after) for (j, _), after in zip(out, before[1:], strict=True)]
+    def _frame(self, joint: Joint, side: str, back: bool = False) -> Chain:
+        """Return the way from a body to its side of a joint, or back."""
+        T = joint.T_parent_joint if side == "parent" else joint.T_child_joint
+        error = [_Error(e, back)] if (e := self.errors.get((joint.name, side))) is not None else []
+        return [*error, spatial.inverse(T)] if back else [T, *error]
 
-    def _carried(self, first: Array, chain: list[_Link], v: ca.SX, point: bool, stepping: bool) -> ca.SX:
+    def _chain(self, joints: Sequence[Joint]) -> Chain:
+        """Return the way along joints of the tree; fixed poses that follow each other become one."""
+        parts: Chain = []
+        for joint in joints:
+            moving = [] if joint.type == "fixed" else [joint]
+            parts += [*self._frame(joint, "parent"), *moving, *self._frame(joint, "child", back=True)]
+        out: Chain = []
+        for part in parts:
+            if isinstance(part, np.ndarray) and out and isinstance(out[-1], np.ndarray):
+                out[-1] = out[-1] @ part
+            else:
+                out.append(part)
+        return out
+
+    def _carried(self, chain: Chain, v: ca.SX, point: bool, stepping: bool) -> ca.SX:
         """Return a point or a direction (3,) given behind a chain, in the frame before it."""
-        for link in reversed(chain):
-            v = _moved(link.T_after, v, point)
-            v = self._motion(link.joint, v, point, stepping)
-        return _moved(first, v, point)
+        fixed: Array | None = None
+        for part in [*reversed(chain), None]:
+            if isinstance(part, np.ndarray):
+                fixed = part if fixed is None else part @ fixed
+                continue
+            if fixed is not None:
+                v, fixed = _moved(_rounded(fixed), v, point), None
+            if isinstance(part, _Error):
+                v = _off(part, v, point)
+            elif part is not None:
+                v = self._motion(part, v, point, stepping)
+        return v
 
     def _motion(self, joint: Joint, v: ca.SX, point: bool, stepping: bool) -> ca.SX:
         kind, name = joint.type, joint.name
@@ -235,6 +261,16 @@ def _turned(quat: ca.SX, v: ca.SX) -> ca.SX:
 def _moved(T: Array, v: ca.SX, point: bool) -> ca.SX:
     out = ca.SX(T[:3, :3]) @ v
     return out + ca.SX(T[:3, 3]) if point else out
+
+
+def _off(error: _Error, v: ca.SX, point: bool) -> ca.SX:
+    """Return v (3,) moved by the error of a frame, or back."""
+    shift, turn = error.e[:3], error.e[3:]
+    if error.back:
+        turn = -turn
+        v = v - shift if point else v
+    v = v + ca.cross(turn, v) + ca.cross(turn, ca.cross(turn, v)) / 2
+    return v + shift if point and not error.back else v
 
 
 def _rounded(T: Array) -> Array:

@@ -199,7 +199,7 @@ def _nodes(schema: dict, data: Any, keys: Keys) -> list[dict]:
             yield node
             return
         tag = node.get("discriminator")
-        if tag and isinstance(value, dict) and value.get(tag["propertyName"]) in tag["mapping"]:
+        if tag and isinstance(value, dict) and str(value.get(tag["propertyName"])) in tag["mapping"]:
             branches = [{"$ref": tag["mapping"][value[tag["propertyName"]]]}]
         for branch in branches:
             yield from expand(branch, value)

@@ -82,6 +82,7 @@ BAD = {
     "error_frame_on_nothing.sdf": (SDF, "</model>", '<frame name="f" attached_to="g"/></model>'),
     "error_child_world.sdf": (SDF, "<child>upper", "<child>world"),
     "error_mocap.xml": (BALL, 'body name="a"', 'body name="a" mocap="true"'),
+    "error_size_nan.xml": (BALL, 'size="0.1"', 'type="ellipsoid" size="0.1 0.1 nan"'),
     "error_no_joints.xml": (BALL, BALL[BALL.index("<body ") : BALL.index("</worldbody>")], ""),
     "error_spatial_tendon.xml": (
         MJCF,

@@ -1,0 +1,538 @@
+"""Sweeps: workspaces against the equations asked pose by pose, tolerances against Pinocchio and chance, designs."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as stn
+
+import twin
+from twin import cli, spatial
+from twin.errors import TwinError
+from twin.mechanism import Body as MechanismBody
+from twin.mechanism import Frame, Joint, Mechanism
+from twin.reference import ReferenceModel
+from twin.sweeps import cluster, design, joints, table
+from twin.sweeps import workspace as reach
+from twin.sweeps.tolerance import Spread, Tolerances
+from twin.units import DEG, MM, UM
+
+ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")
+
+
+@pytest.fixture(scope="module")
+def robots():
+    out = {n: twin.load(n) for n in ROBOTS}
+    return {n: r.bound(r.protocol()) if r.mechanism.trocar else r for n, r in out.items()}
+
+
+def grid_around(robot, count=(9, 8, 7), step=0.01, **more):
+    T = reach.centre(robot)
+    low = T[:3, 3] - step * (np.array(count) - 1) / 2
+    return reach.Grid(low, step, count, T[:3, :3], **more)
+
+
+def poses(grid):
+    """The poses of a grid by numpy."""
+    import casadi as ca
+
+    i = ca.SX.sym("i")
+    f = ca.Function("f", [i], [grid.pose(i)])
+    return np.array([f(k).full() for k in range(grid.poses)])
+
+
+# -- workspace -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_positions_are_judged_as_the_equations_say(robots, name):
+    robot = robots[name]
+    kin, grid = robot.kinematics(), grid_around(robot)
+    values = reach.evaluate(reach.judge(robot, grid), grid, 0, grid.positions)
+    Ts = spatial.pose(grid.R_base_tool, grid.position(np.arange(grid.positions)))
+    with np.errstate(all="ignore"):
+        q, limits = kin.inverse_many(Ts), reach.limits_of(robot)
+        good = ((q >= limits[:, 0]) & (q <= limits[:, 1])).all(axis=1)
+        for i, j, least in reach.gaps_of(robot):
+            good &= q[:, j] - q[:, i] >= least
+        if kin.formula.aspects:
+            good &= (kin.aspect_signs(Ts, q) == [a.preferred for a in kin.formula.aspects]).all(axis=1)
+    assert good.any()
+    assert np.array_equal(values[:, 0] > 0, good)
+    condition = kin.condition_many(Ts[good], q[good])
+    np.testing.assert_allclose(values[good, 1], 1 / condition, rtol=2e-6, atol=1e-7)
+    span = limits[:, 1] - limits[:, 0]
+    margin = np.where(np.isfinite(span), 2 * np.minimum(q - limits[:, 0], limits[:, 1] - q) / span, 1)[good].min(axis=1)
+    np.testing.assert_allclose(values[good, 2], margin, rtol=1e-5, atol=1e-6)
+    measures = kin.singularity(Ts[good], q[good])
+    if measures:
+        least = np.min([np.abs(m) for m in measures.values()], axis=0)
+        np.testing.assert_allclose(values[good, 3], least, rtol=1e-5, atol=1e-7)
+    assert not values[~good, :2].any()
+
+
+def test_numbers_of_a_grid_are_positions_and_turns(robots):
+    grid = grid_around(robots["sils"], (4, 3, 2), tilt=0.2, turns=5)
+    Ts = poses(grid)
+    assert len(Ts) == 4 * 3 * 2 * 5 == grid.poses
+    places = grid.position(np.arange(grid.positions))
+    assert np.abs(Ts[:, :3, 3] - np.repeat(places, 5, axis=0)).max() < 1e-12
+    assert np.abs(Ts[::5, :3, :3] - grid.R_base_tool).max() < 1e-14, "the first orientation is not turned"
+    turn = spatial.log_so3(Ts[:, :3, :3] @ grid.R_base_tool.T)
+    assert np.abs(turn).max() <= 0.2 + 1e-12
+    assert np.abs(turn[1:5] - turn[6:10]).max() < 1e-12, "every position has the same orientations"
+    assert np.abs(Ts[:, :3, :3] @ np.swapaxes(Ts[:, :3, :3], 1, 2) - np.eye(3)).max() < 1e-14
+
+
+def test_orientations_are_counted_at_each_position(robots):
+    robot = robots["sils"]
+    grid = grid_around(robot, (5, 4, 3), 0.03, tilt=20 * DEG, turns=8)
+    values = reach.evaluate(reach.judge(robot, grid), grid, 0, grid.positions)
+    one = reach.Grid(grid.low, grid.step, grid.shape, grid.R_base_tool)
+    Ts = poses(grid)
+    kin, limits = robot.kinematics(), reach.limits_of(robot)
+    with np.errstate(all="ignore"):
+        q = kin.inverse_many(Ts)
+        good = ((q >= limits[:, 0]) & (q <= limits[:, 1])).all(axis=1)
+        for i, j, least in reach.gaps_of(robot):
+            good &= q[:, j] - q[:, i] >= least
+        good &= (kin.aspect_signs(Ts, q) == [a.preferred for a in kin.formula.aspects]).all(axis=1)
+    assert np.allclose(values[:, 0], good.reshape(-1, 8).mean(axis=1))
+    assert 0 < good.mean() < 1
+    assert one.positions == grid.positions
+
+
+@pytest.mark.parametrize("name", ["sils", pytest.param("sher", marks=pytest.mark.slow)])
+def test_the_box_holds_all_that_is_reached(robots, name):
+    robot = robots[name]
+    T = reach.centre(robot)
+    low, high = reach.box(robot, T)
+    step = float((high - low).max() / 40)
+    wide = np.floor((high - low) * 1.4 / step).astype(int) + 1
+    grid = reach.Grid(low - 0.2 * (high - low), step, (int(wide[0]), int(wide[1]), int(wide[2])), T[:3, :3])
+    found = reach.workspace(robot, grid)
+    p = grid.position(np.flatnonzero(found.reached))
+    assert (p >= low).all()
+    assert (p <= high).all()
+    finer = reach.Grid(grid.low, step / 2, tuple(2 * int(n) for n in wide), T[:3, :3])  # type: ignore[arg-type]
+    volume = reach.workspace(robot, finer).summary()["volume_dm3"]
+    assert found.summary()["volume_dm3"] == pytest.approx(volume, rel=0.05)
+
+
+def test_sils_reaches_the_volume_that_was_derived_for_it(robots):
+    """14.6 dm3 with level tool (1 to 2 %), for wider limits, and with every ball in front of the frame."""
+    from twin.sweeps import measure
+
+    robot = robots["sils"]
+    kin = robot.kinematics()
+    limits = np.array([[0, 0.657], [0, 0.657], [-0.01, 0.612], [-0.01, 0.612], [0, 0.657], [0, 0.657]])
+    grid = reach.Grid(np.zeros(3), 0.01, (60, 72, 48), np.eye(3))
+    kernel = measure.kernel(kin, limits, grid.pose, gaps=reach.gaps_of(robot))
+    values = reach.evaluate(kernel, grid, 0, grid.positions)
+    reached = np.flatnonzero(values[:, 0] > 0)
+    Ts = spatial.pose(np.eye(3), grid.position(reached))
+    points = kin.points_many(Ts)
+    front = np.min([points[n][:, 0] for n in points if re.fullmatch("s[123]", n)], axis=0) > 0
+    assert 0.001 * front.sum() == pytest.approx(14.6, rel=0.03)
+
+
+@pytest.mark.slow
+def test_joints_and_poses_reach_the_same_places(robots):
+    """Whatever position is reached in the home orientation is a cell that the joints reach too."""
+    robot = robots["pa10"]
+    by_joints = joints.by_joints(robot, 200_000, 0.15)
+    T = reach.centre(robot)
+    low, high = reach.box(robot, T)
+    nx, ny, nz = (int(n) for n in np.floor((high - low) / 0.1))
+    by_poses = reach.workspace(robot, reach.Grid(low, 0.1, (nx, ny, nz), T[:3, :3]))
+    p = by_poses.grid.position(np.flatnonzero(by_poses.reached))
+    grid = by_joints.grid
+    index = np.round((p - grid.low) / grid.step).astype(int)
+    inside = ((index >= 0) & (index < grid.shape)).all(axis=1)
+    hit = by_joints.cube[tuple(index[inside].T)][:, 0] > 0
+    assert inside.mean() > 0.99
+    assert hit.mean() > 0.98
+
+
+def planar_arm(limits=(-2.0, 2.0)) -> Mechanism:
+    joints_ = (
+        Joint("a", "revolute", "base", "upper", active=True, limits=limits),
+        Joint("b", "revolute", "upper", "fore", spatial.pose(p=[0.3, 0, 0]), active=True, limits=limits),
+    )
+    frames = (Frame("tool", "fore", spatial.pose(p=[0.2, 0, 0])),)
+    return Mechanism("arm", "base", tuple(map(MechanismBody, ("base", "upper", "fore"))), joints_, frames)
+
+
+def test_a_mechanism_without_equations_goes_through_its_joints(robots):
+    robot = twin.api.Robot(None, Path("arm.usda"))
+    robot.mechanism = planar_arm()
+    found = joints.by_joints(robot, 50_000, 0.01)
+    p = found.grid.position(np.flatnonzero(found.reached))
+    assert np.abs(p[:, 2]).max() < 0.02
+    radius = np.linalg.norm(p[:, :2], axis=1)
+    assert radius.max() == pytest.approx(0.5, abs=0.02)
+    nearest = np.sqrt(0.3**2 + 0.2**2 + 2 * 0.3 * 0.2 * np.cos(2.0))
+    assert radius.min() == pytest.approx(nearest, abs=0.02)
+    assert found.facts["assembled"] == 1.0
+
+
+def test_a_slide_without_limits_is_named(robots):
+    robot = twin.api.Robot(None, Path("arm.usda"))
+    m = planar_arm()
+    robot.mechanism = replace(m, joints=(replace(m.joints[0], type="prismatic", limits=None), m.joints[1]))
+    with pytest.raises(TwinError, match="joint 'a' slides without limits"):
+        joints.by_joints(robot, 1000)
+
+
+def test_workspace_command_writes_what_others_read(tmp_path, capsys):
+    import trimesh
+    from pxr import Usd, UsdGeom
+
+    assert cli.main(["workspace", "sils", "--count", "60000", "--out", str(tmp_path), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said == json.loads((tmp_path / "workspace.json").read_text())
+    assert 6 < said["volume_dm3"] < 9
+    cloud = trimesh.load(tmp_path / "workspace.ply")
+    stage = Usd.Stage.Open(str(tmp_path / "workspace.usdc"))
+    prim = UsdGeom.Points(stage.GetDefaultPrim())
+    points = np.array(prim.GetPointsAttr().Get())
+    assert len(points) == len(cloud.vertices)
+    assert np.abs(points - cloud.vertices).max() < 1e-6
+    cell = (said["step_mm"] / 100) ** 3
+    assert len(points) * cell == pytest.approx(said["volume_dm3"], rel=1e-6)
+    known = UsdGeom.PrimvarsAPI(prim.GetPrim()).GetPrimvar("inverse_condition").Get()
+    assert 0 < min(known) < max(known) <= 1
+    assert (tmp_path / "workspace.png").stat().st_size > 20_000
+    assert np.load(tmp_path / "workspace.npy", mmap_mode="r").shape == (said["positions"], 4)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--count", "10"], "--count 10: give at least 1000"),
+        (["--step-mm", "-1"], "--step-mm -1: give a positive number of millimetres"),
+        (["--tilt-deg", "200"], "--tilt-deg 200: give degrees from 0 to 180"),
+        (["--turns", "0"], "--turns 0: give at least 1"),
+        (["--joints", "--scheduler", "local"], "--scheduler: samples of joints are judged on this machine"),
+        (["--count", "1.5"], "argument --count: invalid"),
+        (["--scheduler", "tcp://127.0.0.1:1", "--count", "1000"], "no Dask scheduler answers there"),
+    ],
+)
+def test_workspace_refuses(arguments, message, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(cluster, "PATIENCE", "1s")
+    assert cli.main(["workspace", "sils", "--out", str(tmp_path / "o"), *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "o").exists()
+
+
+# -- tolerance -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["sils", "lapbot", "pa10", pytest.param("sher", marks=pytest.mark.slow)])
+def test_sensitivities_are_what_a_moved_frame_does_to_the_reference(robots, name, rng):
+    """Frames of the mechanism are moved, and Pinocchio closes its loops."""
+    mechanism = robots[name].mechanism
+    spread = Spread(10 * UM, 10 * UM, 10 * UM, 10 * UM)
+    tolerances = Tolerances(mechanism, spread)
+    model = ReferenceModel(mechanism)
+    start = model.home()
+    S = tolerances.budget("drawn", start.q).sensitivity
+    frames = list(tolerances.equations.errors)
+    for k in rng.choice(len(frames), 4, replace=False):
+        joint, side = frames[k]
+        e = rng.uniform(-1, 1, 6) * 1e-6
+        key = f"T_{side}_joint"
+        moved = getattr(mechanism.joint(joint), key) @ spatial.pose(spatial.exp_so3(e[3:]), e[:3])
+        changed = tuple(replace(j, **{key: moved}) if j.name == joint else j for j in mechanism.joints)
+        T = ReferenceModel(replace(mechanism, joints=changed)).solve(start.q).T_base_tool
+        got = np.concatenate(
+            [T[:3, 3] - start.T_base_tool[:3, 3], spatial.log_so3(T[:3, :3] @ start.T_base_tool[:3, :3].T)]
+        )
+        want = S[:, 6 * k : 6 * k + 6] @ e
+        np.testing.assert_allclose(got, want, atol=2e-3 * np.abs(want).max() + 2e-11, err_msg=f"{joint} {side}")
+
+
+@pytest.mark.parametrize("name", ["hibou", *(pytest.param(n, marks=pytest.mark.slow) for n in ("sils", "sher"))])
+def test_chance_agrees_to_two_percent(robots, name):
+    mechanism = robots[name].mechanism
+    tolerances = Tolerances(mechanism, Spread(10 * UM, 0.001 * DEG, 1 * UM, 0.001 * DEG))
+    budget = tolerances.budget("home", mechanism.posture("home"), 100_000)
+    assert budget.difference is not None
+    assert budget.difference < 0.02
+    assert budget.sampled_within is not None
+    assert budget.sampled_within[0] == pytest.approx(budget.within[0], rel=0.02)
+    assert budget.sampled_within[1] == pytest.approx(budget.within[1], rel=0.02)
+
+
+def test_an_encoder_error_costs_what_the_jacobian_says(robots):
+    robot = robots["pa10"]
+    q = robot.mechanism.posture("home")
+    budget = Tolerances(robot.mechanism, Spread(0, 0, 0, 1e-4)).budget("home", q)
+    J = robot.jacobian(q)
+    np.testing.assert_allclose(budget.covariance, 1e-8 * J @ J.T, atol=1e-15)
+    assert next(n for n, share, _ in budget.contributors if share > 1e-12).startswith("encoder")
+    assert sum(share for _, share, _ in budget.contributors) == pytest.approx(1)
+
+
+def test_tolerances_scale_and_add_up(robots):
+    mechanism = robots["hibou"].mechanism
+    q = mechanism.posture("home")
+    one = Tolerances(mechanism, Spread(10 * UM, 0, 0, 0)).budget("home", q)
+    two = Tolerances(mechanism, Spread(20 * UM, 0, 0, 0)).budget("home", q)
+    encoder = Tolerances(mechanism, Spread(0, 0, 0, 5e-5)).budget("home", q)
+    both = Tolerances(mechanism, Spread(10 * UM, 0, 0, 5e-5)).budget("home", q)
+    assert two.within[0] == pytest.approx(2 * one.within[0])
+    np.testing.assert_allclose(both.covariance, one.covariance + encoder.covariance, rtol=1e-9, atol=1e-20)
+
+
+@pytest.mark.parametrize("spread", [Spread(0, 0, 0, 0), Spread(-1, 0, 0, 1), Spread(np.nan, 0, 0, 0)])
+def test_tolerances_that_are_none_are_refused(robots, spread):
+    with pytest.raises(TwinError, match="must be finite and not negative, and one of them positive"):
+        Tolerances(robots["pa10"].mechanism, spread)
+
+
+def test_tolerance_command_tells_whether_a_requirement_is_met(tmp_path, capsys):
+    coarse = ["tolerance", "hibou", "--samples", "2000", "--out", str(tmp_path), "--json", "--require-um", "50"]
+    assert cli.main(coarse) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert (said["verdict"], said["required_um"], said["requirement"]) == ("disagree", 50.0, "")
+    assert said["factor"] < 1
+    (chance,) = [s["monte_carlo"] for s in said["states"] if "monte_carlo" in s]
+    assert chance["difference"] < 0.1
+    finer = [*coarse, "--sigma-um", str(10 * said["factor"] * 0.9), "--sigma-deg", "0", "--encoder-um", "0"]
+    assert cli.main([*finer, "--encoder-deg", "0"]) == 0
+    assert json.loads(capsys.readouterr().out)["verdict"] == "agree"
+    assert (tmp_path / "tolerance.png").stat().st_size > 10_000
+    assert cli.main(["tolerance", "sher", "--samples", "10", "--out", str(tmp_path)]) == 2
+    assert "--samples 10: give at least 1000" in capsys.readouterr().err
+    assert cli.main(["tolerance", "sher", "--require-um", "0", "--out", str(tmp_path)]) == 2
+
+
+@pytest.mark.slow
+def test_the_requirement_of_a_robot_is_its_own(tmp_path, capsys):
+    assert cli.main(["tolerance", "sher", "--samples", "0", "--out", str(tmp_path), "--json"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert said["required_um"] == 25.0
+    assert "SEED" in said["requirement"]
+
+
+# -- designs -------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(stn.arrays(float, st.tuples(st.integers(1, 25), st.integers(1, 3)), elements=st.floats(-3, 3).map(round)))
+def test_a_design_is_on_the_front_if_none_beats_it(rows):
+    rows = np.asarray(rows, float)
+    directions = [1, -1, 1][: rows.shape[1]]
+    best = design.pareto(rows, directions)
+    for i, mine in enumerate(rows * directions):
+        beaten = any((o >= mine).all() and (o > mine).any() for o in rows * directions)
+        assert best[i] == (not beaten)
+
+
+def test_a_stretched_part_has_its_length_and_the_mechanism_follows(robots):
+    from twin.loops import LoopSolver
+
+    m = robots["sher"].mechanism
+    assert design.distance(m, "l4:e_a-e_d") == pytest.approx(73.5 * MM)
+    longer = design.stretched(m, "l4:e_a-e_d", 74 * MM)
+    assert design.distance(longer, "l4:e_a-e_d") == pytest.approx(74 * MM)
+    kin = twin.load("sher").kinematics(parameters={"DA": 74 * MM})
+    q = m.posture("home")
+    assert np.abs(LoopSolver(longer).forward(q) - kin.forward(q)).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("l_p", "write NAME=LOW..HIGH"),
+        ("l_p=1..2furlong", "unit 'furlong'"),
+        ("l_p=2..1mm", "2 .. 1 are not ordered"),
+        ("l_q=1..2mm", "parameter 'l_q'"),
+        ("bar1:r12-s9=1..2mm", "joint 's9'"),
+        ("bar1:r12-s2=1..2mm", "joint 's2' is not on body 'bar1'"),
+        ("bar1:r12=1..2mm", "write body:joint-joint"),
+        ("l_p=nan..2mm", "write NAME=LOW..HIGH"),
+    ],
+)
+def test_a_factor_that_cannot_be_is_named(robots, text, message):
+    with pytest.raises(TwinError, match=re.escape(message)):
+        design.factor(robots["sils"], text)
+
+
+def test_designs_fill_their_ranges(robots):
+    factors = [design.factor(robots["sils"], t) for t in ("l_p=120..150mm", "l_1=170..190")]
+    assert factors[1].unit == "mm"
+    lhs = design.values(factors, 50, None, 3)
+    assert lhs.shape == (51, 2)
+    assert lhs[0] == pytest.approx([0.135, 0.182])
+    strata = np.floor((lhs[1:] - [0.12, 0.17]) / [0.03, 0.02] * 50).astype(int)
+    assert all(sorted(s) == list(range(50)) for s in strata.T), "one sample in each fiftieth"
+    grid = design.values(factors, 0, 3, 0)
+    assert grid.shape == (10, 2)
+    assert sorted(set(grid[1:, 0].round(6))) == [0.12, 0.135, 0.15]
+    assert np.array_equal(design.values(factors, 5, None, 3), design.values(factors, 5, None, 3))
+
+
+def judged(folder):
+    return [line.split(",")[0] for line in (folder / "rows.csv").read_text().splitlines()]
+
+
+SWEEP = ["sweep", "sils", "--vary", "l_p=125..145mm", "--samples", "7", "--workers", "1", "--quiet"]
+
+
+@pytest.mark.slow
+def test_a_sweep_stops_and_goes_on(tmp_path, capsys):
+    """Killed outright while it works; what was judged is not judged again, and the result is that of one go."""
+    code = "import sys; from twin.cli import main; sys.exit(main(sys.argv[1:]))"
+    rows = tmp_path / "a/rows.csv"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, *SWEEP, "--out", str(tmp_path / "a")], start_new_session=True
+    )
+    end = time.monotonic() + 120
+    while time.monotonic() < end and not (rows.is_file() and len(rows.read_bytes().splitlines()) >= 2):
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    first = judged(tmp_path / "a")
+    assert 2 <= len(first) < 8
+    with rows.open("a") as file:
+        file.write("7,0.1")  # a line that was cut off
+    assert cli.main([*SWEEP, "--out", str(tmp_path / "a"), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["judged_before"] == len(first)
+    assert sorted(map(int, judged(tmp_path / "a"))) == list(range(8))
+    assert judged(tmp_path / "a")[: len(first)] == first
+    assert cli.main([*SWEEP, "--out", str(tmp_path / "b"), "--parquet"]) == 0
+    capsys.readouterr()
+    assert (tmp_path / "a/sweep.csv").read_text() == (tmp_path / "b/sweep.csv").read_text()
+    _, pq = table.arrow()
+    rows_ = pq.read_table(tmp_path / "b/sweep.parquet").to_pylist()
+    with (tmp_path / "b/sweep.csv").open() as file:
+        text = list(csv.DictReader(file))
+    assert [list(r) for r in rows_] == [list(r) for r in text]
+    assert [float(r["volume [dm³]"]) for r in text] == [r["volume [dm³]"] for r in rows_]
+    assert (tmp_path / "b/sweep.png").stat().st_size > 10_000
+    # another job in that folder is not mixed with it
+    assert cli.main([*SWEEP, "--seed", "5", "--out", str(tmp_path / "b")]) == 2
+    assert "another sweep lies here" in capsys.readouterr().err
+    assert len(judged(tmp_path / "b")) == 8
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "--vary: say what is varied"),
+        (["--vary", "l_p=1..2mm", "--vary", "l_p=3..4mm"], "a factor is given twice"),
+        (["--vary", "l_p=120..150mm", "--objective", "beauty"], "objective 'beauty'"),
+        (["--vary", "l_p=120..150mm", "--objective", "tolerance"], "judges the mechanism"),
+        (["--vary", "bar1:r12-s1=570..580mm", "--objective", "volume"], "a distance of the mechanism"),
+        (["--vary", "l_p=120..150mm", "--grid", "1"], "--grid: give at least 2 levels"),
+        (["--vary", "l_p=120..150mm", "--workers", "0"], "--workers 0: give at least 1"),
+    ],
+)
+def test_sweep_refuses(arguments, message, tmp_path, capsys):
+    assert cli.main(["sweep", "sils", "--out", str(tmp_path / "o"), *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_parquet_without_pyarrow_says_how_to_get_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(TwinError, match="pip install 'twin-robotics\\[parquet\\]'"):
+        table.arrow()
+
+
+# -- other processors ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def two_workers(tmp_path_factory):
+    """A scheduler and two workers, each a process of its own; yields the address and the workers."""
+    folder = tmp_path_factory.mktemp("dask")
+    python = [sys.executable, "-m", "dask"]
+    said = (folder / "scheduler.log").open("w+")
+    options = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(folder / "s.json")]
+    processes = [subprocess.Popen([*python, "scheduler", *options], stdout=said, stderr=said, cwd=folder)]
+    end = time.monotonic() + 60
+    while not (folder / "s.json").is_file() and time.monotonic() < end:
+        time.sleep(0.1)
+    address = json.loads((folder / "s.json").read_text())["address"]
+    more = ["--nthreads", "1", "--no-dashboard", "--no-nanny", "--host", "127.0.0.1"]
+    workers = [
+        subprocess.Popen([*python, "worker", address, *more, "--name", f"w{i}"], stdout=said, stderr=said, cwd=folder)
+        for i in range(2)
+    ]
+    processes += workers
+    from distributed import Client
+
+    with Client(address, timeout="30s") as client:
+        client.wait_for_workers(2, timeout=60)
+    yield address, workers
+    for p in processes:
+        p.kill()
+    for p in processes:
+        p.wait(20)
+    said.close()
+
+
+def slow(folder: str, number: int) -> int:
+    time.sleep(0.3)
+    Path(folder, f"{number}-{os.getpid()}").write_text("")
+    return number * number
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_workspace(robots, two_workers):
+    robot = robots["sher"]
+    grid = grid_around(robot, (40, 40, 30), 0.003)
+    here = reach.workspace(robot, grid)
+    chunk, reach.CHUNK = reach.CHUNK, 10_000
+    try:
+        with cluster.cluster(two_workers[0]) as client:
+            there = reach.workspace(robot, grid, client=client, source="sher")
+    finally:
+        reach.CHUNK = chunk
+    assert here.reached.any()
+    assert np.array_equal(here.values, there.values, equal_nan=True)
+
+
+@pytest.mark.slow
+def test_a_lost_worker_loses_no_result(two_workers, tmp_path):
+    address, workers = two_workers
+    with cluster.cluster(address) as client:
+        found = {}
+        for number, result in cluster.each(client, _task(), [(str(tmp_path), i) for i in range(16)]):
+            found[number] = result
+            if len(found) == 4:
+                workers[1].kill()
+    assert found == {i: i * i for i in range(16)}
+    pids = {p.name.split("-")[1] for p in tmp_path.iterdir()}
+    assert len(pids) == 2, "both workers had a share"
+
+
+def _task():
+    """A function that workers can be sent without having this file."""
+    import types
+
+    return types.FunctionType(slow.__code__, {"time": time, "Path": Path, "os": os, "__builtins__": __builtins__})
+
+
+@pytest.mark.slow
+def test_workers_of_its_own_are_on_this_machine_alone():
+    with cluster.cluster(workers=2) as client:
+        assert len(client.scheduler_info()["workers"]) == 2
+        assert client.scheduler.address.startswith("tcp://127.0.0.1:")
+        assert dict(cluster.each(client, pow, [(2, 3), (3, 2)])) == {0: 8, 1: 9}
