@@ -100,6 +100,12 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
             a = np.maximum(a, np.linalg.norm(d1 * sdd + d2 * sd**2, axis=1) / acceleration)
         return v, a
 
+    def jerk(s: Array, sd: Array, sdd: Array) -> float:
+        m = path.motion(s)
+        parts = ((m.p1, m.p2, limits.tip_jerk), (m.w1, m.w2, limits.rotation_jerk))
+        accelerations = [(d1 * sdd[:, None] + d2 * sd[:, None] ** 2, most) for d1, d2, most in parts]
+        return max(float(np.max(np.linalg.norm(np.diff(a, axis=0), axis=1))) / (dt * most) for a, most in accelerations)
+
     try:
         timing = time_path(
             derivatives,
@@ -107,6 +113,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
             np.concatenate([kinematics.max_acceleration, [limits.tip_acceleration, limits.rotation_acceleration]]),
             dt=dt,
             load=load,
+            jerk=jerk if min(limits.tip_jerk, limits.rotation_jerk) < np.inf else None,
         )
     except TimingError as error:
         raise TimingError(f"{where}: {error}") from error

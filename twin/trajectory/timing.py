@@ -24,12 +24,16 @@ import numpy as np
 from twin.errors import TimingError
 from twin.spatial import Array
 from twin.trajectory import topp
+from twin.trajectory.sampling import Samples, sample
 
 Derivatives = Callable[[Array], tuple[Array, Array]]
 """s (k,) -> first and second derivatives (k, m) of the limited coordinates with respect to s."""
 
 Load = Callable[[Array, Array, Array], tuple[Array, Array]]
 """s, ds/dt, d2s/dt2, each (k,) -> largest speed and acceleration (k,), each relative to its limit."""
+
+Jerk = Callable[[Array, Array, Array], float]
+"""s, ds/dt, d2s/dt2, each (k,) at every dt -> largest jerk, relative to its limit."""
 
 OVER = 1e-3
 """Fraction by which a sample may exceed a limit; more is an error."""
@@ -40,8 +44,12 @@ _REFINE = 1.01
 """Acceleration relative to its limit, above which a finer grid is tried before slowing down."""
 
 
-_TRIES = 4
+_TRIES = 20
 """How often a motion is slowed down for what its samples exceed; the first is enough for a path without kinks."""
+
+
+_SLOWEST = 1e3
+"""How often the optimal duration is waited for a jerk to keep its limit."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +87,7 @@ def time_path(
     *,
     dt: float = 1e-3,
     load: Load | None = None,
+    jerk: Jerk | None = None,
     knots: int = 241,
     finest: int = 961,
 ) -> Timing:
@@ -90,6 +99,7 @@ def time_path(
         max_acceleration: (m,) likewise, per second squared.
         dt: sampling time in s; the duration is rounded up to a multiple of it.
         load: a stricter judge than the m coordinates, if there is one (norms of vectors).
+        jerk: judge of a jerk that is limited: the rate is then averaged over a window of time, no longer than needed.
         knots: grid points to begin with.
         finest: grid points at which refining ends.
 
@@ -109,14 +119,40 @@ def time_path(
         knots = 2 * knots - 1
     optimal = float(np.sum(2 * np.diff(grid) / (rates[1:] + rates[:-1])))
     slower = max(1.0, speed, np.sqrt(acceleration))
-    for _ in range(_TRIES):
-        steps = max(2, int(np.ceil(optimal * slower / dt - 1e-9)))
-        t, s, sd, sdd = _sample(grid, rates * (optimal / (steps * dt)), steps, dt)
-        v, a = (float(np.max(x)) for x in judge(s, sd, sdd))
-        if max(v, a) <= 1.0 + OVER:
-            return Timing(t, s, sd, sdd, steps * dt, optimal, max(speed, acceleration) - 1, knots, solver)
-        slower *= max(v, np.sqrt(a))  # a path so sharp that the grid has missed its worst point
-    raise TimingError(f"a sample exceeds its limit by {100 * (max(v, a) - 1):.2g} % even after slowing down")
+
+    def paced(window: int, slower: float) -> tuple[Samples, float]:
+        """Return the samples, slowed down until they keep the limits, and their jerk relative to its limit."""
+        for _ in range(_TRIES):
+            steps = max(2, int(np.ceil(optimal * slower / dt - 1e-9)))
+            samples = sample(grid, rates * (optimal / (steps * dt)), steps, dt, window)
+            v, a = (float(np.max(x)) for x in judge(*samples[1:]))
+            if max(v, a) <= 1.0 + OVER:
+                return samples, jerk(*samples[1:]) if jerk else 0.0
+            slower *= max(v, np.sqrt(a))  # a path so sharp that the grid has missed its worst point
+        raise TimingError(f"a sample exceeds its limit by {100 * (max(v, a) - 1):.2g} % even after slowing down")
+
+    samples, excess = paced(0, slower)
+    if excess > 1:
+        samples = _averaged(paced, slower, optimal / dt)
+    t, s, sd, sdd = samples
+    return Timing(t, s, sd, sdd, float(t[-1]), optimal, max(speed, acceleration) - 1, knots, solver)
+
+
+def _averaged(paced: Callable[[int, float], tuple[Samples, float]], slower: float, steps: float) -> Samples:
+    """Return the samples with the shortest window that keeps the jerk; slower where the bends alone are too much."""
+    while slower < _SLOWEST:
+        low, high, least = 0, 1, np.inf
+        while high <= 2 * slower * steps:
+            samples, excess = paced(high, slower)
+            if excess <= 1:
+                while high - low > max(1, high // 50):
+                    middle = (low + high) // 2
+                    found, excess = paced(middle, slower)
+                    low, high, samples = (middle, high, samples) if excess > 1 else (low, middle, found)
+                return samples
+            low, high, least = high, 2 * high, min(least, excess)
+        slower *= max(float(np.cbrt(least)), 1.02)
+    raise TimingError(f"the jerk stays {least:.3g} times its limit, however slow the motion")
 
 
 def _plain_load(derivatives: Derivatives, max_speed: Array, max_acceleration: Array) -> Load:
@@ -138,20 +174,6 @@ def _peaks(grid: Array, rates: Array, load: Load, inside: int = 5) -> tuple[floa
     sdd = np.repeat(np.diff(squares) / (2 * np.diff(grid)), inside)
     speed, acceleration = load(s, sd, sdd)
     return float(np.max(speed)), float(np.max(acceleration))
-
-
-def _sample(grid: Array, rates: Array, steps: int, dt: float) -> tuple[Array, Array, Array, Array]:
-    """Return t, s, ds/dt, d2s/dt2 at every dt: constant acceleration of s inside a grid interval."""
-    sdd_of = np.diff(rates**2) / (2 * np.diff(grid))
-    ends = np.concatenate([[0.0], np.cumsum(2 * np.diff(grid) / (rates[1:] + rates[:-1]))])
-    t = np.arange(steps + 1, dtype=np.float64) * dt
-    i = np.clip(np.searchsorted(ends, t, side="right") - 1, 0, len(sdd_of) - 1)
-    x = t - ends[i]
-    sdd = sdd_of[i]
-    sd = np.maximum(rates[i] + sdd * x, 0.0)
-    s = np.clip(grid[i] + rates[i] * x + 0.5 * sdd * x**2, 0.0, 1.0)
-    s[-1], sd[-1] = 1.0, 0.0
-    return t, s, sd, sdd
 
 
 def _rates(grid: Array, first: Array, second: Array, speed: Array, acceleration: Array) -> tuple[Array, Solver]:
