@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 _MANY = 20_000
 """Rows from which a kernel is worth compiling."""
 
+_REGULAR, _ROUNDING = 1e8, 1e-15
+"""Condition below which numbers are inverted, and what is left of zeros then."""
+
 _BLOCK = 256
 """Samples that one mapped call evaluates; larger blocks are no faster and cost more for small batches."""
 
@@ -163,11 +166,20 @@ def _outputs(formula: Formula, equation: Equation, function: Rows, symbols: Mapp
     A = ca.jacobian(rows, x)
     if ca.depends_on(A, x):
         raise KinematicsError(f"{what} is implicit in {', '.join(implicit)} and not linear in them.")
-    solved = ca.solve(ca.SX.eye(len(implicit)) - A, ca.substitute(rows, x, 0 * x))
+    solved = _solved(ca.SX.eye(len(implicit)) - A, ca.substitute(rows, x, 0 * x))
     values = [ca.substitute(ca.SX(v), x, solved) for v in values]
     for i, n in enumerate(implicit):
         values[equation.outputs.index(n)] = solved[i]
     return values
+
+
+def _solved(A: ca.SX, b: ca.SX) -> ca.SX:
+    """Return the solution of A x = b; numbers are inverted now, instead of being eliminated at every call."""
+    if not ca.symvar(A):
+        numbers = ca.DM(ca.densify(A)).full()
+        if np.linalg.cond(numbers) < _REGULAR:
+            return ca.SX(ca.sparsify(ca.DM(np.linalg.inv(numbers)), _ROUNDING)) @ b
+    return ca.solve(A, b)
 
 
 def _where(error: BaseException, function: Rows) -> str:
