@@ -8,7 +8,9 @@ reach remain NaN; products and sums may be fused, which rounds once less.
 
 from __future__ import annotations
 
+import re
 import struct
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -45,6 +47,9 @@ _COSINE = (
 
 _ROUND = 1.5 * 2.0**52
 """Added to a number it leaves the nearest integer in the lowest bits."""
+
+_AHEAD = 4
+"""Vectors between the one at work and the one that is fetched from memory."""
 
 _TURNS = 1e9
 """Radians beyond which sine and cosine are NaN: their argument has lost its meaning long before."""
@@ -269,6 +274,7 @@ def emit(
                 w.put(f"load {V}, ptr {w.put(f'getelementptr double, ptr %in{number}, i64 %i')}, align 8")
             )
             number += 1
+    loaded = [value for name in inputs for value in known[name]]
     block = "loop"
     for i, stage in enumerate(stages):
         if stage.repeat == 1:
@@ -276,6 +282,8 @@ def emit(
             known |= zip(stage.gives, results, strict=True)
         else:
             block = _repeated(w, i, stage, known, block)
+    if width > 1:
+        _fetched(w, loaded)
     number = 0
     for name in outputs:
         for value in known[name]:
@@ -309,6 +317,17 @@ def emit(
 def _invertible(x: float) -> bool:
     """Return whether a product with 1 / x is a division by x but for rounding."""
     return x != 0 and 1e-300 < abs(x) < 1e300
+
+
+def _fetched(w: _Writer, loaded: list[str]) -> None:
+    """Ask for the numbers of samples to come: so many arrays are more than a processor foresees."""
+    used = Counter(re.findall(r"%\w+", " ".join(w.lines)))
+    w.declared.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
+    ahead = w.put(f"add i64 %i, {_AHEAD * w.width}")
+    for number, value in enumerate(loaded):
+        if used[value] > 1:
+            at = w.put(f"getelementptr double, ptr %in{number}, i64 {ahead}")
+            w.line(f"call void @llvm.prefetch.p0(ptr {at}, i32 0, i32 3, i32 1)")
 
 
 def _pointer(kind: str, number: int) -> list[str]:
