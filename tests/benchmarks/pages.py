@@ -71,8 +71,21 @@ HEAD = """# Benchmarks
 Written by `make bench` (tests/benchmarks). Contenders take turns in one process, so that a busy moment meets them all;
 what counts is the **ratio**: the time of a contender over that of the first row in the same round, median over rounds,
 with its quartiles. Above 1 the first row is faster. Absolute times depend on the machine and its load and are given
-for scale. Peers are called from Python as their users call them; in C++ they would be faster. Every error is measured
-by one judge for all, which is named.
+for scale. Every error is measured by one judge for all, which is named.
+
+How to read it:
+
+- Peers are called from Python as their users call them, and tuned in tolerance only; in C++ they would be faster. They
+  are installed by `uv sync --group peers`; those that are not there are left out, and named.
+- Closed loops: every peer gets the same mechanism, the same start and the same joint coordinates; Gauss-Newton leaves
+  out rows that say nothing, and takes numpy's cheapest solver. CasADi and scipy get twin's own equations, so that they
+  only differ in what solves them. "Right" counts answers that are closed to 10 µm on the branch of the truth.
+- Closed forms: gcc is a peer of the benchmark only; twin needs no compiler. Rows with one thread are compared with one
+  thread, into memory that is there.
+- Loops and links are reported without a bar: how cost grows depends on how loops hang together.
+- Not here: OMPL, since twin plans no paths around obstacles; ruckig, whose free version knows no waypoints.
+- `make bench-check` runs the short form and fails when a ratio (of the shortest times) is more than 40 % below the one
+  in tests/benchmarks/recorded.json. A machine with wider vectors does better than the record, one with narrower worse.
 """
 
 
