@@ -8,9 +8,7 @@ reach remain NaN; products and sums may be fused, which rounds once less.
 
 from __future__ import annotations
 
-import re
 import struct
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -88,6 +86,8 @@ class _Writer:
         self.lines: list[str] = []
         self.declared: set[str] = set()
         self.sines = False
+        self.waiting: dict[str, int] = {}
+        self.loaded: dict[str, str] = {}
         self._count = 0
 
     def constant(self, x: float) -> str:
@@ -115,6 +115,13 @@ class _Writer:
     def true(self, x: str) -> str:
         return self.put(f"fcmp une {self.V} {x}, {self.constant(0.0)}")
 
+    def value(self, name: str) -> str:
+        """Return a value; an input is loaded where it is first used, not to fill the registers before."""
+        if name in self.waiting:
+            at = self.put(f"getelementptr double, ptr %in{self.waiting.pop(name)}, i64 %i")
+            self.loaded[name] = self.put(f"load {self.V}, ptr {at}, align 8")
+        return self.loaded.get(name, name)
+
     def call(
         self, function: ca.Function, arguments: Sequence[Sequence[str]], reciprocals: bool = False
     ) -> list[list[str]]:
@@ -134,7 +141,7 @@ class _Writer:
                 out[o[0]][o[1]] = at[i[0]]
                 continue
             if op == ca.OP_INPUT:
-                at[o[0]] = arguments[i[0]][i[1]]
+                at[o[0]] = self.value(arguments[i[0]][i[1]])
                 continue
             if op == ca.OP_CONST:
                 number = function.instruction_constant(k)
@@ -267,14 +274,11 @@ def emit(
     known: dict[str, list[str]] = {n: [f"%c.{n}.{i}" for i in range(k)] for n, k in carried.items()}
     number = 0
     for name, count in inputs.items():
-        known[name] = []
-        for _ in range(count):
+        known[name] = [f"%in.{name}.{j}" for j in range(count)]
+        for value in known[name]:
             head += _pointer("in", number)
-            known[name].append(
-                w.put(f"load {V}, ptr {w.put(f'getelementptr double, ptr %in{number}, i64 %i')}, align 8")
-            )
+            w.waiting[value] = number
             number += 1
-    loaded = [value for name in inputs for value in known[name]]
     block = "loop"
     for i, stage in enumerate(stages):
         if stage.repeat == 1:
@@ -283,10 +287,10 @@ def emit(
         else:
             block = _repeated(w, i, stage, known, block)
     if width > 1:
-        _fetched(w, loaded)
+        _fetched(w, [f"%in{k}" for k in range(number) if k not in w.waiting.values()])
     number = 0
     for name in outputs:
-        for value in known[name]:
+        for value in map(w.value, known[name]):
             head += _pointer("out", number)
             w.line(f"store {V} {value}, ptr {w.put(f'getelementptr double, ptr %out{number}, i64 %i')}, align 8")
             number += 1
@@ -297,8 +301,8 @@ def emit(
     begin, end = [f"  %i = phi i64 [ {first}, %entry ], [ %next, %latch ]"], []
     for k, (name, j) in enumerate((n, j) for n, count in carried.items() for j in range(count)):
         head += [f"  %cp{k} = getelementptr double, ptr %carry, i64 {k}", f"  %c{k} = load {V}, ptr %cp{k}, align 8"]
-        begin.append(f"  %c.{name}.{j} = phi {V} [ %c{k}, %entry ], [ {known[name][j]}, %latch ]")
-        end.append(f"  store {V} {known[name][j]}, ptr %cp{k}, align 8")
+        begin.append(f"  %c.{name}.{j} = phi {V} [ %c{k}, %entry ], [ {w.value(known[name][j])}, %latch ]")
+        end.append(f"  store {V} {w.value(known[name][j])}, ptr %cp{k}, align 8")
     sines = _sines(width) if w.sines else None
     declared = w.declared | (sines.declared if sines else set())
     text = [
@@ -319,15 +323,13 @@ def _invertible(x: float) -> bool:
     return x != 0 and 1e-300 < abs(x) < 1e300
 
 
-def _fetched(w: _Writer, loaded: list[str]) -> None:
+def _fetched(w: _Writer, arrays: Sequence[str]) -> None:
     """Ask for the numbers of samples to come: so many arrays are more than a processor foresees."""
-    used = Counter(re.findall(r"%\w+", " ".join(w.lines)))
     w.declared.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
     ahead = w.put(f"add i64 %i, {_AHEAD * w.width}")
-    for number, value in enumerate(loaded):
-        if used[value] > 1:
-            at = w.put(f"getelementptr double, ptr %in{number}, i64 {ahead}")
-            w.line(f"call void @llvm.prefetch.p0(ptr {at}, i32 0, i32 3, i32 1)")
+    for array in arrays:
+        at = w.put(f"getelementptr double, ptr {array}, i64 {ahead}")
+        w.line(f"call void @llvm.prefetch.p0(ptr {at}, i32 0, i32 3, i32 1)")
 
 
 def _pointer(kind: str, number: int) -> list[str]:
@@ -339,6 +341,7 @@ def _repeated(w: _Writer, number: int, stage: Stage, known: dict[str, list[str]]
     """Write a stage that is called until its error is small; return the block that follows it."""
     here, after = f"repeat{number}", f"after{number}"
     fed = [n for n in stage.gives if n in stage.takes]
+    known |= {n: [w.value(v) for v in known[n]] for n in stage.takes}
     w.line(f"br label %{here}")
     w.lines.append(f"{here}:")
     place = len(w.lines)
