@@ -287,7 +287,8 @@ def emit(
         else:
             block = _repeated(w, i, stage, known, block)
     if width > 1:
-        _fetched(w, [f"%in{k}" for k in range(number) if k not in w.waiting.values()])
+        results = [f"%out{k}" for k in range(sum(len(known[n]) for n in outputs))]
+        _fetched(w, [f"%in{k}" for k in range(number) if k not in w.waiting.values()], results)
     number = 0
     for name in outputs:
         for value in map(w.value, known[name]):
@@ -323,13 +324,14 @@ def _invertible(x: float) -> bool:
     return x != 0 and 1e-300 < abs(x) < 1e300
 
 
-def _fetched(w: _Writer, arrays: Sequence[str]) -> None:
-    """Ask for the numbers of samples to come: so many arrays are more than a processor foresees."""
+def _fetched(w: _Writer, inputs: Sequence[str], outputs: Sequence[str]) -> None:
+    """Ask for the memory of samples to come: so many arrays are more than a processor foresees."""
     w.declared.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
     ahead = w.put(f"add i64 %i, {_AHEAD * w.width}")
-    for array in arrays:
-        at = w.put(f"getelementptr double, ptr {array}, i64 {ahead}")
-        w.line(f"call void @llvm.prefetch.p0(ptr {at}, i32 0, i32 3, i32 1)")
+    for writing, arrays in enumerate((inputs, outputs)):
+        for array in arrays:
+            at = w.put(f"getelementptr double, ptr {array}, i64 {ahead}")
+            w.line(f"call void @llvm.prefetch.p0(ptr {at}, i32 {writing}, i32 3, i32 1)")
 
 
 def _pointer(kind: str, number: int) -> list[str]:
