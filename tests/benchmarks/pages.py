@@ -82,7 +82,8 @@ How to read it:
   only differ in what solves them. "Right" counts answers that are closed to 10 µm on the branch of the truth.
 - Closed forms: gcc is a peer of the benchmark only; twin needs no compiler. Rows with one thread are compared with one
   thread, into memory that is there.
-- Loops and links are reported without a bar: how cost grows depends on how loops hang together.
+- Exponents include what a call costs by itself, which is why they can be below 1. Loops and links are reported without
+  a bar: how cost grows depends on how loops hang together.
 - Not here: OMPL, since twin plans no paths around obstacles; ruckig, whose free version knows no waypoints.
 - `make bench-check` runs the short form and fails when a ratio (of the shortest times) is more than 40 % below the one
   in tests/benchmarks/recorded.json. A machine with wider vectors does better than the record, one with narrower worse.
