@@ -77,8 +77,8 @@ def _found(robot: api.Robot, args: argparse.Namespace, work: Path, progress: Cal
     grid = Grid(low, step, (nx, ny, nz), T[:3, :3], tilt, turns)
     if grid.positions > _POSITIONS:
         raise TwinError(
-            f"{grid.positions:.3g} positions; at most {_POSITIONS:.0e} are kept. Take a larger --step-mm, or --turns at "
-            "fewer positions"
+            f"{grid.positions:.3g} positions; at most {_POSITIONS:.0e} are kept. Take a larger --step-mm, or "
+            "more --turns at fewer positions"
         )
 
     def store(shape: tuple[int, int]) -> np.ndarray:
