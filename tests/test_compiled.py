@@ -166,6 +166,31 @@ def test_carry_is_taken_over_from_sample_to_sample():
     assert carry.tolist() == [115.0]
 
 
+@pytest.mark.parametrize("count", [0, 1, 2, 5])
+def test_backwards_the_carry_comes_from_the_sample_after(count):
+    stage = Stage(ca.Function("sum", [a, b], [a + b, a]), ("total", "x"), ("total", "before"))
+    kernel = Kernel([stage], {"x": 1}, ["total", "before"], carried={"total": 1}, backwards=True)
+    carry = np.array([100.0])
+    total, before = kernel(np.arange(1.0, 6.0)[None, :count], carry=carry)
+    assert total.tolist() == [[100.0 + sum(range(i, count + 1)) for i in range(1, count + 1)]]
+    assert (before + np.arange(1.0, count + 1)).tolist() == total.tolist()
+    assert carry[0] == 100.0 + sum(range(count + 1))
+    with pytest.raises(ValueError, match="no carry for total"):
+        kernel(np.ones((1, 3)))
+
+
+@pytest.mark.parametrize("carried", [{}, {"none": 1}])
+def test_rows_of_slices_are_read_where_they_lie(carried):
+    X = np.random.default_rng(6).normal(size=(4, 300))
+    x = ca.SX.sym("x", 2)
+    stages = [Stage(ca.Function("f", [x], [x - 2 * x[::-1]]), ("x",), ("y",))]
+    kernel = Kernel(stages, {"x": 2}, ["y"], carried=carried)
+    more = {"carry": np.zeros(1)} if carried else {}
+    for part in (X[::2, 5:], X[1:3, :-7], X[:2, ::3], X[:2, ::-1], np.asfortranarray(X[:2]), X[1:3, 9:10], X[2:0:-1]):
+        assert np.array_equal(kernel(part, **more)[0], kernel(part.copy(), **more)[0])
+        np.testing.assert_allclose(kernel(part, **more)[0], part - 2 * part[::-1], atol=1e-15)
+
+
 def test_what_cannot_be_compiled_is_named():
     function = ca.Function("gauss", [a], [ca.erf(a)])
     with pytest.raises(ValueError, match="function 'gauss': CasADi's operation"):

@@ -122,7 +122,7 @@ def test_holes_of_the_phantom_are_where_the_protocol_goes(robot, model):
 
 @pytest.mark.slow
 def test_two_hundred_moves_of_micrometres_are_timed(robot):
-    """TOPP-RA by itself fails on most moves of 10 um; here none does, and no limit is passed."""
+    """toppra by itself fails on most moves of 10 um; here none does, and no limit is passed."""
     rng = np.random.default_rng(1)
     protocol, kin = robot.protocol("sclerotomy"), robot.path_kinematics()
     start = protocol.waypoints["home"]

@@ -68,7 +68,7 @@ class ProtocolError(TwinError):
 
 
 class TimingError(TwinError):
-    """TOPP-RA found no timing, or its result broke a limit between grid points."""
+    """There is no timing within the limits, or what was found breaks one between grid points."""
 
 
 class OutputError(TwinError):

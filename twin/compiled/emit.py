@@ -220,6 +220,7 @@ def emit(
     outputs: Sequence[str],
     width: int,
     carried: Mapping[str, int],
+    backwards: bool = False,
 ) -> tuple[str, dict[str, int]]:
     """Return the text of `void kernel(i64 begin, i64 end, double **in, double **out, double *carry)`.
 
@@ -230,6 +231,7 @@ def emit(
         width: samples at once. `end - begin` is a multiple of it.
         carried: numbers by name that a sample takes over from the one before: what the stages leave under that name.
             They begin and end in `carry`.
+        backwards: from the last sample to the first.
 
     Returns:
         The text, and how many numbers each output has.
@@ -262,7 +264,11 @@ def emit(
             head += _pointer("out", number)
             w.line(f"store {V} {value}, ptr {w.put(f'getelementptr double, ptr %out{number}, i64 %i')}, align 8")
             number += 1
-    begin, end = ["  %i = phi i64 [ %begin, %entry ], [ %next, %latch ]"], []
+    first, step, more = (
+        ("%last", -width, "sge i64 %next, %begin") if backwards else ("%begin", width, "slt i64 %next, %end")
+    )
+    head.append(f"  %last = sub i64 %end, {width}")
+    begin, end = [f"  %i = phi i64 [ {first}, %entry ], [ %next, %latch ]"], []
     for k, (name, j) in enumerate((n, j) for n, count in carried.items() for j in range(count)):
         head += [f"  %cp{k} = getelementptr double, ptr %carry, i64 {k}", f"  %c{k} = load {V}, ptr %cp{k}, align 8"]
         begin.append(f"  %c.{name}.{j} = phi {V} [ %c{k}, %entry ], [ {known[name][j]}, %latch ]")
@@ -275,7 +281,7 @@ def emit(
         "define void @kernel(i64 %begin, i64 %end, ptr noalias %in, ptr noalias %out, ptr noalias %carry) nounwind {",
         *("entry:", *head, "  br label %loop"),
         *("loop:", *begin, *w.lines, "  br label %latch"),
-        *("latch:", f"  %next = add i64 %i, {width}", "  %more = icmp slt i64 %next, %end"),
+        *("latch:", f"  %next = add i64 %i, {step}", f"  %more = icmp {more}"),
         "  br i1 %more, label %loop, label %exit",
         *("exit:", *end, "  ret void", "}"),
     ]

@@ -40,6 +40,7 @@ class Kernel:
         *,
         single: bool = False,
         carried: Mapping[str, int] | None = None,
+        backwards: bool = False,
     ) -> None:
         """Compile, or take from the cache.
 
@@ -49,13 +50,14 @@ class Kernel:
             outputs: names of what is wanted.
             single: one sample at a time: the fastest for a few samples.
             carried: what one sample takes over from the one before (see `emit`): samples in sequence, no threads.
+            backwards: with `carried`: from the last sample to the first.
 
         Raises:
             ValueError: an operation of CasADi that cannot be compiled.
         """
         self.inputs, self._carried = dict(inputs), dict(carried or {})
         self._width = 1 if single or carried else lanes()
-        text, self.outputs = emit(stages, inputs, outputs, self._width, self._carried)
+        text, self.outputs = emit(stages, inputs, outputs, self._width, self._carried, backwards)
         self._call, self._alive = compiled(text)
 
     def __call__(self, *arrays: Array, carry: Array | None = None, threads: int | None = None) -> tuple[Array, ...]:
@@ -73,7 +75,9 @@ class Kernel:
         for (name, count), a in zip(self.inputs.items(), arrays, strict=True):
             if a.shape != (count, k):
                 raise ValueError(f"'{name}' has shape {a.shape}, not {(count, k)}")
-            given.append(np.ascontiguousarray(a, np.float64))
+            # Samples must be neighbours in memory; the rows of a slice may lie apart.
+            packed = a.dtype == np.float64 and (k <= 1 or a.strides[1] == a.itemsize)
+            given.append(a if packed else np.ascontiguousarray(a, np.float64))
         results = tuple(np.zeros((count, k)) for count in self.outputs.values())
         whole = k - k % self._width
         self._run(given, results, 0, whole, carry, threads)
@@ -119,6 +123,8 @@ class Kernel:
             return
         ins, outs = _pointers(given), _pointers(results)
         start = None if carry is None else carry.ctypes.data
+        if self._carried and carry is None:
+            raise ValueError(f"no carry for {', '.join(self._carried)}")
         if carry is not None and (carry.dtype != np.float64 or carry.size != sum(self._carried.values())):
             raise ValueError(f"carry has {carry.size} numbers, not {sum(self._carried.values())}")
         if self._carried or threads == 1 or end - begin <= _CHUNK:
@@ -132,5 +138,8 @@ class Kernel:
 
 
 def _pointers(arrays: Sequence[Array]) -> ctypes.Array:
-    rows = [a.ctypes.data + i * a.strides[0] for a in arrays for i in range(len(a))]
+    rows: list[int] = []
+    for a in arrays:
+        first, step = a.ctypes.data, a.strides[0]  # asked once an array: it costs more than all the rest
+        rows += range(first, first + len(a) * step, step) if step else [first] * len(a)
     return (ctypes.c_void_p * max(1, len(rows)))(*rows)

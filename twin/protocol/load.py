@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from pathlib import Path
 from typing import Literal
 
@@ -88,6 +89,8 @@ def _limits(l: LimitsTable) -> Limits:  # noqa: E741
         l.rotation_acceleration_deg_s2 * DEG,
         l.provenance,
         l.note,
+        inf if l.tip_jerk_mm_s3 is None else l.tip_jerk_mm_s3 * MM,
+        inf if l.rotation_jerk_deg_s3 is None else l.rotation_jerk_deg_s3 * DEG,
     )
 
 

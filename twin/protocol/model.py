@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import inf
 from typing import ClassVar, Literal
 
 from twin.findings import Finding
@@ -32,7 +33,7 @@ class Waypoint:
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the moved frame in SI: m/s, m/s2, rad/s, rad/s2."""
+    """Limits of the moved frame in SI: m/s, m/s2, rad/s, rad/s2; m/s3, rad/s3, infinite where none is given."""
 
     tip_speed: float
     tip_acceleration: float
@@ -40,6 +41,8 @@ class Limits:
     rotation_acceleration: float
     provenance: Provenance
     note: str
+    tip_jerk: float = inf
+    rotation_jerk: float = inf
 
 
 @dataclass(frozen=True)
@@ -183,6 +186,12 @@ class Protocol:
             add(f"{kind}_tip_acceleration", l.tip_acceleration, "mm/s2", MM, l.provenance, l.note)
             add(f"{kind}_rotation_speed", l.rotation_speed, "deg/s", DEG, l.provenance, l.note)
             add(f"{kind}_rotation_acceleration", l.rotation_acceleration, "deg/s2", DEG, l.provenance, l.note)
+            for name, jerk, unit, factor in (
+                ("tip", l.tip_jerk, "mm/s3", MM),
+                ("rotation", l.rotation_jerk, "deg/s3", DEG),
+            ):
+                if jerk < inf:
+                    add(f"{kind}_{name}_jerk", jerk, unit, factor, l.provenance, l.note)
         t = self.tolerances
         for name in ("rcm", "rcm_alarm", "straightness", "waypoint"):
             add(f"tolerance_{name}", getattr(t, name), "mm", MM, t.provenance, t.note)

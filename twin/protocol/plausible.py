@@ -16,7 +16,7 @@ _TIP, _TURN = (0.2, 2000.0), (1.0, 720.0)
 """Speeds in mm/s and deg/s that are meant."""
 
 _RAMP = (2e-3, 30.0)
-"""Seconds from rest to the largest speed that are meant."""
+"""Seconds from rest to the largest speed that are meant, and from none to the largest acceleration (a tenth)."""
 
 _DEPTH = 0.5
 """mm; an insertion of less is one in metres."""
@@ -46,10 +46,10 @@ def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
             yield _warning(f"{what}: a depth of {depth:g} mm looks like metres", file, "depths are in mm")
     for kind, l in table.limits.items():  # noqa: E741
         rows = (
-            ("tip", l.tip_speed_mm_s, l.tip_acceleration_mm_s2, _TIP, "mm"),
-            ("rotation", l.rotation_speed_deg_s, l.rotation_acceleration_deg_s2, _TURN, "deg"),
+            ("tip", l.tip_speed_mm_s, l.tip_acceleration_mm_s2, l.tip_jerk_mm_s3, _TIP, "mm"),
+            ("rotation", l.rotation_speed_deg_s, l.rotation_acceleration_deg_s2, l.rotation_jerk_deg_s3, _TURN, "deg"),
         )
-        for name, speed, acceleration, (low, high), unit in rows:
+        for name, speed, acceleration, jerk, (low, high), unit in rows:
             if not low <= speed <= high:
                 other = "m/s" if unit == "mm" else "rad/s"
                 text = f"limits.{kind}: a {name} speed of {speed:g} {unit}/s looks like another unit ({other}?)"
@@ -60,6 +60,12 @@ def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
                     f"{speed / acceleration:.3g} s: one of them looks like another unit"
                 )
                 yield _warning(text, file, f"accelerations are in {unit}/s2")
+            if jerk is not None and not _RAMP[0] / 10 <= acceleration / jerk <= _RAMP[1]:
+                text = (
+                    f"limits.{kind}: at {jerk:g} {unit}/s3 the {name} acceleration of {acceleration:g} {unit}/s2 takes "
+                    f"{acceleration / jerk:.3g} s: one of them looks like another unit"
+                )
+                yield _warning(text, file, f"jerks are in {unit}/s3")
 
 
 def _radians(angles: tuple[float, ...] | list[float]) -> bool:

@@ -27,12 +27,14 @@ class WaypointTable(Table):
 
 
 class LimitsTable(Table):
-    """Limits of one phase type: speed and acceleration of the moved frame's origin and of its rotation."""
+    """Limits of one phase type: speed, acceleration and, if given, jerk of the moved frame's origin and rotation."""
 
     tip_speed_mm_s: _Positive
     tip_acceleration_mm_s2: _Positive
     rotation_speed_deg_s: _Positive
     rotation_acceleration_deg_s2: _Positive
+    tip_jerk_mm_s3: _Positive | None = None
+    rotation_jerk_deg_s3: _Positive | None = None
     provenance: Provenance
     note: _Text
 

@@ -123,19 +123,16 @@ def _tip_rates(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
     for i, span in enumerate(trajectory.phases):
         limits = protocol.limits[span.type]
         rows = slice(span.start + min(i, 1), span.stop + 1)  # the sample between phases is the earlier one's
+        a, dw = trajectory.tip_acceleration[rows], trajectory.angular_acceleration[rows]
         for code, values, limit, unit, factor in (
-            ("limit.tip_speed", trajectory.tip_velocity, limits.tip_speed, "mm/s", MM),
-            ("limit.tip_acceleration", trajectory.tip_acceleration, limits.tip_acceleration, "mm/s2", MM),
-            ("limit.rotation_speed", trajectory.angular_velocity, limits.rotation_speed, "deg/s", DEG),
-            (
-                "limit.rotation_acceleration",
-                trajectory.angular_acceleration,
-                limits.rotation_acceleration,
-                "deg/s2",
-                DEG,
-            ),
+            ("limit.tip_speed", trajectory.tip_velocity[rows], limits.tip_speed, "mm/s", MM),
+            ("limit.tip_acceleration", a, limits.tip_acceleration, "mm/s2", MM),
+            ("limit.tip_jerk", np.diff(a, axis=0) / trajectory.step, limits.tip_jerk, "mm/s3", MM),
+            ("limit.rotation_speed", trajectory.angular_velocity[rows], limits.rotation_speed, "deg/s", DEG),
+            ("limit.rotation_acceleration", dw, limits.rotation_acceleration, "deg/s2", DEG),
+            ("limit.rotation_jerk", np.diff(dw, axis=0) / trajectory.step, limits.rotation_jerk, "deg/s3", DEG),
         ):
-            norms = np.linalg.norm(values[rows], axis=1)
+            norms = np.linalg.norm(values, axis=1)
             k = int(np.argmax(norms))
             size = float(norms[k])
             what = f"{trajectory.frame} in phase '{span.name}'"

@@ -58,7 +58,7 @@ def plan(
     Raises:
         ProtocolError: a phase cannot be carried out; the message says where on it, by how much, and what
             would be reachable.
-        TimingError: TOPP-RA found no timing within the limits.
+        TimingError: there is no timing within the limits.
     """
     T_tool_frame = np.asarray(T_tool_frame, float)
     if T_tool_frame.shape != (4, 4) or not spatial.is_pose(T_tool_frame):
@@ -100,6 +100,12 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
             a = np.maximum(a, np.linalg.norm(d1 * sdd + d2 * sd**2, axis=1) / acceleration)
         return v, a
 
+    def jerk(s: Array, sd: Array, sdd: Array) -> float:
+        m = path.motion(s)
+        parts = ((m.p1, m.p2, limits.tip_jerk), (m.w1, m.w2, limits.rotation_jerk))
+        accelerations = [(d1 * sdd[:, None] + d2 * sd[:, None] ** 2, most) for d1, d2, most in parts]
+        return max(float(np.max(np.linalg.norm(np.diff(a, axis=0), axis=1))) / (dt * most) for a, most in accelerations)
+
     try:
         timing = time_path(
             derivatives,
@@ -107,9 +113,13 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
             np.concatenate([kinematics.max_acceleration, [limits.tip_acceleration, limits.rotation_acceleration]]),
             dt=dt,
             load=load,
+            jerk=jerk if min(limits.tip_jerk, limits.rotation_jerk) < np.inf else None,
         )
     except TimingError as error:
         raise TimingError(f"{where}: {error}") from error
+    if timing.solver != "passes":
+        text = f"the optimal rate was found by {timing.solver}, since the passes of our own failed"
+        found.append(Finding("trajectory.timing", "info", text, when=f"phase '{path.phase.name}'"))
     motion = path.motion(timing.s)
     q = kinematics.inverse(motion.Ts_base_tool)
     sd, sdd = timing.sd[:, None], timing.sdd[:, None]

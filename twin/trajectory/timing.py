@@ -1,10 +1,11 @@
-"""The one place that calls TOPP-RA: when to be where on a path, as fast as the limits allow.
+"""When to be where on a path, as fast as the limits allow: the one place that asks for a time-optimal rate.
 
-TOPP-RA keeps absolute tolerances, so that moves of micrometres fail or lose accuracy. Here every
+Solvers keep absolute tolerances, so that moves of micrometres would fail or lose accuracy. Here every
 problem is made dimensionless first (time in units of the shortest conceivable duration, coordinates in
-units of their acceleration limit): a move of 1 um is the same problem to it as one of 1 m. Between grid
-points it may still overshoot a little; each result is therefore checked inside every grid interval,
-the grid is refined, and the rest is taken out by slowing the whole motion down by that little.
+units of their acceleration limit): a move of 1 um is the same problem to them as one of 1 m. Two passes of
+our own solve it (`topp`); should they ever fail, the package toppra is asked, and the result says so.
+Between grid points the rate may still overshoot a little; each result is therefore checked inside every grid
+interval, the grid is refined, and the rest is taken out by slowing the whole motion down by that little.
 """
 
 from __future__ import annotations
@@ -16,12 +17,14 @@ import types
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from twin.errors import TimingError
 from twin.spatial import Array
+from twin.trajectory import topp
+from twin.trajectory.sampling import Samples, sample
 
 Derivatives = Callable[[Array], tuple[Array, Array]]
 """s (k,) -> first and second derivatives (k, m) of the limited coordinates with respect to s."""
@@ -29,11 +32,24 @@ Derivatives = Callable[[Array], tuple[Array, Array]]
 Load = Callable[[Array, Array, Array], tuple[Array, Array]]
 """s, ds/dt, d2s/dt2, each (k,) -> largest speed and acceleration (k,), each relative to its limit."""
 
+Jerk = Callable[[Array, Array, Array], float]
+"""s, ds/dt, d2s/dt2, each (k,) at every dt -> largest jerk, relative to its limit."""
+
 OVER = 1e-3
 """Fraction by which a sample may exceed a limit; more is an error."""
 
+Solver = Literal["passes", "toppra"]
+
 _REFINE = 1.01
 """Acceleration relative to its limit, above which a finer grid is tried before slowing down."""
+
+
+_TRIES = 20
+"""How often a motion is slowed down for what its samples exceed; the first is enough for a path without kinks."""
+
+
+_SLOWEST = 1e3
+"""How often the optimal duration is waited for a jerk to keep its limit."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +59,10 @@ class Timing:
     Attributes:
         t: (k,) multiples of dt in s, from 0; s, sd, sdd: (k,) path parameter and its time derivatives.
         duration: s, a whole number of dt.
-        optimal: duration that TOPP-RA found, before slowing down and rounding up.
-        overshoot: largest speed or acceleration of TOPP-RA's result relative to its limit, minus 1.
+        optimal: duration of the optimal rate, before slowing down and rounding up.
+        overshoot: largest speed or acceleration of the optimal rate relative to its limit, minus 1.
         knots: grid points used.
+        solver: what found the rate: our own passes, or the package toppra where they failed.
     """
 
     t: Array
@@ -56,6 +73,7 @@ class Timing:
     optimal: float
     overshoot: float
     knots: int
+    solver: Solver = "passes"
 
 
 _BEYOND = 1e3
@@ -69,6 +87,7 @@ def time_path(
     *,
     dt: float = 1e-3,
     load: Load | None = None,
+    jerk: Jerk | None = None,
     knots: int = 241,
     finest: int = 961,
 ) -> Timing:
@@ -80,11 +99,12 @@ def time_path(
         max_acceleration: (m,) likewise, per second squared.
         dt: sampling time in s; the duration is rounded up to a multiple of it.
         load: a stricter judge than the m coordinates, if there is one (norms of vectors).
+        jerk: judge of a jerk that is limited: the rate is then averaged over a window of time, no longer than needed.
         knots: grid points to begin with.
         finest: grid points at which refining ends.
 
     Raises:
-        TimingError: TOPP-RA found no timing, or its result cannot be brought within the limits.
+        TimingError: there is no timing, or it cannot be brought within the limits.
     """
     if not (np.all(np.asarray(max_speed) > 0) and np.all(np.asarray(max_acceleration) > 0)):
         raise TimingError("every speed and acceleration limit must be positive")
@@ -92,20 +112,47 @@ def time_path(
     while True:
         grid = np.linspace(0.0, 1.0, knots)
         first, second = derivatives(grid)
-        rates = _topp(grid, first, second, max_speed, max_acceleration)
+        rates, solver = _rates(grid, first, second, max_speed, max_acceleration)
         speed, acceleration = _peaks(grid, rates, judge)
         if acceleration <= _REFINE or 2 * knots - 1 > finest:
             break
         knots = 2 * knots - 1
     optimal = float(np.sum(2 * np.diff(grid) / (rates[1:] + rates[:-1])))
     slower = max(1.0, speed, np.sqrt(acceleration))
-    steps = max(2, int(np.ceil(optimal * slower / dt - 1e-9)))
-    rates = rates * (optimal / (steps * dt))
-    t, s, sd, sdd = _sample(grid, rates, steps, dt)
-    worst = float(np.max(judge(s, sd, sdd)))
-    if not worst <= 1.0 + OVER:  # not reached in practice: 2e-6 is the most that was seen
-        raise TimingError(f"a sample exceeds its limit by {100 * (worst - 1):.2g} % even after slowing down")
-    return Timing(t, s, sd, sdd, steps * dt, optimal, max(speed, acceleration) - 1, knots)
+
+    def paced(window: int, slower: float) -> tuple[Samples, float]:
+        """Return the samples, slowed down until they keep the limits, and their jerk relative to its limit."""
+        for _ in range(_TRIES):
+            steps = max(2, int(np.ceil(optimal * slower / dt - 1e-9)))
+            samples = sample(grid, rates * (optimal / (steps * dt)), steps, dt, window)
+            v, a = (float(np.max(x)) for x in judge(*samples[1:]))
+            if max(v, a) <= 1.0 + OVER:
+                return samples, jerk(*samples[1:]) if jerk else 0.0
+            slower *= max(v, np.sqrt(a))  # a path so sharp that the grid has missed its worst point
+        raise TimingError(f"a sample exceeds its limit by {100 * (max(v, a) - 1):.2g} % even after slowing down")
+
+    samples, excess = paced(0, slower)
+    if excess > 1:
+        samples = _averaged(paced, slower, optimal / dt)
+    t, s, sd, sdd = samples
+    return Timing(t, s, sd, sdd, float(t[-1]), optimal, max(speed, acceleration) - 1, knots, solver)
+
+
+def _averaged(paced: Callable[[int, float], tuple[Samples, float]], slower: float, steps: float) -> Samples:
+    """Return the samples with the shortest window that keeps the jerk; slower where the bends alone are too much."""
+    while slower < _SLOWEST:
+        low, high, least = 0, 1, np.inf
+        while high <= 2 * slower * steps:
+            samples, excess = paced(high, slower)
+            if excess <= 1:
+                while high - low > max(1, high // 50):
+                    middle = (low + high) // 2
+                    found, excess = paced(middle, slower)
+                    low, high, samples = (middle, high, samples) if excess > 1 else (low, middle, found)
+                return samples
+            low, high, least = high, 2 * high, min(least, excess)
+        slower *= max(float(np.cbrt(least)), 1.02)
+    raise TimingError(f"the jerk stays {least:.3g} times its limit, however slow the motion")
 
 
 def _plain_load(derivatives: Derivatives, max_speed: Array, max_acceleration: Array) -> Load:
@@ -129,36 +176,8 @@ def _peaks(grid: Array, rates: Array, load: Load, inside: int = 5) -> tuple[floa
     return float(np.max(speed)), float(np.max(acceleration))
 
 
-def _sample(grid: Array, rates: Array, steps: int, dt: float) -> tuple[Array, Array, Array, Array]:
-    """Return t, s, ds/dt, d2s/dt2 at every dt: constant acceleration of s inside a grid interval."""
-    sdd_of = np.diff(rates**2) / (2 * np.diff(grid))
-    ends = np.concatenate([[0.0], np.cumsum(2 * np.diff(grid) / (rates[1:] + rates[:-1]))])
-    t = np.arange(steps + 1, dtype=np.float64) * dt
-    i = np.clip(np.searchsorted(ends, t, side="right") - 1, 0, len(sdd_of) - 1)
-    x = t - ends[i]
-    sdd = sdd_of[i]
-    sd = np.maximum(rates[i] + sdd * x, 0.0)
-    s = np.clip(grid[i] + rates[i] * x + 0.5 * sdd * x**2, 0.0, 1.0)
-    s[-1], sd[-1] = 1.0, 0.0
-    return t, s, sd, sdd
-
-
-class _Path:
-    """What TOPP-RA asks of a path; it only ever looks at the grid points."""
-
-    def __init__(self, grid: Array, first: Array, second: Array) -> None:
-        self.path_interval = np.array([grid[0], grid[-1]])
-        self.dof = first.shape[1]
-        self._tables = (np.zeros_like(first), first, second)
-
-    def __call__(self, s: Array, order: int = 0) -> Array:
-        if len(s) != len(self._tables[order]):
-            raise TimingError("TOPP-RA asked for the path away from its grid points")
-        return self._tables[order]
-
-
-def _topp(grid: Array, first: Array, second: Array, speed: Array, acceleration: Array) -> Array:
-    """Return ds/dt (k,) at the grid points.
+def _rates(grid: Array, first: Array, second: Array, speed: Array, acceleration: Array) -> tuple[Array, Solver]:
+    """Return ds/dt (k,) at the grid points, and what found it.
 
     Raises:
         TimingError: there is none.
@@ -175,19 +194,55 @@ def _topp(grid: Array, first: Array, second: Array, speed: Array, acceleration: 
     peak = np.max(np.abs(first), axis=0)
     speed = np.where(np.isfinite(speed), speed, _BEYOND * np.where(peak > 0, peak, 1.0) / unit)
     acceleration = np.where(np.isfinite(acceleration), acceleration, _BEYOND * speed / unit)
-    size = acceleration * unit**2
+    size = (acceleration * unit**2)[:, None]
+    first, second = (np.ascontiguousarray(d.T) / size for d in (first, second))
+    problem = grid, first, second, speed * unit / size[:, 0]
+    solvers: tuple[tuple[Solver, Callable[..., Array]], ...] = (("passes", topp.fastest), ("toppra", by_toppra))
+    why = []
+    for solver, rates_of in solvers:
+        try:
+            rates = rates_of(*problem)
+        except TimingError as error:
+            why.append(f"{solver}: {error}")
+            continue
+        if np.all(rates[1:] + rates[:-1] > 0):
+            return rates / unit, solver
+        why.append(f"{solver}: the timing stands still on the way")
+    raise TimingError(f"no timing was found within the limits ({'; '.join(why)})")
+
+
+class _Path:
+    """What TOPP-RA asks of a path; it only ever looks at the grid points."""
+
+    def __init__(self, grid: Array, first: Array, second: Array) -> None:
+        self.path_interval = np.array([grid[0], grid[-1]])
+        self.dof = first.shape[1]
+        self._tables = (np.zeros_like(first), first, second)
+
+    def __call__(self, s: Array, order: int = 0) -> Array:
+        if len(s) != len(self._tables[order]):
+            raise TimingError("TOPP-RA asked for the path away from its grid points")
+        return self._tables[order]
+
+
+def by_toppra(grid: Array, first: Array, second: Array, speed: Array) -> Array:
+    """Return what `topp.fastest` returns, of the same arguments, from the package toppra.
+
+    Raises:
+        TimingError: it finds none.
+    """
     algorithm, constraint = _toppra()
     with _quiet():
         limits = [
-            constraint.JointVelocityConstraint(np.array([-1.0, 1.0]) * (speed * unit / size)[:, None]),
+            constraint.JointVelocityConstraint(np.array([-1.0, 1.0]) * speed[:, None]),
             constraint.JointAccelerationConstraint(
-                np.tile([-1.0, 1.0], (len(size), 1)),
+                np.tile([-1.0, 1.0], (len(first), 1)),
                 discretization_scheme=constraint.DiscretizationType.Interpolation,
             ),
         ]
         instance = algorithm.TOPPRA(
             limits,
-            _Path(grid, first / size, second / size),
+            _Path(grid, first.T, second.T),
             gridpoints=grid,
             solver_wrapper="seidel",
             parametrizer="ParametrizeConstAccel",
@@ -195,10 +250,8 @@ def _topp(grid: Array, first: Array, second: Array, speed: Array, acceleration: 
         rates = instance.compute_parameterization(0.0, 0.0)[1]
     if rates is None or not np.all(np.isfinite(rates)):
         code = instance.problem_data.return_code
-        raise TimingError(f"TOPP-RA found no timing: {getattr(code, 'value', code)}")
-    if np.any(rates[1:] + rates[:-1] <= 0):
-        raise TimingError("TOPP-RA's timing stands still on the way")
-    return np.asarray(rates) / unit
+        raise TimingError(f"no timing: {getattr(code, 'value', code)}")
+    return np.asarray(rates)
 
 
 def _toppra() -> tuple[Any, Any]:

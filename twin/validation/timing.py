@@ -147,13 +147,16 @@ def _tip(trajectory: Trajectory, protocol: Protocol) -> Iterator[Load]:
         limits = protocol.limits[span.type]
         v, w = _tip_speeds(trajectory, slice(span.start, span.stop + 1))
         a, dw = np.diff(v, axis=0) / dt, np.diff(w, axis=0) / dt
+        j, ddw = np.diff(a, axis=0) / dt, np.diff(dw, axis=0) / dt
         for code, values, limit, unit, factor in (
             ("timing.tip_speed", v, limits.tip_speed, "mm/s", MM),
             ("timing.tip_acceleration", a, limits.tip_acceleration, "mm/s2", MM),
+            ("timing.tip_jerk", j, limits.tip_jerk, "mm/s3", MM),
             ("timing.rotation_speed", w, limits.rotation_speed, "deg/s", DEG),
             ("timing.rotation_acceleration", dw, limits.rotation_acceleration, "deg/s2", DEG),
+            ("timing.rotation_jerk", ddw, limits.rotation_jerk, "deg/s3", DEG),
         ):
-            if not len(values):
+            if not len(values) or ("jerk" in code and not np.isfinite(limit)):
                 continue
             norms = np.linalg.norm(values, axis=1)
             k = int(np.argmax(norms))
