@@ -113,7 +113,7 @@ def test_another_robot_object_answers_the_same(robot, T_home, case):
 
 
 def test_every_public_member_of_robot_is_called_twice_here_or_below():
-    called = {c.split()[0] for c in TWICE} | {"cad", "mechanism", "formula", "kinematics"}
+    called = {c.split()[0] for c in TWICE} | {"cad", "mechanism", "formula", "kinematics", "loops"}
     assert {n for n in vars(twin.Robot) if not n.startswith("_")} == called - {"names", "plan"}
 
 
@@ -121,6 +121,7 @@ def test_loaded_parts_are_kept(robot):
     assert robot.cad is robot.cad
     assert robot.mechanism is robot.mechanism
     assert robot.formula is robot.formula
+    assert robot.loops is robot.loops
     assert robot.kinematics() is robot.kinematics()
     assert robot.kinematics({"eq1": "printed"}).variants == robot.kinematics({"eq1": "printed"}).variants
 
@@ -133,6 +134,13 @@ def test_answers_are_not_shared(robot, T_home):
     assert np.allclose(robot.forward(Q_HOME), T_home, atol=1e-9)
     robot.variants.clear()
     assert robot.variants
+
+
+def test_loops_are_closed_twice(robot):
+    q = robot.loops.q
+    assert np.array_equal(robot.loops.forward(q), robot.loops.forward(q))
+    robot.loops.forward(q)[:] = 0
+    assert np.allclose(robot.loops.forward(q), robot.loops.forward_many(q[None]).Ts_base_tool[0], atol=1e-12)
 
 
 def test_arguments_are_left_alone(robot, T_home):

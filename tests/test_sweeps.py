@@ -226,6 +226,7 @@ def test_workspace_command_writes_what_others_read(tmp_path, capsys):
         (["--step-mm", "-1"], "--step-mm -1: give a positive number of millimetres"),
         (["--tilt-deg", "200"], "--tilt-deg 200: give degrees from 0 to 180"),
         (["--turns", "0"], "--turns 0: give at least 1"),
+        (["--step-mm", "0.01"], "positions; at most 5e+07 are kept. Take a larger --step-mm"),
         (["--joints", "--scheduler", "local"], "--scheduler: samples of joints are judged on this machine"),
         (["--count", "1.5"], "argument --count: invalid"),
         (["--scheduler", "tcp://127.0.0.1:1", "--count", "1000"], "no Dask scheduler answers there"),

@@ -81,7 +81,7 @@ def add_sweeps(
     sub.add_argument("--workers", type=int, metavar="N", help="of its own (default one for each processor)")
     sub.add_argument("--parquet", action="store_true", help="write sweep.parquet too")
     sub.add_argument("--fresh", action="store_true", help="begin anew instead of going on where it stopped")
-    out(sub, "./twin-out/<robot>/sweep/")
+    out(sub, "./twin-out/<robot>/sweep-<key>/, one for each sweep")
 
 
 def _scheduler(sub: argparse.ArgumentParser) -> None:

@@ -42,13 +42,15 @@ def sweep(args: argparse.Namespace) -> int:
         raise TwinError("--vary: a factor is given twice")
     default = "tolerance" if all(":" in f.name for f in factors) else "volume,conditioning"
     objectives = tuple(dict.fromkeys(x.strip() for x in (args.objective or default).split(",")))
-    folder = Path(args.out) if args.out else Path("twin-out") / robot.name / "sweep"
+    folder = Path(args.out) if args.out else Path("twin-out") / robot.name
     assets.require_writable(folder)
     with show.progress(args.quiet or args.json) as progress:
         progress("positions", 0.0)
         source = str(Path(args.robot).resolve()) if Path(args.robot).exists() else args.robot
         work = design.job(robot, source, args.protocol, factors, objectives)
         designs = design.values(factors, args.samples, args.grid, args.seed)
+        if not args.out:
+            folder /= f"sweep-{table.key_of(work, designs)[:8]}"
         with table.Table(folder, work, designs, fresh=args.fresh) as kept:
             before = len(kept.done)
             _judge(work, designs, kept, args, progress)

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from twin.sweeps.workspace import Workspace
 
 
+_POSITIONS = 50_000_000
+"""What is kept of a position takes 16 bytes on disk; what is said of all takes as much memory again."""
+
+
 def workspace(args: argparse.Namespace) -> int:
     """Sweep, print the volumes, write a picture and clouds of points."""
     from twin.report.style import png
@@ -71,6 +75,11 @@ def _found(robot: api.Robot, args: argparse.Namespace, work: Path, progress: Cal
         step = float((np.prod(high - low) * turns / args.count) ** (1 / 3))
     nx, ny, nz = (int(n) for n in np.floor((high - low) / step) + 1)
     grid = Grid(low, step, (nx, ny, nz), T[:3, :3], tilt, turns)
+    if grid.positions > _POSITIONS:
+        raise TwinError(
+            f"{grid.positions:.3g} positions; at most {_POSITIONS:.0e} are kept. Take a larger --step-mm, or "
+            "more --turns at fewer positions"
+        )
 
     def store(shape: tuple[int, int]) -> np.ndarray:
         # On disk: the system keeps in memory what there is room for.

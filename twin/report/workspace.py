@@ -56,6 +56,7 @@ def figure(robot: str, low: Array, step: float, values: np.ndarray, summary: Map
             ax.set_xlabel(f"{'xyz'[a]} [mm]")
             ax.set_ylabel(f"{'xyz'[b]} [mm]")
             ax.grid(visible=False)
+            ax.locator_params(nbins=5)
         bar = out.add_axes((0.915, 0.55, 0.014, 0.33))
         out.colorbar(images[0], cax=bar)
         label = "inverse condition number" if conditioned else "margin to the joint limits"

@@ -15,6 +15,11 @@ from twin.spatial import Array
 from twin.sweeps.design import Job
 
 
+def key_of(work: Job, designs: Array) -> str:
+    """Return the hash of a job and its designs."""
+    return hashlib.sha256(json.dumps([asdict(work), designs.tolist()], sort_keys=True).encode()).hexdigest()
+
+
 class Table:
     """`rows.csv` and `job.json` in a folder; open it, then `add` what is judged.
 
@@ -29,8 +34,7 @@ class Table:
             TwinError: another job is in that folder.
         """
         self.folder, self._work = folder, work
-        text = json.dumps([asdict(work), designs.tolist()], sort_keys=True)
-        key = hashlib.sha256(text.encode()).hexdigest()
+        key = key_of(work, designs)
         folder.mkdir(parents=True, exist_ok=True)
         job, self._path = folder / "job.json", folder / "rows.csv"
         if job.is_file() and not fresh:
