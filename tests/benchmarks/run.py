@@ -31,9 +31,10 @@ TOPICS = {
     "timing": "timing",
     "trocar": "trocar",
     "control": "control",
+    "workspace": "workspace",
     "scaling": "scaling",
 }
-"""Name -> module. Throughput of workspaces comes here when it exists."""
+"""Name -> module."""
 ROOT = Path(__file__).resolve().parents[2]
 AGAIN = 2
 """How often a topic that fell short is run once more: what is busy for a moment is not slower."""
