@@ -105,7 +105,9 @@ def test_wheel_names_its_licence_and_command(wheel, names):
         metadata = archive.read(f"{info}/METADATA").decode()
     assert f"{info}/licenses/LICENSE" in names
     wanted = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert metadata.count("\nRequires-Dist: ") == len(wanted["dependencies"])
+    needed = [line for line in metadata.splitlines() if line.startswith("Requires-Dist: ") and "extra ==" not in line]
+    assert len(needed) == len(wanted["dependencies"])
+    assert "\nProvides-Extra: parquet\n" in metadata
     assert f"\nVersion: {wanted['version']}\n" in metadata
 
 
