@@ -201,7 +201,7 @@ def test_workspace_command_writes_what_others_read(tmp_path, capsys):
     import trimesh
     from pxr import Usd, UsdGeom
 
-    assert cli.main(["workspace", "sils", "--count", "60000", "--out", str(tmp_path), "--json"]) == 0
+    assert cli.main(["workspace", "sils", "--count", "20000", "--out", str(tmp_path), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said == json.loads((tmp_path / "workspace.json").read_text())
     assert 6 < said["volume_dm3"] < 9
@@ -215,7 +215,7 @@ def test_workspace_command_writes_what_others_read(tmp_path, capsys):
     assert len(points) * cell == pytest.approx(said["volume_dm3"], rel=1e-6)
     known = UsdGeom.PrimvarsAPI(prim.GetPrim()).GetPrimvar("inverse_condition").Get()
     assert 0 < min(known) < max(known) <= 1
-    assert (tmp_path / "workspace.png").stat().st_size > 20_000
+    assert (tmp_path / "workspace.png").stat().st_size > 10_000
     assert np.load(tmp_path / "workspace.npy", mmap_mode="r").shape == (said["positions"], 4)
 
 

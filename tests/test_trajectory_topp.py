@@ -83,7 +83,11 @@ def test_durations_are_those_of_toppra(family, m):
 PROTOCOLS = sorted((ROOT / "trajectories").glob("*/*.toml"))
 
 
-@pytest.mark.parametrize("path", PROTOCOLS, ids=lambda p: f"{p.parent.name}-{p.stem}")
+@pytest.mark.parametrize(
+    "path",
+    [p if p.stem == "table2" else pytest.param(p, marks=pytest.mark.slow) for p in PROTOCOLS],
+    ids=lambda p: f"{p.parent.name}-{p.stem}",
+)
 def test_phases_of_every_protocol_take_as_long_as_with_toppra(path, monkeypatch):
     import twin
 
