@@ -54,13 +54,13 @@ class Work:
         self.of_coordinates = ca.Function("of_coordinates", [x], [q])
         self.of_pose = program.inverse.function
         self.truth = whole_numpy(self.coordinates)
-        self.library = build(Path(__file__).with_name("sils_inverse.c").read_text())
+        self.in_c = build(Path(__file__).with_name("sils_inverse.c").read_text())
 
     def by_hand(self, name: str, given: np.ndarray, count: int) -> tuple[Callable[[], np.ndarray], np.ndarray]:
         """Return a call of a function of sils_inverse.c, and what it fills."""
         out = np.zeros((count, self.count))
         ins, outs = _pointers(given), _pointers(out)
-        function = getattr(self.library, name)
+        function = getattr(self.in_c, name)
 
         def run() -> np.ndarray:
             function(self.count, ins, outs)
@@ -207,7 +207,7 @@ def coordinates(work: Work, effort: Effort) -> Table:
     rows = [Contender("twin: kernel, 1 thread", lambda: kernel(x, threads=1, out=out), n, off(kernel(x)[0]))]
     rows.append(Contender("twin: kernel, all processors", lambda: kernel(x, out=out), n))
     rows.append(Contender("twin: kernel, into fresh memory", lambda: kernel(x), n))
-    if work.library is None:
+    if work.in_c is None:
         print("  !! hand-written C LEFT OUT: no gcc")
         table.missing.append("hand-written C (gcc)")
     else:
@@ -250,7 +250,7 @@ def _halves(work: Work, x: np.ndarray) -> Callable[[], np.ndarray]:
     parts.append((work.count - half, _pointers(x[:, half:]), _pointers(out[:, half:])))
 
     def run() -> np.ndarray:
-        list(pool.map(lambda p: work.library.joints_of_coordinates(*p), parts))  # type: ignore[union-attr]
+        list(pool.map(lambda p: work.in_c.joints_of_coordinates(*p), parts))  # type: ignore[union-attr]
         return out
 
     return run
@@ -269,7 +269,7 @@ def poses(work: Work, effort: Effort) -> Table:
 
     rows = [Contender("twin: kernel, 1 thread", lambda: kernel(x, threads=1, out=out), n, off(kernel(x)[0]))]
     rows.append(Contender("twin: kernel, all processors", lambda: kernel(x, out=out), n))
-    if work.library is None:
+    if work.in_c is None:
         table.missing.append("hand-written C (gcc)")
     else:
         same, q = work.by_hand("joints_of_pose", x, 7)
