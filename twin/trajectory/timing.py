@@ -122,8 +122,10 @@ def time_path(
 
     def paced(window: int, slower: float) -> tuple[Samples, float]:
         """Return the samples, slowed down until they keep the limits, and their jerk relative to its limit."""
+        steps = 1
         for _ in range(_TRIES):
-            steps = max(2, int(np.ceil(optimal * slower / dt - 1e-9)))
+            # One step more at least: of few steps, rounding up takes the slowing down back.
+            steps = max(steps + 1, int(np.ceil(optimal * slower / dt - 1e-9)))
             samples = sample(grid, rates * (optimal / (steps * dt)), steps, dt, window)
             v, a = (float(np.max(x)) for x in judge(*samples[1:]))
             if max(v, a) <= 1.0 + OVER:
