@@ -13,8 +13,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted((ROOT / "twin").rglob("*.py"))
 
-MOST_LINES = 400
-LONGER = {"twin/api.py": (450, "the public facade is one file, and half of it is documentation")}
+MOST_LINES = 600
+LONGER: dict[str, tuple[int, str]] = {}
 """Files that may be longer, how long, and why."""
 
 HEAVY = {

@@ -34,6 +34,12 @@ _BLOCK = 1000
 _JUMP = 0.5
 """Largest change (m, rad) of any coordinate in one step; more is another branch."""
 
+_AT_ONCE = 32
+"""Samples of the coarse walk that are solved together where the motion lets itself be foreseen."""
+
+_SURPRISE = 0.2
+"""How far, relative to the way there, a state may lie from where the tangent led; beyond, the walk goes one by one."""
+
 _FLAT = 1e-9
 """Relative size of singular values that count as zero."""
 
@@ -142,8 +148,7 @@ class ReferenceModel:
             steps = max(1, int(np.ceil(np.max(np.abs(goal - origin) / scale))))
             for s in np.linspace(0, 1, steps + 1)[1:]:
                 new, converged = self._move_driven(X, goal if s == 1 else origin + s * (goal - origin))
-                jumps = np.array([self._jump(a, b) for a, b in zip(X, new, strict=True)])
-                good &= np.logical_and(converged, jumps < _JUMP)
+                good &= np.logical_and(converged, self._jumps(X, new) < _JUMP)
                 X = new
             for i in np.flatnonzero(~good):
                 try:
@@ -294,8 +299,8 @@ class ReferenceModel:
         while s < 1:
             ahead = 1.0 if s + step > 1 - 1e-9 else s + step
             X, converged = move(x[None], walk.between(start, target, ahead)[None])
-            closed = converged[0] and self._misfit(X[0], walk.between(start, target, ahead)) < GAP_TOLERANCE
-            if closed and self._jump(x, X[0]) < _JUMP:
+            closed = converged[0] and self._misfits(X, walk.between(start, target, ahead)[None])[0] < GAP_TOLERANCE
+            if closed and self._jumps(x[None], X)[0] < _JUMP:
                 x, s, step = X[0], ahead, 2 * step
                 continue
             step /= 2
@@ -310,16 +315,18 @@ class ReferenceModel:
                 )
         return x
 
-    def _misfit(self, x: Array, target: Array) -> float:
-        """Return the largest loop gap in m or, for a tool pose, also how far the tool is from it."""
-        poses, _ = self.tree.update(x[None], closing_only=True)
-        gap = float(self.tree.loops.gaps(x[None], poses)[..., 0].max(initial=0.0))
-        if target.ndim == 2:
-            gap = max(gap, walk.distance(self.tree.tool(poses)[0], target))
+    def _misfits(self, X: Array, targets: Array) -> Array:
+        """Return the largest loop gap (k,) in m or, for tool poses, also how far the tool is from them."""
+        poses, _ = self.tree.update(X, closing_only=True)
+        gap = self.tree.loops.gaps(X, poses)[..., 0].max(axis=1, initial=0.0)
+        if targets.ndim == 3:
+            gap = np.maximum(gap, [walk.distance(T, t) for T, t in zip(self.tree.tool(poses), targets, strict=True)])
         return gap
 
-    def _jump(self, x0: Array, x1: Array) -> float:
-        return float(np.abs(pin.difference(self.tree.model, x0, x1)).max(initial=0.0))
+    def _jumps(self, X0: Array, X1: Array) -> Array:
+        """Return the largest change (k,) in m or rad of a coordinate between configurations (k, nq)."""
+        moved = [pin.difference(self.tree.model, a, b) for a, b in zip(X0, X1, strict=True)]
+        return np.abs(np.array(moved).reshape(len(X0), -1)).max(axis=1, initial=0.0)
 
     def _along(self, targets: Array, move: Move, seed: Assembly | None, progress: Progress | None) -> Array:
         """Solve every sample: some (`walk.knots`) one from the other, those between from their interpolation.
@@ -328,20 +335,7 @@ class ReferenceModel:
         all of them are solved together.
         """
         coarse = walk.knots(targets)
-        knots = np.zeros((len(coarse), self.tree.model.nq))
-        x = self._start(seed)
-        for i, k in enumerate(coarse):
-            X, converged = move(x[None], targets[k][None])
-            if not converged[0] or self._jump(x, X[0]) > _JUMP or self._misfit(X[0], targets[k]) > GAP_TOLERANCE:
-                for j in range(coarse[i - 1] + 1 if i else 0, k + 1):
-                    try:
-                        x = self._reach(x, targets[j], move)
-                    except AssemblyError as error:
-                        raise AssemblyError(f"at sample {j}: {error}", error.best, error.gap) from error
-                X = x[None]
-            x = knots[i] = X[0]
-            if progress is not None:
-                progress((i + 1) / len(coarse) / 2)
+        knots = self._knots(coarse, targets, move, seed, progress or (lambda fraction: None))
         states = self._between(coarse, knots, targets)
         for block in np.array_split(np.arange(len(targets)), max(1, len(targets) // 1000)):
             solved, converged = move(states[block], targets[block])
@@ -353,6 +347,42 @@ class ReferenceModel:
             if progress is not None:
                 progress(0.5 + (block[-1] + 1) / len(targets) / 2)
         return states
+
+    def _knots(self, coarse: Index, targets: Array, move: Move, seed: Assembly | None, progress: Progress) -> Array:
+        """Solve the samples `coarse`: several at once where the first of them foretells the others, else one by one."""
+        knots = np.zeros((len(coarse), self.tree.model.nq))
+        x, i, many = self._start(seed), 0, 1
+        while i < len(coarse):
+            ks = coarse[i : i + many]
+            guess = self._foreseen(x, targets[ks]) if len(ks) > 1 else x[None]
+            X, good = move(guess, targets[ks])
+            if len(ks) > 1:
+                good &= self._surprise(x, guess, X) < _SURPRISE
+            good &= self._jumps(np.concatenate([x[None], X[:-1]]), X) <= _JUMP
+            good &= self._misfits(X, targets[ks]) <= GAP_TOLERANCE
+            count = len(ks) if good.all() else int(np.argmin(good))
+            many = min(2 * many, _AT_ONCE if targets.ndim == 2 else 1) if count == len(ks) else max(1, count)
+            if not count and len(ks) == 1:
+                for j in range(coarse[i - 1] + 1 if i else 0, ks[0] + 1):
+                    try:
+                        x = self._reach(x, targets[j], move)
+                    except AssemblyError as error:
+                        raise AssemblyError(f"at sample {j}: {error}", error.best, error.gap) from error
+                X, count = x[None], 1
+            if count:
+                knots[i : i + count], x, i = X[:count], X[count - 1], i + count
+            progress(i / len(coarse) / 2)
+        return knots
+
+    def _foreseen(self, x: Array, q: Array) -> Array:
+        """Return first guesses (k, nq) for active joints q (k, n): from configuration x along its tangent."""
+        gain = self.gains(x[None])[0]
+        return self.tree.integrate(np.tile(x, (len(q), 1)), (q - x[self._active_q]) @ gain.T)
+
+    def _surprise(self, x: Array, guess: Array, X: Array) -> Array:
+        """Return how far states X (k, nq) are from their guesses, relative to how far they are from x."""
+        off, way = self._jumps(guess, X), self._jumps(np.tile(x, (len(X), 1)), X)
+        return off / np.maximum(way, 1e-9)
 
     def _between(self, at: Index, knots: Array, targets: Array) -> Array:
         """Return first guesses (k, nq) for all samples from those solved (j, nq) at samples `at`.
