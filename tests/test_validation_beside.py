@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -36,3 +38,33 @@ def test_leaving_ends_it():
         pass
     assert task._process.returncode is not None
     assert time.monotonic() - start < 30
+
+
+@pytest.fixture
+def hostile(tmp_path, monkeypatch):
+    """A working directory with modules that say so when they are imported."""
+    for name in ("twin", "numpy", "json", "pickle", "socket", "multiprocessing", "tempfile"):
+        (tmp_path / f"{name}.py").write_text("open('imported', 'a').write(__name__)\n")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_second_process_imports_nothing_from_the_working_directory(hostile):
+    with Beside(np.linalg.norm, np.array([3.0, 4.0])) as task:
+        assert task.result() == 5.0
+    assert not (hostile / "imported").exists()
+
+
+def test_nor_does_any_process_that_the_command_line_starts(hostile):
+    """Whoever runs twin in a downloaded folder runs the equations of the robot that is named, and nothing else."""
+    program = hostile / "elsewhere/program.py"
+    program.parent.mkdir()
+    program.write_text(
+        "if __name__ == '__main__':\n"
+        "    import twin.cli, multiprocessing\n"
+        "    twin.cli.main(['list'])\n"
+        "    p = multiprocessing.get_context('spawn').Process(target=print, args=('spawned',)); p.start(); p.join()\n"
+    )
+    done = subprocess.run([sys.executable, program], cwd=hostile, capture_output=True, text=True)
+    assert "spawned" in done.stdout, done.stderr
+    assert not (hostile / "imported").exists()

@@ -30,6 +30,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _failed("usage", str(error), "--json" in argv)
     # All matrices here are small: threads of the linear algebra library only get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Processes started from here must not import a `numpy.py` that lies beside a downloaded robot.
+    os.environ["PYTHONSAFEPATH"] = "1"
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
     logging.getLogger("twin.robots").setLevel(logging.WARNING if args.quiet or args.json else logging.INFO)
     try:

@@ -36,7 +36,7 @@ class Beside:
         self._log = Path(self._folder.name) / "log"
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
-                [sys.executable, "-c", "from twin.validation.beside import serve; serve()", task, self._answer],
+                [sys.executable, "-P", "-c", "from twin.validation.beside import serve; serve()", task, self._answer],
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
                 stdin=subprocess.DEVNULL,
                 stdout=log,
