@@ -319,15 +319,15 @@ def test_plan_of_a_missed_rcm_disagrees(run):
 
 
 def test_validate_agrees(run, tmp_path):
-    result = run("validate", "sils")
+    result = run("validate", "sils", "--protocol", SHORT)
     assert result.code == 0
     assert "AGREE: equations, mechanism and stage tell the same story" in result.out
-    assert "report: twin-out/sils/table2/report.html" in result.out
+    assert "report: twin-out/sils/short/report.html" in result.out
     assert result.err == ""
-    written = files_below(tmp_path / "twin-out/sils/table2")
+    written = files_below(tmp_path / "twin-out/sils/short")
     assert {"report.html", "report.json", "plots"} <= written
     assert not [n for n in written if ".twin-" in n]
-    saved = json.loads((tmp_path / "twin-out/sils/table2/report.json").read_text())
+    saved = json.loads((tmp_path / "twin-out/sils/short/report.json").read_text())
     assert saved["verdict"] == "agree"
 
 
@@ -369,6 +369,7 @@ def test_validate_of_one_printed_equation(run, no_pictures):
     assert "eq1" in point["message"]
 
 
+@pytest.mark.slow
 def test_bare_variant_judges_each_alone_and_all_together(run, no_pictures, tmp_path):
     result = run("validate", "sils", "--protocol", SHORT, "--variant", "printed", "--json")
     assert result.code == 1
