@@ -141,16 +141,13 @@ class Robot:
     ) -> Array:
         """Return q (n,) for a pose (4, 4), or (k, n) for poses (k, 4, 4).
 
+        Without closed equations each pose begins at the answer before it, the first at the seed.
+
         Raises:
-            KinematicsError: a pose is out of reach.
+            KinematicsError: a pose is out of reach; of many it says which.
         """
         kin, T = self.kinematics(variant), np.asarray(T_base_tool, float)
-        if T.ndim == 2:
-            return kin.inverse(T, seed)
-        rows: list[Array] = []
-        for t in T:  # each begins at the one before it
-            rows.append(kin.inverse(t, rows[-1] if rows else seed))
-        return np.reshape(rows, (len(T), len(kin.joints)))
+        return kin.inverse(T, seed) if T.ndim == 2 else kin.inverse_of_all(T, seed)
 
     def forward(self, q: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None) -> Array:
         """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for (k, n), on the assembly branch of the seed pose.
