@@ -197,6 +197,7 @@ def plan(args: argparse.Namespace) -> int:
 
 def validate(args: argparse.Namespace) -> int:
     """Judge the chosen protocols and variants; write a report for each."""
+    from twin.exporting.usd import fresh_stage
     from twin.validation.rows import Tolerances
 
     tolerances = None
@@ -217,7 +218,8 @@ def validate(args: argparse.Namespace) -> int:
     with show.progress(args.quiet or args.json) as progress:
         trajectories = {p: api.plan(robot, p, progress) for p in dict.fromkeys(p for p, _ in jobs)}
         progress("USD stage", 0.0)
-        with api.fresh_stage(robot) as stage:
+        assert robot.files is not None  # it has protocols
+        with fresh_stage(robot.files) as stage:
             for protocol, variants in jobs:
                 report = api.validate(
                     robot,
@@ -246,6 +248,7 @@ def run(args: argparse.Namespace) -> int:
         assets.require_writable(root / folder)
     reports = []
     with show.progress(args.quiet or args.json) as progress:
+        robot = robot.weighed()
         written = api.build(robot, root / "usd", protocols=chosen, progress=progress)
         for protocol in chosen:
             report = api.validate(robot, protocol=protocol, stage=written[0], baked=True, progress=progress)
