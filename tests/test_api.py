@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -113,7 +114,7 @@ def test_another_robot_object_answers_the_same(robot, T_home, case):
 
 
 def test_every_public_member_of_robot_is_called_twice_here_or_below():
-    called = {c.split()[0] for c in TWICE} | {"cad", "mechanism", "formula", "kinematics", "loops"}
+    called = {c.split()[0] for c in TWICE} | {"cad", "mechanism", "formula", "kinematics", "loops", "weighed"}
     assert {n for n in vars(twin.Robot) if not n.startswith("_")} == called - {"names", "plan"}
 
 
@@ -187,6 +188,20 @@ def test_batch_of_poses_equals_single_poses(robot, T_home):
     assert np.allclose(back, [robot.forward(row) for row in q], atol=1e-9)
 
 
+@pytest.mark.parametrize("name", twin.names())
+def test_many_poses_are_answered_by_compiled_code(name, monkeypatch):
+    """Row by row the same as single poses, and without one call of Python a pose."""
+    loaded = twin.load(name)
+    kin, model, rng = loaded.kinematics(), loaded.reference(), np.random.default_rng(7)
+    Ts = model.run(model.home().q + 2e-3 * np.cumsum(rng.uniform(-1, 1, (30, len(kin.joints))), axis=0)).Ts_base_tool
+    Ts = Ts[np.isfinite(kin.inverse_many(Ts)).all(axis=1)]
+    assert len(Ts) > 5
+    single = np.array([kin.inverse(T) for T in Ts])
+    if kin.closed_inverse:
+        monkeypatch.setattr(kin, "inverse", None)
+    assert np.allclose(loaded.inverse(Ts), single, rtol=0, atol=1e-12)
+
+
 def test_batch_of_none(robot):
     assert robot.inverse(np.zeros((0, 4, 4))).shape == (0, 6)
     assert robot.forward(np.zeros((0, 6))).shape == (0, 4, 4)
@@ -229,8 +244,13 @@ def test_pose_out_of_reach_is_refused(robot, T_home):
     far[0, 3] = 5.0
     with pytest.raises(KinematicsError, match=r"limb|reach|short"):
         robot.inverse(far)
-    with pytest.raises(KinematicsError):
-        robot.inverse(np.array([T_home, far]))
+    with pytest.raises(KinematicsError, match=r"^pose 1 \(of 0 \.\. 2\): .*limb.*; poses without an answer: 2 of 3"):
+        robot.inverse(np.array([T_home, far, far]))
+
+
+def test_the_first_pose_that_is_none_is_named(robot, T_home):
+    with pytest.raises(KinematicsError, match=r"^pose 2 \(of 0 \.\. 2\): .*Is it a rigid pose"):
+        robot.inverse(np.array([T_home, T_home, 2 * T_home]))
 
 
 @pytest.mark.parametrize("wrong", [np.zeros((4, 4)), np.full((4, 4), np.nan), np.eye(3), np.zeros(7)])
@@ -270,13 +290,37 @@ def test_seed_of_the_wrong_kind_is_refused(robot, T_home):
         robot.solve(Pose(T_home), seed=T_home[:2])
 
 
-def test_seed_of_a_batched_inverse_is_handed_on(robot, T_home, monkeypatch):
+@pytest.fixture(scope="module")
+def forward_only() -> twin.Robot:
+    """A serial arm whose equations lead only forwards, so that its inverse is solved."""
+    arm = twin.load("pa10")
+    forward = tuple(e for e in arm.formula.equations if e.stage == "forward")
+    arm.formula = replace(
+        arm.formula, equations=forward, seeds=((0.1,) * 7,), reach={}, measures=(), points={}, aspects=()
+    )
+    assert not arm.kinematics().closed_inverse
+    return arm
+
+
+def test_seed_of_a_batched_inverse_is_handed_on(forward_only):
     """Without a closed inverse each pose begins at the answer before it, the first at the seed."""
-    kin, seeds = robot.kinematics(), []
-    real = kin.inverse
-    monkeypatch.setattr(kin, "inverse", lambda T, seed=None: (seeds.append(seed), real(T, seed))[1])
-    q = robot.inverse(np.array([T_home, T_home]), seed=Q_HOME + 1)
-    assert same(seeds, [Q_HOME + 1, q[0]])
+    start = np.array([10, 30, -20, 60, 15, 40, 5]) * DEG
+    qs = start + np.linspace(0, 0.2, 4)[:, None] * np.array([1, -1, 1, 1, -1, 1, -1])
+    Ts = forward_only.forward(qs)
+    found = forward_only.inverse(Ts, seed=start)
+    single = [forward_only.inverse(Ts[0], seed=start)]
+    for T in Ts[1:]:
+        single.append(forward_only.inverse(T, seed=single[-1]))
+    assert same(found, np.array(single))
+    assert np.abs(found - qs).max() < 0.1, "a redundant arm stays near its seed"
+
+
+def test_solved_poses_out_of_reach_are_named(forward_only):
+    near = forward_only.forward(np.array([10, 30, -20, 60, 15, 40, 5]) * DEG)
+    far = near.copy()
+    far[:3, 3] *= 100
+    with pytest.raises(KinematicsError, match=r"^pose 1 \(of 0 \.\. 2\)"):
+        forward_only.inverse(np.array([near, far, near]))
 
 
 # ------------------------------------------------------------------------------------------------------------ solve
@@ -387,6 +431,36 @@ def test_build_twice_writes_the_same_bytes(robot, tmp_path):
     assert first[0] == tmp_path / "a/sils.usda"
     assert [p.name for p in first] == [p.name for p in second]
     assert all(a.read_bytes() == b.read_bytes() for a, b in zip(first, second, strict=True))
+
+
+def _with_a_port() -> tuple[twin.Robot, twin.Robot]:
+    """Return a robot whose protocol places its trocar, as drawn and bound."""
+    for name in twin.names():
+        loaded = twin.load(name)
+        for protocol in map(loaded.protocol, loaded.files.protocols()):
+            if protocol.trocar is not None:
+                return loaded, loaded.bound(protocol)
+    raise AssertionError("no robot has a protocol that places its trocar")
+
+
+def test_what_builds_a_robot_leaves_it_as_it_is(tmp_path):
+    """Bound to a port it stays there, in Python and on its stage; weighing moves nothing and changes no robot."""
+    drawn, bound = _with_a_port()
+    before = {id(r): (r.cad, r.mechanism, dict(r.kinematics().parameters)) for r in (drawn, bound)}
+    stage = twin.load(twin.build(bound, tmp_path, protocols=())[0])
+    for r in (drawn, bound):
+        cad, mechanism, parameters = before[id(r)]
+        assert r.cad is cad
+        assert r.mechanism is mechanism
+        assert r.kinematics().parameters == parameters
+    assert not np.allclose(bound.mechanism.trocar_at, drawn.mechanism.trocar_at, atol=1e-6)
+    assert np.allclose(stage.mechanism.trocar_at, bound.mechanism.trocar_at, atol=1e-6)
+    weighed = bound.weighed()
+    assert weighed.weighed() is weighed
+    assert np.allclose(weighed.mechanism.trocar_at, bound.mechanism.trocar_at, atol=1e-12)
+    assert weighed.cad.mechanism is weighed.mechanism
+    masses = [[b.inertia is not None for b in r.mechanism.bodies] for r in (weighed, bound)]
+    assert sum(masses[0]) > sum(masses[1])
 
 
 # ------------------------------------------------------------------------------------------------- where robots are

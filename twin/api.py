@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import copy
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -61,6 +61,8 @@ class Robot:
         self.files = files
         self._stage = stage
         self._variants, self._parameters = variants, parameters
+        self._trocar: Array | None = None
+        self._is_weighed = False
         self.name = files.name if files is not None else stage.stem if stage is not None else ""
 
     def __repr__(self) -> str:
@@ -141,16 +143,13 @@ class Robot:
     ) -> Array:
         """Return q (n,) for a pose (4, 4), or (k, n) for poses (k, 4, 4).
 
+        Without closed equations each pose begins at the answer before it, the first at the seed.
+
         Raises:
-            KinematicsError: a pose is out of reach.
+            KinematicsError: a pose is out of reach; of many it says which.
         """
         kin, T = self.kinematics(variant), np.asarray(T_base_tool, float)
-        if T.ndim == 2:
-            return kin.inverse(T, seed)
-        rows: list[Array] = []
-        for t in T:  # each begins at the one before it
-            rows.append(kin.inverse(t, rows[-1] if rows else seed))
-        return np.reshape(rows, (len(T), len(kin.joints)))
+        return kin.inverse(T, seed) if T.ndim == 2 else kin.inverse_of_all(T, seed)
 
     def forward(self, q: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None) -> Array:
         """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for (k, n), on the assembly branch of the seed pose.
@@ -223,10 +222,31 @@ class Robot:
             )
         at = dict(zip(("trocar_x", "trocar_y", "trocar_z"), map(float, protocol.trocar), strict=True))
         out = Robot(self.files, self._stage, self._variants, {**(self._parameters or {}), **at})
+        out._trocar, out._is_weighed = protocol.trocar, self._is_weighed
         mechanism = self.mechanism.with_trocar(protocol.trocar)
         if self.files is not None:
             out.cad = replace(self.cad, mechanism=mechanism)
         out.mechanism = mechanism
+        return out
+
+    def weighed(self) -> Robot:
+        """Return the robot with the masses of its parts; where its trocar is bound, it stays.
+
+        Raises:
+            TwinError: the robot was loaded from a stage, or its description or CAD is wrong.
+        """
+        if self._is_weighed:
+            return self
+        if self.files is None:
+            raise TwinError(f"{self.name} is a stage already")
+        from twin.cad.build import read_mechanism
+
+        cad = read_mechanism(self.files.description, with_mass=True)
+        if self._trocar is not None:
+            cad = replace(cad, mechanism=cad.mechanism.with_trocar(self._trocar))
+        out = copy.copy(self)
+        vars(out).pop("loops", None)  # they hold the mechanism
+        out.cad, out.mechanism, out._is_weighed = cad, cad.mechanism, True
         return out
 
     def path_kinematics(self) -> PathKinematics:
@@ -329,39 +349,25 @@ def validate(
     Raises:
         TwinError: something is missing or wrong, so that nothing could be judged.
     """
+    from twin.exporting.usd import fresh_stage
     from twin.validation.case import Case
+    from twin.validation.commands import commands
     from twin.validation.judge import judge
     from twin.validation.rows import Tolerances
 
     progress("read CAD", 0.0)
-    cad = robot.cad
-    if tolerances is None:
-        tolerances = Tolerances().widened(10 * cad.placement_loss)
+    used = tolerances or Tolerances().widened(10 * robot.cad.placement_loss)
     chosen = robot.protocol(protocol or (trajectory.protocol if trajectory is not None else None))
+    said = None if robot._parameters else protocol or chosen.name  # no command line gives other parameters
     robot = robot.bound(chosen)
     if trajectory is None:
         trajectory = plan(robot, chosen, progress)
-    with contextlib.nullcontext(stage) if stage is not None else fresh_stage(robot) as root:
-        sides = (robot.kinematics(variants), robot.cad, chosen, trajectory, root, tolerances)
-        return judge(Case(*sides, robot.path_kinematics(), baked), progress)
-
-
-@contextlib.contextmanager
-def fresh_stage(robot: Robot) -> Iterator[Path]:
-    """Yield the robot's USD stage if it was made from the present CAD, else one rebuilt in a temporary folder."""
-    from twin.cad.build import fingerprint, read_mechanism
-    from twin.errors import StageError
-    from twin.exporting.usd import write_usd
-    from twin.stage.read import made_from
-
-    assert robot.files is not None
-    if robot.files.stage.is_file():
-        with contextlib.suppress(StageError):
-            if fingerprint(robot.files.description) in made_from(robot.files.stage):
-                yield robot.files.stage
-                return
-    with tempfile.TemporaryDirectory(prefix="twin-usd-") as folder:
-        yield write_usd(read_mechanism(robot.files.description).mechanism, (), Path(folder))[0]
+    assert robot.files is not None  # it has CAD
+    with contextlib.nullcontext(stage) if stage is not None else fresh_stage(robot.files) as root:
+        kin = robot.kinematics(variants)
+        sides = (kin, robot.cad, chosen, trajectory, root, used)
+        report = judge(Case(*sides, robot.path_kinematics(), baked), progress)
+    return report if said is None else replace(report, commands=commands(robot.files, kin, said, tolerances))
 
 
 def build(
@@ -385,7 +391,6 @@ def build(
     Raises:
         OutputError: the folder cannot be written; nothing half-written is left.
     """
-    from twin.cad.build import read_mechanism
     from twin.exporting.usd import bake, write_usd
 
     if robot.files is None:
@@ -395,17 +400,17 @@ def build(
             raise TwinError("the installed data is read-only: say where to write with --out")
         folder = robot.files.usd
     progress("read CAD, weigh parts", 0.0)
-    cad = robot.cad = read_mechanism(robot.files.description, with_mass=True)
+    robot = robot.weighed()
+    assert robot.files is not None
     chosen = protocols or ()
     if protocols is None and robot.files.has_equations:
         chosen = tuple(robot.files.protocols())
     with assets.atomic_folder(folder) as work:
-        root = write_usd(cad.mechanism, (), work)[0]
-        robot.mechanism = cad.mechanism
+        root = write_usd(robot.mechanism, (), work)[0]
         for i, name in enumerate(chosen):
             progress(f"bake {name}", i / len(chosen))
             bound = robot.bound(robot.protocol(name)).mechanism
-            bake(cad.mechanism, bound, plan(robot, name), work)
+            bake(robot.mechanism, bound, plan(robot, name), work)
         written = sorted(p.relative_to(work) for p in work.rglob("*") if p.is_file())
         first = root.relative_to(work)
     return [folder / first, *(folder / p for p in written if p != first)]

@@ -26,6 +26,8 @@ class Finding:
         unit: "mm", "um", "deg", "s", ...
         limit: what the size was compared with.
         suggestion: the way out.
+        cause: what it is put down to, the same text in all findings of one cause ("eq1 (printed)"); "" if it stands
+            for itself.
     """
 
     code: str
@@ -37,6 +39,7 @@ class Finding:
     unit: str = ""
     limit: float | None = None
     suggestion: str = ""
+    cause: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""

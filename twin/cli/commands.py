@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from twin import api, assets
 from twin.cli import show
+from twin.cli.cure import Cures
 from twin.errors import TwinError, unknown
 
 if TYPE_CHECKING:
@@ -197,6 +198,7 @@ def plan(args: argparse.Namespace) -> int:
 
 def validate(args: argparse.Namespace) -> int:
     """Judge the chosen protocols and variants; write a report for each."""
+    from twin.exporting.usd import fresh_stage
     from twin.validation.rows import Tolerances
 
     tolerances = None
@@ -213,11 +215,12 @@ def validate(args: argparse.Namespace) -> int:
     root = Path(args.out) if args.out else Path("twin-out") / robot.name
     for protocol, variants in jobs:
         assets.require_writable(root / _folder(robot.protocol(protocol).name, variants))
-    reports = []
+    reports, cures = [], Cures(robot)
     with show.progress(args.quiet or args.json) as progress:
         trajectories = {p: api.plan(robot, p, progress) for p in dict.fromkeys(p for p, _ in jobs)}
         progress("USD stage", 0.0)
-        with api.fresh_stage(robot) as stage:
+        assert robot.files is not None  # it has protocols
+        with fresh_stage(robot.files) as stage:
             for protocol, variants in jobs:
                 report = api.validate(
                     robot,
@@ -228,6 +231,7 @@ def validate(args: argparse.Namespace) -> int:
                     stage=stage,
                     progress=progress,
                 )
+                report = cures.of(report, progress)
                 progress("report", 0.0)
                 reports.append((report, _write(report, root / _folder(report.protocol, variants))))
     return _finish(reports, args)
@@ -244,11 +248,13 @@ def run(args: argparse.Namespace) -> int:
     chosen = _protocols(robot, args)
     for folder in ("usd", *(robot.protocol(p).name for p in chosen)):
         assets.require_writable(root / folder)
-    reports = []
+    reports, cures = [], Cures(robot)
     with show.progress(args.quiet or args.json) as progress:
+        robot = robot.weighed()
         written = api.build(robot, root / "usd", protocols=chosen, progress=progress)
         for protocol in chosen:
             report = api.validate(robot, protocol=protocol, stage=written[0], baked=True, progress=progress)
+            report = cures.of(report, progress)
             progress("report", 0.0)
             reports.append((report, _write(report, root / report.protocol)))
     code = _finish(reports, args)
@@ -366,7 +372,8 @@ def _finish(reports, args: argparse.Namespace) -> int:
         return code
     for report, folder in reports:
         print(show.report(report))
-        print(f"  report: {folder / 'report.html'}\n")
+        print(f"  report: {folder / 'report.html'}")
+        print(show.way_out(report))
     if len(reports) > 1:
         rows = [(r.protocol, ", ".join(f"{k}={v}" for k, v in r.variants.items()), r.verdict) for r, _ in reports]
         print(show.table(rows, ("protocol", "variants", "verdict")))

@@ -10,14 +10,15 @@ from typing import Any
 
 from twin.findings import Finding, by_severity
 from twin.units import DEG, MM
-from twin.validation.result import Report, as_json
+from twin.validation.cause import SIDES, Cause
+from twin.validation.result import Report, Residual, as_json
 
-__all__ = ["as_json", "finding", "info", "progress", "report", "table"]
+__all__ = ["as_json", "finding", "info", "progress", "report", "table", "verdict_line", "way_out"]
 
 _MARKS = {"error": "✖", "disagreement": "✖", "warning": "▲", "info": "·"}
 _VERDICTS = {
     "agree": "AGREE: equations, mechanism and stage tell the same story",
-    "disagree": "DISAGREE",
+    "disagree": "DISAGREE: {}",
     "unchecked": "UNCHECKED: something could not be judged",
 }
 
@@ -104,20 +105,23 @@ def info(data: Mapping[str, Any], bodies: int) -> str:
 
 
 def report(r: Report, *, all_findings: bool = False) -> str:
-    """Return a report for the terminal: verdict, what is wrong, the matrix in short."""
+    """Return a report for the terminal: verdict, what is wrong by cause, the matrix in short."""
     from twin.report.format import quantity
 
     lines = [f"{r.robot} · {r.protocol} · {', '.join(f'{k} {v}' for k, v in r.variants.items())}", ""]
-    lines += [f"  {_VERDICTS[r.verdict]}", ""]
-    shown = [f for f in by_severity(r.findings) if all_findings or f.severity != "info"]
+    lines += [f"  {verdict_line(r)}", ""]
+    told = {id(f) for c in r.causes for f in c.findings}
+    others = [f for f in by_severity(r.findings) if id(f) not in told and (all_findings or f.severity != "info")]
+    shown = [*(cause(c) for c in r.causes), *(finding(f) for f in others)]
     if shown:
-        lines += [*(finding(f) for f in shown), ""]
+        lines += [*shown, ""]
     groups: dict[tuple[str, str, str], list] = {}
     for row in r.residuals:
         groups.setdefault((row.pair, row.quantity, row.unit), []).append(row)
     rows = []
     for (pair, name, _), group in groups.items():
-        worst = max(group, key=lambda x: -1.0 if x.tolerance is None else x.worst / x.tolerance)
+        worst = max(group, key=_weight)
+        state = "ok" if worst.agrees else f"follows from {worst.consequence_of}" if worst.consequence_of else "DIFFERS"
         rows.append(
             (
                 pair,
@@ -126,10 +130,44 @@ def report(r: Report, *, all_findings: bool = False) -> str:
                 "" if worst.tolerance is None else quantity(worst.tolerance, worst.unit),
                 worst.name,
                 worst.phase,
-                "" if worst.tolerance is None else "ok" if worst.agrees else "DIFFERS",
+                "" if worst.tolerance is None else state,
             )
         )
     lines += [table(rows, ("pair", "what", "worst", "tolerance", "where", "phase", "")), ""]
     if r.assumed:
         lines.append(f"  {len(r.assumed)} assumed values (unpublished) are listed in the report and by `twin info`.")
     return "\n".join(lines)
+
+
+def verdict_line(r: Report) -> str:
+    """Return the verdict in a few words; of a disagreement, which two sides differ."""
+    return _VERDICTS[r.verdict].format(SIDES[r.causes[0].side] if r.causes else "")
+
+
+def way_out(r: Report) -> str:
+    """Return what to do as the last line of a verdict; "" if nothing is to be done."""
+    return f"\n  what to do: {r.what_to_do}\n" if r.what_to_do else ""
+
+
+def cause(c: Cause) -> str:
+    """Return a cause: its headline, and on one line each the same elsewhere and what follows."""
+    lines = [finding(c.head)]
+    for words, found in (("also", c.also), ("follows from it", c.follows), ("may follow from it", c.perhaps)):
+        if found:
+            lines.append(f"      {words}: {_sizes(found)}")
+    return "\n".join(lines)
+
+
+def _sizes(found: Sequence[Finding], most: int = 6) -> str:
+    """Return places and sizes, the first few of them."""
+    from twin.report.format import shown
+
+    words = [f"{f.where or f.code}" + ("" if f.size is None else f" {shown(f.size, f.unit)}") for f in found]
+    return ", ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")
+
+
+def _weight(row: Residual) -> tuple[bool, float]:
+    """Order rows for the one that is shown of many: what differs by itself before what follows from another."""
+    if row.tolerance is None:
+        return False, -1.0
+    return not row.agrees and not row.consequence_of, row.worst / row.tolerance

@@ -98,12 +98,11 @@ def order(
         if protocols or trajectory is not None:
             raise TwinError(f"{robot.name} is a USD stage: it has no protocols, only the motion that is baked in it")
         return _of_stage(robot, progress)
-    from twin.cad.build import inputs, read_mechanism
+    from twin.cad.build import inputs
 
     progress("read CAD, weigh parts", 0.0)
-    files = robot.files
-    cad = robot.cad = read_mechanism(files.description, with_mass=True)
-    robot.mechanism = cad.mechanism
+    files, robot = robot.files, robot.weighed()
+    cad = robot.cad
     findings = [f for f in cad.findings if f.severity != "info"]
     chosen: list[str | Path] = list(files.protocols()) if protocols is None else list(protocols)
     if trajectory is not None:

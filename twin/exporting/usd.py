@@ -7,17 +7,22 @@ motion/<protocol>.usdc               baked poses and joint values at the times o
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import contextlib
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdPhysics
 
-from twin.errors import AssemblyError
+from twin.assets import RobotFiles
+from twin.cad.build import fingerprint, read_mechanism
+from twin.errors import AssemblyError, StageError
 from twin.mechanism import Mechanism
 from twin.reference.holding import GRAVITY, holding_efforts
 from twin.spatial import Array
+from twin.stage.read import made_from
 from twin.stage.write.layers import describe, new_layer, save
 
 if TYPE_CHECKING:
@@ -109,6 +114,18 @@ def _add_scene(layer: Sdf.Layer) -> None:
         ("enableExternalForcesEveryIteration", Sdf.ValueTypeNames.Bool, True),
     ):
         prim.CreateAttribute(f"physxScene:{name}", kind, False).Set(value)
+
+
+@contextlib.contextmanager
+def fresh_stage(files: RobotFiles) -> Iterator[Path]:
+    """Yield a robot's USD stage if it was made from the present CAD, else one rebuilt in a temporary folder."""
+    if files.stage.is_file():
+        with contextlib.suppress(StageError):
+            if fingerprint(files.description) in made_from(files.stage):
+                yield files.stage
+                return
+    with tempfile.TemporaryDirectory(prefix="twin-usd-") as folder:
+        yield write_usd(read_mechanism(files.description).mechanism, (), Path(folder))[0]
 
 
 def rounded(poses: Mapping[str, Array]) -> dict[str, Array]:

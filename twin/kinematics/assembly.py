@@ -95,9 +95,9 @@ def inverse_by_solver(kin: Kinematics, T: Array, seed: object) -> Array:
     return solve(kin, Pose(T), seed=seed).q  # type: ignore[arg-type]
 
 
-def inverse_by_solver_many(kin: Kinematics, Ts: Array) -> Array:
+def inverse_by_solver_many(kin: Kinematics, Ts: Array, seed: object = None) -> Array:
     """Return q (k, n) at poses (k, 4, 4), each from the one before it; NaN rows where there is none."""
-    out, seed = np.full((len(Ts), len(kin.joints)), np.nan), None
+    out = np.full((len(Ts), len(kin.joints)), np.nan)
     for i, T in enumerate(Ts):
         try:
             out[i] = seed = inverse_by_solver(kin, T, seed)

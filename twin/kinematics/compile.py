@@ -126,6 +126,31 @@ class Kinematics:
         q[~(out[:, -1] <= POSE_TOL) | ~np.isfinite(q).all(axis=1)] = np.nan
         return q
 
+    def inverse_of_all(self, Ts_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
+        """Return q (k, n) at poses (k, 4, 4), every one of which is to have an answer.
+
+        Args:
+            Ts_base_tool: the poses.
+            seed: q of the first pose to start from, without a closed inverse; the others start from the one before.
+
+        Raises:
+            KinematicsError: as `inverse`, for the first pose without an answer, with its index and how many there are.
+
+        """
+        Ts = _poses(Ts_base_tool)
+        q = self.inverse_many(Ts) if self.closed_inverse else assembly.inverse_by_solver_many(self, Ts, seed)
+        lost = np.flatnonzero(~np.isfinite(q).all(axis=1))
+        if len(lost):
+            k = int(lost[0])
+            before = q[k - 1] if k else seed
+            try:
+                self.inverse(Ts[k], before)
+            except KinematicsError as error:
+                others = f"; poses without an answer: {len(lost)} of {len(Ts)}" if len(lost) > 1 else ""
+                raise KinematicsError(f"pose {k} (of 0 .. {len(Ts) - 1}): {error}{others}", best=error.best) from None
+            raise KinematicsError(f"{self.formula.name}: pose {k} (of 0 .. {len(Ts) - 1}) has no answer")
+        return q
+
     def joints_from_points(self, points: Mapping[str, ArrayLike]) -> Array:
         """Return q (k, n) from named points {name: (k, 3)} in m: the equations behind the points alone.
 

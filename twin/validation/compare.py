@@ -10,7 +10,7 @@ already located is reported as its consequence, not as another error.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -76,6 +76,7 @@ def compare(
                 f"poses that the mechanism can take ({', '.join(f'{n} {v}' for n, v in kin.variants.items())})",
                 where=", ".join(j for j, bad in zip(kin.joints, ~np.isfinite(q[k]), strict=True) if bad),
                 when=f"{clock.phase(float(clock.t[k]))}, t = {clock.t[k]:.2f} s",
+                cause=_equation_of(kin, tuple(kin.joints)),
             )
         )
 
@@ -84,15 +85,27 @@ def compare(
     )
     out.posed = posed
     blamed = _points(kin, model, posed, Ts[rows], out, coarse, tolerances)
-    blamed_joints = _driven(kin, posed, q[rows], blamed, out, coarse, tolerances)
+    joints = _driven(kin, posed, q[rows], blamed, out, coarse, tolerances)
     rows_forward, found = forward(kin, posed, coarse, tolerances)
     out.residuals += rows_forward
     out.findings += found
     _passive(kin, posed, Ts[rows], blamed, out, coarse, tolerances)
-    _tool(kin, model, trajectory, q, blamed or blamed_joints, out, clock, tolerances, progress)
-    if out.driven is not None and not blamed_joints:
+    _tool(kin, model, trajectory, q, blamed or joints, out, clock, tolerances, progress)
+    if out.driven is not None and not joints.row:
         _rates(model, trajectory, out, rows, coarse, tolerances)
     return out
+
+
+@dataclass(frozen=True)
+class _Blame:
+    """The row that explains others, the equation that yields it, and by point which equation is off there; or ""."""
+
+    row: str = ""
+    cause: str = ""
+    points: Mapping[str, str] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return bool(self.row)
 
 
 def _coarse_rows(trajectory: Trajectory) -> Index:
@@ -117,38 +130,31 @@ def _points(
     out: Comparison,
     clock: Clock,
     tolerances: Tolerances,
-) -> str:
-    """Judge where the equations place the named points when the tool is where it should be.
-
-    Returns the first row that disagrees, or "".
-    """
+) -> _Blame:
+    """Judge where the equations place the named points when the tool is where it should be."""
     points = {n: p for n, p in kin.points_many(Ts=Ts, qs=posed.q).items() if n in posed.points}
-    blamed = ""
+    rows: dict[str, Residual] = {}
+    equations: dict[str, str] = {}
     for name, value in points.items():
         symbols = kin.formula.points[name]
-        equation = _equation_of(kin, (symbols,) if isinstance(symbols, str) else symbols)
+        equations[name] = _equation_of(kin, (symbols,) if isinstance(symbols, str) else symbols)
         difference = value - posed.points[name]
         out.series[f"residual_point.{name}"] = np.linalg.norm(difference, axis=1)
-        # A point that no printed equation yields (an apex) follows from those that one does.
-        cause = blamed if not equation else ""
-        r = row(
-            "A-B",
-            "point",
-            name,
-            "m",
-            difference,
-            tolerances.position,
-            clock,
-            consequence_of=cause,
-            note=equation,
-        )
+        rows[name] = row("A-B", "point", name, "m", difference, tolerances.position, clock, note=equations[name])
+    off = {n: equations[n] for n, r in rows.items() if not r.agrees and equations[n]}
+    first = next(iter(off), next((n for n, r in rows.items() if not r.agrees), ""))
+    blame = _Blame(first, off.get(first, first), off)
+    for name, r in rows.items():
+        # A point that no equation yields (an apex) follows from those that one does.
+        if not equations[name] and off:
+            r = replace(r, consequence_of=first)
         out.residuals.append(r)
         if not r.agrees:
-            by = f" by {equation}" if equation else ""
-            _add(out, r, f"point {name}{by} is {text(r.worst, 'm')} off where the CAD has it, in {r.component}")
-            blamed = blamed or name
-    _distances(model, points, posed, out, clock, tolerances, blamed)
-    return blamed
+            by = f" by {equations[name]}" if equations[name] else ""
+            message = f"point {name}{by} is {text(r.worst, 'm')} off where the CAD has it, in {r.component}"
+            _add(out, r, message, equations[name] or blame.cause)
+    _distances(model, points, posed, out, clock, tolerances, blame)
+    return blame
 
 
 def _distances(
@@ -158,7 +164,7 @@ def _distances(
     out: Comparison,
     clock: Clock,
     tolerances: Tolerances,
-    blamed: str,
+    blamed: _Blame,
 ) -> None:
     """Judge whether points of one body keep their distances: equations that break them describe no rigid body."""
     on: dict[str, list[str]] = {}
@@ -174,6 +180,7 @@ def _distances(
             out.facts.setdefault("distances by the equations, mm (start, end of each phase)", {})[
                 f"{a}-{b} (CAD {true[0] / MM:.3f})"
             ] = ", ".join(f"{n} {length[i] / MM:.3f}" for n, i in at.items())
+            ends_off = [n for n in (a, b) if n in blamed.points]
             r = row(
                 "A-B",
                 "point",
@@ -182,7 +189,7 @@ def _distances(
                 length - true,
                 tolerances.position,
                 clock,
-                consequence_of=blamed,
+                consequence_of=ends_off[0] if ends_off else blamed.row,
                 note=f"distance on '{body}'",
             )
             out.residuals.append(r)
@@ -200,6 +207,7 @@ def _distances(
                         size=r.worst / MM,
                         unit="mm",
                         limit=tolerances.position / MM,
+                        cause=blamed.points[ends_off[0]] if ends_off else blamed.cause,
                     )
                 )
 
@@ -208,18 +216,18 @@ def _driven(
     kin: Kinematics,
     posed: Run,
     q: Array,
-    blamed: str,
+    blamed: _Blame,
     out: Comparison,
     clock: Clock,
     tolerances: Tolerances,
-) -> str:
+) -> _Blame:
     """Judge the joint values: those of the whole chain, and those made of the CAD's own points."""
     alone = None
     if kin.closed_inverse and kin.formula.points:
         names = [n for n, s in kin.formula.points.items() if _equation_of(kin, (s,) if isinstance(s, str) else s)]
         if names and all(n in posed.points for n in names):
             alone = kin.joints_from_points({n: posed.points[n] for n in names})
-    first = ""
+    first = _Blame()
     for i, joint in enumerate(kin.joints):
         equation = _equation_of(kin, (kin.mode.order[i],))
         if not np.isfinite(q[:, i]).any():
@@ -228,21 +236,16 @@ def _driven(
         tolerance = tolerances.rotation if kin.revolute[i] else tolerances.position
         out.series[f"residual_driven.{joint}"] = np.abs(q[:, i] - posed.q[:, i])
         innocent = alone is not None and float(np.abs(alone[:, i] - posed.q[:, i]).max()) <= tolerance
-        cause = blamed if blamed and innocent else ""
-        r = row(
-            "A-B", "driven", joint, unit, q[:, i] - posed.q[:, i], tolerance, clock, consequence_of=cause, note=equation
-        )
+        because = blamed.row if innocent else ""
+        difference = q[:, i] - posed.q[:, i]
+        r = row("A-B", "driven", joint, unit, difference, tolerance, clock, consequence_of=because, note=equation)
         out.residuals.append(r)
         if not r.agrees:
-            first = first or joint
-            because = f", because {blamed} is off" if cause else f" by {equation}"
-            _add(
-                out,
-                r,
-                f"joint {joint}{because} is {text(r.worst, unit)} from where the mechanism has it"
-                if unit == "m"
-                else f"joint {joint}{because} is {text(r.worst, unit)} off",
-            )
+            cause = blamed.cause if because else equation or _equation_of(kin, tuple(kin.joints)) or joint
+            first = first or _Blame(joint, cause)
+            by = f", because {because} is off" if because else f" by {equation}" if equation else ""
+            away = f"{text(r.worst, unit)} {'from where the mechanism has it' if unit == 'm' else 'off'}"
+            _add(out, r, f"joint {joint}{by} is {away}", cause)
     if alone is not None and blamed:
         out.facts.setdefault("equations by themselves", {})[_equation_of(kin, kin.joints)] = (
             f"given the CAD's own points it yields the joints to {text(float(np.abs(alone - posed.q).max()), 'm')}"
@@ -251,16 +254,17 @@ def _driven(
 
 
 def _passive(
-    kin: Kinematics, posed: Run, Ts: Array, blamed: str, out: Comparison, clock: Clock, tolerances: Tolerances
+    kin: Kinematics, posed: Run, Ts: Array, blamed: _Blame, out: Comparison, clock: Clock, tolerances: Tolerances
 ) -> None:
     for name, value in kin.passive_many(Ts=Ts, qs=posed.q).items():
         if name not in posed.q_passive:
             continue
         difference = np.angle(np.exp(1j * (value - posed.q_passive[name])))  # to within a turn
-        r = row("A-B", "passive", name, "rad", difference, tolerances.rotation, clock, consequence_of=blamed)
+        r = row("A-B", "passive", name, "rad", difference, tolerances.rotation, clock, consequence_of=blamed.row)
         out.residuals.append(r)
         if not r.agrees:
-            _add(out, r, f"passive joint {name} is {text(r.worst, 'rad')} from the mechanism's")
+            cause = blamed.cause or _equation_of(kin, (name,))
+            _add(out, r, f"passive joint {name} is {text(r.worst, 'rad')} from the mechanism's", cause)
 
 
 def _tool(
@@ -268,7 +272,7 @@ def _tool(
     model: ReferenceModel,
     trajectory: Trajectory,
     q: Array,
-    blamed: str,
+    blamed: _Blame,
     out: Comparison,
     clock: Clock,
     tolerances: Tolerances,
@@ -288,12 +292,12 @@ def _tool(
                 f"driven to the joint values of the equations the mechanism cannot be assembled ({error})",
                 where=", ".join(kin.joints) if blamed else "mechanism",
                 when=f"{clock.phase(0.0)}, from the start",
-                suggestion=f"a consequence of {blamed}: mend that first" if blamed else "",
+                suggestion=f"a consequence of {blamed.row}: fix that first" if blamed else "",
+                cause=blamed.cause,
             )
         )
         return
     out.driven = run
-    cause = blamed
     offset, turn = run.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3], rotation_vectors(Ts, run.Ts_base_tool)
     out.series |= {
         "residual_tool": np.linalg.norm(offset, axis=1),
@@ -304,10 +308,10 @@ def _tool(
         ("tool", "m", offset, tolerances.position),
         ("tool", "rad", turn, tolerances.rotation),
     ):
-        r = row("A-B", "tool", name, unit, values, tolerance, clock, consequence_of=cause)
+        r = row("A-B", "tool", name, unit, values, tolerance, clock, consequence_of=blamed.row)
         out.residuals.append(r)
         if not r.agrees:
-            _add(out, r, f"driven by the equations the tool is {text(r.worst, unit)} from where they say")
+            _add(out, r, f"driven by the equations the tool is {text(r.worst, unit)} from where they say", blamed.cause)
     balls = {j.name for j in model.mechanism.loops if j.type == "spherical"}
     for i, loop in enumerate(run.loop_names):
         r = row("B", "loop", loop, "m", run.gaps[:, i, 0], tolerances.loop, clock)
@@ -320,6 +324,7 @@ def _tool(
                     gap,
                     f"loop {loop} does not close: {text(gap.worst, gap.unit)} remain in the "
                     "least-squares sense; the parts of this limb do not fit",
+                    blamed.cause,
                 )
 
 
@@ -353,7 +358,7 @@ def _rates(
             _add(out, r, f"the tool's {quantity} differs by {text(r.worst, unit)}")
 
 
-def _add(out: Comparison, r: Residual, message: str) -> None:
+def _add(out: Comparison, r: Residual, message: str, cause: str = "") -> None:
     """Add a disagreement for a row, or a note if the row is a consequence of another."""
     scale, unit = (MM, "mm" + r.unit[1:]) if r.unit.startswith("m") else (DEG, "deg" + r.unit[3:])
     out.findings.append(
@@ -367,6 +372,7 @@ def _add(out: Comparison, r: Residual, message: str) -> None:
             unit=unit,
             limit=None if r.tolerance is None else r.tolerance / scale,
             suggestion=f"a consequence of {r.consequence_of}" if r.consequence_of else "",
+            cause=cause,
         )
     )
 

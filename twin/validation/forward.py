@@ -34,6 +34,7 @@ def forward(kin: Kinematics, posed: Run, clock: Clock, tolerances: Tolerances) -
                 f"mechanism can take ({by})",
                 where="tool",
                 when=f"{clock.phase(float(clock.t[k]))}, t = {clock.t[k]:.2f} s",
+                cause=by,
             )
         ]
     offset = Ts[:, :3, 3] - posed.Ts_base_tool[:, :3, 3]
@@ -57,6 +58,7 @@ def forward(kin: Kinematics, posed: Run, clock: Clock, tolerances: Tolerances) -
                     size=r.worst / scale,
                     unit="mm" if unit == "m" else "deg",
                     limit=tolerance / scale,
+                    cause=by,
                 )
             )
     return rows, findings

@@ -21,7 +21,7 @@ from twin.validation.case import PARTS, Case, Known, Part, summaries
 from twin.validation.compare import Comparison, angles_zyx, compare
 from twin.validation.content import content
 from twin.validation.fulcrum import fulcrum
-from twin.validation.lengths import lengths
+from twin.validation.lengths import lengths, put_down
 from twin.validation.motion import Measured, Samples, baked_rows, clearance_facts, measure, samples, written_rows
 from twin.validation.passage import about_rcm, of_protocol, passage, passive_limits
 from twin.validation.plausible import apart
@@ -62,7 +62,7 @@ def judge(
             if "equations" in parts:
                 out = compare(case.kinematics, model, trajectory, clock, case.tolerances, progress)
                 rows, found = lengths(case.kinematics, case.cad, clock, case.tolerances)
-                out.residuals[:0], out.findings[:0] = rows, found
+                out.residuals[:0], out.findings[:] = rows, [*found, *put_down(case.kinematics, found, out.findings)]
                 about_rcm(case, out, clock)
                 passive_limits(model, out, clock)
                 passage(case, model, out, clock)

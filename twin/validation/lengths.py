@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from twin.cad.build import CadModel
@@ -9,6 +11,7 @@ from twin.cad.lengths import measure
 from twin.errors import TwinError, unknown
 from twin.findings import Finding
 from twin.kinematics import Kinematics
+from twin.kinematics.contract import arguments
 from twin.units import MM, UM
 from twin.validation.result import Residual
 from twin.validation.rows import Clock, Tolerances, row
@@ -46,7 +49,20 @@ def lengths(
                     size=r.worst / UM,
                     unit="um",
                     limit=tolerances.position / UM,
-                    suggestion=f"mend '{length.body}' in the CAD, or {length.parameter} in the equations",
+                    suggestion=f"fix '{length.body}' in the CAD, or {length.parameter} in the equations",
+                    cause=f"length {length.parameter}",
                 )
             )
     return rows, findings
+
+
+def put_down(kin: Kinematics, found: list[Finding], findings: list[Finding]) -> list[Finding]:
+    """Return the findings on the equations with the lengths that differ as their cause, where a row reads one."""
+    parameters = [f.cause.removeprefix("length ") for f in found]
+    causes = {}
+    for e in kin.formula.equations:
+        variant = kin.variants.get(e.name, e.default)
+        required, optional = arguments(e.variants[variant])
+        if read := [p for p in parameters if p in (*required, *optional)]:
+            causes[f"{e.name} ({variant})"] = f"length {read[0]}"
+    return [replace(f, cause=causes.get(f.cause, f.cause)) for f in findings]

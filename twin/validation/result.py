@@ -6,11 +6,13 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
 from twin.findings import EXIT_CODES, Finding, Verdict, by_severity, verdict
 from twin.provenance import Parameter
 from twin.spatial import Array
+from twin.validation.cause import Cause, causes
 
 
 def as_json(data: Any) -> str:
@@ -101,6 +103,8 @@ class Report:
             "residual_driven.<joint>" and "residual_point.<name>" on "t_coarse" (c,), as "p_tool_B", "v_tool_B" and
             "a_tool_B" (c, 3), the tool of the mechanism driven by the equations.
         joint_names: for the second axis of q.
+        commands: command lines that judge the same again ("validate") and that look further ("explain"); may be empty.
+        cure: what would make the equations agree, as `explain` found it; "" if it was not asked or found nothing.
     """
 
     robot: str
@@ -118,6 +122,8 @@ class Report:
     environment: Mapping[str, str]
     joint_names: tuple[str, ...]
     series: Mapping[str, Array] = field(default_factory=dict, repr=False)
+    commands: Mapping[str, str] = field(default_factory=dict)
+    cure: str = ""
 
     @property
     def verdict(self) -> Verdict:
@@ -128,6 +134,26 @@ class Report:
     def exit_code(self) -> int:
         """Return 0 agree, 1 disagree, 2 could not check."""
         return EXIT_CODES[self.verdict]
+
+    @cached_property
+    def causes(self) -> tuple[Cause, ...]:
+        """What disagrees or could not be checked, by cause; the first is the headline."""
+        return causes(self.findings)
+
+    @property
+    def what_to_do(self) -> str:
+        """Return one line: the way out of the first cause; "" if nothing disagrees."""
+        if not self.causes:
+            return ""
+        first = self.causes[0]
+        way = first.head.suggestion
+        if first.side == "equations" and first.head.severity == "disagreement":
+            look = f"look for the edit that makes them agree: {self.commands['explain']}" if self.commands else ""
+            return self.cure or way or look
+        if first.side == "CAD":
+            way = f"fix {first.head.where or 'the part'} in the CAD{_size(first.head)}" + (f": {way}" if way else "")
+        way = way or f"change the protocol{f' at {first.head.when}' if first.head.when else ''}"
+        return f"{way}; then {self.commands['validate']}" if self.commands else way
 
     @property
     def assumed(self) -> tuple[Parameter, ...]:
@@ -141,6 +167,10 @@ class Report:
             "robot": self.robot,
             "protocol": self.protocol,
             "verdict": self.verdict,
+            "causes": [c.as_dict() for c in self.causes],
+            "what_to_do": self.what_to_do,
+            "cure": self.cure,
+            "commands": dict(self.commands),
             "variants": dict(self.variants),
             "residuals": [asdict(r) | {"agrees": r.agrees} for r in self.residuals],
             "findings": [f.as_dict() for f in by_severity(self.findings)],
@@ -153,3 +183,7 @@ class Report:
     def to_json(self) -> str:
         """Return the report as JSON text; what is not finite becomes null."""
         return as_json(self.as_dict())
+
+
+def _size(f: Finding) -> str:
+    return "" if f.size is None else f", {f.size:.4g} {f.unit} off"

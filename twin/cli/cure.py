@@ -1,0 +1,127 @@
+"""What cures a disagreement, asked of `explain` for as long as a reader of a verdict likes to wait."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from twin import api
+from twin.errors import TwinError
+
+if TYPE_CHECKING:
+    from twin.explaining.result import Explanation, Reading
+    from twin.validation.result import Report
+
+SECONDS = 5.0
+"""What a search for the cure may take; what it has not found by then, `twin explain` may be asked for."""
+
+_PAIRS = 0.4
+"""Of that, what the search for two edits in one row may take; the rest is for poses, single edits and numbers."""
+
+Progress = Callable[[str, float], None]
+
+
+class _LateError(BaseException):
+    """Ends a search from within; no search may take it for an error of an edit."""
+
+
+class Cures:
+    """Cures of one robot, each looked for once: protocols do not change what equations need."""
+
+    def __init__(self, robot: api.Robot, seconds: float = SECONDS) -> None:
+        self.robot, self.seconds = robot, seconds
+        self._known: dict[tuple[object, ...], str] = {}
+
+    def of(self, report: Report, progress: Progress) -> Report:
+        """Return the report with the cure of its first cause, if that is in the equations and is found in time."""
+        causes = report.causes
+        if not causes or causes[0].side != "equations" or causes[0].head.severity != "disagreement":
+            return report
+        robot = self.robot.bound(self.robot.protocol(report.protocol))
+        key = (*sorted(report.variants.items()), tuple(robot.mechanism.trocar_at) if robot is not self.robot else ())
+        if key not in self._known:
+            self._known[key] = self._look(robot, report, progress)
+        return replace(report, cure=self._known[key])
+
+    def _look(self, robot: api.Robot, report: Report, progress: Progress) -> str:
+        from twin.explaining.explain import explain
+        from twin.explaining.judge import Tolerance
+
+        until = time.monotonic() + self.seconds
+
+        def bounded(label: str, fraction: float) -> None:
+            if time.monotonic() > until:
+                raise _LateError
+            progress(f"cure: {label}", fraction)
+
+        kin = robot.kinematics(dict(report.variants))
+        try:
+            found = explain(
+                robot.name,
+                robot.formula,
+                robot.reference(),
+                dict(report.variants),
+                parameters=kin.parameters,
+                tolerance=Tolerance(*tolerance(report)),
+                progress=bounded,
+                budget=_PAIRS * self.seconds,
+                root=Path.cwd(),
+            )
+        except (_LateError, TwinError):  # what cannot be explained has been judged all the same
+            return ""
+        return text(found, report.commands.get("explain", ""))
+
+
+def tolerance(report: Report) -> tuple[float, float]:
+    """Return the tolerances of a judgement, position in m and rotation in rad."""
+    from twin.validation.rows import Tolerances
+
+    judged = [r for r in report.residuals if r.pair == "A-B" and r.quantity in ("point", "driven", "passive", "tool")]
+    default = {"m": Tolerances().position, "rad": Tolerances().rotation}
+    used = default | {r.unit: r.tolerance for r in judged if r.tolerance and r.unit in default}
+    return used["m"], used["rad"]
+
+
+def text(found: Explanation, command: str) -> str:
+    """Return what would make the rows agree in one line, or "" if nothing would."""
+    parts = [*_edits(found, command), *_numbers(found), *dict.fromkeys(c.message for c in found.conventions)]
+    if not parts:
+        return ""
+    rest = "every row then agrees" if found.explained else f"other rows stay off: {command}"
+    return f"{'; '.join(parts)}; {rest}"
+
+
+def _edits(found: Explanation, command: str) -> list[str]:
+    """Return the edits, one that is the same in several rows once; of edits that do the same the first."""
+    rows: dict[tuple[str, ...], list[str]] = {}
+    lines: dict[tuple[str, ...], set[int]] = {}
+    tied: set[tuple[str, ...]] = set()
+    for repair in found.repairs:
+        readings = [r for way in repair.ways for r in way]
+        if not readings:
+            continue
+        first = readings[0]
+        key = (repair.rows[0].partition(".")[0], first.changes[0].file, _words(first))
+        rows.setdefault(key, []).extend(r.partition(".")[2] for r in repair.rows)
+        lines.setdefault(key, set()).update(c.line for c in first.changes)
+        tied |= {key} if len(readings) > 1 else set()
+    return [
+        f"in {key[0]}, {', '.join(symbols)}: replace {key[2]} ({key[1]}:{', '.join(map(str, sorted(lines[key])))})"
+        + (f" or an edit that does the same, see {command}" if key in tied else "")
+        for key, symbols in rows.items()
+    ]
+
+
+def _words(reading: Reading) -> str:
+    return " and ".join(c.edit.replace(" -> ", " by ") for c in reading.changes)
+
+
+def _numbers(found: Explanation) -> list[str]:
+    fit = found.identified
+    if fit is None or not fit.exact or not fit.moved:
+        return []
+    values = [f"{m.name} = {m.fitted:.9g} {m.unit} for {m.formula:.9g} {m.unit}" for m in fit.moved]
+    return [f"set {(' or ' if fit.alternatives else ', ').join(values)}"]

@@ -1,0 +1,129 @@
+"""The findings of one cause under one headline: which two sides differ, by how much, and what follows from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from twin.findings import Finding, by_severity
+
+Side = Literal["CAD", "equations", "stage", "motion", "protocol"]
+
+SIDES: dict[Side, str] = {
+    "CAD": "the CAD (B) contradicts itself",
+    "equations": "equations (A) against CAD (B)",
+    "stage": "USD stage (C) against CAD (B)",
+    "motion": "baked motion (D) against CAD (B)",
+    "protocol": "the motion against the limits of the protocol and the robot",
+}
+"""What differs from what, in the order in which causes are told: what is later may follow from what is earlier."""
+
+_FAMILIES: dict[str, Side] = {
+    **dict.fromkeys(("cad", "loop"), "CAD"),
+    **dict.fromkeys(("point", "points", "driven", "passive", "tool", "forward", "length", "mechanism"), "equations"),
+    **dict.fromkeys(("speed", "acceleration"), "equations"),
+    **dict.fromkeys(("stage", "usd"), "stage"),
+    "baked": "motion",
+}
+"""Side by the first word of a finding's code; any other is of the protocol."""
+
+_SAME = 0.999
+"""Sizes within this ratio are equal but for rounding: the first of them then stands for the cause."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What is at fault.
+
+    Attributes:
+        name: the equation with its variant, the joint or part of the CAD, the file, or the rule that is broken.
+        side: which two sides differ, see `SIDES`.
+        head: the finding whose size stands for the cause.
+        also: findings of the same kind, in other rows or places.
+        follows: findings that follow from it.
+        perhaps: findings that may follow from it: they were judged against what is at fault.
+    """
+
+    name: str
+    side: Side
+    head: Finding
+    also: tuple[Finding, ...] = ()
+    follows: tuple[Finding, ...] = ()
+    perhaps: tuple[Finding, ...] = ()
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Every finding of the cause, its head first."""
+        return (self.head, *self.also, *self.follows, *self.perhaps)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data for JSON; findings are named by code and place."""
+
+        def named(findings: Iterable[Finding]) -> list[dict[str, Any]]:
+            return [{"code": f.code, "where": f.where, "size": f.size, "unit": f.unit} for f in findings]
+
+        return {
+            "cause": self.name,
+            "side": self.side,
+            "between": SIDES[self.side],
+            "code": self.head.code,
+            "where": self.head.where,
+            "size": self.head.size,
+            "unit": self.head.unit,
+            "limit": self.head.limit,
+            "also": named(self.also),
+            "follows": named(self.follows),
+            "may_follow": named(self.perhaps),
+        }
+
+
+def causes(findings: Iterable[Finding]) -> tuple[Cause, ...]:
+    """Return what disagrees or could not be checked by cause: what others may follow from first."""
+    ordered = by_severity(findings)
+    groups: dict[tuple[Side, str], list[Finding]] = {}
+    for f in ordered:
+        if f.severity in ("error", "disagreement"):
+            groups.setdefault(_key(f), []).append(f)
+    for f in ordered:  # notes are told only with the cause that they name
+        if f.severity in ("warning", "info") and f.cause and _key(f) in groups:
+            groups[_key(f)].append(f)
+    out = [_cause(side, name, group) for (side, name), group in groups.items()]
+    out.sort(key=lambda c: (c.head.severity != "error", list(SIDES).index(c.side)))
+    return _after_cad(out)
+
+
+def side(finding: Finding) -> Side:
+    """Return which two sides a finding is about."""
+    return _FAMILIES.get(finding.code.partition(".")[0], "protocol")
+
+
+def _key(f: Finding) -> tuple[Side, str]:
+    of = side(f)
+    if f.cause:  # a loop that the equations leave open is theirs
+        return "equations" if of == "CAD" and f.code.startswith("loop.") else of, f.cause
+    return of, f.where if of == "CAD" else f"{f.code} {f.where}"
+
+
+def _cause(of: Side, name: str, group: list[Finding]) -> Cause:
+    first = group[0]
+    alike = [f for f in group if (f.code, f.severity) == (first.code, first.severity)]
+    rivals = [f for f in alike if f.unit == first.unit and f.size is not None]
+    top = max((f.size or 0.0 for f in rivals), default=0.0)
+    head = next((f for f in rivals if (f.size or 0.0) >= _SAME * top), first)
+    return Cause(
+        first.cause or first.where or first.code,
+        of,
+        head,
+        tuple(f for f in alike if f is not head),
+        tuple(f for f in group if f not in alike),
+    )
+
+
+def _after_cad(found: list[Cause]) -> tuple[Cause, ...]:
+    """Put what the equations are blamed for below a CAD that contradicts itself: they were judged against that."""
+    if not found or found[0].side != "CAD" or found[0].head.severity != "disagreement":
+        return tuple(found)
+    blamed = [c for c in found if c.side == "equations"]
+    below = replace(found[0], perhaps=tuple(f for c in blamed for f in c.findings))
+    return (below, *(c for c in found[1:] if c not in blamed))
