@@ -17,9 +17,9 @@ from twin import spatial
 from twin.errors import AssemblyError, MechanismError
 from twin.mechanism import Mechanism
 from twin.reference import mobility, walk
-from twin.reference.loops import LENGTH_SCALE, sine_of_rotation
 from twin.reference.mobility import Mobility
 from twin.reference.newton import minimise
+from twin.reference.posing import posed
 from twin.reference.states import Assembly, Run
 from twin.reference.tree import Tree
 from twin.spatial import Array, Index
@@ -142,7 +142,7 @@ class ReferenceModel:
             steps = max(1, int(np.ceil(np.max(np.abs(goal - origin) / scale))))
             for s in np.linspace(0, 1, steps + 1)[1:]:
                 new, converged = self._move_driven(X, goal if s == 1 else origin + s * (goal - origin))
-                jumps = np.array([self._jump(a, b) for a, b in zip(X, new, strict=True)])
+                jumps = np.array([self.jump(a, b) for a, b in zip(X, new, strict=True)])
                 good &= np.logical_and(converged, jumps < _JUMP)
                 X = new
             for i in np.flatnonzero(~good):
@@ -272,19 +272,7 @@ class ReferenceModel:
 
     def _move_posed(self, X: Array, Ts: Array) -> tuple[Array, Array]:
         """Return states near X (k, nq) whose tool is at poses Ts (k, 4, 4), and which converged."""
-        tree = self.tree
-        Rt = np.swapaxes(Ts[:, :3, :3], 1, 2)
-
-        def residual(X: Array, rows: Index) -> tuple[Array, Array]:
-            poses, J = tree.update(X, closing_only=True)
-            r, A = tree.loops.evaluate(X, poses, J)
-            T, J_tool = tree.tool(poses), tree.tool_jacobian(poses, J)
-            sine, turn = sine_of_rotation(T[:, :3, :3] @ Rt[rows])
-            r = np.concatenate([r, T[:, :3, 3] - Ts[rows, :3, 3], LENGTH_SCALE * sine], axis=1)
-            A = np.concatenate([A, J_tool[:, :3], LENGTH_SCALE * turn @ J_tool[:, 3:]], axis=1)
-            return r, A
-
-        return minimise(tree, X, residual, np.arange(tree.model.nv))
+        return minimise(self.tree, X, posed(self.tree, Ts), np.arange(self.tree.model.nv))
 
     def _reach(self, x: Array, target: Array, move: Move) -> Array:
         """Walk from configuration x to the target in steps small enough that no coordinate jumps."""
@@ -295,7 +283,7 @@ class ReferenceModel:
             ahead = 1.0 if s + step > 1 - 1e-9 else s + step
             X, converged = move(x[None], walk.between(start, target, ahead)[None])
             closed = converged[0] and self._misfit(X[0], walk.between(start, target, ahead)) < GAP_TOLERANCE
-            if closed and self._jump(x, X[0]) < _JUMP:
+            if closed and self.jump(x, X[0]) < _JUMP:
                 x, s, step = X[0], ahead, 2 * step
                 continue
             step /= 2
@@ -318,7 +306,8 @@ class ReferenceModel:
             gap = max(gap, walk.distance(self.tree.tool(poses)[0], target))
         return gap
 
-    def _jump(self, x0: Array, x1: Array) -> float:
+    def jump(self, x0: Array, x1: Array) -> float:
+        """Return the largest change (m, rad) of any coordinate between two configurations (nq,)."""
         return float(np.abs(pin.difference(self.tree.model, x0, x1)).max(initial=0.0))
 
     def _along(self, targets: Array, move: Move, seed: Assembly | None, progress: Progress | None) -> Array:
@@ -332,7 +321,7 @@ class ReferenceModel:
         x = self._start(seed)
         for i, k in enumerate(coarse):
             X, converged = move(x[None], targets[k][None])
-            if not converged[0] or self._jump(x, X[0]) > _JUMP or self._misfit(X[0], targets[k]) > GAP_TOLERANCE:
+            if not converged[0] or self.jump(x, X[0]) > _JUMP or self._misfit(X[0], targets[k]) > GAP_TOLERANCE:
                 for j in range(coarse[i - 1] + 1 if i else 0, k + 1):
                     try:
                         x = self._reach(x, targets[j], move)
