@@ -16,9 +16,9 @@ from twin import spatial
 from twin.cad.build import read_mechanism
 from twin.errors import DescriptionError, OutputError, ProtocolError, TwinError
 from twin.protocol import load_protocol
-from twin.trajectory.path import build, rotation
+from twin.trajectory.path import angles_of, build, rotation
 from twin.units import DEG
-from twin.viewer.keep import Session, angles_of, append_phase, save_posture
+from twin.viewer.keep import Session, append_phase, save_posture
 from twin.viewer.rewrite import rewrite
 
 ROOT = Path(__file__).parents[1]

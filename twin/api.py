@@ -250,36 +250,33 @@ class Robot:
         return out
 
     def path_kinematics(self) -> PathKinematics:
-        """Return what planning needs: the equations, with the limits that the description owns."""
-        from twin.trajectory.model import Gap, PathKinematics
+        """Return what planning needs: the equations, the limits that the description owns, and the mechanism.
 
-        kin, active = self._kinematics, self.mechanism.active
-        hard = np.array([j.limits or (-np.inf, np.inf) for j in active])
-        soft = np.array([j.soft_limits or j.limits or (-np.inf, np.inf) for j in active])
-        order = [j.name for j in active]
+        Without equations yet, the mechanism leads through every phase.
+        """
+        from twin.reference.leading import Leader
+        from twin.trajectory.model import without_equations
+
+        leader = Leader(self.reference)
+        mechanical = without_equations(self.mechanism, leader, self.cad.gaps if self.files else ())
+        order = list(mechanical.joint_names)
+        if self.files is not None and self.files.formula.is_file() and not self.files.has_equations:
+            return mechanical
+        kin = self._kinematics
         if order != list(kin.joints):
             raise TwinError(
                 f"{self.name}: the description drives {', '.join(order)}, the equations {', '.join(kin.joints)}; "
                 "make the names and their order equal"
             )
-        return PathKinematics(
-            joint_names=kin.joints,
+        return replace(
+            mechanical,
             inverse=kin.inverse_many,
             reach=lambda Ts: kin.reach(Ts=Ts),
             singularity=lambda Ts, q: kin.singularity(Ts=Ts, qs=q),
             singularity_alarm={m.name: m.alarm for m in kin.formula.measures},
-            lower=hard[:, 0],
-            upper=hard[:, 1],
-            soft_lower=soft[:, 0],
-            soft_upper=soft[:, 1],
-            max_speed=np.array([j.max_speed or np.inf for j in active]),
-            max_acceleration=np.array([j.max_acceleration or np.inf for j in active]),
             branch=lambda Ts, q: kin.branch(Ts=Ts, qs=q),
-            gaps=tuple(
-                Gap(order.index(a), order.index(b), g, f"{a}-{b}") for a, b, g in (self.cad.gaps if self.files else ())
-            ),
-            revolute=tuple(bool(r) for r in kin.revolute),
             why=kin.why,
+            takes=lambda Ts: kin.takes(Ts) or leader.freedoms == 6,
         )
 
 

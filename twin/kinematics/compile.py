@@ -295,6 +295,26 @@ class Kinematics:
         """Return where a plain formula has no value at a pose (4, 4), and the reason; empty: it cannot tell."""
         return self.formula.numbers(T, self.parameters) if self.formula.numbers is not None else ""
 
+    def takes(self, Ts: ArrayLike) -> bool:
+        """Return whether the equations by themselves make sure that poses (k, 4, 4) are within the robot's freedoms.
+
+        So they do where they have six of them, where they have fewer coordinates (a pose that these do not describe
+        has no joint values), and where they lead back to the pose. Else they cannot tell, or deny it.
+        """
+        Ts = _poses(Ts)
+        if len(self.joints) >= 6:
+            J = self.inverse_jacobian_many(Ts[:1])[0] if self.closed_inverse else np.zeros((6, 6))
+            return bool(np.isfinite(J).all() and np.linalg.matrix_rank(J) == 6)
+        q = self.inverse_many(Ts)
+        if not np.isfinite(q).all():
+            return False
+        if not self.closed_inverse or (len(self.formula.coordinates.names) < 6 and not self.closed_forward):
+            return True  # solved for to the last digit, or measured by `inverse_many`
+        if not self.closed_forward:
+            return False
+        back = self.program.forward.many(q)
+        return bool(np.abs(back - Ts).max() <= POSE_TOL)
+
     def need_six_joints(self) -> None:
         """Raise `KinematicsError` if the pose cannot be solved for: fewer joints and no forward equation."""
         if not self.closed_forward and len(self.joints) != 6:

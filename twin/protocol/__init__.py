@@ -9,18 +9,22 @@ and points from the platform to the tip. Depth is counted along the shaft from t
 
 Phases:
     positioning   straight to a waypoint, position and angles linear in s; outside the patient
+    joints        by the driven joints, each at the same share of its way; the tool follows the mechanism
     insertion     straight along the shaft by a depth; registers the RCM where it starts
     pivot         about the RCM: "enforced" goes to angles and a depth, the tip follows from them;
                   "monitored" goes to a waypoint as it stands, and the missed RCM is reported
     circle        full circles of the tip; about the RCM if there is one, without spin, else with the attitude kept
     retraction    straight back along the shaft to a depth; at 0 the RCM is given up
-    home          positioning to the home waypoint
+    home          to the home waypoint: positioning, or by the joints if it holds joint values
 """
 
 from twin.protocol.load import load_protocol as load_protocol
+from twin.protocol.model import DIRECTIONS as DIRECTIONS
 from twin.protocol.model import Circle as Circle
+from twin.protocol.model import Direction as Direction
 from twin.protocol.model import Home as Home
 from twin.protocol.model import Insertion as Insertion
+from twin.protocol.model import Joints as Joints
 from twin.protocol.model import Limits as Limits
 from twin.protocol.model import Phase as Phase
 from twin.protocol.model import PhaseType as PhaseType

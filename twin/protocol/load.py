@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 from typing import Literal
@@ -14,6 +15,7 @@ from twin.protocol.model import (
     Circle,
     Home,
     Insertion,
+    Joints,
     Limits,
     Phase,
     Pivot,
@@ -28,6 +30,7 @@ from twin.protocol.tables import (
     CircleTable,
     HomeTable,
     InsertionTable,
+    JointsTable,
     LimitsTable,
     PhaseTable,
     PivotTable,
@@ -70,6 +73,7 @@ def load_protocol(path: str | Path) -> Protocol:
         rotation=table.rotation,
         trocar=None if table.trocar_mm is None else np.array(table.trocar_mm) * MM,
         rcm=None if table.rcm_mm is None else np.array(table.rcm_mm) * MM,
+        free=None if table.free is None else frozenset(table.free),
         findings=tuple(_warnings(table, used, str(path))),
     )
     return protocol
@@ -78,7 +82,13 @@ def load_protocol(path: str | Path) -> Protocol:
 def _waypoint(name: str, w: WaypointTable) -> Waypoint:
     position = None if w.position_mm is None else np.array(w.position_mm) * MM
     depth = None if w.depth_mm is None else w.depth_mm * MM
-    return Waypoint(name, np.array(w.angles_deg) * DEG, position, depth, w.label or name, w.provenance, w.note)
+    angles = np.zeros(3) if w.angles_deg is None else np.array(w.angles_deg) * DEG
+    out = Waypoint(name, angles, position, depth, w.label or name, w.provenance, w.note)
+    if w.joints is None:
+        return out
+    split = [(*key.rsplit("_", 1), value) for key, value in w.joints.items()]
+    joints = {joint: value * (DEG if unit == "deg" else MM) for joint, unit, value in split}
+    return replace(out, joints=joints, angle_joints=frozenset(j for j, unit, _ in split if unit == "deg"))
 
 
 def _limits(l: LimitsTable) -> Limits:  # noqa: E741
@@ -103,6 +113,8 @@ def _phase(p: PhaseTable, table: ProtocolTable) -> Phase:
     match p:
         case PositioningTable():
             return Positioning(p.name, p.to)
+        case JointsTable():
+            return Joints(p.name, p.to)
         case InsertionTable():
             return Insertion(p.name, p.depth_mm * MM, p.to)
         case PivotTable():
@@ -122,21 +134,30 @@ def _check_phases(table: ProtocolTable, path: str | Path) -> set[str]:
     def wrong(keys: Keys, message: str) -> DescriptionError:
         return error_at(path, keys, message)
 
-    def target(name: str, keys: Keys, needs: Literal["position_mm", "depth_mm"], why: str) -> None:
+    def target(name: str, keys: Keys, why: str, *needs: Literal["position_mm", "depth_mm", "joints"]) -> None:
         if name not in table.waypoints:
             raise wrong(keys, unknown("waypoint", name, table.waypoints))
-        if getattr(table.waypoints[name], needs) is None:
-            raise wrong(keys, f"waypoint '{name}' has no {needs}, which {why} needs")
+        if all(getattr(table.waypoints[name], n) is None for n in needs):
+            raise wrong(keys, f"waypoint '{name}' has no {' or '.join(needs)}, which {why} needs")
 
     for name, w in table.waypoints.items():
-        if (w.position_mm is None) == (w.depth_mm is None):
+        if sum(given is not None for given in (w.position_mm, w.depth_mm, w.joints)) != 1:
             raise wrong(
                 ("waypoints", name),
-                "give either position_mm (a pose of the moved frame) or depth_mm (an attitude about the RCM)",
+                "give one of position_mm (a pose of the moved frame), depth_mm (an attitude about the RCM) and joints "
+                "(values of driven joints)",
             )
-    target(table.start, ("start",), "position_mm", "the start")
+        if (w.angles_deg is None) != (w.joints is not None):
+            text = "joints decide the attitude: take angles_deg out" if w.joints is not None else "give angles_deg, too"
+            raise wrong(("waypoints", name), text)
+        if w.joints is not None:
+            moved = [key.rsplit("_", 1)[0] for key in w.joints]
+            for joint in moved:
+                if moved.count(joint) > 1:
+                    raise wrong(("waypoints", name, "joints"), f"joint '{joint}' is given twice, in deg and in mm")
+    target(table.start, ("start",), "the start", "position_mm", "joints")
     if table.home is not None:
-        target(table.home, ("home",), "position_mm", "home")
+        target(table.home, ("home",), "home", "position_mm", "joints")
 
     here: str | None = table.start
     used, names, inside = {table.start, table.home or table.start}, set[str](), table.rcm_mm is not None
@@ -147,7 +168,7 @@ def _check_phases(table: ProtocolTable, path: str | Path) -> set[str]:
         names.add(p.name)
         if p.type not in table.limits:
             raise wrong((*keys, "type"), f"there are no limits for it: add [limits.{p.type}]")
-        if inside and p.type in ("positioning", "insertion", "home"):
+        if inside and p.type in ("positioning", "joints", "insertion", "home"):
             raise wrong(
                 (*keys, "type"),
                 f"the instrument is still in the patient: put a retraction to depth 0 before this {p.type}",
@@ -158,19 +179,22 @@ def _check_phases(table: ProtocolTable, path: str | Path) -> set[str]:
         match p:
             case PositioningTable():
                 goal = p.to
-                target(goal, (*keys, "to"), "position_mm", "a positioning")
+                target(goal, (*keys, "to"), "a positioning", "position_mm")
+            case JointsTable():
+                goal = p.to
+                target(goal, (*keys, "to"), "a motion by the joints", "joints")
             case HomeTable():
                 goal = table.home or table.start
             case PivotTable(rcm="enforced"):
                 goal = p.to
-                target(goal, (*keys, "to"), "depth_mm", "a pivot with an enforced RCM")
+                target(goal, (*keys, "to"), "a pivot with an enforced RCM", "depth_mm")
             case PivotTable():
                 goal = p.to
-                target(goal, (*keys, "to"), "position_mm", "a pivot with a monitored RCM")
+                target(goal, (*keys, "to"), "a pivot with a monitored RCM", "position_mm")
             case InsertionTable():
                 inside, goal = True, p.to
                 if goal is not None:
-                    target(goal, (*keys, "to"), "position_mm", "an insertion")
+                    target(goal, (*keys, "to"), "an insertion", "position_mm")
             case CircleTable():
                 goal = None  # it ends where it began
             case RetractionTable():

@@ -12,15 +12,30 @@ from twin.provenance import Parameter, Provenance
 from twin.spatial import Array
 from twin.units import DEG, MM
 
-PhaseType = Literal["positioning", "insertion", "pivot", "circle", "retraction", "home"]
+PhaseType = Literal["positioning", "joints", "insertion", "pivot", "circle", "retraction", "home"]
 RcmMode = Literal["enforced", "monitored"]
 RotationOrder = Literal["zyx", "xyz"]
 """Axes about which a frame is turned one after the other, each time its own: "zyx" is Rz Ry Rx."""
 
+Direction = Literal["x", "y", "z", "turn_x", "turn_y", "turn_z"]
+"""A direction in which a frame moves, along or about an axis of base."""
+
+DIRECTIONS: tuple[Direction, ...] = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
+"""In the order of the rows of a twist."""
+
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A pose or an attitude: `angles` (3,) in rad about `Protocol.rotation`, `position` (3,) or `depth` in m."""
+    """A pose, an attitude, or values of driven joints.
+
+    Attributes:
+        name: identifier.
+        angles: (3,) in rad about `Protocol.rotation`; zero where `joints` are given.
+        position: (3,) in m, of a pose. depth: m, of an attitude about the RCM.
+        label, provenance, note: for people.
+        joints: value by driven joint, in m or rad; one that is not named stays. None: no joint values.
+        angle_joints: those of them that were given in degrees.
+    """
 
     name: str
     angles: Array
@@ -29,6 +44,8 @@ class Waypoint:
     label: str
     provenance: Provenance
     note: str
+    joints: Mapping[str, float] | None = None
+    angle_joints: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -65,6 +82,15 @@ class Positioning:
     name: str
     to: str
     type: ClassVar[PhaseType] = "positioning"
+
+
+@dataclass(frozen=True)
+class Joints:
+    """The driven joints, each at the same share of its way, to the joint values of the waypoint `to`."""
+
+    name: str
+    to: str
+    type: ClassVar[PhaseType] = "joints"
 
 
 @dataclass(frozen=True)
@@ -112,14 +138,14 @@ class Retraction:
 
 @dataclass(frozen=True)
 class Home:
-    """Straight to the home waypoint `to`."""
+    """To the home waypoint `to`: straight, or by the joints if it holds joint values."""
 
     name: str
     to: str
     type: ClassVar[PhaseType] = "home"
 
 
-Phase = Positioning | Insertion | Pivot | Circle | Retraction | Home
+Phase = Positioning | Joints | Insertion | Pivot | Circle | Retraction | Home
 
 
 @dataclass(frozen=True)
@@ -139,6 +165,8 @@ class Protocol:
         rotation: axes of the waypoints' angles, in their order.
         trocar: (3,) in base in m, where a mechanism with a trocar has it; None: as drawn.
         rcm: (3,) in base in m, if one is registered from the start: the instrument is in the patient already.
+        free: directions of the moved frame that no waypoint decides: they follow the mechanism. None: those that the
+            robot's freedoms leave, and every waypoint is a pose that the robot takes.
         findings: what reading it had to say (warnings only).
     """
 
@@ -156,6 +184,7 @@ class Protocol:
     rotation: RotationOrder = "zyx"
     trocar: Array | None = None
     rcm: Array | None = None
+    free: frozenset[Direction] | None = None
     findings: tuple[Finding, ...] = field(default=())
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -168,7 +197,10 @@ class Protocol:
         for w in self.waypoints.values():
             zyx = self.rotation == "zyx"
             labels = ("psi", "theta", "phi") if zyx else tuple(f"about_{axis}" for axis in self.rotation)
-            for label, angle in zip(labels, w.angles, strict=True):
+            for joint, value in (w.joints or {}).items():
+                unit, factor = ("deg", DEG) if joint in w.angle_joints else ("mm", MM)
+                add(f"{w.name}_{joint}", value, unit, factor, w.provenance, w.note)
+            for label, angle in zip(labels, w.angles if w.joints is None else (), strict=w.joints is None):
                 add(f"{w.name}_{label}", float(angle), "deg", DEG, w.provenance, w.note)
             for label, p in zip("xyz", w.position if w.position is not None else (), strict=False):
                 add(f"{w.name}_{label}", float(p), "mm", MM, w.provenance, w.note)

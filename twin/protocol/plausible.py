@@ -28,7 +28,7 @@ _NEAR, _FAR = 1.0, 100.0
 def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
     """Yield a warning for each number that would be usual in another unit."""
     for name, w in table.waypoints.items():
-        if _radians(w.angles_deg):
+        if w.angles_deg is not None and _radians(w.angles_deg):
             shown = ", ".join(f"{a:g}" for a in w.angles_deg)
             turned = ", ".join(f"{np.rad2deg(a):.4g}" for a in w.angles_deg)
             text = f"waypoint '{name}': angles ({shown}) deg look like radians: ({turned}) deg are round"

@@ -6,21 +6,26 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from twin.protocol.model import PhaseType, RcmMode, RotationOrder
+from twin.protocol.model import Direction, PhaseType, RcmMode, RotationOrder
 from twin.provenance import Provenance
 from twin.schema import Identifier, Table, Vector, at
 
 _Positive = Annotated[float, Field(gt=0)]
 _Depth = Annotated[float, Field(ge=0)]
 _Text = Annotated[str, Field(min_length=1)]
+_JointValue = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*_(deg|mm)$")]
 
 
 class WaypointTable(Table):
-    """A pose of the moved frame (`position_mm`) or an attitude about the RCM (`depth_mm`)."""
+    """A pose of the moved frame (`position_mm`), an attitude about the RCM (`depth_mm`), or values of `joints`."""
 
-    angles_deg: Vector
+    angles_deg: Vector | None = None
     position_mm: Vector | None = None
     depth_mm: _Depth | None = None
+    joints: Annotated[
+        dict[_JointValue, float] | None,
+        Field(description="values of driven joints, as in a posture: NAME_deg or NAME_mm; one not named stays"),
+    ] = None
     label: str = ""
     provenance: Provenance
     note: _Text
@@ -65,6 +70,13 @@ class PositioningTable(_PhaseTable):
     """Straight to a waypoint, outside the patient."""
 
     type: Literal["positioning"]
+    to: Identifier
+
+
+class JointsTable(_PhaseTable):
+    """By the driven joints to the joint values of a waypoint, outside the patient."""
+
+    type: Literal["joints"]
     to: Identifier
 
 
@@ -113,7 +125,7 @@ class HomeTable(_PhaseTable):
 
 
 PhaseTable = Annotated[
-    PositioningTable | InsertionTable | PivotTable | CircleTable | RetractionTable | HomeTable,
+    PositioningTable | JointsTable | InsertionTable | PivotTable | CircleTable | RetractionTable | HomeTable,
     Field(discriminator="type"),
 ]
 
@@ -132,6 +144,10 @@ class ProtocolTable(Table):
     home: Identifier | None = None
     trocar_mm: Vector | None = None
     rcm_mm: Vector | None = None
+    free: Annotated[
+        list[Direction] | None,
+        Field(description="directions that no waypoint decides: the moved frame follows the mechanism there"),
+    ] = None
     tolerances: TolerancesTable
     limits: dict[PhaseType, LimitsTable]
     waypoints: Annotated[dict[Identifier, WaypointTable], Field(min_length=1)]

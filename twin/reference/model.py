@@ -17,9 +17,9 @@ from twin import spatial
 from twin.errors import AssemblyError, MechanismError
 from twin.mechanism import Mechanism
 from twin.reference import mobility, walk
-from twin.reference.loops import LENGTH_SCALE, sine_of_rotation
 from twin.reference.mobility import Mobility
 from twin.reference.newton import minimise
+from twin.reference.posing import posed
 from twin.reference.states import Assembly, Run
 from twin.reference.tree import Tree
 from twin.spatial import Array, Index
@@ -148,7 +148,7 @@ class ReferenceModel:
             steps = max(1, int(np.ceil(np.max(np.abs(goal - origin) / scale))))
             for s in np.linspace(0, 1, steps + 1)[1:]:
                 new, converged = self._move_driven(X, goal if s == 1 else origin + s * (goal - origin))
-                good &= np.logical_and(converged, self._jumps(X, new) < _JUMP)
+                good &= np.logical_and(converged, self.jumps(X, new) < _JUMP)
                 X = new
             for i in np.flatnonzero(~good):
                 try:
@@ -277,19 +277,7 @@ class ReferenceModel:
 
     def _move_posed(self, X: Array, Ts: Array) -> tuple[Array, Array]:
         """Return states near X (k, nq) whose tool is at poses Ts (k, 4, 4), and which converged."""
-        tree = self.tree
-        Rt = np.swapaxes(Ts[:, :3, :3], 1, 2)
-
-        def residual(X: Array, rows: Index) -> tuple[Array, Array]:
-            poses, J = tree.update(X, closing_only=True)
-            r, A = tree.loops.evaluate(X, poses, J)
-            T, J_tool = tree.tool(poses), tree.tool_jacobian(poses, J)
-            sine, turn = sine_of_rotation(T[:, :3, :3] @ Rt[rows])
-            r = np.concatenate([r, T[:, :3, 3] - Ts[rows, :3, 3], LENGTH_SCALE * sine], axis=1)
-            A = np.concatenate([A, J_tool[:, :3], LENGTH_SCALE * turn @ J_tool[:, 3:]], axis=1)
-            return r, A
-
-        return minimise(tree, X, residual, np.arange(tree.model.nv))
+        return minimise(self.tree, X, posed(self.tree, Ts), np.arange(self.tree.model.nv))
 
     def _reach(self, x: Array, target: Array, move: Move) -> Array:
         """Walk from configuration x to the target in steps small enough that no coordinate jumps."""
@@ -300,7 +288,7 @@ class ReferenceModel:
             ahead = 1.0 if s + step > 1 - 1e-9 else s + step
             X, converged = move(x[None], walk.between(start, target, ahead)[None])
             closed = converged[0] and self._misfits(X, walk.between(start, target, ahead)[None])[0] < GAP_TOLERANCE
-            if closed and self._jumps(x[None], X)[0] < _JUMP:
+            if closed and self.jumps(x[None], X)[0] < _JUMP:
                 x, s, step = X[0], ahead, 2 * step
                 continue
             step /= 2
@@ -323,7 +311,7 @@ class ReferenceModel:
             gap = np.maximum(gap, [walk.distance(T, t) for T, t in zip(self.tree.tool(poses), targets, strict=True)])
         return gap
 
-    def _jumps(self, X0: Array, X1: Array) -> Array:
+    def jumps(self, X0: Array, X1: Array) -> Array:
         """Return the largest change (k,) in m or rad of a coordinate between configurations (k, nq)."""
         moved = [pin.difference(self.tree.model, a, b) for a, b in zip(X0, X1, strict=True)]
         return np.abs(np.array(moved).reshape(len(X0), -1)).max(axis=1, initial=0.0)
@@ -358,7 +346,7 @@ class ReferenceModel:
             X, good = move(guess, targets[ks])
             if len(ks) > 1:
                 good &= self._surprise(x, guess, X) < _SURPRISE
-            good &= self._jumps(np.concatenate([x[None], X[:-1]]), X) <= _JUMP
+            good &= self.jumps(np.concatenate([x[None], X[:-1]]), X) <= _JUMP
             good &= self._misfits(X, targets[ks]) <= GAP_TOLERANCE
             count = len(ks) if good.all() else int(np.argmin(good))
             many = min(2 * many, _AT_ONCE if targets.ndim == 2 else 1) if count == len(ks) else max(1, count)
@@ -381,7 +369,7 @@ class ReferenceModel:
 
     def _surprise(self, x: Array, guess: Array, X: Array) -> Array:
         """Return how far states X (k, nq) are from their guesses, relative to how far they are from x."""
-        off, way = self._jumps(guess, X), self._jumps(np.tile(x, (len(X), 1)), X)
+        off, way = self.jumps(guess, X), self.jumps(np.tile(x, (len(X), 1)), X)
         return off / np.maximum(way, 1e-9)
 
     def _between(self, at: Index, knots: Array, targets: Array) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 
 from twin import spatial
 from twin.findings import Finding
-from twin.protocol import Protocol, RotationOrder
+from twin.protocol import Protocol, RotationOrder, Waypoint
 from twin.spatial import Array
 from twin.trajectory.model import PathKinematics, PhaseSpan, Trajectory
 from twin.units import DEG, MM
@@ -244,11 +244,17 @@ def _waypoints(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
     t = protocol.tolerances
     for name, rows in trajectory.waypoints.items():
         waypoint = protocol.waypoints[name]
+        if waypoint.joints is not None:
+            out += _values(trajectory, waypoint, rows)
+            continue
         for k in rows:
             R = _rotation(waypoint.angles, protocol.rotation)
-            turn = float(spatial.rotation_angle(R.T @ trajectory.Ts_base_tool[k, :3, :3]))
+            held = np.array([f"{kind}{axis}" not in (protocol.free or ()) for kind in ("", "turn_") for axis in "xyz"])
+            turned = spatial.log_so3(trajectory.Ts_base_tool[k, :3, :3] @ R.T)
+            turn = float(np.linalg.norm(turned * held[3:]))
             if waypoint.position is not None:
-                off = float(np.linalg.norm(trajectory.Ts_base_frame[k, :3, 3] - waypoint.position))
+                way = trajectory.Ts_base_frame[k, :3, 3] - waypoint.position
+                off = float(np.linalg.norm(way * held[:3]))
             else:
                 off = abs(_depth(trajectory, k) - (waypoint.depth or 0.0))
             if off <= t.waypoint and turn <= t.waypoint_angle:
@@ -260,6 +266,21 @@ def _waypoints(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
             limit = t.waypoint / MM if far else t.waypoint_angle / DEG
             when = _when(trajectory, k)
             out.append(Finding("waypoint.missed", "disagreement", text, f"waypoint '{name}'", when, size, unit, limit))
+    return out
+
+
+def _values(trajectory: Trajectory, waypoint: Waypoint, rows: tuple[int, ...]) -> list[Finding]:
+    """Return the joints that are not at the values of their waypoint."""
+    out = []
+    for joint, value in (waypoint.joints or {}).items():
+        unit, factor = ("deg", DEG) if joint in waypoint.angle_joints else ("mm", MM)
+        q = trajectory.q[list(rows), trajectory.joint_names.index(joint)]
+        i = int(np.argmax(np.abs(q - value)))
+        off = float(abs(q[i] - value))
+        if off > 1e-9:
+            text = f"joint {joint} is {off / factor:.4g} {unit} beside its value at waypoint '{waypoint.name}'"
+            when = _when(trajectory, rows[i])
+            out.append(Finding("waypoint.missed", "disagreement", text, joint, when, off / factor, unit, 0.0))
     return out
 
 

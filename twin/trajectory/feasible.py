@@ -69,7 +69,7 @@ def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> _Margins:
 def _anchor(path: PhasePath, kinematics: PathKinematics) -> tuple[dict[str, float], object]:
     """Return signs of the singularity measures and the branch where the phase begins."""
     Ts = path.motion(np.zeros(1)).Ts_base_tool
-    q = kinematics.inverse(Ts)
+    q = path.joints(np.zeros(1), kinematics)
     if not np.all(np.isfinite(q)):
         return {}, None
     signs = {name: float(np.sign(v[0])) for name, v in kinematics.singularity(Ts, q).items()}
@@ -78,7 +78,7 @@ def _anchor(path: PhasePath, kinematics: PathKinematics) -> tuple[dict[str, floa
 
 def _margins(path: PhasePath, kinematics: PathKinematics, s: Array, anchor: tuple) -> _Margins:
     Ts = path.motion(s).Ts_base_tool
-    q = kinematics.inverse(Ts)
+    q = path.joints(s, kinematics)
     out = pose_margins(kinematics, Ts, q)
     signs, branch = anchor
     solved = np.all(np.isfinite(q), axis=1)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
+from typing import Protocol as Interface
 
 import numpy as np
 
 from twin import spatial
 from twin.errors import ProtocolError, unknown
 from twin.findings import Finding
+from twin.mechanism import Mechanism
 from twin.protocol import PhaseType, RcmMode
 from twin.spatial import Array
 from twin.units import DEG, MM
@@ -24,6 +26,32 @@ class Gap:
     j: int
     smallest: float
     name: str
+
+
+class Carrier(Interface):
+    """The mechanism as far as it can be led along a path; states (nq,) are its own, to continue from.
+
+    Every method raises `AssemblyError` where the mechanism cannot follow.
+    """
+
+    def drawn(self) -> tuple[Array, Array]:
+        """Return the state as drawn, and the driven joints (n,) there."""
+        ...
+
+    def carry(self, q: Array, start: Array) -> tuple[Array, Array]:
+        """Return states and T_base_tool (k, 4, 4) for driven joints (k, n) along a motion from a state."""
+        ...
+
+    def lead(self, Ts: Array, led: np.ndarray, p_tool: Array, start: Array) -> tuple[Array, Array, Array]:
+        """Return states, joints (k, n) and T_base_tool that follow poses (k, 4, 4) in the led directions (6,).
+
+        The directions are along and about the axes of base; `p_tool` (3,) is the point of the tool whose place counts.
+        """
+        ...
+
+    def jacobians(self, state: Array, p_tool: Array) -> Array:
+        """Return (k, 6, n) rates of that point per rate of the joints, at a state and beside it."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -45,6 +73,9 @@ class PathKinematics:
         gaps: carriages that share a rail.
         revolute: (n,) which joints are in rad; empty: none.
         why: pose (4, 4) -> where and why the equations have no value there, or ""; None: they cannot tell.
+        carrier: the mechanism, for phases that it leads; None: there are none.
+        takes: (k, 4, 4) -> whether all are poses of this robot beyond doubt; None: every pose is. Where it is in doubt
+            (fewer than six freedoms, no equations) the mechanism is asked, see `following`.
     """
 
     joint_names: tuple[str, ...]
@@ -63,6 +94,8 @@ class PathKinematics:
     gaps: tuple[Gap, ...] = ()
     revolute: tuple[bool, ...] = ()
     why: Callable[[Array], str] | None = None
+    carrier: Carrier | None = None
+    takes: Callable[[Array], bool] | None = None
 
     def unit(self, joint: int) -> tuple[str, float]:
         """Return the unit that a joint is shown in, and its factor to SI."""
@@ -72,6 +105,31 @@ class PathKinematics:
         """Return the alarm of a singularity measure; 0 if none is set."""
         found = [n for n in self.singularity_alarm if measure.startswith(n)]
         return self.singularity_alarm[max(found, key=len)] if found else 0.0
+
+
+def without_equations(mechanism: Mechanism, carrier: Carrier, gaps: Sequence[tuple[str, str, float]]) -> PathKinematics:
+    """Return what planning knows of a robot before its equations are asked: joints, limits and the mechanism itself."""
+    active = mechanism.active
+    hard = np.array([j.limits or (-np.inf, np.inf) for j in active]).reshape(-1, 2)
+    soft = np.array([j.soft_limits or j.limits or (-np.inf, np.inf) for j in active]).reshape(-1, 2)
+    order = [j.name for j in active]
+    return PathKinematics(
+        joint_names=tuple(order),
+        inverse=lambda Ts: np.full((len(Ts), len(order)), np.nan),
+        reach=lambda Ts: {},
+        singularity=lambda Ts, q: {},
+        singularity_alarm={},
+        lower=hard[:, 0],
+        upper=hard[:, 1],
+        soft_lower=soft[:, 0],
+        soft_upper=soft[:, 1],
+        max_speed=np.array([j.max_speed or np.inf for j in active]),
+        max_acceleration=np.array([j.max_acceleration or np.inf for j in active]),
+        gaps=tuple(Gap(order.index(a), order.index(b), g, f"{a}-{b}") for a, b, g in gaps),
+        revolute=tuple(j.is_angle for j in active),
+        carrier=carrier,
+        takes=lambda Ts: False,
+    )
 
 
 @dataclass(frozen=True)
@@ -124,6 +182,7 @@ class Trajectory:
         limit_margin: (k, n) distance to the nearer hard limit, >= 0 inside.
         reach: (k,) margins in m by limb. singularity: (k,) measures by name.
         findings: what the check of every sample had to say.
+        followed: whether joints and poses are the mechanism's own (see `following`), not of the equations.
     """
 
     protocol: str
@@ -149,6 +208,7 @@ class Trajectory:
     reach: Mapping[str, Array]
     singularity: Mapping[str, Array]
     findings: tuple[Finding, ...] = field(default=())
+    followed: bool = False
 
     @property
     def step(self) -> float:

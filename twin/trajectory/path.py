@@ -9,6 +9,7 @@ the shaft turned from its direction at the start to that from P to the tip, by t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol as Interface
 from typing import assert_never
 
 import numpy as np
@@ -19,6 +20,7 @@ from twin.protocol import (
     Circle,
     Home,
     Insertion,
+    Joints,
     Phase,
     Pivot,
     Positioning,
@@ -28,6 +30,7 @@ from twin.protocol import (
     RotationOrder,
 )
 from twin.spatial import Array
+from twin.trajectory.model import PathKinematics
 from twin.units import DEG, MM
 
 _AXES = {"x": np.array([1.0, 0.0, 0.0]), "y": np.array([0.0, 1.0, 0.0]), "z": np.array([0.0, 0.0, 1.0])}
@@ -86,6 +89,10 @@ class PhasePath:
     rcm_mode: RcmMode | None
     depth0: float
     depth1: float
+
+    def joints(self, s: Array, kinematics: PathKinematics) -> Array:
+        """Return the driven joints (k, n) at s (k,), NaN where there are none."""
+        return kinematics.inverse(self.motion(s).Ts_base_tool)
 
     @property
     def about_rcm(self) -> bool:
@@ -163,6 +170,26 @@ def rotation(angles: Array, order: RotationOrder) -> Array:
     return first @ second @ third
 
 
+def angles_of(R: Array, order: RotationOrder, near: Array) -> Array:
+    """Return the angles (3,) in rad of R (3, 3) about the axes of `order` that are nearest to `near` (3,).
+
+    A phase is linear in the angles: far ones for the same rotation would turn the tool round on its way.
+    Where the middle angle is a right angle, the first one is that of `near`.
+    """
+    i, j, k = ("xyz".index(axis) for axis in order)
+    sign = 1.0 if (j - i) % 3 == 1 else -1.0
+    level = float(np.hypot(R[j, k], R[k, k]))
+    first = np.arctan2(-sign * R[j, k], R[k, k]) if level > 1e-9 else near[0]
+    middle = np.arctan2(sign * R[i, k], level)
+    found = []
+    for a, b in ((first, middle), (first + np.pi, np.pi - middle)):
+        # The last from what the others leave: near a right angle it takes up the error of the first.
+        rest = rotation(np.array([a, b, 0.0]), order).T @ R
+        angles = np.array([a, b, np.arctan2(sign * rest[j, i], rest[i, i])])
+        found.append(angles - 2 * np.pi * np.round((angles - near) / (2 * np.pi)))
+    return min(found, key=lambda angles: float(np.linalg.norm(angles - near)))
+
+
 def _rotation(start: Array, rate: Array, s: Array, order: RotationOrder) -> tuple[Array, Array, Array]:
     """Return R (k, 3, 3), its rate (k, 3) and the derivative of the rate, all in base, angles linear in s."""
     angles = start + s[:, None] * rate
@@ -177,28 +204,38 @@ def _rotation(start: Array, rate: Array, s: Array, order: RotationOrder) -> tupl
     return R, turn1 + rate[2] * axis2, rate[1] * np.cross(turn0, axis1) + rate[2] * np.cross(turn1, axis2)
 
 
-def build(protocol: Protocol, T_tool_frame: Array) -> tuple[PhasePath, ...]:
+class Guide(Interface):
+    """What takes paths to where a mechanism really goes; see `following.Follower`."""
+
+    def start(self, T_tool_frame: Array) -> tuple[Array, Array]:
+        """Return angles (3,) and place (3,) of the moved frame where the protocol starts."""
+        ...
+
+    def along(self, path: PhasePath) -> PhasePath:
+        """Return a phase as the mechanism takes it."""
+        ...
+
+
+def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -> tuple[PhasePath, ...]:
     """Return the phases of a protocol as paths, each beginning where the last one ended.
 
     Args:
         protocol: what to do.
         T_tool_frame: (4, 4) pose of `protocol.frame` in the tool.
+        guide: leads the mechanism along each; None: every phase is followed in all directions, as it is written.
 
     Raises:
-        ProtocolError: a phase has no length, or retracts to more than its depth.
+        ProtocolError: a phase has no length, retracts to more than its depth, or goes by joints without a guide.
     """
-    first = protocol.waypoints[protocol.start]
-    if first.position is None:
-        raise ProtocolError(f"{protocol.name}: the start '{first.name}' has no position")
     n_tool = T_tool_frame[:3, :3] @ protocol.shaft_axis
-    angles, tip = first.angles, first.position
+    angles, tip = _pose(protocol, protocol.start) if guide is None else guide.start(T_tool_frame)
     rcm = protocol.rcm
     if rcm is not None:
         missed = spatial.point_to_line(rcm, tip, rotation(angles, protocol.rotation) @ n_tool)
         if missed > protocol.tolerances.rcm:
             raise ProtocolError(
-                f"{protocol.name}: rcm_mm is registered from the start, but the shaft of '{first.name}' passes it at "
-                f"{missed / MM:.3f} mm (allowed: {protocol.tolerances.rcm / MM:g} mm)"
+                f"{protocol.name}: rcm_mm is registered from the start, but the shaft of '{protocol.start}' passes it "
+                f"at {missed / MM:.3f} mm (allowed: {protocol.tolerances.rcm / MM:g} mm)"
             )
     paths: list[PhasePath] = []
     for phase in protocol.phases:
@@ -206,9 +243,10 @@ def build(protocol: Protocol, T_tool_frame: Array) -> tuple[PhasePath, ...]:
         depth0 = float((tip - rcm) @ shaft) if rcm is not None else np.nan
         goal, waypoint, mode, depth1 = angles, None, None, np.nan
         match phase:
-            case Positioning() | Home():
+            case Positioning() | Joints() | Home():
                 waypoint = phase.to
-                goal, end = _pose(protocol, waypoint)
+                by_joints = guide is not None and protocol.waypoints[waypoint].joints is not None
+                goal, end = (angles, tip) if by_joints else _pose(protocol, waypoint)
             case Insertion():
                 waypoint, mode, rcm = phase.to, "enforced", tip
                 depth0, depth1 = 0.0, phase.depth
@@ -244,7 +282,8 @@ def build(protocol: Protocol, T_tool_frame: Array) -> tuple[PhasePath, ...]:
                 end = tip + (depth1 - depth0) * shaft
             case _:
                 assert_never(phase)
-        still = not isinstance(phase, Circle) and np.linalg.norm(end - tip) < _NO_LENGTH
+        elsewhere = waypoint is not None and protocol.waypoints[waypoint].joints is not None
+        still = not (isinstance(phase, Circle) or elsewhere) and np.linalg.norm(end - tip) < _NO_LENGTH
         if still and np.linalg.norm(goal - angles) < _NO_LENGTH:
             at = ", ".join(f"{x / MM:.3f}" for x in tip)
             turn = ", ".join(f"{x / DEG:.3f}" for x in angles)
@@ -255,24 +294,23 @@ def build(protocol: Protocol, T_tool_frame: Array) -> tuple[PhasePath, ...]:
             text = "it keeps the RCM, but begins where a monitored pivot has missed it"
             if rcm is not None and spatial.point_to_line(rcm, tip, shaft) > protocol.tolerances.rcm:
                 raise _refuse(protocol, phase, text)
-        paths.append(
-            PhasePath(
-                phase,
-                np.asarray(T_tool_frame, float),
-                n_tool,
-                protocol.rotation,
-                angles,
-                goal,
-                tip,
-                end,
-                waypoint,
-                rcm,
-                mode,
-                depth0,
-                depth1,
-            )
+        path = PhasePath(
+            phase,
+            np.asarray(T_tool_frame, float),
+            n_tool,
+            protocol.rotation,
+            angles,
+            goal,
+            tip,
+            end,
+            waypoint,
+            rcm,
+            mode,
+            depth0,
+            depth1,
         )
-        angles, tip = goal, end
+        paths.append(path if guide is None else guide.along(path))
+        angles, tip = paths[-1].angles1, paths[-1].tip1
         if isinstance(phase, Retraction) and phase.depth == 0:
             rcm = None
     return tuple(paths)
@@ -281,7 +319,8 @@ def build(protocol: Protocol, T_tool_frame: Array) -> tuple[PhasePath, ...]:
 def _pose(protocol: Protocol, name: str) -> tuple[Array, Array]:
     waypoint = protocol.waypoints[name]
     if waypoint.position is None:
-        raise ProtocolError(f"{protocol.name}: waypoint '{name}' has no position")
+        text = "joint values, which the mechanism has to be asked for" if waypoint.joints is not None else "no position"
+        raise ProtocolError(f"{protocol.name}: waypoint '{name}' has {text}")
     return waypoint.angles, waypoint.position
 
 

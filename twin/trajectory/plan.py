@@ -14,6 +14,7 @@ from twin.protocol import Limits, Protocol
 from twin.spatial import Array
 from twin.trajectory.check import check, rcm_error
 from twin.trajectory.feasible import pose_margins, require_feasible
+from twin.trajectory.following import Followed, Follower
 from twin.trajectory.model import PathKinematics, PhaseSpan, Trajectory
 from twin.trajectory.path import Motion, PhasePath, build
 from twin.trajectory.smooth import Smooth, fit
@@ -21,6 +22,9 @@ from twin.trajectory.timing import Timing, time_path
 
 _ROUGH = 1e-6
 """Metres or rad that a joint's series may leave out before the path counts as not smooth."""
+
+_LOOKED = 9
+"""Poses of a phase that are held against the robot's freedoms before it is planned."""
 
 _JACOBIAN_TOLERANCE = 1e-5
 """Relative disagreement of `velocity` with the derivative of `inverse` that is reported."""
@@ -65,15 +69,32 @@ def plan(
         raise ProtocolError(f"{protocol.name}: T_tool_frame of '{protocol.frame}' is not a pose")
     legs: list[_Leg] = []
     findings = list(protocol.findings)
-    for path in build(protocol, T_tool_frame):
+    guide = _guide(protocol, kinematics, T_tool_frame)
+    for path in build(protocol, T_tool_frame, guide):
         if progress:
             progress(path.phase.name)
         leg, found = _leg(path, protocol, kinematics, dt)
         legs.append(leg)
         findings += found
-    trajectory = _assemble(protocol, kinematics, T_tool_frame, legs, dt)
+    trajectory = replace(_assemble(protocol, kinematics, T_tool_frame, legs, dt), followed=guide is not None)
     findings += check(trajectory, protocol, kinematics)
     return replace(trajectory, findings=tuple(findings))
+
+
+def _guide(protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array) -> Follower | None:
+    """Return what leads the mechanism, if the protocol is the mechanism's to carry out; else None."""
+    by_joints = any(w.joints is not None for w in protocol.waypoints.values())
+    if not by_joints and protocol.free is None:
+        if kinematics.takes is None:
+            return None
+        s = np.linspace(0.0, 1.0, _LOOKED)
+        Ts = [path.motion(s).Ts_base_tool for path in build(protocol, T_tool_frame)]
+        if kinematics.takes(np.concatenate(Ts)):
+            return None
+    if kinematics.carrier is None:
+        raise ProtocolError(f"{protocol.name}: joint values and free directions need the mechanism, and there is none")
+    angles = tuple(kinematics.revolute) or (False,) * len(kinematics.joint_names)
+    return Follower(protocol, kinematics.joint_names, angles, kinematics.carrier)
 
 
 def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float) -> tuple[_Leg, list[Finding]]:
@@ -121,7 +142,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
         text = f"the optimal rate was found by {timing.solver}, since the passes of our own failed"
         found.append(Finding("trajectory.timing", "info", text, when=f"phase '{path.phase.name}'"))
     motion = path.motion(timing.s)
-    q = kinematics.inverse(motion.Ts_base_tool)
+    q = path.joints(timing.s, kinematics)
     sd, sdd = timing.sd[:, None], timing.sdd[:, None]
     first = rate(timing.s)
     return _Leg(path, timing, motion, q, first * sd, first * sdd + bend(timing.s) * sd**2), found
@@ -129,7 +150,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
 
 def _rates(path: PhasePath, kinematics: PathKinematics, where: str) -> tuple[Smooth, list[Finding]]:
     """Return dq/ds along the phase, from `velocity` if there is one, compared with the inverse."""
-    joints = fit(lambda s: kinematics.inverse(path.motion(s).Ts_base_tool))
+    joints = fit(lambda s: path.joints(s, kinematics))
     if np.max(joints.tail) > _ROUGH:
         j = int(np.argmax(joints.tail))
         raise ProtocolError(
@@ -139,7 +160,7 @@ def _rates(path: PhasePath, kinematics: PathKinematics, where: str) -> tuple[Smo
         )
     slope = joints.derivative()
     velocity = kinematics.velocity
-    if velocity is None:
+    if velocity is None or isinstance(path, Followed):
         return slope, []
 
     def rate(s: Array) -> Array:

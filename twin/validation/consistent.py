@@ -16,11 +16,11 @@ import numpy as np
 from twin import spatial
 from twin.errors import ProtocolError, TimingError
 from twin.findings import Finding
-from twin.protocol import Pivot, Protocol, RotationOrder, Waypoint
+from twin.protocol import Pivot, Protocol, Waypoint
 from twin.spatial import Array
 from twin.trajectory.check import rcm_error
 from twin.trajectory.model import PathKinematics, PhaseSpan, Trajectory
-from twin.trajectory.path import rotation
+from twin.trajectory.path import angles_of, rotation
 from twin.trajectory.plan import plan
 from twin.units import DEG, MM
 
@@ -163,7 +163,7 @@ def _tried(
     turned = float(spatial.rotation_angle(T[:3, :3].T @ T_new[:3, :3]))
     depth = float((T_new[:3, 3] - span.rcm) @ T_new[:3, :3] @ axis)
     old = protocol.waypoints[span.waypoint]
-    angles = _angles(T_new[:3, :3], protocol.rotation, old.angles)
+    angles = angles_of(T_new[:3, :3], protocol.rotation, old.angles)
     about = replace(old, angles=angles, position=None, depth=depth)
     straight = replace(old, angles=angles, position=T_new[:3, 3], depth=None)
     at, turn = (", ".join(f"{x:.3f}" for x in v) for v in (T_new[:3, 3] / MM, angles / DEG))
@@ -194,15 +194,6 @@ def _with(protocol: Protocol, span: PhaseSpan, waypoint: Waypoint, mode: str | N
 def _missed(trajectory: Trajectory, phase: str) -> float:
     span = trajectory.phase(phase)
     return float(np.nanmax(trajectory.rcm_error[span.start : span.stop + 1]))
-
-
-def _angles(R: Array, order: RotationOrder, near: Array) -> Array:
-    """Return the angles (3,) in rad of R about the axes of `order`, within half a turn of `near`."""
-    if order == "xyz":  # Rx(a) Ry(b) Rz(c) undoes Rz(-c) Ry(-b) Rx(-a)
-        return -_angles(R.T, "zyx", -near[::-1])[::-1]
-    theta = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
-    out = np.array([np.arctan2(R[1, 0], R[0, 0]), theta, np.arctan2(R[2, 1], R[2, 2])])
-    return out + 2 * np.pi * np.round((near - out) / (2 * np.pi))
 
 
 def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:

@@ -18,7 +18,7 @@ from twin.cad import references
 from twin.cad.parameters import SCALES
 from twin.errors import TwinError, unknown
 from twin.live.session import Session as Session
-from twin.protocol import Home, Insertion, Pivot, Positioning, Protocol, Retraction, RotationOrder, load_protocol
+from twin.protocol import Home, Insertion, Pivot, Positioning, Protocol, Retraction, load_protocol
 from twin.schema import error_at
 from twin.spatial import Array
 from twin.trajectory import path as paths
@@ -90,36 +90,18 @@ def append_phase(
         raise error_at(protocol, ("phases", len(taken) - 1), text)
     waypoint = {
         "position_mm": _rounded((T @ T_tool_frame)[:3, 3] / MM, "mm"),
-        "angles_deg": _rounded(angles_of(T[:3, :3], p.rotation, _last_angles(p)) / DEG, "deg"),
+        "angles_deg": _rounded(paths.angles_of(T[:3, :3], p.rotation, _last_angles(p)) / DEG, "deg"),
         "provenance": "ASSUMED",
         "note": note,
     }
     phase = {"name": name, "type": "positioning", "to": name}
 
     def check(fresh: Path) -> None:
-        paths.build(load_protocol(fresh), T_tool_frame)
+        kept = load_protocol(fresh)
+        if not any(w.joints is not None for w in kept.waypoints.values()):  # else the mechanism has to be asked
+            paths.build(kept, T_tool_frame)
 
     rewrite(protocol, [("waypoints", name, waypoint), ("phases", None, phase)], check)
-
-
-def angles_of(R: Array, order: RotationOrder, near: Array) -> Array:
-    """Return the angles (3,) in rad of R (3, 3) about the axes of `order` that are nearest to `near` (3,).
-
-    A phase is linear in the angles: far ones for the same rotation would turn the tool round on its way.
-    Where the middle angle is a right angle, the first one is that of `near`.
-    """
-    i, j, k = ("xyz".index(axis) for axis in order)
-    sign = 1.0 if (j - i) % 3 == 1 else -1.0
-    level = float(np.hypot(R[j, k], R[k, k]))
-    first = np.arctan2(-sign * R[j, k], R[k, k]) if level > 1e-9 else near[0]
-    middle = np.arctan2(sign * R[i, k], level)
-    found = []
-    for a, b in ((first, middle), (first + np.pi, np.pi - middle)):
-        # The last from what the others leave: near a right angle it takes up the error of the first.
-        rest = paths.rotation(np.array([a, b, 0.0]), order).T @ R
-        angles = np.array([a, b, np.arctan2(sign * rest[j, i], rest[i, i])])
-        found.append(angles - 2 * np.pi * np.round((angles - near) / (2 * np.pi)))
-    return min(found, key=lambda angles: float(np.linalg.norm(angles - near)))
 
 
 def _last_angles(p: Protocol) -> Array:

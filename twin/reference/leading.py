@@ -1,0 +1,141 @@
+"""The mechanism led along a path: by its driven joints, or by some directions of a frame while the rest follows.
+
+What a mechanism with fewer than six freedoms does in the directions that nobody leads, it does by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+
+from twin import spatial
+from twin.errors import AssemblyError
+from twin.reference import walk
+from twin.reference.loops import LENGTH_SCALE
+from twin.reference.model import GAP_TOLERANCE, ReferenceModel
+from twin.reference.newton import minimise
+from twin.reference.posing import posed
+from twin.spatial import Array
+
+_JUMP = 0.5
+"""Largest change (m, rad) of any coordinate between samples; more is another branch."""
+
+_HALVINGS = 8
+"""How often the way between two samples is halved before it counts as blocked."""
+
+_NEARBY = {True: 0.05, False: 0.005}
+"""How far (rad, m) a driven joint is moved to see what it does beside a state that may be singular."""
+
+_RANK = 1e-6
+"""Singular value, relative to the largest, below which a direction is none."""
+
+
+class Leader:
+    """A mechanism that is led; made of a function, so that nothing is built before it is needed.
+
+    States are configurations (nq,) of the reference model: what to continue from.
+    """
+
+    def __init__(self, make: Callable[[], ReferenceModel]) -> None:
+        self._make = make
+
+    @cached_property
+    def model(self) -> ReferenceModel:
+        """The mechanism."""
+        return self._make()
+
+    def drawn(self) -> tuple[Array, Array]:
+        """Return the state as drawn, and the values (n,) of the driven joints there."""
+        home = self.model.home()
+        return home.x, home.q
+
+    def carry(self, q: Array, start: Array) -> tuple[Array, Array]:
+        """Return states (k, nq) and T_base_tool (k, 4, 4) for driven joints q (k, n) along a motion from `start`.
+
+        Raises:
+            AssemblyError: the loops open on the way; the message gives the sample.
+        """
+        run = self.model.run(q, self.model.state(start))
+        return run.x, run.Ts_base_tool
+
+    def lead(self, Ts: Array, led: np.ndarray, p_tool: Array, start: Array) -> tuple[Array, Array, Array]:
+        """Return states (k, nq), driven joints (k, n) and T_base_tool (k, 4, 4) that follow poses from `start`.
+
+        Args:
+            Ts: (k, 4, 4) T_base_tool along a path that begins near the start.
+            led: (6,) bool, the directions in which they are followed; see `posing.posed`.
+            p_tool: (3,) the point of the tool whose place is followed.
+            start: state.
+
+        Raises:
+            AssemblyError: the mechanism cannot follow; the message gives the sample.
+        """
+        states, x = [], start
+        before = self.model.collect(start[None]).Ts_base_tool[0]
+        for k, T in enumerate(Ts):
+            done, step = 0.0, 1.0
+            while done < 1.0:
+                ahead = min(1.0, done + step)
+                new = self._there(x, walk.between(before, T, ahead), led, p_tool)
+                if new is not None:
+                    x, done, step = new, ahead, 2 * step
+                    continue
+                step /= 2
+                if step < 0.5**_HALVINGS:
+                    best = self.model.state(x)
+                    text = "the mechanism does not follow: its loops open, it is stretched, or another branch begins"
+                    raise AssemblyError(f"at sample {k}: {text}", best, best.worst_gap)
+            states.append(x)
+            before = T
+        run = self.model.collect(np.array(states))
+        return run.x, run.q, run.Ts_base_tool
+
+    def jacobians(self, state: Array, p_tool: Array) -> Array:
+        """Return (k, 6, n) rates of a point of the tool per rate of the driven joints, linear first.
+
+        At a state and beside it, with each driven joint moved a little both ways: a state may be singular.
+        """
+        model = self.model
+        states, q = [state], model.collect(state[None]).q[0]
+        seed = model.state(state)
+        for i, joint in enumerate(model.mechanism.active):
+            for step in (_NEARBY[joint.is_angle], -_NEARBY[joint.is_angle]):
+                try:
+                    states.append(model.solve(q + step * (np.arange(len(q)) == i), seed).x)
+                except AssemblyError:
+                    continue
+        X = np.array(states)
+        poses, J = model.tree.update(X, closing_only=True)
+        twist = model.tree.tool_jacobian(poses, J) @ model.gains(X)
+        arm = model.tree.tool(poses)[:, :3, :3] @ p_tool
+        twist[:, :3] -= spatial.hat(arm) @ twist[:, 3:]
+        return twist
+
+    @cached_property
+    def freedoms(self) -> int:
+        """In how many independent directions the driven joints move the tool, as drawn or beside it."""
+        if not self.model.mechanism.active:
+            return 0
+        J = self.jacobians(self.drawn()[0], np.zeros(3))
+        s = np.linalg.svd(np.concatenate([J[:, :3] / LENGTH_SCALE, J[:, 3:]], axis=1), compute_uv=False)
+        return int((s > _RANK * np.maximum(s[:, :1], 1e-12)).sum(axis=1).max())
+
+    def _there(self, x: Array, T: Array, led: np.ndarray, p_tool: Array) -> Array | None:
+        """Return the state near x with the tool at T in the led directions, loops closed; None if there is none."""
+        model = self.model
+        X, converged = minimise(
+            model.tree, x[None], posed(model.tree, T[None], led, p_tool), np.arange(model.tree.model.nv)
+        )
+        run = model.collect(X)
+        if not converged[0] or model.jumps(x[None], X)[0] > _JUMP:
+            return None
+        off = np.abs(missed(run.Ts_base_tool[0], T, p_tool)[led]).max()
+        return X[0] if max(run.gaps[0, :, 0].max(initial=0.0), off) < GAP_TOLERANCE else None
+
+
+def missed(T: Array, goal: Array, p_tool: Array) -> Array:
+    """Return (6,) how far a pose is from another: a point of the tool in m, rotation vector in rad, both in base."""
+    way = (T[:3, 3] + T[:3, :3] @ p_tool) - (goal[:3, 3] + goal[:3, :3] @ p_tool)
+    return np.concatenate([way, spatial.log_so3(T[:3, :3] @ goal[:3, :3].T)])

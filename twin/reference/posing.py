@@ -1,0 +1,41 @@
+"""The tool at a pose as a residual over the tree, loops closed: the whole pose, or some directions of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin import spatial
+from twin.reference.loops import LENGTH_SCALE, sine_of_rotation
+from twin.reference.newton import Residual
+from twin.reference.tree import Tree
+from twin.spatial import Array, Index
+
+ALL = np.ones(6, bool)
+"""Every direction."""
+
+
+def posed(tree: Tree, Ts: Array, led: np.ndarray = ALL, p_tool: Array | None = None) -> Residual:
+    """Return loops and tool poses as one residual.
+
+    Args:
+        tree: of the mechanism.
+        Ts: (k, 4, 4) T_base_tool, one a sample.
+        led: (6,) bool, the directions that count, along and about the axes of base, linear first.
+        p_tool: (3,) the point of the tool whose place counts; default its origin.
+    """
+    Rt = np.swapaxes(Ts[:, :3, :3], 1, 2)
+    lever = np.zeros(3) if p_tool is None else p_tool
+    goal = Ts[:, :3, 3] + Ts[:, :3, :3] @ lever
+
+    def residual(X: Array, rows: Index) -> tuple[Array, Array]:
+        poses, J = tree.update(X, closing_only=True)
+        r, A = tree.loops.evaluate(X, poses, J)
+        T, J_tool = tree.tool(poses), tree.tool_jacobian(poses, J)
+        sine, turn = sine_of_rotation(T[:, :3, :3] @ Rt[rows])
+        arm = T[:, :3, :3] @ lever
+        J_point = J_tool[:, :3] - spatial.hat(arm) @ J_tool[:, 3:]
+        off = np.concatenate([T[:, :3, 3] + arm - goal[rows], LENGTH_SCALE * sine], axis=1)
+        rate = np.concatenate([J_point, LENGTH_SCALE * turn @ J_tool[:, 3:]], axis=1)
+        return np.concatenate([r, off[:, led]], axis=1), np.concatenate([A, rate[:, led]], axis=1)
+
+    return residual
