@@ -15,6 +15,7 @@ from twin.protocol.model import (
     Home,
     Insertion,
     Limits,
+    PatientPlace,
     Phase,
     Pivot,
     Positioning,
@@ -29,6 +30,7 @@ from twin.protocol.tables import (
     HomeTable,
     InsertionTable,
     LimitsTable,
+    PatientTable,
     PhaseTable,
     PivotTable,
     PositioningTable,
@@ -70,6 +72,8 @@ def load_protocol(path: str | Path) -> Protocol:
         rotation=table.rotation,
         trocar=None if table.trocar_mm is None else np.array(table.trocar_mm) * MM,
         rcm=None if table.rcm_mm is None else np.array(table.rcm_mm) * MM,
+        patient=None if table.patient is None else _patient(table.patient),
+        no_patient=table.no_patient or "",
         findings=tuple(_warnings(table, used, str(path))),
     )
     return protocol
@@ -97,6 +101,10 @@ def _limits(l: LimitsTable) -> Limits:  # noqa: E741
 def _tolerances(t: TolerancesTable) -> Tolerances:
     lengths = (t.rcm_mm * MM, t.rcm_alarm_mm * MM, t.straightness_mm * MM, t.waypoint_mm * MM)
     return Tolerances(*lengths, t.waypoint_deg * DEG, t.provenance, t.note)
+
+
+def _patient(p: PatientTable) -> PatientPlace:
+    return PatientPlace(p.body, p.port, p.turn_deg * DEG, tuple(p.replaces), p.provenance, p.note)
 
 
 def _phase(p: PhaseTable, table: ProtocolTable) -> Phase:
