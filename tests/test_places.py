@@ -12,10 +12,10 @@ import twin
 from twin import api, assets
 from twin.errors import TwinError
 from twin.live.patient import Patient, floor_of, patient_of
-from twin.mechanism import Mechanism
+from twin.mechanism import Mechanism, Mesh
 from twin.reference.clearance import _distance, _Shape
 
-SAMPLES = 24
+SAMPLES = 16
 """Places along a protocol that are looked at; its ends and those of its phases besides."""
 
 CASES = [
@@ -46,66 +46,69 @@ def play(name: str, protocol: str) -> Played:
     t = np.unique(np.concatenate([np.linspace(0, trajectory.duration, SAMPLES), ends]))
     model = bound.reference()
     links = model.link_poses(model.run_poses(trajectory.poses(t), near=trajectory.joints(t)).x)
-    depth = np.interp(t, trajectory.t, np.nan_to_num(trajectory.depth, nan=-1.0))
-    if bound.mechanism.trocar:  # it is in the patient from start to end
-        depth[:] = 1.0
+    # In from the moment that the tip touches the port; a mechanism with a trocar is in from start to end.
+    among = (np.searchsorted(trajectory.t, t - 1e-6) - 1, np.searchsorted(trajectory.t, t + 1e-6))
+    known = np.isfinite(trajectory.depth) | bool(bound.mechanism.trocar)
+    entered = np.array([known[max(a, 0) : b + 1].any() for a, b in zip(*among, strict=True)])
     home = model.solve(bound.mechanism.posture("home")).link_poses
     floor = floor_of(bound.mechanism, home)
     patient = patient_of(bound, chosen, floor)
     assert patient is not None
-    return Played(bound.mechanism, patient, floor, links, depth > 1e-9)
+    return Played(bound.mechanism, patient, floor, links, entered)
 
 
-def inside(mesh, points: np.ndarray) -> np.ndarray:
+def holed(mesh: Mesh, port: np.ndarray, radius: float) -> Mesh:
+    """Return a mesh with a hole of a radius about the port: its triangles there, made small, are left out."""
+    fine = 0.05 * radius
+    corners = mesh.vertices[mesh.triangles]
+    kept = []
+    while len(corners):
+        middle = corners.mean(axis=1)
+        reach = np.linalg.norm(corners - middle[:, None], axis=-1).max(axis=1)
+        away = np.linalg.norm(middle - port, axis=1)
+        kept.append(corners[away - reach > radius])
+        corners, reach, away = (x[away - reach <= radius] for x in (corners, reach, away))
+        kept.append(corners[(reach <= fine) & (away > radius)])
+        a, b, c = np.moveaxis(corners[reach > fine], 1, 0)
+        ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+        corners = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+    left = np.concatenate(kept)
+    return Mesh(mesh.name, left.reshape(-1, 3), np.arange(3 * len(left)).reshape(-1, 3))
+
+
+def inside(mesh: Mesh, points: np.ndarray) -> np.ndarray:
     """Return which points (n, 3) are in a convex mesh."""
     a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
-    normal = np.cross(b - a, c - a)
-    return np.all(np.einsum("fi,nfi->nf", normal, points[:, None] - a) < 0, axis=1)
-
-
-def crossings(mesh, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Return where segments (n, 3) to (n, 3) pass the surface of a convex mesh, (k, 3)."""
-    a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
-    normal = np.cross(b - a, c - a)
-    here = np.einsum("fi,nfi->nf", normal, starts[:, None] - a)
-    there = np.einsum("fi,nfi->nf", normal, ends[:, None] - a)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = here / (here - there)
-    enter = np.where((here > 0) & (there <= 0), s, np.where((here > 0) & (there > 0), 2.0, 0.0)).max(axis=1)
-    leave = np.where((here <= 0) & (there > 0), s, 1.0).min(axis=1)
-    hit = enter < leave
-    way = ends - starts
-    first = starts[hit & (enter > 0)] + enter[hit & (enter > 0), None] * way[hit & (enter > 0)]
-    last = starts[hit & (leave < 1)] + leave[hit & (leave < 1), None] * way[hit & (leave < 1)]
-    return np.concatenate([first, last])
+    return np.all(np.einsum("fi,nfi->nf", np.cross(b - a, c - a), points[:, None] - a) < 0, axis=1)
 
 
 def faults(p: Played) -> list[str]:
     """Return what is sunk in what, and where; empty if patient and robot are well placed."""
     out = []
-    parts = {b.name: (b.meshes[0], _Shape(b.name, b.name, b.meshes)) for b in p.patient.mechanism.bodies}
+    parts = {b.name: b.meshes[0] for b in p.patient.mechanism.bodies}
+    whole = {name: _Shape(name, name, [mesh]) for name, mesh in parts.items()}
+    opened = {
+        name: _Shape(name, name, [holed(parts[name], p.patient.port, p.patient.port_radius)])
+        for name in p.patient.opens | p.patient.access
+    }
     for body in p.mechanism.bodies:
         if not body.meshes or body.name in p.patient.replaces:
             continue
         shape = _Shape(body.name, body.name, body.meshes)
-        points = np.concatenate([m.vertices for m in body.meshes])
-        starts = np.concatenate([m.vertices[m.triangles].reshape(-1, 3) for m in body.meshes])
-        ends = np.concatenate([m.vertices[np.roll(m.triangles, -1, 1)].reshape(-1, 3) for m in body.meshes])
-        still = np.abs(p.links[body.name] - p.links[body.name][0]).max() < 1e-12
-        for k, T in enumerate(p.links[body.name][:1] if still else p.links[body.name]):
-            low, high = (f((points @ T[:3, :3].T + T[:3, 3]), axis=0) for f in (np.min, np.max))
-            for name, (mesh, other) in parts.items():
-                if np.any(low > mesh.vertices.max(axis=0)) or np.any(high < mesh.vertices.min(axis=0)):
-                    continue
-                apart = _distance(shape, other, T, np.eye(4))
-                sunk = bool(inside(mesh, points @ T[:3, :3].T + T[:3, 3]).any())
-                if apart > 0 and not sunk:
-                    continue
-                passed = crossings(mesh, *(q @ T[:3, :3].T + T[:3, 3] for q in (starts, ends)))
-                wide = np.linalg.norm(passed - p.patient.port, axis=1).max(initial=0.0) / p.patient.port_radius
-                open_now = name in p.patient.access or (name in p.patient.opens and p.inside[k])
-                if not open_now or wide > 1 or (apart == 0 and not len(passed)):
-                    out.append(f"{body.name} in {name} at sample {k}, {wide:.1f} port radii from the port")
+        # Where the surfaces do not meet, a connected mesh is all inside or all outside: one vertex tells.
+        firsts = np.array([m.vertices[0] for m in body.meshes])
+        Ts = p.links[body.name]
+        Ts = Ts[:1] if np.abs(Ts - Ts[0]).max() < 1e-12 else Ts
+        boxes = shape.corners_in(Ts)
+        for name, mesh in parts.items():
+            low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+            near = np.all((boxes.max(axis=1) > low) & (boxes.min(axis=1) < high), axis=1)
+            for k in np.flatnonzero(near):
+                is_open = name in p.patient.access or (name in p.patient.opens and p.inside[k])
+                if _distance(shape, (opened if is_open else whole)[name], Ts[k], np.eye(4)) <= 0:
+                    out.append(f"{body.name} runs through {name} at sample {k}")
+                elif not is_open and inside(mesh, firsts @ Ts[k][:3, :3].T + Ts[k][:3, 3]).any():
+                    out.append(f"{body.name} is inside {name} at sample {k}")
     return out
 
 

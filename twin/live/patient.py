@@ -21,7 +21,7 @@ from twin.schema import Identifier, Table, Vector, error_at, load_toml
 from twin.spatial import Array
 from twin.units import DEG, MM
 
-_ROUND, _HIGH = 48, 24
+_ROUND, _HIGH = 40, 20
 """Facets of an ellipsoid about its axis, and from pole to pole."""
 
 
@@ -128,6 +128,15 @@ def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None
         place.replaces,
         f"{table.title}, {table.provenance}: {table.note} Place, {place.provenance}: {place.note}",
     )
+
+
+def none_there(robot: Robot, protocol: Protocol) -> str:
+    """Return why a protocol has no patient, and which protocols of the robot have one."""
+    why = protocol.no_patient or "its file places none ([patient])"
+    out = f"{protocol.name}: no patient: {why}"
+    names = [] if robot.files is None else [n for n in robot.files.protocols() if robot.protocol(n).patient is not None]
+    others = [n for n in names if n != protocol.name and n not in why]
+    return out.rstrip(".") + "." + (f" With a patient: {', '.join(others)}." if others else "")
 
 
 def floor_of(mechanism: Mechanism, poses: Mapping[str, Array]) -> float:

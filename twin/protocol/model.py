@@ -178,7 +178,7 @@ class Protocol:
 
     @property
     def first_rcm(self) -> Array | None:
-        """Where the shaft first passes an RCM, (3,) in base: the trocar, the RCM from the start, or the first insertion.
+        """The first RCM, (3,) in base: the trocar, the one registered from the start, or where an insertion begins.
 
         None if there is none, or if only the mechanism knows its trocar.
         """
