@@ -60,6 +60,7 @@ async def _run(args: argparse.Namespace, robot: api.Robot, port: int, context: s
             recording = Recording(Path(args.record), robot.name, about["model_hash"], twin.links, robot.joints)
         own = files.page_files(Path(str(resources.files("twin.headset"))) / "web" / "dist")
         own |= files.robot_files(glb_bytes(robot.mechanism), about)
+        own |= files.patient_files({n: glb_bytes(p.mechanism, (), p.poses) for n, p in twin.patients.items()})
         address = Address(args.host, port, context is not None, robot.name)
         gate = Gate(args.host, port, context is not None, address.say)
         server = StreamServer(source, {"robot": robot.name, "model_hash": about["model_hash"]}, own, gate, recording)

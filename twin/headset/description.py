@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,17 +13,19 @@ from twin.api import Robot
 from twin.errors import TwinError
 from twin.headset.protocol import sevens
 from twin.live.desk import Desk
-from twin.mechanism import Frame, Joint, Mechanism
+from twin.live.patient import Patient, floor_of, none_there, patient_of
+from twin.mechanism import Frame, Joint
 from twin.spatial import Array
 
 
-def describe(robot: Robot, desk: Desk, protocols: Mapping[str, str]) -> dict[str, Any]:
+def describe(robot: Robot, desk: Desk, protocols: Mapping[str, str], patients: Mapping[str, Patient]) -> dict[str, Any]:
     """Return the description of a robot; lengths in m, angles in rad, poses as x y z and quaternion x y z w.
 
     Args:
         robot: as loaded.
         desk: where it stands.
         protocols: what `Robot.protocol` takes, by name.
+        patients: of these protocols, see `patients_of`.
     """
     from twin.exporting.clip import model_hash
 
@@ -48,7 +51,7 @@ def describe(robot: Robot, desk: Desk, protocols: Mapping[str, str]) -> dict[str
         "variants": _variants(desk),
         "has_equations": desk.kin is not None,
         "has_workspace": desk.kin is not None and desk.kin.closed_inverse,
-        "scenery": _scenery(desk),
+        "scenery": _scenery(robot, desk, protocols, patients),
         "assumed": [f"{p.name}: {p.note}" for p in m.parameters if p.provenance == "ASSUMED"],
         "T_world_base": _pose(np.eye(4)),
     }
@@ -91,28 +94,29 @@ def _variants(desk: Desk) -> list[str]:
     return list(dict.fromkeys([*(s.partition("=")[2] for s in single), *single]))
 
 
-def _scenery(desk: Desk) -> dict[str, Any]:
-    """Return floor, table and patient, for scale; offsets are from the RCM, or from the tip where there is none."""
-    m = desk.mechanism
-    at = m.trocar_at if m.trocar else desk.shaft()[0]
+def patients_of(robot: Robot, desk: Desk, protocols: Mapping[str, str]) -> dict[str, Patient]:
+    """Return the patients of protocols by the protocols' names; a protocol that cannot be read has none here."""
+    floor = floor_of(desk.mechanism, desk.assembly.link_poses)
+    out = {}
+    for name, source in protocols.items():
+        with contextlib.suppress(TwinError):  # told when it is asked for
+            if (patient := patient_of(robot, robot.protocol(source), floor)) is not None:
+                out[name] = patient
+    return out
+
+
+def _scenery(robot: Robot, desk: Desk, protocols: Mapping[str, str], patients: Mapping[str, Patient]) -> dict[str, Any]:
+    """Return the floor, and for each protocol its patient with table or why there is none."""
+    none = {}
+    for name, source in protocols.items():
+        with contextlib.suppress(TwinError):
+            if name not in patients:
+                none[name] = none_there(robot, robot.protocol(source))
     return {
-        "assumed": "table and abdomen of 320 x 480 mm are ASSUMED, for scale",
-        "at": _numbers(at),
-        "floor": _floor(m, desk.assembly.link_poses),
-        "patient": {"shape": "half_ellipsoid", "radii": [0.16, 0.24, 0.203], "offset": [0.0, 0.0, -0.203]},
-        "table": {"shape": "box", "size": [0.42, 0.66, 0.03], "offset": [0.0, 0.0, -0.218]},
+        "floor": floor_of(desk.mechanism, desk.assembly.link_poses),
+        "patients": {n: {"replaces": list(p.replaces), "assumed": p.assumed} for n, p in patients.items()},
+        "no_patient": none,
     }
-
-
-def _floor(m: Mechanism, poses: dict[str, Array]) -> float:
-    """Return the height of the lowest point of the robot as it stands, in m."""
-    heights = [
-        float((v.vertices @ poses[b.name][2, :3]).min() + poses[b.name][2, 3])
-        for b in m.bodies
-        for v in b.meshes
-        if len(v.vertices)
-    ]
-    return round(min(heights, default=0.0), 6)
 
 
 def _pose(T: Array) -> list[float]:

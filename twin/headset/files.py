@@ -8,6 +8,7 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from email.utils import formatdate
 from functools import cached_property
@@ -85,6 +86,11 @@ def robot_files(glb: bytes, description: dict[str, Any]) -> dict[str, File]:
     text = json.dumps(description, allow_nan=False, separators=(",", ":"), ensure_ascii=False).encode()
     tag = str(description["model_hash"]).partition(":")[2][:16]
     return {"/robot.glb": File(glb, _TYPES[".glb"], tag), "/robot.json": File(text, _TYPES[".json"], tag)}
+
+
+def patient_files(glbs: Mapping[str, bytes]) -> dict[str, File]:
+    """Return the patients' geometry, /patient/<protocol>.glb, from the content by protocol."""
+    return {f"/patient/{name}.glb": File(glb, _TYPES[".glb"]) for name, glb in glbs.items()}
 
 
 def answer(file: File, headers: Headers, head_only: bool, cookie: str | None = None) -> Response:

@@ -42,6 +42,7 @@ class Twin:
     Attributes:
         desk: where it stands while it is not playing; only jobs touch it.
         clock: of the protocol.
+        patients: by the protocols that have one.
         send: called with every document for all clients.
     """
 
@@ -68,7 +69,8 @@ class Twin:
         self._told: tuple[Any, ...] = ()
         self._moved, self._wish = -1, None
         self._shown = self._of(self.desk.assembly, None)
-        self.description = description.describe(robot, self.desk, self._protocols)
+        self.patients = description.patients_of(robot, self.desk, self._protocols)
+        self.description = description.describe(robot, self.desk, self._protocols, self.patients)
         first = next((n for n, p in self._protocols.items() if p == protocol), None)
         if first is None and self._protocols:
             first = next((p["name"] for p in self.description["protocols"] if p["is_default"]), None)
@@ -341,9 +343,11 @@ class Twin:
 
         def job() -> Track:
             robot = self.robot
-            bound = robot.bound(robot.protocol(self._protocols[playback.protocol]))
+            protocol = robot.protocol(self._protocols[playback.protocol])
+            bound = robot.bound(protocol)
             if bound is not desk.robot:
                 desk.bind(bound)
+            desk.speak_of(protocol)
             links = desk.model.link_poses(playback.x)
             poses = np.stack([wire.sevens(links[n]) for n in self.links], axis=1)
             self._ghost.follow(playback)

@@ -18,11 +18,15 @@ from twin.api import Robot
 from twin.errors import AssemblyError, KinematicsError, TwinError, unknown
 from twin.kinematics import Kinematics, Pose, solve
 from twin.mechanism import Joint, Mechanism
+from twin.protocol import Protocol
 from twin.reference import ReferenceModel
 from twin.reference.follow import follow
 from twin.reference.states import Assembly
 from twin.spatial import Array
 from twin.units import DEG, MM
+
+ENDOSCOPE = "endoscope_tip"
+"""The frame at which a robot's own endoscope looks out, along z."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +69,7 @@ class Desk:
         self._kept: dict[str, Array] = {}
         self._frame, self._axis = self.mechanism.tool, np.array([0.0, 0.0, 1.0])
         if robot.files is not None and robot.files.protocols():
-            protocol = robot.protocol()
-            self._frame, self._axis = protocol.frame, protocol.shaft_axis / np.linalg.norm(protocol.shaft_axis)
+            self.speak_of(robot.protocol())
 
     def _first(self) -> Assembly:
         if "home" in self.mechanism.postures:
@@ -76,11 +79,26 @@ class Desk:
     def shaft(self) -> tuple[Array, Array]:
         """Return the tip (3,) and the direction (3,) of the shaft towards it, in base.
 
-        Those of the default protocol; without one, the tool's origin and its z axis.
+        Those of the protocol last spoken of; without one, the tool's origin and its z axis.
         """
         frame = self.mechanism.frame(self._frame)
         T = self.assembly.link_poses[frame.body] @ frame.T_body_frame
         return T[:3, 3], T[:3, :3] @ self._axis
+
+    def speak_of(self, protocol: Protocol) -> None:
+        """Take tip and shaft to be those of a protocol; at first they are those of the default protocol."""
+        self._frame, self._axis = protocol.frame, protocol.shaft_axis / np.linalg.norm(protocol.shaft_axis)
+
+    def camera(self) -> tuple[Array, Array, Array]:
+        """Return where an endoscope looks from, a point ahead and one above, each (3,) in base.
+
+        It stands at the frame `endoscope_tip` and looks along its z with -y up; without one, at the tip of the shaft.
+        """
+        frame = next((f for f in self.mechanism.frames if f.name == ENDOSCOPE), self.mechanism.frame(self._frame))
+        T = self.assembly.link_poses[frame.body] @ frame.T_body_frame
+        ahead = T[:3, 2] if frame.name == ENDOSCOPE else T[:3, :3] @ self._axis
+        above = -T[:3, 1] if abs(ahead @ T[:3, 1]) < 0.9 else T[:3, 0]
+        return T[:3, 3], T[:3, 3] + 0.1 * ahead, T[:3, 3] + 0.1 * above
 
     @property
     def joints(self) -> tuple[Joint, ...]:

@@ -26,6 +26,7 @@ from twin.protocol.model import Home as Home
 from twin.protocol.model import Insertion as Insertion
 from twin.protocol.model import Joints as Joints
 from twin.protocol.model import Limits as Limits
+from twin.protocol.model import PatientPlace as PatientPlace
 from twin.protocol.model import Phase as Phase
 from twin.protocol.model import PhaseType as PhaseType
 from twin.protocol.model import Pivot as Pivot

@@ -17,6 +17,7 @@ from twin.protocol.model import (
     Insertion,
     Joints,
     Limits,
+    PatientPlace,
     Phase,
     Pivot,
     Positioning,
@@ -32,6 +33,7 @@ from twin.protocol.tables import (
     InsertionTable,
     JointsTable,
     LimitsTable,
+    PatientTable,
     PhaseTable,
     PivotTable,
     PositioningTable,
@@ -74,6 +76,8 @@ def load_protocol(path: str | Path) -> Protocol:
         trocar=None if table.trocar_mm is None else np.array(table.trocar_mm) * MM,
         rcm=None if table.rcm_mm is None else np.array(table.rcm_mm) * MM,
         free=None if table.free is None else frozenset(table.free),
+        patient=None if table.patient is None else _patient(table.patient),
+        no_patient=table.no_patient or "",
         findings=tuple(_warnings(table, used, str(path))),
     )
     return protocol
@@ -107,6 +111,10 @@ def _limits(l: LimitsTable) -> Limits:  # noqa: E741
 def _tolerances(t: TolerancesTable) -> Tolerances:
     lengths = (t.rcm_mm * MM, t.rcm_alarm_mm * MM, t.straightness_mm * MM, t.waypoint_mm * MM)
     return Tolerances(*lengths, t.waypoint_deg * DEG, t.provenance, t.note)
+
+
+def _patient(p: PatientTable) -> PatientPlace:
+    return PatientPlace(p.body, p.port, p.turn_deg * DEG, tuple(p.replaces), p.provenance, p.note)
 
 
 def _phase(p: PhaseTable, table: ProtocolTable) -> Phase:

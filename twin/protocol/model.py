@@ -149,6 +149,21 @@ Phase = Positioning | Joints | Insertion | Pivot | Circle | Retraction | Home
 
 
 @dataclass(frozen=True)
+class PatientPlace:
+    """Who lies at a protocol's RCM: `body` of cad/patients by its `port`, turned by `turn` in rad about z of the base.
+
+    `replaces` names links that are not shown together with the patient.
+    """
+
+    body: str
+    port: str
+    turn: float
+    replaces: tuple[str, ...]
+    provenance: Provenance
+    note: str
+
+
+@dataclass(frozen=True)
 class Protocol:
     """A checked protocol, in SI.
 
@@ -167,6 +182,7 @@ class Protocol:
         rcm: (3,) in base in m, if one is registered from the start: the instrument is in the patient already.
         free: directions of the moved frame that no waypoint decides: they follow the mechanism. None: those that the
             robot's freedoms leave, and every waypoint is a pose that the robot takes.
+        patient: who lies there, or None; then `no_patient` may say why.
         findings: what reading it had to say (warnings only).
     """
 
@@ -185,7 +201,24 @@ class Protocol:
     trocar: Array | None = None
     rcm: Array | None = None
     free: frozenset[Direction] | None = None
+    patient: PatientPlace | None = None
+    no_patient: str = ""
     findings: tuple[Finding, ...] = field(default=())
+
+    @property
+    def first_rcm(self) -> Array | None:
+        """The first RCM, (3,) in base: the trocar, the one registered from the start, or where an insertion begins.
+
+        None if there is none, or if only the mechanism knows its trocar.
+        """
+        if self.trocar is not None or self.rcm is not None:
+            return self.trocar if self.trocar is not None else self.rcm
+        here = self.start
+        for p in self.phases:
+            if isinstance(p, Insertion):
+                return self.waypoints[here].position
+            here = p.to if isinstance(p, Positioning | Home) else here
+        return None
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return every number that decides the motion, with its provenance."""

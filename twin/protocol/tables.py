@@ -62,6 +62,20 @@ class TolerancesTable(Table):
         return self
 
 
+class PatientTable(Table):
+    """Who lies there: `body` of cad/patients, its `port` where the RCM is, turned by `turn_deg` about z of the base.
+
+    Links that the patient `replaces` (a phantom) are not shown together with it.
+    """
+
+    body: Identifier
+    port: Identifier
+    turn_deg: float = 0.0
+    replaces: list[Identifier] = Field(default_factory=list)
+    provenance: Provenance
+    note: _Text
+
+
 class _PhaseTable(Table):
     name: Identifier
 
@@ -148,7 +162,15 @@ class ProtocolTable(Table):
         list[Direction] | None,
         Field(description="directions that no waypoint decides: the moved frame follows the mechanism there"),
     ] = None
+    patient: PatientTable | None = None
+    no_patient: _Text | None = None
     tolerances: TolerancesTable
     limits: dict[PhaseType, LimitsTable]
     waypoints: Annotated[dict[Identifier, WaypointTable], Field(min_length=1)]
     phases: Annotated[list[PhaseTable], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _one_answer(self) -> ProtocolTable:
+        if self.patient is not None and self.no_patient is not None:
+            raise at("no_patient", "says why there is no patient, and [patient] places one: keep one of them")
+        return self

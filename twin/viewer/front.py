@@ -277,11 +277,14 @@ class Front:
                 continue
             a.playback = planner.answer
             if a.desk.robot.files is not None:
-                bound = a.desk.robot.bound(a.desk.robot.protocol(a.playback.protocol))
+                protocol = a.desk.robot.protocol(a.playback.protocol)
+                bound = a.desk.robot.bound(protocol)
                 if bound is not a.desk.robot:
                     a.desk.bind(bound)
+                a.desk.speak_of(protocol)
             self.clock.duration = max(b.playback.duration for b in self.actors if b.playback is not None)
             self.panels.ready(a)
+            self.scenery.protocol_changed()
             self.stand()
             self._stale = True
 

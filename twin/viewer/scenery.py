@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
 
 from twin import spatial
+from twin.live.patient import none_there, patient_of
 from twin.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.spatial import Array
@@ -20,7 +21,9 @@ if TYPE_CHECKING:
     from twin.viewer.panels import Panels
 
 VIEWS = ("overview", "front", "top", "along the shaft", "endoscope", "microscope")
-_SKIN, _STEEL = (226, 160, 128), (160, 174, 186)
+FIRST, ENDOSCOPE = 40, 70
+"""Angles of view in deg: at first, and of a common laparoscope."""
+
 _CUTS = ("none", "x", "y", "z")
 
 
@@ -52,8 +55,10 @@ class Scenery:
             fade_distance=25 * cell, fade_from="origin",
         )  # fmt: skip
         self._floor = floor
-        self._patient: list[Any] = []
-        self._trail: dict[str, list[Any]] = {}
+        self._patients: dict[str, RobotNodes] = {}
+        self._patient_shown = False
+        self._gizmo_wanted, self._through_lens = True, False
+        self._trail: dict[str, list[viser.SceneNodeHandle]] = {}
         self._trail_shown = True
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
         self._balls: dict[str, viser.IcosphereHandle] = {}
@@ -61,7 +66,7 @@ class Scenery:
         self._cut_drawn: tuple | None = None
         front.server.initial_camera.position = self.middle + self.size * np.array([1.0, -1.35, 0.6])
         front.server.initial_camera.look_at = self.middle
-        front.server.initial_camera.fov = 40 * DEG
+        front.server.initial_camera.fov = FIRST * DEG
 
     # -- the instrument -------------------------------------------------------------------------------
 
@@ -130,10 +135,11 @@ class Scenery:
                 "link names": (False, lambda v: [n.labels(v) for n in front.nodes.values()]),
                 "link frames": (False, lambda v: [n.frames(v) for n in front.nodes.values()]),
                 "joint axes": (False, lambda v: [n.axes(v) for n in front.nodes.values()]),
-                "gizmo at the tool": (True, lambda v: setattr(front.gizmo, "visible", v)),
+                "gizmo at the tool": (True, self.gizmo),
                 "dark": (False, self.dark),
             }
             if self.props is not None:
+                del boxes["table and patient"]  # they are among the surroundings
                 boxes["see through the surroundings"] = (False, self.see_through)
             for name, (first, do) in boxes.items():
                 box = gui.add_checkbox(name, first)
@@ -204,6 +210,11 @@ class Scenery:
         self.grid.cell_color = (58, 64, 72) if on else (205, 211, 219)
         self.grid.section_color = (80, 88, 98) if on else (186, 194, 204)
 
+    def gizmo(self, on: bool) -> None:
+        """Show the handle at the tool, but not to the endoscope."""
+        self._gizmo_wanted = on
+        self.front.gizmo.visible = on and not self._through_lens
+
     def see_through(self, on: bool) -> None:
         """Let the instruments be seen inside the patient."""
         assert self.props is not None
@@ -211,32 +222,36 @@ class Scenery:
             handle.opacity = 0.3 if on else None
 
     def patient(self, visible: bool) -> None:
-        """Show a table and an abdomen below the trocar of the robot in hand (ASSUMED: 320 x 480 mm, for scale)."""
-        if visible and not self._patient:
-            a = self.front.hand
-            rcm = self.rcm(a)
-            if rcm is None:
-                rcm = a.desk.shaft()[0]
-            at = f"/{a.name}/patient"
-            x, y, z = rcm
-            u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 73), np.linspace(0, np.pi / 2, 25))
-            dome = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1).reshape(-1, 3)
-            i = np.arange(24)[:, None] * 73 + np.arange(72)
-            faces = np.concatenate(
-                [np.stack(c, -1).reshape(-1, 3) for c in ((i, i + 73, i + 1), (i + 1, i + 73, i + 74))]
+        """Show patient and table of what the robots play; say which protocols have one if none of these has."""
+        self._patient_shown = visible
+        missing = []
+        for a in self.front.actors:
+            if a.name in self._patients:
+                self._patients.pop(a.name).remove()
+                self._show_links(a, frozenset())
+            robot = a.desk.robot
+            if not visible or robot.files is None or not robot.files.protocols():
+                continue
+            protocol = robot.protocol(a.playback.protocol if a.playback is not None else a.protocol)
+            patient = patient_of(robot, protocol, self._floor - float(a.T_world_base[2, 3]))
+            if patient is None:
+                missing.append(none_there(robot, protocol))
+                continue
+            self._patients[a.name] = RobotNodes(
+                self.front.server, f"/{a.name}/patient", patient.mechanism, patient.poses
             )
-            under = z - 0.23
-            height = max(0.05, under - self._floor)
-            self._patient = [
-                self.scene.add_mesh_simple(
-                    f"{at}/abdomen", (dome * (0.16, 0.24, 0.203) + (x, y, z - 0.203)).astype(np.float32), faces,
-                    color=_SKIN, opacity=0.42, side="double", cast_shadow=False,
-                ),
-                self.scene.add_box(f"{at}/table", _STEEL, (0.42, 0.66, 0.03), position=(x, y, under + 0.012)),
-                self.scene.add_box(f"{at}/leg", _STEEL, (0.1, 0.2, height), position=(x, y, under - height / 2)),
-            ]  # fmt: skip
-        for handle in self._patient:
-            handle.visible = visible
+            self._show_links(a, frozenset(patient.replaces))
+        if missing:
+            self.front.say(" ".join(missing))
+
+    def protocol_changed(self) -> None:
+        """Let the patient be that of the protocols that are played now."""
+        if self._patient_shown:
+            self.front.ask("table and patient", lambda: self.patient(True))
+
+    def _show_links(self, a: Actor, hidden: frozenset[str]) -> None:
+        for name, frame in self.front.nodes[a.name].bodies.items():
+            frame.visible = name not in hidden
 
     def update(self) -> None:
         """Cut the robots where they stand now, if a section is wanted."""
@@ -258,17 +273,23 @@ class Scenery:
         """Bring a browser's camera to a preset; without a client, every browser's."""
         clients = [client] if client is not None else list(self.front.server.get_clients().values())
         eye, at, up = self.camera(view)
+        inside = view == "endoscope"
+        self._through_lens = inside
+        self.front.gizmo.visible = self._gizmo_wanted and not inside  # it would fill the picture
         for c in clients:
             with c.atomic():
                 c.camera.up_direction = up
                 c.camera.position = eye
                 c.camera.look_at = at
+                c.camera.fov = (ENDOSCOPE if inside else FIRST) * DEG
+                c.camera.near = 0.001 if inside else 0.01
 
     def camera(self, view: str) -> tuple[Array, Array, Array]:
         """Return where a preset looks from, at what, and what is up; each (3,) in world."""
         a = self.front.hand
         node = self.front.nodes[a.name]
         tip, axis = a.desk.shaft()
+        lens, sight, above = (node.to_world(x) for x in a.desk.camera())
         R = node.to_world(np.eye(3)[0]) - node.to_world(np.zeros(3))  # base x in world, scaled
         size = node.size * a.scale
         p, up = node.to_world(tip), np.array([0.0, 0.0, 1.0])
@@ -280,7 +301,7 @@ class Scenery:
             "front": (self.middle + self.size * np.array([1.5, 0.0, 0.1]), self.middle, up),
             "top": (self.middle + self.size * np.array([0.0, -0.01, 1.5]), self.middle, up),
             "along the shaft": (p - 0.6 * size * along + 0.04 * size * side, p, side),
-            "endoscope": (p - 0.02 * size * along, p + 0.1 * size * along, side),
+            "endoscope": (lens, sight, (above - lens) / np.linalg.norm(above - lens)),
             "microscope": (p + 0.25 * size * up + 0.05 * size * np.array([1.0, -1.0, 0]), p, up),
         }[view]
 

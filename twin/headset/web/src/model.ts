@@ -69,6 +69,12 @@ export class Model {
     return held && !this.holding && this.state.holder !== null && this.state.holder !== this.client;
   }
 
+  /** Name of the protocol that is played, or will be first; empty if there is none. */
+  protocol(): string {
+    const first = this.info?.protocols.find((p) => p.is_default) ?? this.info?.protocols[0];
+    return this.state.protocol ?? this.state.planning ?? first?.name ?? '';
+  }
+
   /** Value of an active joint in rad or m, NaN before the first frame. */
   joint(name: string): number {
     const active = this.info?.joints.filter((j) => j.active) ?? [];

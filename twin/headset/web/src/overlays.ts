@@ -1,10 +1,10 @@
 /** What is drawn about the robot: tool path, RCM and shaft, workspace, the tool by the equations, table and patient. */
 
 import {
-  BoxGeometry,
   BufferGeometry,
   Color,
   CylinderGeometry,
+  DoubleSide,
   Float32BufferAttribute,
   Group,
   InstancedMesh,
@@ -19,6 +19,7 @@ import {
   SphereGeometry,
   Vector3,
 } from 'three';
+import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import { Label } from './label';
 import { length, type Model } from './model';
 import type { Numbers, Scenery } from './protocol';
@@ -63,7 +64,7 @@ export class Overlays {
   private ghost: Group | null = null;
   private readonly scenery = new Group();
   private around: Scenery | null = null;
-  private port: Numbers | null = null;
+  private lying = '';
   private cloud: Points | null = null;
   private cloudParts: { points: Float32Array; values: Float32Array | null }[] = [];
 
@@ -85,16 +86,35 @@ export class Overlays {
 
   setScenery(scenery: Scenery): void {
     this.around = scenery;
-    this.standScenery(scenery.at);
   }
 
-  /** Stand table and patient so that the RCM is the port; where there is none, at the tip. */
-  private standScenery(at: Numbers): void {
-    if (!this.around || this.port?.join() === at.join()) return;
-    this.port = at;
+  /** What is assumed of the patient that is shown, or why there is none. */
+  sceneryText(model: Model): string {
+    const name = model.protocol();
+    if (!this.shows.scenery || !this.around || !name) return '';
+    return this.around.patients[name]?.assumed ?? this.around.no_patient[name] ?? '';
+  }
+
+  /** Let patient and table be those of the protocol; a phantom in their place is not shown. */
+  private standScenery(model: Model, robot: Robot): void {
+    const name = model.protocol();
+    const patient = this.shows.scenery ? this.around?.patients[name] : undefined;
+    robot.hide(patient?.replaces ?? []);
+    this.scenery.visible = patient !== undefined;
+    if (!patient || this.lying === name) return;
+    this.lying = name;
     for (const thing of [...this.scenery.children]) discard(thing);
-    this.scenery.add(...propsOf(this.around, at));
-    this.world.touch();
+    void new GLTFLoader().loadAsync(`patient/${name}.glb`).then(
+      (gltf) => {
+        if (this.lying !== name) return;
+        this.scenery.add(...partsOf(gltf.scene));
+        this.world.touch();
+      },
+      () => {
+        this.lying = '';
+        model.say(`The patient of ${name} could not be loaded.`);
+      },
+    );
   }
 
   /** Take a part of the reachable set: base64 of float32 x y z, and of a value for each. */
@@ -122,8 +142,7 @@ export class Overlays {
       this.path.visible = s.path;
       (this.path.material as MeshBasicMaterial).color.setHex(accent);
     }
-    if (model.state.rcm) this.standScenery(model.state.rcm);
-    this.scenery.visible = s.scenery;
+    this.standScenery(model, robot);
     if (this.cloud) this.cloud.visible = s.workspace;
     const tool = toolPose(model, robot);
     this.drawRcm(model, tool);
@@ -304,36 +323,21 @@ function tube(points: Numbers, radius: number): InstancedMesh {
   return mesh;
 }
 
-/** A table that stands on the floor, and an abdomen on it. */
-function propsOf(s: Scenery, port: Numbers): Mesh[] {
-  const at = new Vector3().fromArray(port);
-  const skin = new MeshStandardMaterial({
-    color: 0xe2a080,
-    roughness: 0.8,
-    opacity: 0.42,
-    transparent: true,
-    depthWrite: false,
-  });
-  const steel = new MeshStandardMaterial({ color: 0xa0aeba, roughness: 0.55 });
-  const [a = 0.1, b = 0.1, c = 0.1] = s.patient.radii;
-  const dome = new SphereGeometry(1, 48, 24, 0, 2 * Math.PI, 0, Math.PI / 2).rotateX(Math.PI / 2).scale(a, b, c);
-  const patient = new Mesh(dome, skin);
-  patient.name = 'patient';
-  patient.position.fromArray(s.patient.offset).add(at);
-  const [x = 1, y = 1, z = 0.1] = s.table.size;
-  const table = new Mesh(new BoxGeometry(x, y, z), steel);
-  table.name = 'table';
-  table.position.fromArray(s.table.offset).add(at);
-  const under = table.position.z - z / 2;
-  const props = [patient, table];
-  if (under - s.floor > 0.01) {
-    const leg = new Mesh(new BoxGeometry(0.24 * x, 0.3 * y, under - s.floor), steel);
-    leg.name = 'leg';
-    leg.position.set(table.position.x, table.position.y, (under + s.floor) / 2);
-    props.push(leg);
-  }
-  for (const mesh of props) mesh.receiveShadow = mesh.castShadow = mesh !== patient;
-  return props;
+/** The parts of a patient, in the robot's world: z up. */
+function partsOf(scene: Group): Object3D[] {
+  const root = scene.children.length === 1 && scene.children[0] ? scene.children[0] : scene;
+  const parts = [...root.children].filter((o) => !o.name.startsWith('frame_'));
+  for (const part of parts)
+    part.traverse((o) => {
+      if (!(o instanceof Mesh)) return;
+      const skin = o.material as MeshStandardMaterial;
+      if (skin.transparent) {
+        skin.side = DoubleSide;
+        skin.depthWrite = false;
+      }
+      o.receiveShadow = o.castShadow = !skin.transparent;
+    });
+  return parts;
 }
 
 function floats(base64: string): Float32Array {

@@ -15,13 +15,11 @@ export interface JointInfo {
   axis: { origin: Numbers; direction: Numbers };
 }
 
-/** Table and patient, for scale; `offset` is from `at` in the robot's world. */
+/** Who lies at the RCM of each protocol, /patient/<protocol>.glb, or why nobody does. */
 export interface Scenery {
-  assumed: string;
-  at: Numbers;
   floor: number;
-  patient: { radii: Numbers; offset: Numbers };
-  table: { size: Numbers; offset: Numbers };
+  patients: Record<string, { replaces: string[]; assumed: string }>;
+  no_patient: Record<string, string>;
 }
 
 export interface Named {

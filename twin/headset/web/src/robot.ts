@@ -80,6 +80,11 @@ export class Robot {
     this.root.updateMatrixWorld(true);
   }
 
+  /** Show all links but these. */
+  hide(names: readonly string[]): void {
+    for (const link of this.links.values()) link.node.visible = !names.includes(link.name);
+  }
+
   /** The box of all links in the root's frame (z up). */
   box(): Box3 {
     this.root.updateMatrixWorld(true);

@@ -31,6 +31,7 @@ export function scene(app: App): Tab {
     { kind: 'head', text: 'Show' },
     ...rows.filter((r) => r.length).map((items): Control => ({ kind: 'row', items })),
   ];
+  controls.push({ kind: 'text', id: 'patient', tone: () => 'faint', text: () => app.overlays.sceneryText(m) });
   controls.push({ kind: 'text', id: 'cloud', tone: () => 'faint', text: () => app.cloudText() });
   if (m.info?.variants.length)
     controls.push(
