@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,10 +17,11 @@ from twin import spatial
 from twin.api import Robot
 from twin.errors import AssemblyError, KinematicsError, TwinError, unknown
 from twin.kinematics import Kinematics, Pose, solve
+from twin.live.hand import Hand
+from twin.loops.leading import Bound, Led
 from twin.mechanism import Joint, Mechanism
 from twin.protocol import Protocol
 from twin.reference import ReferenceModel
-from twin.reference.follow import follow
 from twin.reference.states import Assembly
 from twin.spatial import Array
 from twin.units import DEG, MM
@@ -37,11 +38,13 @@ class Moved:
         good: whether the robot went where it was asked to go.
         reason: why not, with value and limit; empty if it did.
         seconds: what solving took.
+        more: whether only time was lacking: the same request again goes on from where it stands.
     """
 
     good: bool
     reason: str = ""
     seconds: float = 0.0
+    more: bool = False
 
 
 class Desk:
@@ -59,6 +62,7 @@ class Desk:
         self.robot = robot
         self.mechanism: Mechanism = robot.mechanism
         self.model: ReferenceModel = robot.reference()
+        self.hand = self._hand()
         self.kin: Kinematics | None = _equations(robot)
         self.parameters: dict[str, float] = {}
         self.variants: dict[str, str] = {}
@@ -119,48 +123,48 @@ class Desk:
         """
 
         def go() -> Assembly:
-            try:
-                q = self._joints_of(T_base_tool)
-            except KinematicsError:
-                if len(self.joints) >= 6 and not self.mechanism.trocar:
-                    raise
-                held.append(T_base_tool)
-                return follow(self.model, self.assembly, *self._tool_point(), T_base_tool[:3, 3])
+            q = self._joints_of(T_base_tool)
             return self._assembled(q) if q is not None else self.model.solve_pose(T_base_tool, self.assembly)
 
-        held: list[Array] = []
-        out = self._try(go, T_base_tool)
-        if held:  # the orientation asked for was given up: it is no measure of anything
-            self.asked = None
-            return self._behind(out, *self._tool_point(), T_base_tool[:3, 3])
-        return out
+        weak = len(self.joints) < 6 or bool(self.mechanism.trocar)
+        with self.lock:
+            out = self._try(go, T_base_tool)
+            if out.good or not weak or not spatial.is_pose(T_base_tool, 1e-6):
+                return out
+            # the orientation asked for is given up: it is no measure of anything
+            return self._led(*self._tool_point(), T_base_tool[:3, 3])
 
     def move_joint(self, joint: int, value: float) -> Moved:
-        """Bring one active joint to a value in m or rad; it stops at its limit, and says so."""
-        low, high = self.bounds[joint]
-        held = float(np.clip(value, low, high))
-
-        def go() -> Assembly:
+        """Bring one active joint towards a value in m or rad; it stops where something is in its way, and says what."""
+        with self.lock:
             q = self.assembly.q.copy()
-            q[joint] = held
-            return self.model.solve(q, self.assembly)
+            q[joint] = value
+            led: list[Led] = []
 
-        out = self._try(go)
-        if out.good and held != value:
-            out = self.moved = Moved(False, _beyond(self.joints[joint], value, low, high), out.seconds)
-        return out
+            def go() -> Assembly:
+                found, how = self.hand.joints(self.assembly, q)
+                led.append(how)
+                return found
+
+            out = self._try(go)
+            if out.good and led[0].more:
+                out = self.moved = replace(out, more=True)
+            elif out.good and self.assembly.q[joint] != value:
+                out = self.moved = replace(out, good=False, reason=self._stopped(joint, value, led[0]))
+            return out
 
     def move_joints(self, q: Array) -> Moved:
         """Bring all active joints (n,) to values in m or rad."""
         return self._try(lambda: self._assembled(np.asarray(q, float)))
 
     def move_point(self, body: str, p_body: Array, target: Array) -> Moved:
-        """Lead a point (3,) of a body towards a target (3,) in base, in m; the loops follow."""
+        """Lead a point (3,) of a body towards a target (3,) in base, in m; the loops follow, in the same assembly."""
+        return self._led(body, p_body, target)
 
-        def go() -> Assembly:
-            return follow(self.model, self.assembly, body, p_body, target)
-
-        return self._behind(self._try(go), body, p_body, target)
+    def let_go(self) -> None:
+        """Forget what was refused: the hand has let go, and where the robot stands is good."""
+        with self.lock:
+            self.moved = Moved(True)
 
     def go(self, posture: str) -> Moved:
         """Go to a named posture of the robot, or one kept with `keep`."""
@@ -197,6 +201,7 @@ class Desk:
             self.robot, self.mechanism, self.model = robot, robot.mechanism, robot.reference()
             self.kin = self._compiled()
             self.assembly = self._first()
+            self.hand = self._hand()
 
     def change(self, variants: Mapping[str, str] | None = None, parameters: Mapping[str, float] | None = None) -> None:
         """Use other variants or parameters (SI) of the equations, besides those changed before; the robot's undo.
@@ -225,6 +230,7 @@ class Desk:
             model = ReferenceModel(mechanism)
             assembly = model.solve(self.assembly.q)
             self.mechanism, self.model, self.assembly = mechanism, model, assembly
+            self.hand = self._hand()
 
     def _compiled(self) -> Kinematics | None:
         if _equations(self.robot) is None:
@@ -247,27 +253,86 @@ class Desk:
         for joint, value, (low, high) in zip(self.joints, q, self.bounds, strict=True):
             if not low - 1e-9 <= value <= high + 1e-9:
                 raise KinematicsError(_beyond(joint, float(value), low, high))
+        for bound in self.hand.bounds:
+            if bound.kind == "gap" and bound.slack(q) < min(0.0, bound.slack(self.assembly.q)) - 1e-9:
+                lower, upper = bound.name.split()
+                least, left = bound.least / MM, (bound.slack(q) + bound.least) / MM
+                raise KinematicsError(f"{upper} - {lower} = {left:.3f} mm is below its minimum of {least:.3f} mm")
         return self.model.solve(q, self.assembly)
 
     def _tool_point(self) -> tuple[str, Array]:
         tool = self.mechanism.frame(self.mechanism.tool)
         return tool.body, tool.T_body_frame[:3, 3]
 
-    def _behind(self, out: Moved, body: str, p_body: Array, target: Array) -> Moved:
-        """Say by how much, and why, a point that was led did not come along."""
-        left = float(np.linalg.norm((self.assembly.link_poses[body] @ np.append(p_body, 1.0))[:3] - target))
-        if out.good and left > 0.05 * MM:
-            stops = self._at_limits()
-            why = f": {', '.join(stops)}" if stops else ": the mechanism gives way no further in that direction"
-            out = self.moved = Moved(False, f"{body} stays {left / MM:.1f} mm behind the hand{why}", out.seconds)
-        return out
+    def _hand(self) -> Hand:
+        gaps = self.robot.cad.gaps if self.robot.files is not None else ()
+        return Hand(self.mechanism, self.model, gaps)
 
-    def _at_limits(self) -> list[str]:
-        out = []
-        for joint, value, (low, high) in zip(self.joints, self.assembly.q, self.bounds, strict=True):
-            if min(value - low, high - value) < 1e-6:
-                out.append(f"{joint.name} is at its limit of {_shown(joint, float(value))}")
-        return out
+    def _led(self, body: str, p_body: Array, target: Array) -> Moved:
+        """Lead a point; say by how much, and why, it did not come along."""
+        led: list[Led] = []
+
+        def go() -> Assembly:
+            found, how = self.hand.point(self.assembly, body, p_body, target)
+            led.append(how)
+            return found
+
+        with self.lock:
+            out = self._try(go)
+            if not out.good:
+                return out
+            p = (self.assembly.link_poses[body] @ np.append(p_body, 1.0))[:3]
+            left = float(np.linalg.norm(p - target))
+            if led[0].more:
+                out = self.moved = replace(out, more=True)
+            elif left > 0.05 * MM:
+                where = " ".join(f"{v:.1f}" for v in p / MM)
+                text = f"{body} stops {left / MM:.1f} mm short of the hand, at [{where}] mm: {self._why(led[0])}"
+                out = self.moved = replace(out, good=False, reason=text)
+            return out
+
+    def _why(self, led: Led) -> str:
+        """Return what is in the way of the hand."""
+        reasons = [self._bound(b) for b in led.stops]
+        if led.assembly:
+            reasons.append(f"{led.assembly} becomes singular there, and another assembly begins")
+        elif led.open:
+            reasons.append("its loops cannot be closed beyond")
+        return ", ".join(reasons) or "no joint brings it nearer"
+
+    def _bound(self, bound: Bound) -> str:
+        if bound.kind == "gap":
+            lower, upper = bound.name.split()
+            return f"{upper} - {lower} is at its minimum of {bound.least / MM:.3f} mm ({self._rail(lower, upper)})"
+        joint = self.mechanism.joint(bound.name)
+        return (
+            f"{joint.name} is at its limit of {_shown(joint, bound.least if bound.kind == 'lower' else -bound.least)}"
+        )
+
+    def _stopped(self, number: int, value: float, led: Led) -> str:
+        """Return why a joint did not come to a value: what forbids the value, and what stopped it before."""
+        joint, (low, high) = self.joints[number], self.bounds[number]
+        q = self.assembly.q.copy()
+        q[number] = value
+        reasons = [] if low <= value <= high else [_beyond(joint, value, low, high)]
+        for bound in (b for b in self.hand.bounds if b.kind == "gap" and b.slack(q) < -1e-9):
+            lower, upper = bound.name.split()
+            if joint.name in (lower, upper):
+                other, side = (upper, "below") if joint.name == lower else (lower, "above")
+                at = _shown(joint, float(q[[j.name for j in self.joints].index(other)]))
+                least = f"{bound.least / MM:.3f} mm {side} {other} = {at}"
+                reasons.append(f"{joint.name} = {_shown(joint, value)} must stay {least} ({self._rail(lower, upper)})")
+        at = f"{joint.name} stops at {_shown(joint, float(self.assembly.q[number]))}"
+        if led.assembly:
+            reasons.append(f"{at}, where {led.assembly} becomes singular")
+        elif led.open:
+            reasons.append(f"{at}: its loops cannot be closed beyond")
+        elif len(reasons) != 1 or low <= value <= high:
+            reasons.append(at)
+        return "; ".join(reasons)
+
+    def _rail(self, lower: str, upper: str) -> str:
+        return " and ".join(self.mechanism.joint(n).child for n in (lower, upper)) + " share a rail"
 
     def _try(self, go: Callable[[], Assembly], asked: Array | None = None) -> Moved:
         with self.lock:

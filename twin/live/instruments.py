@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from twin import spatial
 from twin.errors import KinematicsError
 from twin.live.desk import Desk
+from twin.reference.states import Assembly
 from twin.spatial import Array
 from twin.units import DEG, MM
+
+
+class Residual(NamedTuple):
+    """The largest difference of equations and mechanism: its size in m, or in rad if it is an angle, and of what."""
+
+    size: float
+    what: str
+    is_angle: bool = False
+
 
 AGREE = 1e-6
 """Difference of equations and mechanism in m or rad above which the readout turns red; the report is far stricter."""
@@ -45,7 +56,9 @@ class Reading:
         condition: of the Jacobian, rotations scaled by the characteristic length; infinite at a singularity.
         singular: name, kind (type1, type2), value over alarm; 1 and below is too near.
         depth, rcm_error: m; None without an RCM.
-        residual: largest difference of equations and mechanism in m (or rad), and of what.
+        residual: largest difference of equations and mechanism.
+        comparable: whether equations and mechanism speak of the same assembly; if not, the residual is how far the
+            equations' joints bring the tool from where it is, in an assembly of their own.
         points: (k, 3) named points of the equations, in base; `actual` where the mechanism has them.
         reason: why the last request was refused.
     """
@@ -58,7 +71,8 @@ class Reading:
     singular: tuple[tuple[str, str, float], ...] = ()
     depth: float | None = None
     rcm_error: float | None = None
-    residual: tuple[float, str] | None = None
+    residual: Residual | None = None
+    comparable: bool = True
     points: dict[str, Array] = field(default_factory=dict)
     actual: dict[str, Array] = field(default_factory=dict)
     reason: str = ""
@@ -66,7 +80,7 @@ class Reading:
     @property
     def agrees(self) -> bool:
         """Whether equations and mechanism agree here, as far as the eye can tell."""
-        return self.residual is None or self.residual[0] <= AGREE
+        return self.residual is None or self.residual.size <= AGREE
 
 
 def read(desk: Desk, rcm: Array | None = None) -> Reading:
@@ -110,6 +124,9 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
     actual = {n: now.points[n] for n in points if n in now.points}
     if len(joints) > 6:  # the arm of a robot with a freedom to spare is a choice, not an answer
         points = actual = {}
+    residual, comparable = _residual(desk, now, points, actual, asked)
+    if not comparable:
+        points = actual = {}
     return Reading(
         coordinates,
         tuple(limits),
@@ -119,7 +136,8 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
         tuple(sorted(singular, key=lambda s: s[2])),
         depth,
         error,
-        _residual(desk, T, now.q, points, actual, asked),
+        residual,
+        comparable,
         points,
         actual,
         reason,
@@ -127,27 +145,65 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
 
 
 def _residual(
-    desk: Desk, T: Array, q: Array, points: dict[str, Array], actual: dict[str, Array], asked: Array | None
-) -> tuple[float, str]:
-    """Return the largest difference of equations and mechanism, and of what: joints, named points, tool."""
-    kin = desk.kin
+    desk: Desk, now: Assembly, points: dict[str, Array], actual: dict[str, Array], asked: Array | None
+) -> tuple[Residual, bool]:
+    """Return the largest difference of equations and mechanism: joints, named points, tool; and whether it is one.
+
+    A tool pose is taken in several assemblies, and equations that are written for one of them cannot be compared in
+    another. They are right all the same if their joints, put into the mechanism, bring the tool to the same pose;
+    and they are written for the assembly of the drawing if they have its joints there.
+    """
+    kin, q, T = desk.kin, now.q, now.T_base_tool
     assert kin is not None
-    found: list[tuple[float, str]] = [
-        (float(np.linalg.norm(points[n] - p)), f"point {n}") for n, p in actual.items() if np.isfinite(points[n]).all()
-    ]
+    of_pose: list[Residual] = []
     if asked is not None:
-        found.append((float(np.linalg.norm(asked[:3, 3] - T[:3, 3])), "tool"))
-        found.append((float(spatial.rotation_angle(asked[:3, :3].T @ T[:3, :3])), "tool rotation"))
-    if len(q) <= 6:
-        try:
-            theirs = kin.inverse(T, q)
-        except KinematicsError:
-            theirs = None
-        if theirs is not None:
-            k = int(np.argmax(np.abs(theirs - q)))
-            found.append((float(abs(theirs[k] - q[k])), f"joint {desk.joints[k].name}"))
-    elif kin.closed_forward:
-        there = kin.forward(q)
-        found.append((float(np.linalg.norm(there[:3, 3] - T[:3, 3])), "tool of these joints"))
-    found = [f for f in found if np.isfinite(f[0])]
-    return max(found, default=(0.0, ""))
+        of_pose.append(Residual(float(np.linalg.norm(asked[:3, 3] - T[:3, 3])), "tool"))
+        of_pose.append(Residual(float(spatial.rotation_angle(asked[:3, :3].T @ T[:3, :3])), "tool rotation", True))
+    found = [
+        Residual(float(np.linalg.norm(points[n] - p)), f"point {n}")
+        for n, p in actual.items()
+        if np.isfinite(points[n]).all()
+    ]
+    if len(q) > 6:
+        if kin.closed_forward:
+            there = kin.forward(q)
+            found.append(Residual(float(np.linalg.norm(there[:3, 3] - T[:3, 3])), "tool of these joints"))
+        return _largest(found + of_pose), True
+    try:
+        theirs = kin.inverse(T, q)
+    except KinematicsError:
+        return _largest(found + of_pose), True
+    found.append(_joints_apart(desk, theirs, q))
+    if _largest(found).size > AGREE and _agree_as_drawn(desk):
+        away = min((_poses_apart(A, T) for A in desk.hand.tools(now, theirs)), key=lambda r: r.size, default=None)
+        if away is not None and away.size <= AGREE:
+            return _largest([away, *of_pose]), False
+    return _largest(found + of_pose), True
+
+
+def _largest(found: list[Residual]) -> Residual:
+    return max((f for f in found if np.isfinite(f.size)), key=lambda f: f.size, default=Residual(0.0, ""))
+
+
+def _joints_apart(desk: Desk, theirs: Array, q: Array) -> Residual:
+    """Return the joint that differs most; a whole turn is no difference."""
+    angle = np.array([j.is_angle for j in desk.joints], bool)
+    apart = np.where(angle, (theirs - q + np.pi) % (2 * np.pi) - np.pi, theirs - q)
+    k = int(np.argmax(np.abs(apart)))
+    return Residual(float(abs(apart[k])), f"joint {desk.joints[k].name}", bool(angle[k]))
+
+
+def _poses_apart(A: Array, B: Array) -> Residual:
+    way, turn = float(np.linalg.norm(A[:3, 3] - B[:3, 3])), float(spatial.rotation_angle(A[:3, :3].T @ B[:3, :3]))
+    what = "tool of the equations' joints"
+    return Residual(turn, what, True) if turn > way else Residual(way, what)
+
+
+def _agree_as_drawn(desk: Desk) -> bool:
+    """Return whether the equations have the joints of the mechanism as it is drawn, and so its assembly."""
+    home = desk.model.home()
+    assert desk.kin is not None
+    try:
+        return _joints_apart(desk, desk.kin.inverse(home.T_base_tool, home.q), home.q).size <= AGREE
+    except KinematicsError:
+        return False

@@ -130,6 +130,18 @@ class LoopSolver:
             gap=float(found.offset[0]),
         )
 
+    def close(self, q: Array, seed: Array) -> Array | None:
+        """Return the unknowns (numbers,) that close the loops at q (n,), found from `seed` (numbers,) alone.
+
+        Whatever assembly is nearest to the seed; None if Newton's method finds none.
+        """
+        out = self._single(q, seed)
+        return out[15:] if out[12] <= self._gap and out[13] <= self._tilt else None
+
+    def pose(self, q: Array, states: Array) -> Array:
+        """Return T_base_tool (4, 4) at q (n,) and unknowns (numbers,) that close the loops."""
+        return np.vstack([self._single(q, states)[:12].reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
+
     def forward_many(self, qs: Array, seeds: Array | None = None, threads: int | None = None) -> Closed:
         """Return the states at active joints qs (k, n), each found by itself; NaN poses where there is none.
 

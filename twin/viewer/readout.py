@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from twin.live.instruments import AGREE, Limit, Reading
+from twin.live.instruments import AGREE, Limit, Reading, Residual
 from twin.units import DEG, MM
 
 _GOOD, _BAD, _WARN, _DIM = "#1f8a55", "#d62f2f", "#c77700", "#7d8896"
@@ -23,18 +23,31 @@ def length(metres: float) -> str:
     return "-"
 
 
+def amount(residual: Residual) -> str:
+    """Return a residual with its unit: a length or an angle."""
+    return angle(residual.size) if residual.is_angle else length(residual.size)
+
+
+def angle(radians: float) -> str:
+    """Return an angle in degrees, with as many digits as it needs."""
+    degrees = abs(radians) / DEG
+    return f"{degrees:.3f}°" if degrees >= 0.001 else f"{degrees:.1e}°"
+
+
 def table(reading: Reading, variants: str = "") -> str:
     """Return the whole panel; what is beyond its limit is red."""
     rows = [f"<div style='{_GRID}'>{''.join(_number(*c) for c in reading.coordinates)}</div>"]
     if variants:
         rows.append(_line("equations", variants))
     if reading.residual is not None:
-        size, what = reading.residual
-        turn = what.startswith(("tool rotation",))
-        shown = f"{size / DEG:.2e}°" if turn else length(size)
+        what = reading.residual.what
         state = "agree" if reading.agrees else "DISAGREE"
-        text = f"{state}: {shown} ({escape(what)})" if what else state
-        rows.append(_line("formula ↔ mechanism", text, _GOOD if reading.agrees else _BAD))
+        text, color = f"{state}: {amount(reading.residual)} ({escape(what)})" if what else state, _GOOD
+        if not reading.agrees:
+            color = _BAD
+        elif not reading.comparable:
+            text, color = "other assembly: equations not comparable", _WARN
+        rows.append(_line("formula ↔ mechanism", text, color))
     rows.append(_line("loop gap", length(reading.gap), _GOOD if reading.gap < AGREE else _BAD))
     if reading.rcm_error is not None and reading.depth is not None:
         good = reading.rcm_error < 0.1 * MM

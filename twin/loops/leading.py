@@ -1,0 +1,342 @@
+"""Taking a mechanism by the hand: a point of any body, or its active joints, led along a line; the loops follow.
+
+The way is walked in steps of one length, whatever the speed of the hand: each goes on in the assembly where the last
+one ended, slides along limits, and is halved where the loops do not close. Two kinds of singularity end an assembly:
+the loops no longer hold their joints (type II), or the joints no longer hold the tool (type I). Leading a point
+stops before either; turning a joint passes through the second, as a drive would.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from twin.loops.equations import LENGTH_SCALE, STATES, STEPS
+from twin.loops.nearest import nearest_step
+from twin.loops.sight import Look, Sight
+from twin.loops.solver import LoopSolver
+from twin.mechanism import Mechanism
+from twin.spatial import Array
+
+_STEP = 1e-3
+"""Length in m of the way of the hand that is walked at once."""
+
+_STRIDE = 4e-3
+"""Longest motion (m; rad times `LENGTH_SCALE`) of the active joints at once; of the others ten times as much."""
+
+_THERE, _PASSED = 1e-10, 1e-7
+"""Distance in m at which a point is where it should be, and where it passes on the way."""
+
+_GAIN = 1e-3
+"""Part of the remaining distance that a step must win for another one to be worth it."""
+
+_DAMPING = 1e-4
+"""Relative to the largest gain, squared: a point at the end of its reach is pulled without wild joints."""
+
+_TRIES, _LAST_TRIES = 4, 25
+"""Steps for a goal on the way, and for the last one."""
+
+_HALVINGS = 8
+"""How often a step that is refused is halved."""
+
+_LEFT = 1e-4
+"""Part of a determinant as drawn that must be left: beyond it another assembly begins."""
+
+_STRETCHED = 0.03
+"""Part of a determinant as drawn below which a loop that closes no more is called singular."""
+
+_SHRINK = 0.3
+"""Part of a determinant that one step must leave."""
+
+_NEAR = 1e-7
+"""A limit (m; rad times `LENGTH_SCALE`) is reached within this."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """What active joints may do: the sum of weights times q is at least `least`.
+
+    Attributes:
+        name: joint or pair of joints.
+        kind: "lower", "upper" or "gap".
+        weights: (n,) of q.
+        least: in m or rad.
+    """
+
+    name: str
+    kind: str
+    weights: Array
+    least: float
+
+    def slack(self, q: Array) -> float:
+        """Return what is left at q (n,), in m or rad; negative beyond."""
+        return float(self.weights @ q - self.least)
+
+
+@dataclass(frozen=True, eq=False)
+class Led:
+    """Where leading ended.
+
+    Attributes:
+        q, u: active joints (n,) and unknowns.
+        stops: bounds that are in the way.
+        assembly: what becomes singular in the way, as "loop r13" or "tool"; empty if nothing does.
+        open: whether the loops cannot be closed any further that way.
+        hand: (3,) where on its way the hand was followed to, or None of joints.
+        more: whether the time was up before the way was.
+    """
+
+    q: Array
+    u: Array
+    stops: tuple[Bound, ...] = ()
+    assembly: str = ""
+    open: bool = False
+    hand: Array | None = None
+    more: bool = False
+
+
+def bounds_of(mechanism: Mechanism, gaps: Sequence[tuple[str, str, float]] = ()) -> tuple[Bound, ...]:
+    """Return the hard limits of the active joints, and `gaps`: lower joint, upper joint, least distance in m."""
+    order, eye, out = [j.name for j in mechanism.active], np.eye(len(mechanism.active)), []
+    for i, joint in enumerate(mechanism.active):
+        low, high = joint.limits or (-np.inf, np.inf)
+        out += [Bound(joint.name, "lower", eye[i], low)] if np.isfinite(low) else []
+        out += [Bound(joint.name, "upper", -eye[i], -high)] if np.isfinite(high) else []
+    for lower, upper, least in gaps:
+        out.append(Bound(f"{lower} {upper}", "gap", eye[order.index(upper)] - eye[order.index(lower)], least))
+    return tuple(out)
+
+
+class Leader:
+    """Leads one mechanism; see `point` and `joints`.
+
+    Attributes:
+        solver: closes its loops.
+        bounds: that are kept.
+    """
+
+    def __init__(self, mechanism: Mechanism, bounds: Sequence[Bound] = ()) -> None:
+        """Compile the loops (`AssemblyError`: they do not close as drawn)."""
+        self.solver, self.bounds = LoopSolver(mechanism), tuple(bounds)
+        angle = np.array([j.is_angle for j in mechanism.active], bool)
+        self._scale = np.where(angle, 1 / LENGTH_SCALE, 1.0)  # of a step in m
+        self._G = np.array([b.weights * self._scale for b in self.bounds]).reshape(-1, len(angle))
+        size = np.abs(self._G).max(axis=1, initial=0.0, keepdims=True)
+        self._G = self._G / np.where(size > 0, size, 1.0)
+        self._size = size[:, 0]
+        passive = self.solver.equations.passive
+        turning = {"revolute": [True], "prismatic": [False], "cylindrical": [False, True], "spherical": [True] * 3}
+        turning["free"] = [False] * 3 + [True] * 3
+        self._turns = np.array([t for p in passive for t in turning[p.joint.type]], bool)
+        self._kinds = [p.joint.type for p in passive]
+        self.look = Sight(self.solver)
+        names = self.solver.equations.row_names
+        self._loops = [" ".join(dict.fromkeys(names[r] for r in b.rows)) for b in self.solver.blocks]
+
+    # -- by a point -----------------------------------------------------------------------------------
+
+    def point(
+        self, q: Array, u: Array, body: str, p_body: Array, start: Array, target: Array, seconds: float = np.inf
+    ) -> Led:
+        """Lead a point of a body along a straight line by the least motion of the active joints.
+
+        Args:
+            q: active joints (n,).
+            u: unknowns, loops closed.
+            body: name.
+            p_body: the point (3,) on it, in m.
+            start: where the hand came from (3,) in base: where the point is, if it has kept up.
+            target: where the hand is.
+            seconds: processor time after which it stops.
+        """
+        start, target, look = np.asarray(start, float), np.asarray(target, float), self.look(q, u, body, p_body)
+        walk = _Walk(self, look, (body, np.asarray(p_body, float)), time.thread_time() + seconds)
+        steps = max(1, int(np.ceil(np.linalg.norm(target - start) / _STEP)))
+        hand = start
+        for s in np.linspace(0, 1, steps + 1)[1:]:
+            walk.to(start + s * (target - start), s == 1)
+            if walk.late:
+                break
+            hand = start + s * (target - start)
+        now = walk.look
+        return Led(now.q, now.u, walk.stops(), walk.assembly, walk.open, hand, walk.late)
+
+    # -- by the joints --------------------------------------------------------------------------------
+
+    def joints(self, q: Array, u: Array, target: Array, seconds: float = np.inf) -> Led:
+        """Turn the active joints from q (n,) towards a target (n,), all by the same part of their way."""
+        q, held = np.asarray(q, float), (self.solver.mechanism.base, np.zeros(3))
+        way = np.asarray(target, float) - q
+        stops = [b for b in self.bounds if b.weights @ way < 0 and b.slack(q) + b.weights @ way < -1e-12]
+        part = min((max(0.0, b.slack(q)) / -(b.weights @ way) for b in stops), default=1.0)
+        stops = [b for b in stops if max(0.0, b.slack(q)) / -(b.weights @ way) <= part + 1e-9]
+        now, s, stride = self.look(q, u, *held), 0.0, _STRIDE / max(np.abs(way / self._scale).max(initial=0.0), 1e-12)
+        step, until = stride, time.thread_time() + seconds
+        while s < part:
+            if time.thread_time() > until:
+                return Led(now.q, now.u, more=True)
+            ahead = min(s + step, part)
+            further, why = self._moved(now, q + ahead * way - now.q, held, tool=False)
+            if further is not None:
+                now, s, step = further, ahead, min(stride, 2 * step)
+                continue
+            step /= 2
+            if step < stride / 2**14:
+                why = why or self._nearly(now)
+                return Led(now.q, now.u, assembly=why, open=not why)
+        return Led(now.q, now.u, tuple(stops))
+
+    # -- one step -------------------------------------------------------------------------------------
+
+    def _moved(self, look: Look, dq: Array, held: tuple[str, Array], tool: bool = True) -> tuple[Look | None, str]:
+        """Return the next look after a step dq (n,) in the same assembly; or None, and what becomes singular."""
+        du = look.answers @ dq
+        if np.abs(np.where(self._turns, LENGTH_SCALE, 1.0) * du).max(initial=0.0) > 10 * _STRIDE:
+            return None, ""
+        q = look.q + dq
+        guess = self._stepped(look.u, du)
+        u = self.solver.close(q, guess)
+        if u is None or np.abs(u - guess).max(initial=0.0) > 0.1:
+            return None, ""
+        new = self.look(q, u, *held)
+        left, drawn = self.determinants(look, new, tool), self._as_drawn
+        for name, value in left.items():
+            size = abs(value[1])
+            if value[0] * value[1] <= 0 or (size < abs(value[0]) and size < _LEFT * drawn[name]):
+                return None, name
+        return new, ""
+
+    def determinants(self, before: Look, look: Look, tool: bool) -> dict[str, tuple[float, float]]:
+        """Return by what may become singular a determinant before and now: no sign changes within an assembly.
+
+        Matrices that are not square are seen in the directions that they had before.
+        """
+        out = {}
+        for name, A, B in zip(self._loops, before.loops, look.loops, strict=True):
+            out[f"loop {name}"] = _determinants(A, B)
+        n = len(look.q)
+        if tool and n <= 6:  # with more, the arm may pass from one posture to another while the tool stands
+            out["tool"] = _determinants(
+                before.tool * self._scale * LENGTH_SCALE, look.tool * self._scale * LENGTH_SCALE
+            )
+        return out
+
+    def _nearly(self, look: Look) -> str:
+        """Return the loop that is singular, or nearly so: it closes no more because it is stretched."""
+        left = self.determinants(look, look, False)
+        parts = {n: abs(v[0]) / max(self._as_drawn[n], 1e-300) for n, v in left.items()}
+        name = min(parts, key=parts.__getitem__, default="")
+        return name if name and parts[name] < _STRETCHED else ""
+
+    @cached_property
+    def _as_drawn(self) -> dict[str, float]:
+        u = np.concatenate([*self.solver.home, []])
+        look = self.look(self.solver.q, u, self.solver.mechanism.base, np.zeros(3))
+        return {n: abs(v[0]) for n, v in self.determinants(look, look, True).items()}
+
+    def _stepped(self, u: Array, du: Array) -> Array:
+        """Return the unknowns after steps: quaternions are turned in their own frame."""
+        out, i, j = u.copy(), 0, 0
+        for kind in self._kinds:
+            lengths = STATES[kind] - 4 if kind in ("spherical", "free") else STATES[kind]
+            out[i : i + lengths] += du[j : j + lengths]
+            if kind in ("spherical", "free"):
+                w, v = u[i + lengths], u[i + lengths + 1 : i + STATES[kind]]
+                turn = du[j + lengths : j + STEPS[kind]] / 2
+                (a, b, c), (x, y, z) = v, turn
+                cross = np.array([b * z - c * y, c * x - a * z, a * y - b * x])
+                quat = np.array([w - v @ turn, *(v + w * turn + cross)])
+                out[i + lengths : i + STATES[kind]] = quat / np.linalg.norm(quat)
+            i, j = i + STATES[kind], j + STEPS[kind]
+        return out
+
+
+class _Walk:
+    """One walk of a point; `look` is where it is."""
+
+    def __init__(self, leader: Leader, look: Look, held: tuple[str, Array], until: float) -> None:
+        self.leader, self.look, self.held, self.until = leader, look, held, until
+        self.assembly, self.open, self.late = "", False, False
+        self._pull = np.zeros(len(look.q))
+
+    def to(self, goal: Array, last: bool) -> None:
+        """Bring the point as near to a goal as it comes."""
+        leader, first = self.leader, self.look
+        scale, total = leader._scale, np.zeros(len(self.look.q))
+        self.assembly, self.open = "", False
+        slack = np.maximum(0.0, np.array([b.slack(first.q) for b in leader.bounds])) / leader._size
+        kept: list[tuple[Array, float]] = []  # determinants that must not vanish: gradient by the step, and what may go
+        for _ in range(_LAST_TRIES if last else _TRIES):
+            now, miss = self.look, goal - self.look.p
+            way = float(np.linalg.norm(miss))
+            if way < (_THERE if last else _PASSED):
+                return
+            if time.thread_time() > self.until:
+                self.late = True
+                return
+            # The least motion of the whole step, by the mean of both ends: second order in its length.
+            J = 0.5 * (first.J + now.J) * scale
+            size = float(np.sum(J * J))
+            self._pull = -(now.J * scale).T @ miss
+            if size < 1e-18:
+                return
+            G, h = leader._G, -slack
+            if kept:
+                G = np.vstack([G, *(g for g, _ in kept)])
+                h = np.append(h, [c + g @ total for g, c in kept])
+            y = nearest_step(J, J @ total + miss, _DAMPING**2 * size, G, h) - total
+            y *= min(1.0, _STRIDE / max(np.abs(y).max(initial=0.0), 1e-15))
+            reached, why, t = None, "", 1.0
+            for _ in range(_HALVINGS):
+                reached, why = leader._moved(now, scale * (t * y), self.held)
+                if reached is not None and np.linalg.norm(goal - reached.p) < way:
+                    break
+                refused, reached, t = reached is None, None, t / 2
+                if refused:
+                    self.assembly, self.open = why, not why
+            if reached is None:
+                if self.assembly and len(kept) < 2:
+                    kept.append(self._gradient(now, self.assembly))
+                    continue
+                return
+            if t == 1.0 and not kept:
+                self.assembly, self.open = "", False
+            self.look, total = reached, total + t * y
+            if way - np.linalg.norm(goal - reached.p) < _GAIN * way:
+                return
+
+    def _gradient(self, now: Look, name: str) -> tuple[Array, float]:
+        """Return how a determinant, as part of its value now, answers to each joint (n,), and by how much it may go."""
+        leader, out = self.leader, np.zeros(len(now.q))
+        for i in range(len(out)):
+            for h in (1e-6, -1e-6):
+                dq = np.zeros(len(out))
+                dq[i] = h * leader._scale[i]
+                u = leader.solver.close(now.q + dq, leader._stepped(now.u, now.answers @ dq))
+                if u is None:
+                    continue
+                before, after = leader.determinants(now, leader.look(now.q + dq, u, *self.held), True)[name]
+                out[i] = (after / before - 1) / h if before else 0.0
+                break
+        floor = _LEFT * leader._as_drawn[name] / max(abs(leader.determinants(now, now, True)[name][0]), 1e-300)
+        return out, -max(0.0, 1 - max(_SHRINK, floor))
+
+    def stops(self) -> tuple[Bound, ...]:
+        """Return the bounds that the point is pulled against."""
+        leader, out = self.leader, []
+        for b, g, size in zip(leader.bounds, leader._G, leader._size, strict=True):
+            if b.slack(self.look.q) / size < _NEAR and g @ self._pull > 1e-6 * np.linalg.norm(self._pull):
+                out.append(b)
+        return tuple(out)
+
+
+def _determinants(A: Array, B: Array) -> tuple[float, float]:
+    if A.shape[0] == A.shape[1]:
+        return float(np.linalg.det(A)), float(np.linalg.det(B))
+    U, values, Vt = np.linalg.svd(A, full_matrices=False)
+    r = int(np.sum(values > 1e-9 * values.max(initial=0.0)))
+    return float(np.prod(values[:r])), float(np.linalg.det(U[:, :r].T @ B @ Vt[:r].T))
