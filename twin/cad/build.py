@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from twin import spatial
-from twin.cad import features, mesh, references
-from twin.cad.description import BodySpec, Description, FrameSpec, JointSpec, MassSpec, load
+from twin.cad import features, frames, mesh, references
+from twin.cad.description import Description, FrameSpec, JointSpec, MassSpec, load
 from twin.cad.dimensions import read_dimensions
 from twin.cad.features import Measured
+from twin.cad.frames import Drawn, into
+from twin.cad.meeting import meetings
 from twin.cad.parameters import SCALES, parameters
 from twin.cad.step import MASS_TOLERANCE, Part, StepModel, read_step
 from twin.errors import CadError, unknown
 from twin.findings import Finding
-from twin.mechanism import Body, Coupling, Drive, Frame, Inertia, Joint, Mechanism, Mesh, Point
+from twin.mechanism import Body, Coupling, Drive, Inertia, Joint, Mechanism, Mesh
 from twin.provenance import Parameter
 from twin.spatial import Array
 from twin.units import DEG, MM, UM
@@ -92,33 +94,21 @@ def read_mechanism(description_path: Path, *, with_mass: bool = True) -> CadMode
         for body, specs in d.feature.items()
     }
 
-    drawn = {name: np.eye(4) for name in d.body}  # of each body frame, in drawn coordinates
-    on = {
-        j.name: (_frame(d, measured, j.parent, j.on_parent, j), _frame(d, measured, j.child, j.on_child, j))
-        for j in d.joint
-    }
-    named = {n: _frame(d, measured, f.body, f.at, None, n) for n, f in d.frame.items()}
-    for body, spec in d.body.items():
-        drawn[body] = _body_frame(d, body, spec, on, named)
-
-    meshes, inertias = _shapes(d, folder, step, parts, drawn, with_mass, found)
-    joints = [_joint(d, j, on[j.name], drawn, measured) for j in d.joint]
-    found += _meetings(d, on)
+    at = frames.drawn(d, measured)
+    meshes, inertias = _shapes(d, folder, step, parts, at.bodies, with_mass, found)
+    joints = [_joint(d, j, at, measured) for j in d.joint]
+    found += meetings(d, at)
     if step is not None and step.placement_error > 0:
         found.append(_placement_finding(step))
 
-    T_base_drawn = spatial.inverse(drawn[d.base])
     mechanism = Mechanism(
         name=d.name,
         base=d.base,
         bodies=tuple(Body(n, tuple(meshes[n]), inertias.get(n)) for n in d.body),
         joints=tuple(joints),
-        frames=tuple(Frame(n, f.body, spatial.inverse(drawn[f.body]) @ named[n]) for n, f in d.frame.items()),
-        points=tuple(
-            Point(n, s.body, _into(drawn[s.body], features.point(s, measured.get(s.body, {}))))
-            for n, s in d.point.items()
-        ),
-        rest={n: T_base_drawn @ T for n, T in drawn.items()},
+        frames=frames.frames(d, at),
+        points=frames.points(d, at, measured),
+        rest=frames.rest(d, at),
         postures={n: _posture(values) for n, values in d.posture.items()},
         tool=d.tool,
         parameters=tuple(parameters(d)),
@@ -149,43 +139,12 @@ def _parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Par
     return parts
 
 
-def _frame(
-    d: Description,
-    measured: dict[str, dict[str, Measured]],
-    body: str,
-    spec: FrameSpec,
-    joint: JointSpec | None,
-    name: str = "",
-) -> Array:
-    where = f"joint '{joint.name}' on body '{body}'" if joint else f"frame '{name}' on body '{body}'"
-    try:
-        return features.frame(spec, measured.get(body, {}))
-    except CadError as error:
-        raise CadError(f"{d.name}: {where}: {error}") from error
-
-
-def _body_frame(
-    d: Description,
-    body: str,
-    spec: BodySpec,
-    on: dict[str, tuple[Array, Array]],
-    named: dict[str, Array],
-) -> Array:
-    """Return the body frame: the named frame that the file asks for, else the first joint whose child it is."""
-    if spec.frame is not None:
-        return named[spec.frame]
-    for joint in d.joint:
-        if joint.child == body:
-            return on[joint.name][1]
-    return np.eye(4)
-
-
 def _shapes(
     d: Description,
     folder: Path,
     step: StepModel | None,
     parts: dict[str, list[Part]],
-    drawn: dict[str, Array],
+    drawn: Mapping[str, Array],
     with_mass: bool,
     found: list[Finding],
 ) -> tuple[dict[str, list[Mesh]], dict[str, Inertia]]:
@@ -200,15 +159,15 @@ def _shapes(
         fine = {id(p): exact for p, exact in zip(step.parts, weighed, strict=True)}
     for body in d.body:
         for part in parts[body]:
-            vertices = _into(drawn[body], part.vertices)
+            vertices = into(drawn[body], part.vertices)
             meshes[body].append(Mesh(_unique(part.name, taken), vertices, part.triangles, part.color_rgba))
             if with_mass:
                 exact = fine[id(part)]
-                _weigh(d, part.name, _into(drawn[body], exact.vertices), exact.triangles, masses[body], found)
+                _weigh(d, part.name, into(drawn[body], exact.vertices), exact.triangles, masses[body], found)
         for spec in d.body[body].meshes:
             loaded, notes = mesh.load_mesh(folder / spec.file, spec.unit, spec.up, spec.color)
             found += [n for n in notes if n.code != "cad.open_mesh"]
-            vertices = _into(drawn[body], loaded.vertices)
+            vertices = into(drawn[body], loaded.vertices)
             meshes[body].append(Mesh(_unique(loaded.name, taken), vertices, loaded.triangles, loaded.color_rgba))
             if with_mass:
                 _weigh(d, loaded.name, vertices, loaded.triangles, masses[body], found)
@@ -222,7 +181,7 @@ def _given(spec: MassSpec, T_drawn_body: Array) -> Inertia:
     xx, yy, zz, xy, xz, yz = spec.inertia_kg_m2
     R = T_drawn_body[:3, :3]
     I = R.T @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R  # noqa: E741
-    return Inertia(spec.mass_kg, _into(T_drawn_body, np.array(spec.com_mm) * MM), 0.5 * (I + I.T))
+    return Inertia(spec.mass_kg, into(T_drawn_body, np.array(spec.com_mm) * MM), 0.5 * (I + I.T))
 
 
 def _weigh(
@@ -272,16 +231,10 @@ def _unique(name: str, taken: set[str]) -> str:
     return clean
 
 
-def _into(T_drawn_body: Array, points: Array) -> Array:
-    """Return drawn points (..., 3) in the body frame."""
-    return (points - T_drawn_body[:3, 3]) @ T_drawn_body[:3, :3]
-
-
 def _joint(
     d: Description,
     spec: JointSpec,
-    on: tuple[Array, Array],
-    drawn: dict[str, Array],
+    at: Drawn,
     measured: dict[str, dict[str, Measured]],
 ) -> Joint:
     limit = next((s for s in d.limit if spec.name in s.joints), None)
@@ -309,8 +262,8 @@ def _joint(
         spec.type,
         spec.parent,
         spec.child,
-        spatial.inverse(drawn[spec.parent]) @ on[0],
-        spatial.inverse(drawn[spec.child]) @ on[1],
+        at.on_parent(spec.name, spec.parent),
+        at.on_child(spec.name, spec.child),
         active=spec.active,
         mating=tuple(sorted(_identifier(m) for m in mating)),
         **values,
@@ -328,50 +281,6 @@ def _names(spec: FrameSpec) -> list[str]:
 def _posture(values: dict[str, float]) -> dict[str, float]:
     split = {key: key.rpartition("_") for key in values}
     return {joint: values[key] * SCALES[unit] for key, (joint, _, unit) in split.items()}
-
-
-def _meetings(d: Description, on: dict[str, tuple[Array, Array]]) -> list[Finding]:
-    """Return where the two sides of a joint do not meet in the drawing, with the size in the locked directions."""
-    found = []
-    for joint in d.joint:
-        T = spatial.inverse(on[joint.name][0]) @ on[joint.name][1]
-        offset, tilt = locked_error(T, joint.type)
-        for size, limit, unit, code in (
-            (offset / MM, d.tolerance.meeting_um * UM / MM, "mm", "cad.meeting"),
-            (tilt / DEG, d.tolerance.meeting_deg, "deg", "cad.tilt"),
-        ):
-            if size > limit:
-                what = "apart" if unit == "mm" else "out of line"
-                found.append(
-                    Finding(
-                        code,
-                        "disagreement",
-                        f"joint '{joint.name}': the faces on '{joint.parent}' and '{joint.child}' are "
-                        f"{size:.4g}{' mm' if unit == 'mm' else '°'} {what} as drawn",
-                        where=joint.name,
-                        when="as drawn",
-                        size=size,
-                        unit=unit,
-                        limit=limit,
-                        suggestion=f"compare the bores of '{joint.parent}' and '{joint.child}' in the CAD",
-                    )
-                )
-    return found
-
-
-def locked_error(T: Array, joint_type: str) -> tuple[float, float]:
-    """Return the offset in m and the tilt in rad of a joint's two frames in the directions it locks."""
-    p, R = T[:3, 3], T[:3, :3]
-    tilt_of_axis = float(np.arctan2(np.hypot(R[0, 2], R[1, 2]), R[2, 2]))
-    if joint_type == "free":
-        return 0.0, 0.0
-    slides = joint_type in ("prismatic", "cylindrical")
-    offset = float(np.linalg.norm(p[:2] if slides else p))
-    if joint_type == "spherical":
-        return offset, 0.0
-    if joint_type in ("revolute", "cylindrical"):
-        return offset, tilt_of_axis
-    return offset, float(spatial.rotation_angle(R))
 
 
 def _placement_finding(step: StepModel) -> Finding:

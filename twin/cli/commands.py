@@ -18,6 +18,7 @@ from twin import api, assets
 from twin.cli import show
 from twin.cli.cure import Cures
 from twin.errors import TwinError, unknown
+from twin.findings import EXIT_CODES, verdict
 
 if TYPE_CHECKING:
     from twin.mechanism import Joint, Mechanism
@@ -97,7 +98,7 @@ def info(args: argparse.Namespace) -> int:
         "findings": [f.as_dict() for f in (cad.findings if cad else ())],
     }
     print(show.as_json(data) if args.json else show.info(data, len(mechanism.bodies)))
-    return 0
+    return EXIT_CODES[verdict(cad.findings if cad else ())]
 
 
 def _joint(j: Joint, mechanism: Mechanism) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from twin import api
 from twin.cli import show
 from twin.errors import TwinError
+from twin.units import decimals
 
 if TYPE_CHECKING:
     from twin.explaining.result import Explanation, Identified, Repair
@@ -36,6 +37,7 @@ def explain(args: argparse.Namespace) -> int:
             progress=progress,
             budget=args.seconds,
             root=Path.cwd(),
+            cad=robot.cad if robot.files is not None else None,
         )
     if args.json:
         print(show.as_json(result.as_dict()))
@@ -78,12 +80,21 @@ def lines(x: Explanation) -> Iterator[tuple[str, str]]:
     yield "", ""
     if x.verdict == "agree":
         yield "  AGREE: every row holds at every pose; there is nothing to explain", "bold green"
+    elif x.lead == "drawing":
+        yield f"  {x.verdict.upper()}: {_drawn(x)}", "bold red" if x.verdict == "disagree" else "bold yellow"
     elif not x.rows:
         yield "  UNCHECKED: not every row could be judged", "bold yellow"
     else:
         what = "explained" if x.explained else "NOT explained by anything that twin knows to try"
         number = f"{len(x.rows)} row{'s' if len(x.rows) > 1 else ''} off"
         yield f"  {x.verdict.upper()}: {number}, {what}", "bold green" if x.explained else "bold red"
+    if x.drawing:
+        yield "", ""
+        yield "the CAD", "bold"
+        yield from ((show.finding(f), "") for f in x.drawing)
+        yield from ((f"  {p.message}", "green" if p.part and not p.others else "yellow") for p in x.parts)
+    if x.lead == "numbers":
+        yield from _numbers(x)
     if x.rows:
         yield "", ""
         yield "what is off", "bold"
@@ -108,10 +119,8 @@ def lines(x: Explanation) -> Iterator[tuple[str, str]]:
         yield "what would cure it", "bold"
         for repair in x.repairs:
             yield from _repair(repair)
-    if x.identified is not None:
-        yield "", ""
-        yield "numbers", "bold"
-        yield from _identified(x.identified)
+    if x.lead != "numbers":
+        yield from _numbers(x)
     if x.conventions:
         yield "", ""
         yield "conventions", "bold"
@@ -121,6 +130,14 @@ def lines(x: Explanation) -> Iterator[tuple[str, str]]:
     if x.notes:
         yield "", ""
         yield from ((f"  · {n}", "dim") for n in x.notes)
+
+
+def _drawn(x: Explanation) -> str:
+    """Return what the drawing explains."""
+    if not x.rows:
+        return "parts do not meet in the CAD; every row holds"
+    rows = f"{len(x.rows)} row{'s' if len(x.rows) > 1 else ''} off"
+    return f"{rows}; the CAD explains them: with it corrected every row holds, the equations need no edit"
 
 
 def _repair(r: Repair) -> Iterator[tuple[str, str]]:
@@ -149,6 +166,13 @@ def _repair(r: Repair) -> Iterator[tuple[str, str]]:
     yield f"      {margin}: {r.runner_up}; {r.tried} edits tried" + ("" if r.complete else ", not all pairs"), "dim"
 
 
+def _numbers(x: Explanation) -> Iterator[tuple[str, str]]:
+    if x.identified is not None:
+        yield "", ""
+        yield "numbers" + (", as good an explanation as the edit" if x.lead == "edits or numbers" else ""), "bold"
+        yield from _identified(x.identified)
+
+
 def _identified(x: Identified) -> Iterator[tuple[str, str]]:
     if not x.moved:
         yield f"  no values of {', '.join(x.names)} make the rows agree", "red"
@@ -156,7 +180,8 @@ def _identified(x: Identified) -> Iterator[tuple[str, str]]:
         yield "  one of these alone makes every row agree; the rows do not tell which:", "yellow"
     for m in x.moved:
         note = f"  ({m.note})" if m.note else ""
-        fitted = f"{m.fitted:.9g} ± {m.sigma:.1g} {m.unit} in the CAD"
-        yield f"  {m.name}: {m.formula:g} {m.unit} in the formula, {fitted}{note}", "green"
+        n = decimals(abs(m.fitted - m.formula))
+        fitted = f"{m.fitted:.{n}f} ± {m.sigma:.1g} {m.unit} in the CAD"
+        yield f"  {m.name}: {m.formula:.{n}f} {m.unit} in the formula, {fitted}{note}", "green"
     for b in x.blind:
         yield f"  no row depends on this change together: {b}", "dim"

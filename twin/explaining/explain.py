@@ -8,7 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.cad.build import CadModel
+from twin.errors import TwinError
 from twin.explaining.conventions import conventions
+from twin.explaining.drawing import mend
 from twin.explaining.identify import identify
 from twin.explaining.invariants import invariants, unit
 from twin.explaining.judge import Judge, Place, Tolerance, worst
@@ -16,6 +19,7 @@ from twin.explaining.repair import TOKENS, Candidate, Found, Key, Search, key
 from twin.explaining.result import Change, Explanation, Reading, Repair, Row
 from twin.explaining.source import Edit, apply, diff
 from twin.explaining.truth import Truth, gather, sample
+from twin.explaining.weigh import weigh
 from twin.findings import Verdict
 from twin.kinematics import compile_formula
 from twin.kinematics.contract import Formula
@@ -56,6 +60,7 @@ def explain(
     progress: Progress = lambda label, fraction: None,
     budget: float = 8.0,
     root: Path | None = None,
+    cad: CadModel | None = None,
 ) -> Explanation:
     """Explain where and why a formula disagrees with a mechanism, and how it would agree.
 
@@ -70,6 +75,7 @@ def explain(
         progress: called with what is being done and the fraction of it.
         budget: seconds that the search for two edits may take.
         root: files are named relative to this folder.
+        cad: the drawing that the model was made from. Where its parts do not meet, that is looked at first.
 
     Raises:
         TwinError: nothing could be judged.
@@ -82,51 +88,88 @@ def explain(
         now = time.perf_counter()
         seconds[name], clock = round(now - clock, 3), now
 
-    truth = truth or known(formula, model, parameters, progress)
-    lap("sample")
-    progress("judge rows", 0.0)
-    judge = Judge(formula, variants, truth, tolerance)
-    lap("judge")
+    def judged(model: ReferenceModel) -> Judge:
+        return Judge(formula, variants, known(formula, model, parameters), tolerance)
+
     chosen = choose(formula, variants)
+    mended = mend(formula, cad, judged, lambda f: progress("correct the drawing", f)) if cad is not None else None
+    lap("drawing")
+    drawn: Judge | None = None
+    try:
+        truth = truth or known(formula, model, parameters, progress)
+        lap("sample")
+        progress("judge rows", 0.0)
+        drawn = Judge(formula, variants, truth, tolerance)
+        lap("judge")
+    except TwinError:
+        if mended is None or mended.judge is None:  # as drawn it cannot be posed: what is put right is judged
+            raise
+    judge = drawn or (mended.judge if mended is not None else None)
+    assert judge is not None
     skipped = [s for s in judge.steps if s.missing and s.stage != "helper"]
-    if not judge.failing():
-        verdict: Verdict = "unchecked" if skipped or not judge.residuals else "agree"
+    notes = [*_notes(judge), *judge.notes]
+    if mended is not None and (mended.agrees or not judge.failing()):
+        rows = tuple(_row(judge, p, [], root) for p in judge.failing())
+        if not drawn:
+            notes.append("as drawn the mechanism cannot be moved; the rows were judged against the corrected drawing")
+        verdict: Verdict = "unchecked" if skipped or not judge.residuals else "disagree"
         return Explanation(
-            robot, chosen, verdict, True, truth.k, (), (), notes=(*_notes(judge), *judge.notes), seconds=seconds
-        )
+            robot, chosen, verdict, True, judge.truth.k, (), rows, notes=tuple(notes), seconds=seconds, lead="drawing",
+            drawing=mended.findings, parts=mended.parts,
+        )  # fmt: skip
+    if mended is not None and mended.judge is not None and mended.model is not None:
+        judge, model = mended.judge, mended.model
+        notes.append("the corrected drawing does not explain every row; the rows below were judged against it")
+    if not judge.failing():
+        verdict = "unchecked" if skipped or not judge.residuals else "agree"
+        return Explanation(robot, chosen, verdict, True, judge.truth.k, (), (), notes=tuple(notes), seconds=seconds)
     progress("invariants", 0.0)
     found_invariants = tuple(invariants(judge, model))
     lap("invariants")
+    progress("identify parameters", 0.0)
+    identified = identify(judge, lambda f: progress("identify parameters", f), alone=True)
+    lap("identify")
     search = Search(judge, lambda f: progress("try edits", f))
-    found, lost = search.run(budget)
+    # Where one number explains everything, two edits are no better: only single ones are compared with it.
+    found, lost = search.run(budget if identified is None else 0.0)
     lap("repair")
-    identified, conventional = None, ()
-    if lost or not found:
-        progress("identify parameters", 0.0)
+    if identified is None and (lost or not found):
         identified = identify(judge, lambda f: progress("identify parameters", f))
-        lap("identify")
-        if identified is None or not identified.exact:
-            progress("conventions", 0.0)
-            conventional = tuple(conventions(judge))
-            lap("conventions")
+        seconds["identify"] += round(time.perf_counter() - clock, 3)
+        clock = time.perf_counter()
+    lead = weigh(found, lost, identified)
+    if lead == "numbers":
+        needed = sum(len(f.ways[0][0].edits) for f in found if f.ways)
+        if needed and not lost:
+            notes.append(f"{needed} edits together would do as well: one number is the simpler explanation")
+        found = []
+    if lead == "edits":
+        identified = None
+    conventional = ()
+    if lead == "":
+        progress("conventions", 0.0)
+        conventional = tuple(conventions(judge))
+        lap("conventions")
+        cured = {r for c in conventional for r in c.rows}
+        lead = "conventions" if conventional and all(f"{k[0]}.{_symbol(judge, k)}" in cured for k in lost) else ""
     repairs = tuple(_repair(judge, search, f, root) for f in found)
     rows = tuple(_row(judge, p, found, root) for p in judge.failing())
-    cured = {r for c in conventional for r in c.rows}
-    explained = not lost or (identified is not None and identified.exact)
-    explained = explained or all(f"{k[0]}.{_symbol(judge, k)}" in cured for k in lost)
     return Explanation(
         robot,
         chosen,
         "unchecked" if skipped else "disagree",
-        explained,
-        truth.k,
+        lead != "",
+        judge.truth.k,
         found_invariants,
         rows,
         repairs,
         identified,
         conventional,
-        (*_notes(judge), *judge.notes),
+        tuple(notes),
         seconds,
+        lead,
+        mended.findings if mended is not None else (),
+        mended.parts if mended is not None else (),
     )
 
 

@@ -97,10 +97,21 @@ class Numbers:
         return Fit(names, x, r, J / scale)
 
 
-def identify(judge: Judge, progress: Callable[[float], None] = lambda f: None, noise: float = 0.0) -> Identified | None:
+def identify(
+    judge: Judge,
+    progress: Callable[[float], None] = lambda f: None,
+    noise: float = 0.0,
+    alone: bool = False,
+) -> Identified | None:
     """Return which parameters explain the rows that are off; None if no parameter moves them.
 
     One parameter alone is tried first: several that would each do are alternatives. Then all together.
+
+    Args:
+        judge: the rows.
+        progress: called with the fraction done.
+        noise: standard deviation in units of the tolerance that is added to the mechanism's values.
+        alone: try single parameters only; None if none serves.
     """
     numbers = Numbers(judge, noise)
     parameters = numbers.used()
@@ -108,17 +119,19 @@ def identify(judge: Judge, progress: Callable[[float], None] = lambda f: None, n
         return None
     before = worst(numbers.residual(numbers.start))
     limit = max(1.0, 6 * noise)
-    everything = numbers.fit(tuple(p.name for p in parameters))
-    blind = _blind(everything, parameters)
-    alone = []
+    serve = []
     for i, p in enumerate(parameters):
         progress(i / len(parameters))
         fit = numbers.fit((p.name,))
         if fit.worst <= limit:
-            alone.append((p, fit))
-    if alone:
-        moved = tuple(_moved(p, numbers.start[p.name], fit, 0, noise) for p, fit in alone)
-        fit = alone[0][1]
+            serve.append((p, fit))
+    if alone and not serve:
+        return None
+    everything = numbers.fit(tuple(p.name for p in parameters))
+    blind = _blind(everything, parameters)
+    if serve:
+        moved = tuple(_moved(p, numbers, fit, 0, noise) for p, fit in serve)
+        fit = serve[0][1]
         return Identified(
             True, before, fit.worst, moved, len(moved) > 1, blind, fit.names, _plain(_covariance(fit, noise))
         )
@@ -127,7 +140,7 @@ def identify(judge: Judge, progress: Callable[[float], None] = lambda f: None, n
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
     exact = everything.worst <= limit
     moved = tuple(
-        _moved(p, numbers.start[p.name], everything, i, noise)
+        _moved(p, numbers, everything, i, noise)
         for i, p in enumerate(parameters)
         if abs(everything.values[i] - start[i]) > max(4 * sigma[i], 1e-9 * max(1, abs(start[i])))
     )
@@ -145,13 +158,21 @@ def _covariance(fit: Fit, noise: float) -> Array:
     return variance * (inverse @ inverse.T) / np.outer(scale, scale)
 
 
-def _moved(p: Parameter, start: float, fit: Fit, i: int, noise: float) -> Moved:
+def _moved(p: Parameter, numbers: Numbers, fit: Fit, i: int, noise: float) -> Moved:
     unit = p.value / p.shown if p.shown else {"mm": 1e-3, "deg": np.pi / 180}.get(p.unit, 1.0)
-    value = float(fit.values[i])
-    ratio = value / start if start else float("nan")
-    note = next((f"looks like {text}" for slip, text in _SLIPS if abs(ratio / slip - 1) < 1e-6), "")
+    start, value = numbers.start[p.name], float(fit.values[i])
     sigma = float(np.sqrt(max(_covariance(fit, noise)[i, i], 0)))
-    return Moved(p.name, p.unit, start / unit, value / unit, sigma / unit, note)
+    return Moved(p.name, p.unit, start / unit, value / unit, sigma / unit, _slip(p.name, start, value, numbers.start))
+
+
+def _slip(name: str, start: float, value: float, values: dict[str, float]) -> str:
+    """Return what a fitted value looks like: another unit, another sign, another parameter; "" if nothing."""
+    ratio = value / start if start else float("nan")
+    for slip, text in _SLIPS:
+        if abs(ratio / slip - 1) < 1e-6:
+            return f"looks like {text}"
+    same = [n for n, v in values.items() if n != name and v and abs(value / v - 1) < 1e-6]
+    return f"the value of {' or '.join(same)}" if same else ""
 
 
 def _blind(fit: Fit, parameters: list[Parameter]) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from twin.findings import Finding
 from twin.mechanism import Joint
 from twin.reference import ReferenceModel
 from twin.spatial import Array
-from twin.units import DEG, MM
+from twin.units import DEG, MM, decimals
 
 
 def said(judge: Judge) -> dict[str, Any]:
@@ -112,11 +112,12 @@ def _distance(
         return
     low, high = float(np.nanmin(length)), float(np.nanmax(length))
     constant = high - low <= 10 * judge.tolerance.length
-    much = f"{low / MM:.3f} mm" if constant else f"{low / MM:.1f} .. {high / MM:.1f} mm"
+    n = decimals(float(np.nanmax(off)) / MM)
+    much = f"{low / MM:.{n}f} mm" if constant else f"{low / MM:.{n}f} .. {high / MM:.{n}f} mm"
     yield Finding(
         code,
         "disagreement",
-        f"{what or f'the formula makes {name}'} {much} long; {where}in the CAD it is {true / MM:.3f} mm"
+        f"{what or f'the formula makes {name}'} {much} long; {where}in the CAD it is {true / MM:.{n}f} mm"
         + ("" if constant else ": no rigid body is that long at every pose"),
         where=name,
         when=judge.truth.pose_text(int(np.nanargmax(off))),

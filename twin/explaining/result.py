@@ -148,19 +148,47 @@ class Convention:
 
 
 @dataclass(frozen=True)
+class PartOff:
+    """Joints that do not meet in the drawing for one reason, and the part that is off.
+
+    Attributes:
+        joints: which.
+        part, features: what is off, and where on it; "" if no single part explains it.
+        told_by: "drawing" (lengths, parts that are alike), "joints" (those of the other part meet), "loops" (they
+            close only so), "rows" (they hold only so), or "" if it cannot be told from `others`.
+        why: what tells it.
+        others: what else may be off.
+        message: one sentence.
+    """
+
+    joints: tuple[str, ...]
+    part: str
+    features: tuple[str, ...]
+    told_by: str
+    why: tuple[str, ...]
+    others: tuple[str, ...]
+    message: str
+
+
+@dataclass(frozen=True)
 class Explanation:
     """The answer of `explain`.
 
     Attributes:
         robot, variants: what was judged.
         verdict: "agree": nothing to explain. "disagree": explained or not. "unchecked": something was not judged.
-        explained: whether every row that is off has an exact repair, exact numbers or an exact convention.
+        explained: whether every row that is off has an exact repair, exact numbers or an exact convention, or holds
+            with the corrected drawing.
         samples: poses that were judged.
         invariants: what must stay constant, close, be orthogonal or have the right dimension, and does not.
         rows: the rows that are off.
         repairs, identified, conventions: what would make them agree.
         notes: what was not judged, and why.
         seconds: how long it took, by step.
+        lead: what explains it: "drawing", "edits", "numbers", "edits or numbers" (as well the one as the other),
+            "conventions", or "" if there is nothing to explain or no explanation.
+        drawing: joints that do not meet in the CAD.
+        parts: what is off in the CAD, if joints do not meet.
     """
 
     robot: str
@@ -175,6 +203,9 @@ class Explanation:
     conventions: tuple[Convention, ...] = ()
     notes: tuple[str, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
+    lead: str = ""
+    drawing: tuple[Finding, ...] = ()
+    parts: tuple[PartOff, ...] = ()
 
     @property
     def exit_code(self) -> int:
@@ -184,5 +215,5 @@ class Explanation:
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""
         out = asdict(self)
-        out["findings"] = [f.as_dict() for f in self.invariants]
+        out["findings"] = [f.as_dict() for f in (*self.drawing, *self.invariants)]
         return out

@@ -1,0 +1,258 @@
+"""Which part may be off where two do not meet in the drawing: each suspect is one feature of one part, and its move.
+
+A feature is a suspect if moving it, and nothing else, makes every joint meet that it belongs to. Of two suspects the
+drawing can often tell the one: by lengths that several parts share, and by parts that are alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin import spatial
+from twin.cad import features, meeting
+from twin.cad.build import CadModel
+from twin.cad.description import Description, FrameSpec, JointSpec
+from twin.cad.features import Measured
+from twin.cad.frames import Drawn, Faces, drawn
+from twin.cad.lengths import measure
+from twin.errors import CadError
+from twin.spatial import Array
+from twin.units import DEG, MM, UM, decimals
+
+_LEVER = 0.1
+"""Metres by which turns are weighed against offsets."""
+
+_STEPS = 5
+"""Newton steps; the first is nearly exact."""
+
+_PARALLEL = 0.02
+"""Sine of the angle up to which two directions are compared as parallel."""
+
+
+@dataclass(frozen=True, eq=False)
+class Suspect:
+    """A part that may be off.
+
+    Attributes:
+        body: the part. features: what is off on it; empty if only its place in the drawing is.
+        joints: those that meet once it is put right.
+        offset, tilt: by how much the features are off, m and rad.
+        faces: every feature of every part with these put right.
+        for_it, against_it: what in the drawing tells that it is this part, or that it is not.
+    """
+
+    body: str
+    features: tuple[str, ...]
+    joints: tuple[str, ...]
+    offset: float
+    tilt: float
+    faces: Faces
+    for_it: tuple[str, ...] = ()
+    against_it: tuple[str, ...] = ()
+
+    @property
+    def score(self) -> int:
+        """How much speaks for it."""
+        return len(self.for_it) - len(self.against_it)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Joints that do not meet for one reason, and the parts that may be off; none if no single part explains it."""
+
+    joints: tuple[str, ...]
+    suspects: tuple[Suspect, ...]
+
+
+def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fault]:
+    """Return the faults of a drawing, each with the parts that may have it, the likeliest first.
+
+    Args:
+        cad: the drawing as read.
+        nominal: values in m of lengths that the description declares, by parameter, if they are known otherwise.
+    """
+    d = cad.description
+    bad = _apart(d, drawn(d, cad.measured))
+    found = [s for body, names in _candidates(d, bad) if (s := _suspect(cad, body, names, bad)) is not None]
+    out, left = [], list(bad)
+    while left:
+        best = max((s.joints for s in found if set(s.joints) <= set(left)), key=len, default=(left[0],))
+        mine = _plainest([s for s in found if s.joints == best])
+        mine = [_weighed(cad, s, nominal or {}) for s in mine]
+        out.append(Fault(best, tuple(sorted(mine, key=lambda s: -s.score))))
+        left = [j for j in left if j not in best]
+    return out
+
+
+def _apart(d: Description, at: Drawn) -> list[str]:
+    """Return the joints that do not meet."""
+    return list(dict.fromkeys(f.where for f in meeting.meetings(d, at)))
+
+
+def _plainest(suspects: list[Suspect]) -> list[Suspect]:
+    """Of one part, keep the suspects that take the fewest features: one alone, else those of a joint together."""
+    few = {s.body: min(len(o.features) or 99 for o in suspects if o.body == s.body) for s in suspects}
+    return [s for s in suspects if not s.features or len(s.features) == few[s.body]]
+
+
+# -- candidates --------------------------------------------------------------------------------------------------
+
+
+def _sides(joint: JointSpec) -> tuple[tuple[str, FrameSpec], tuple[str, FrameSpec]]:
+    return (joint.parent, joint.on_parent), (joint.child, joint.on_child)
+
+
+def _names(spec: FrameSpec) -> list[str]:
+    out: list[str] = []
+    for value in (spec.origin, spec.at, spec.z, spec.x_along, spec.x_towards, spec.y_towards):
+        out += value if isinstance(value, list) else [value] if value else []
+    return list(dict.fromkeys(out))
+
+
+def _candidates(d: Description, bad: list[str]) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield parts and features: each feature alone, those of one joint together, and the whole part."""
+    seen: set[tuple[str, tuple[str, ...]]] = set()
+    for joint in (j for j in d.joint if j.name in bad):
+        for body, spec in _sides(joint):
+            located = [n for v in (spec.origin, spec.at) for n in (v if isinstance(v, list) else [v] if v else [])]
+            for names in (*((n,) for n in _names(spec)), tuple(dict.fromkeys(located)), ()):
+                if (body, names) not in seen and not (names == () and body == d.base):
+                    seen.add((body, names))
+                    yield body, names
+
+
+def _suspect(cad: CadModel, body: str, names: tuple[str, ...], bad: list[str]) -> Suspect | None:
+    """Return the part with these features put right, or None if its joints do not meet wherever they are."""
+    d = cad.description
+    own = cad.measured.get(body, {})
+    moving = names or tuple(own)
+    users = [j for j in d.joint for b, spec in _sides(j) if b == body and (not names or set(names) & set(_names(spec)))]
+    if not own or not users or not any(j.name in bad for j in users):
+        return None
+    centre = np.mean([own[n].face.point for n in moving], axis=0)
+    still = drawn(d, cad.measured).on
+
+    def put(twist: Array) -> dict[str, Measured]:
+        T = spatial.pose(spatial.exp_so3(twist[3:] / _LEVER), twist[:3])
+        return {n: _moved(m, T, centre) if n in moving else m for n, m in own.items()}
+
+    def misfit(twist: Array) -> Array:
+        faces, parts = put(twist), []
+        for j in users:
+            a = features.frame(j.on_parent, faces) if j.parent == body else still[j.name][0]
+            b = features.frame(j.on_child, faces) if j.child == body else still[j.name][1]
+            offset, turn = meeting.locked(spatial.inverse(a) @ b, j.type)
+            parts += [offset, _LEVER * turn]
+        return np.concatenate(parts)
+
+    x = np.zeros(6)
+    try:
+        for _ in range(_STEPS):
+            r = misfit(x)
+            J = np.stack([(misfit(x + h) - misfit(x - h)) / 2e-6 for h in 1e-6 * np.eye(6)], axis=1)
+            x = x - np.linalg.pinv(J, rcond=1e-5) @ r
+        right = {**cad.measured, body: put(x)}
+        apart = _apart(d, drawn(d, right))
+    except (CadError, np.linalg.LinAlgError):
+        return None
+    if any(j.name in apart for j in users):
+        return None
+    joints = tuple(j for j in bad if any(j == u.name for u in users))
+    return Suspect(body, names, joints, float(np.linalg.norm(x[:3])), float(np.linalg.norm(x[3:]) / _LEVER), right)
+
+
+def _moved(m: Measured, T: Array, centre: Array) -> Measured:
+    R, p = T[:3, :3], T[:3, 3]
+    face = replace(m.face, point=centre + R @ (m.face.point - centre) + p, direction=R @ m.face.direction)
+    return replace(m, face=face, direction=R @ m.direction)
+
+
+# -- what the drawing tells ------------------------------------------------------------------------------------------
+
+
+def _weighed(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Suspect:
+    """Return the suspect with what in the drawing speaks for and against it."""
+    lengths = _lengths(cad, s, nominal)
+    alike = _alike(cad, s)
+    told = [*lengths, *alike]
+    return replace(
+        s, for_it=tuple(text for good, text in told if good), against_it=tuple(text for good, text in told if not good)
+    )
+
+
+def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterator[tuple[bool, str]]:
+    """Yield lengths of the part that are those of other parts only if it is off, or only if it is not."""
+    limit = cad.description.tolerance.meeting_um * UM
+    try:
+        before, after = measure(cad), measure(replace(cad, measured=s.faces))  # type: ignore[arg-type]
+    except CadError:  # an axis that is tilted has no distance
+        return
+    for i, (a, b) in enumerate(zip(before, after, strict=True)):
+        if a.body != s.body:
+            continue
+        others = [o.value for k, o in enumerate(before) if o.parameter == a.parameter and k != i]
+        others += [nominal[a.parameter]] if a.parameter in nominal else []
+        if not others:
+            continue
+        true = float(np.median(others))
+        was, now = abs(a.value - true) <= limit, abs(b.value - true) <= limit
+        if was != now:
+            value = a.value if now else b.value
+            text = f"{a.parameter} on '{s.body}' {'measures' if now else 'would measure'} {_apart_mm(value, true)}"
+            yield now, text
+
+
+def _apart_mm(value: float, true: float) -> str:
+    n = decimals(abs(value - true) / MM)
+    return f"{value / MM:.{n}f} mm, elsewhere {true / MM:.{n}f} mm"
+
+
+def _alike(cad: CadModel, s: Suspect) -> Iterator[tuple[bool, str]]:
+    """Yield whether the part is as the parts are that are drawn alike, only once it is put right or only before."""
+    kinds = {b: {n: (m.face.kind, round(m.face.radius, 6)) for n, m in f.items()} for b, f in cad.measured.items()}
+    twins = [b for b in kinds if b != s.body and kinds[b] == kinds[s.body]]
+    if not twins or not s.features:
+        return
+    was = [b for b in twins if _same(cad, cad.measured[s.body], cad.measured[b], s.features)]
+    now = [b for b in twins if _same(cad, s.faces[s.body], cad.measured[b], s.features)]
+    if bool(was) != bool(now):
+        names = ", ".join(f"'{b}'" for b in was or now)
+        text = f"'{s.body}' {'is not' if now else 'is'} as {names} {'is' if len(was or now) == 1 else 'are'}"
+        yield bool(now), text
+
+
+def _same(cad: CadModel, a: Mapping[str, Measured], b: Mapping[str, Measured], names: Iterable[str]) -> bool:
+    limits = np.array([cad.description.tolerance.meeting_deg * DEG, cad.description.tolerance.meeting_um * UM])
+    for n in names:
+        for other in a:
+            off = np.abs(np.array(_pair(a[n], a[other])) - np.array(_pair(b[n], b[other])))
+            if other != n and (off[np.isfinite(off)] > limits[np.isfinite(off)]).any():
+                return False
+    return True
+
+
+def _pair(a: Measured, b: Measured) -> tuple[float, float]:
+    """Return the angle (rad) and the distance (m) between two faces; nan where there is none."""
+    offset = b.face.point - a.face.point
+    kinds = {a.face.kind, b.face.kind}
+    if kinds == {"sphere"}:
+        return np.nan, float(np.linalg.norm(offset))
+    if "sphere" in kinds:
+        centre, face = (a, b) if a.face.kind == "sphere" else (b, a)
+        if face.face.kind == "plane":
+            return np.nan, abs(float(offset @ face.direction))
+        return np.nan, float(spatial.point_to_line(centre.face.point, face.face.point, face.direction))
+    cross, dot = np.cross(a.direction, b.direction), abs(float(a.direction @ b.direction))
+    sine = float(np.linalg.norm(cross))
+    angle = float(np.arctan2(sine, dot))
+    if kinds == {"plane", "cylinder"}:
+        plane = a if a.face.kind == "plane" else b
+        return angle, abs(float(offset @ plane.direction)) if dot < _PARALLEL else np.nan
+    if kinds == {"plane"}:
+        return angle, abs(float(offset @ a.direction)) if sine < _PARALLEL else np.nan
+    if sine < _PARALLEL:
+        return angle, float(spatial.point_to_line(b.face.point, a.face.point, a.direction))
+    return angle, abs(float(offset @ cross)) / sine

@@ -1,0 +1,120 @@
+"""Where bodies, joints and named frames are in the drawing, from the faces that were measured on each body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin import spatial
+from twin.cad import features
+from twin.cad.description import BodySpec, Description, FrameSpec
+from twin.cad.features import Measured
+from twin.errors import CadError
+from twin.mechanism import Frame, Mechanism, Point
+from twin.spatial import Array
+
+Faces = Mapping[str, Mapping[str, Measured]]
+"""Every feature by body and name, in drawn coordinates."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Frames (4, 4) in drawn coordinates.
+
+    Attributes:
+        on: of each joint, on its parent and on its child.
+        named: of each named frame.
+        bodies: of each body: the named frame that the file asks for, else the first joint whose child it is.
+    """
+
+    on: Mapping[str, tuple[Array, Array]]
+    named: Mapping[str, Array]
+    bodies: Mapping[str, Array]
+
+    def on_parent(self, joint: str, body: str) -> Array:
+        """Return T_body_joint (4, 4) of the side on the parent."""
+        return spatial.inverse(self.bodies[body]) @ self.on[joint][0]
+
+    def on_child(self, joint: str, body: str) -> Array:
+        """Return T_body_joint (4, 4) of the side on the child."""
+        return spatial.inverse(self.bodies[body]) @ self.on[joint][1]
+
+
+def drawn(d: Description, faces: Faces) -> Drawn:
+    """Return the frames that the description defines on the measured faces.
+
+    Raises:
+        CadError: a feature is unknown, or features span no frame.
+    """
+    on: dict[str, tuple[Array, Array]] = {}
+    for j in d.joint:
+        parent = _frame(d, faces, j.parent, j.on_parent, f"joint '{j.name}' on body '{j.parent}'")
+        on[j.name] = parent, _frame(d, faces, j.child, j.on_child, f"joint '{j.name}' on body '{j.child}'")
+    named = {n: _frame(d, faces, f.body, f.at, f"frame '{n}' on body '{f.body}'") for n, f in d.frame.items()}
+    return Drawn(on, named, {name: _body(d, name, spec, on, named) for name, spec in d.body.items()})
+
+
+def frames(d: Description, at: Drawn) -> tuple[Frame, ...]:
+    """Return the named frames."""
+    return tuple(Frame(n, f.body, spatial.inverse(at.bodies[f.body]) @ at.named[n]) for n, f in d.frame.items())
+
+
+def points(d: Description, at: Drawn, faces: Faces) -> tuple[Point, ...]:
+    """Return the named points."""
+    return tuple(
+        Point(n, s.body, into(at.bodies[s.body], features.point(s, faces.get(s.body, {})))) for n, s in d.point.items()
+    )
+
+
+def rest(d: Description, at: Drawn) -> dict[str, Array]:
+    """Return T_base_body (4, 4) of every body as drawn."""
+    T_base_drawn = spatial.inverse(at.bodies[d.base])
+    return {n: T_base_drawn @ T for n, T in at.bodies.items()}
+
+
+def moved(mechanism: Mechanism, d: Description, faces: Faces) -> Mechanism:
+    """Return the mechanism with its joints, frames and points on other faces; without shapes and masses.
+
+    Raises:
+        CadError: the faces span no frame.
+    """
+    at = drawn(d, faces)
+    joints = tuple(
+        replace(j, T_parent_joint=at.on_parent(j.name, j.parent), T_child_joint=at.on_child(j.name, j.child))
+        for j in mechanism.joints
+    )
+    bodies = tuple(replace(b, meshes=(), inertia=None) for b in mechanism.bodies)
+    return replace(
+        mechanism,
+        bodies=bodies,
+        joints=joints,
+        frames=frames(d, at),
+        points=points(d, at, faces),
+        rest=rest(d, at),
+    )
+
+
+def into(T_drawn_body: Array, points: Array) -> Array:
+    """Return drawn points (..., 3) in the body frame."""
+    return (points - T_drawn_body[:3, 3]) @ T_drawn_body[:3, :3]
+
+
+def _frame(d: Description, faces: Faces, body: str, spec: FrameSpec, where: str) -> Array:
+    try:
+        return features.frame(spec, faces.get(body, {}))
+    except CadError as error:
+        raise CadError(f"{d.name}: {where}: {error}") from error
+
+
+def _body(
+    d: Description,
+    body: str,
+    spec: BodySpec,
+    on: Mapping[str, tuple[Array, Array]],
+    named: Mapping[str, Array],
+) -> Array:
+    if spec.frame is not None:
+        return named[spec.frame]
+    return next((on[j.name][1] for j in d.joint if j.child == body), np.eye(4))
