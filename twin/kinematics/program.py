@@ -153,6 +153,36 @@ class Program:
             self._partial[names] = Evaluator("from_points", z, q)
         return self._partial[names]
 
+    def margins_at(self, passive: tuple[str, ...], points: tuple[str, ...]) -> Evaluator:
+        """State of a mechanism -> reach, measures, aspects, each row fed with what the mechanism says.
+
+        Takes parameters in the order of `parameters`, pose (16), joints (n), the passive joints and the named points
+        (3 numbers each) that are given, in that order. An equation makes only what none of them is.
+        """
+        key = ("margins", *passive, "", *points)
+        if key not in self._partial:
+            n, m = len(self.parameters), len(self.order)
+            z = ca.SX.sym("z", n + 16 + m + len(passive) + 3 * len(points))
+            numbers, pose, q, turns, places = ca.vertsplit(
+                z, [0, n, n + 16, n + 16 + m, n + 16 + m + len(passive), z.numel()]
+            )
+            symbols: dict[str, Any] = dict(zip(self.parameters, ca.vertsplit(numbers), strict=True)) if n else {}
+            symbols |= flow.from_pose(self.formula, symbolic.unflat(pose, 4, 4))
+            symbols |= dict(zip(self.order, ca.vertsplit(q), strict=True))
+            symbols |= {name: turns[i] for i, name in enumerate(passive)}
+            for i, name in enumerate(points):
+                symbol, p = self.formula.points[name], places[3 * i : 3 * i + 3]
+                symbols |= {symbol: p} if isinstance(symbol, str) else dict(zip(symbol, ca.vertsplit(p), strict=True))
+            for stage in ("inverse", "forward", "helper"):
+                symbols = flow.run(self.formula, self.variants, symbols, stage)
+            names = (
+                *self.formula.reach.values(),
+                *(m.symbol for m in self.formula.measures),
+                *(a.symbol for a in self.formula.aspects),
+            )
+            self._partial[key] = Evaluator("margins_at", z, flow.gather(self.formula, symbols, names, "margin"))
+        return self._partial[key]
+
     def around(self, state: ca.SX, step: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return pose and joints as expressions of a state and a step from it.
 

@@ -28,7 +28,9 @@ Residual = Callable[[Array, Index], tuple[Array, Array]]
 """(X (k, nq), sample numbers (k,)) -> residuals (k, m), Jacobians (k, m, nv)."""
 
 
-def minimise(tree: Tree, X: Array, residual: Residual, columns: Index) -> tuple[Array, Array]:
+def minimise(
+    tree: Tree, X: Array, residual: Residual, columns: Index, iterations: int = _MAX_ITERATIONS
+) -> tuple[Array, Array]:
     """Return configurations near X (k, nq) that minimise the residual, and which of them converged (k,).
 
     Args:
@@ -36,6 +38,7 @@ def minimise(tree: Tree, X: Array, residual: Residual, columns: Index) -> tuple[
         X: start, one row a sample.
         residual: see `Residual`.
         columns: the velocities that may move.
+        iterations: after which a sample is given up.
     """
     X = X.copy()
     todo = np.arange(len(X))
@@ -46,7 +49,7 @@ def minimise(tree: Tree, X: Array, residual: Residual, columns: Index) -> tuple[
     cost = np.sum(r**2, axis=1)
     damping = np.zeros(len(X))
     eye = np.eye(len(columns))
-    for _ in range(_MAX_ITERATIONS):
+    for _ in range(iterations):
         A = A[:, :, columns]
         At = np.swapaxes(A, 1, 2)
         normal = At @ A

@@ -1,0 +1,150 @@
+"""Reach, singularity measures and aspects of a formula at states of a mechanism, each row fed with true values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kinematics.compile import Kinematics, compile_formula
+from twin.spatial import Array
+
+_CLOSE = 1e-6
+"""Difference (m, rad) up to which equations give the state that they are asked about."""
+
+_LENGTHS = ("mm", "m", "cm", "um")
+
+
+class States(Protocol):
+    """What a mechanism says of its states: poses (k, 4, 4), q (k, n), passive joints (k,) and points (k, 3) by name."""
+
+    @property
+    def Ts_base_tool(self) -> Array:  # noqa: N802 - T_a_b is a pose everywhere
+        """Tool poses."""
+        ...
+
+    @property
+    def q(self) -> Array:
+        """Active joints."""
+        ...
+
+    @property
+    def q_passive(self) -> Mapping[str, Array]:
+        """Passive joints by name."""
+        ...
+
+    @property
+    def points(self) -> Mapping[str, Array]:
+        """Named points in base."""
+        ...
+
+
+class Margins:
+    """The rows of a formula that no pose, point or joint can be held against.
+
+    Attributes:
+        names: of reach, then measures, then aspects.
+        symbols: of the flow, for each.
+        equations: that yields each, or "".
+        kinds: "reach", "type1", "type2" or "aspect".
+        preferred: sign of an aspect, else 0.
+    """
+
+    def __init__(self, kin: Kinematics, passive: Mapping[str, bool], points: tuple[str, ...]) -> None:
+        """Take the equations and what the mechanism has: passive joints (True: an angle), named points."""
+        f = kin.formula
+        self._kin = kin
+        self._passive = {p: passive[p] for p in f.passive if p in passive}
+        self._points = tuple(p for p in f.points if p in points)
+        self.names = (*f.reach, *(m.name for m in f.measures), *(a.symbol for a in f.aspects))
+        self.symbols = (*f.reach.values(), *(m.symbol for m in f.measures), *(a.symbol for a in f.aspects))
+        makers = {output: e.name for e in f.equations for output in e.outputs}
+        self.equations = tuple(makers.get(s, "") for s in self.symbols)
+        self.kinds = (*("reach" for _ in f.reach), *(m.kind for m in f.measures), *("aspect" for _ in f.aspects))
+        self.preferred = (*(0 for _ in f.reach), *(0 for _ in f.measures), *(a.preferred for a in f.aspects))
+
+    def values(self, s: States, larger: float = 1.0) -> Array:
+        """Return the rows (k, names) at states, or at those of a robot that is larger by a factor."""
+        kin = self._kin
+        numbers = {**kin.parameters, **self._lengths(larger)}
+        z = [
+            np.tile(np.array(list(numbers.values())), (len(s.q), 1)),
+            _larger(s.Ts_base_tool, larger).reshape(-1, 16),
+            s.q * np.where(kin.revolute, 1.0, larger),
+            *(s.q_passive[n][:, None] * (1.0 if self._passive[n] else larger) for n in self._passive),
+            *(s.points[n] * larger for n in self._points),
+        ]
+        with np.errstate(all="ignore"):
+            return kin.program.margins_at(tuple(self._passive), self._points).many(np.ascontiguousarray(np.hstack(z)))
+
+    def valid(self, s: States, passive: bool) -> NDArray[np.bool_]:
+        """Return whether (k,) the equations give these states: elsewhere is another branch than they are written for.
+
+        With `passive`, the passive joints as well.
+        """
+        kin = self._kin
+        with np.errstate(all="ignore"):
+            if kin.closed_inverse and not self._many_ways:
+                good = self._same_joints(kin.inverse_many(s.Ts_base_tool), s.q)
+                turns = kin.passive_many(s.Ts_base_tool) if passive and self._passive else {}
+            elif kin.closed_forward:
+                good = np.abs(kin.program.forward.many(s.q) - s.Ts_base_tool).max(axis=(1, 2)) < _CLOSE
+                turns = kin.passive_many(qs=s.q) if passive and self._passive and not kin.closed_inverse else {}
+            else:
+                return np.ones(len(s.q), bool)
+        for name in self._passive if turns else ():
+            off = turns[name] - s.q_passive[name]
+            good &= np.abs(np.sin(off / 2) * 2 if self._passive[name] else off) < 100 * _CLOSE
+        return np.asarray(good, bool)
+
+    def refuses(self, Ts_base_tool: Array) -> Array:
+        """Return the reach margins (k, reach) at poses that the mechanism cannot take, by the equations alone."""
+        with np.errstate(all="ignore"):
+            found = self._kin.reach(Ts_base_tool)
+        return np.stack([found[n] for n in self._kin.formula.reach], axis=1)
+
+    def fails(self, s: States) -> Array:
+        """Return how fast (k,) the formula's own joints turn with the pose there: infinite where it has none."""
+        kin = self._kin
+        if not kin.closed_inverse:
+            return np.zeros(len(s.q))
+        with np.errstate(all="ignore"):
+            J = kin.inverse_jacobian_many(s.Ts_base_tool)
+        size = np.abs(J).max(axis=(1, 2))
+        return np.where(np.isfinite(size), size, np.inf)
+
+    def homogeneous(self, s: States, by: float) -> bool:
+        """Return whether all lengths of the equations are parameters: a larger robot has the same angles."""
+        kin = self._kin
+        lengths = self._lengths(by)
+        if not lengths:
+            return False
+        large = compile_formula(kin.formula, kin.variants, {**kin.parameters, **lengths}, kin.mode.name or None)
+        scale = np.where(kin.revolute, 1.0, by)
+        with np.errstate(all="ignore"):
+            if kin.closed_inverse:
+                q = kin.inverse_many(s.Ts_base_tool)
+                return bool(self._same_joints(q * scale, large.inverse_many(_larger(s.Ts_base_tool, by))).all())
+            a, b = kin.program.forward.many(s.q), large.program.forward.many(s.q * scale)
+        return bool(np.abs(_larger(a, by) - b).max() < _CLOSE)
+
+    def _lengths(self, by: float) -> dict[str, float]:
+        kin = self._kin
+        return {p.name: by * kin.parameters[p.name] for p in kin.formula.parameters if p.unit in _LENGTHS}
+
+    @property
+    def _many_ways(self) -> bool:
+        return len(self._kin.joints) > 6
+
+    def _same_joints(self, a: Array, b: Array) -> Array:
+        off = a - b
+        off = np.where(self._kin.revolute, 2 * np.sin(off / 2), off)
+        return np.asarray(np.abs(off).max(axis=1) < _CLOSE)
+
+
+def _larger(Ts: Array, by: float) -> Array:
+    out = Ts.copy()
+    out[:, :3, 3] *= by
+    return out

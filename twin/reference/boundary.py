@@ -1,0 +1,295 @@
+"""Judging margins by the mechanism: where a margin of reach or a measure of singularity vanishes, it degenerates.
+
+A margin of reach is zero at the end of what the mechanism can do and positive before it; a measure is zero where the
+mechanism is singular. Neither can be held against a number of the mechanism. Its zeros can: the mechanism is walked
+along its motions to where each row vanishes, and its Jacobians say whether it degenerates there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+from twin import spatial
+from twin.reference.degeneracy import Degeneracy
+from twin.reference.model import ReferenceModel
+from twin.reference.seeking import NEARLY, Mask, Valid, Walks, seek, wander
+from twin.reference.states import Run
+from twin.spatial import Array, Index
+from twin.units import DEG, MM
+
+_DEGENERATE = 1e-2
+"""Part of its usual value below which a mechanism's singular value has vanished: walks end within 1e-5 of it."""
+
+_STARTS = 12
+"""States that walks begin around."""
+
+_LARGER = 1.25
+
+_FLAT = 1e-2
+"""Slope of a margin, in parts of its size a radian, below which it has come to its least."""
+
+_ENDS = 0.05
+"""Part of its usual size below which another row tells why the mechanism goes no further."""
+
+_NEGATIVE = 1e-9
+"""Margin in m below which a state is called out of reach."""
+
+Status = Literal["agrees", "disagrees", "not judged"]
+
+
+class Stated(Protocol):
+    """Rows of a formula as numbers of the mechanism's states; see `twin.kinematics.margins.Margins`."""
+
+    names: tuple[str, ...]
+    symbols: tuple[str, ...]
+    equations: tuple[str, ...]
+    kinds: tuple[str, ...]
+    preferred: tuple[int, ...]
+
+    def values(self, s: Run, larger: float = 1.0) -> Array:
+        """Return the rows (k, names) at states, or at those of a robot that is larger by a factor."""
+        ...
+
+    def valid(self, s: Run, passive: bool) -> Mask:
+        """Return at which states (k,) the equations give the active joints, and the passive ones if asked."""
+        ...
+
+    def refuses(self, Ts_base_tool: Array) -> Array:
+        """Return the margins of reach (k, reach) by the equations alone."""
+        ...
+
+    def fails(self, s: Run) -> Array:
+        """Return how fast (k,) the formula's joints turn with the pose."""
+        ...
+
+    def homogeneous(self, s: Run, by: float) -> bool:
+        """Return whether all lengths of the equations are parameters."""
+        ...
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One margin, judged by the mechanism.
+
+    Attributes:
+        name, symbol, equation: of the row.
+        kind: "reach", "type1", "type2" or "aspect".
+        status: see `Status`.
+        why: one sentence without its subject: what the mechanism does there, or why it cannot tell.
+        at: active joints of the state that shows it, in mm and degrees, or "".
+        size, unit: of the disagreement.
+    """
+
+    name: str
+    symbol: str
+    equation: str
+    kind: str
+    status: Status
+    why: str
+    at: str = ""
+    size: float | None = None
+    unit: str = ""
+
+
+class Boundary:
+    """The rows of a formula held against the zeros of the mechanism."""
+
+    def __init__(self, model: ReferenceModel, stated: Stated, states: Array) -> None:
+        """Take the mechanism, the rows, and states (k, nq) around which the mechanism works."""
+        self.model, self.stated = model, stated
+        some = states[np.unique(np.linspace(0, len(states) - 1, _STARTS).astype(int))]
+        run = model.collect(some)
+        self._given = run
+        self.motions = Degeneracy(model, some)
+        self._whole = bool(stated.valid(run, True).any())  # else a row of the passive joints is off, says its own check
+        good = stated.valid(run, self._whole)
+        self._drawn = some[good]
+        self._why = "" if good.any() else "the equations do not give the mechanism's joints at any state"
+        if not self._why:
+            far = wander(self.motions, self._valid, self._drawn)
+            self._pool = np.concatenate([self._drawn, far])
+            self._values = self._at(self._pool)
+            self._size = np.nanmedian(np.abs(self._values), axis=0)
+
+    def judge(self) -> list[Judged]:
+        """Return what became of each row."""
+        s = self.stated
+        rows = range(len(s.names))
+        if self._why:
+            return [self._row(i, "not judged", self._why) for i in rows]
+        out: dict[int, Judged] = {}
+        for i in rows:
+            found = self._plain(i)
+            if found is not None:
+                out[i] = found
+        out |= self._walked([i for i in rows if i not in out])
+        return [out[i] for i in rows]
+
+    # -- without a walk -------------------------------------------------------------------------------
+
+    def _plain(self, i: int) -> Judged | None:
+        """Judge a row by what it says at the states that are known: value, sign, dimension."""
+        s, v = self.stated, self._values[:, i]
+        unit, scale = ("mm", MM) if s.kinds[i] == "reach" else ("", 1.0)
+        if not np.isfinite(v).all():
+            k = int(np.argmin(np.isfinite(v)))
+            return self._row(i, "disagrees", "it has no value at a state that the mechanism takes", self._pool[k])
+        drawn = v[: len(self._drawn)]
+        if s.kinds[i] == "aspect":
+            if (np.sign(drawn) == s.preferred[i]).any():
+                return self._row(i, "agrees", "it has the preferred sign where the robot works")
+            k = int(np.argmax(np.abs(drawn)))
+            text = (
+                f"it has the other sign than preferred wherever the robot works, {drawn[k]:.4g} for {s.preferred[i]:+d}"
+            )
+            return self._row(i, "disagrees", text, self._pool[k], float(abs(drawn[k])))
+        if s.kinds[i] == "reach" and v.min() < -_NEGATIVE:
+            k = int(np.argmin(v))
+            text = f"it is {v[k] / MM:.4g} mm, out of reach, at a state that the mechanism is assembled in"
+            return self._row(i, "disagrees", text, self._pool[k], float(-v[k] / MM), "mm")
+        if np.ptp(v) <= 1e-6 * np.abs(v).max():
+            return self._constant(i, float(v[0]))
+        large = s.values(self.model.collect(self._pool), _LARGER)[:, i]
+        off = np.abs(large - v * (_LARGER if s.kinds[i] == "reach" else 1.0))
+        k = int(np.argmax(off))
+        if off[k] > 1e-6 * np.abs(v).max() and s.homogeneous(self._given, _LARGER):
+            what = "length" if s.kinds[i] == "reach" else "number without a dimension"
+            text = (
+                f"it is no {what}: with all lengths {_LARGER:g} times as long it is {large[k] / scale:.4g} {unit}".rstrip()
+                + f" for {v[k] / scale:.4g} {unit}".rstrip()
+            )
+            return self._row(i, "disagrees", text, self._pool[k], float(off[k] / scale), unit)
+        return None
+
+    def _constant(self, i: int, value: float) -> Judged:
+        s = self.stated
+        if s.kinds[i] != "reach":
+            text = f"it is {value:.4g} wherever the mechanism is: it vanishes at no singularity, or at none alone"
+            return self._row(i, "disagrees", text, size=abs(value))
+        poses = self._beyond()
+        if not len(poses):
+            text = f"it is {value / MM:.4g} mm wherever the mechanism is: it tells nothing of its reach"
+            return self._row(i, "disagrees", text, size=value / MM, unit="mm")
+        accepted = s.refuses(poses)[:, i] >= 0
+        if accepted.any():
+            text = f"it accepts {int(accepted.sum())} of {len(poses)} poses that ask for a freedom the mechanism lacks"
+            return self._row(i, "disagrees", text, size=float(accepted.sum()))
+        return self._row(i, "agrees", f"it refuses all {len(poses)} poses that ask for a freedom the mechanism lacks")
+
+    def _beyond(self) -> Array:
+        """Return poses (k, 4, 4) just outside what a mechanism with fewer than six freedoms can take."""
+        X = self._drawn
+        if self.motions.freedom >= 6:
+            return np.zeros((0, 4, 4))
+        twists = self.motions.tool(X)
+        U = np.linalg.svd(twists)[0][:, :, self.motions.freedom :]
+        Ts = self.model.collect(X).Ts_base_tool
+        out = []
+        for j in range(U.shape[2]):
+            for by in (1e-3, -1e-2, 0.1):
+                xi = by * U[:, :, j]
+                T = Ts.copy()
+                T[:, :3, :3] = spatial.exp_so3(xi[:, 3:]) @ Ts[:, :3, :3]
+                T[:, :3, 3] += xi[:, :3] * self.motions.length
+                out.append(T)
+        return np.concatenate(out)
+
+    # -- by walks -------------------------------------------------------------------------------------
+
+    def _walked(self, rows: list[int]) -> dict[int, Judged]:
+        if not rows:
+            return {}
+        order, k = np.argsort(np.abs(self._values), axis=0), len(self._pool)
+        walks = [self._seek(rows, [order[0], order[k // 4]], (False, False), self._valid, 0)]
+        lacking = [i for i in rows if not len(self._zeros(i, walks))]
+        if lacking:
+            walks.append(
+                self._seek(lacking, [order[0], order[k // 20], order[k // 2]], (True, True, True), self._valid, 1)
+            )
+            lacking = [i for i in lacking if not len(self._zeros(i, walks))]
+        beyond = [self._seek(lacking, [order[0], order[k // 2]], (False, False), _anywhere, 2)] if lacking else []
+        return {i: self._verdict(i, walks, beyond) for i in rows}
+
+    def _seek(self, rows: list[int], picks: list[Index], aside: tuple[bool, ...], valid: Valid, seed: int) -> Walks:
+        row = np.repeat(np.array(rows, np.intp), len(picks))
+        starts = self._pool[np.array([p[i] for i in rows for p in picks])]
+        return seek(self.motions, self._at, valid, starts, row, np.array(aside * len(rows)), self._size, seed)
+
+    def _zeros(self, i: int, walks: list[Walks]) -> Array:
+        """Return the states at which a row vanishes, whichever row led there."""
+        ends = np.concatenate([w.states[w.ended == "zero"] for w in walks])
+        return ends[np.abs(self._at(ends)[:, i]) <= NEARLY * self._size[i]] if len(ends) else ends
+
+    def _verdict(self, i: int, walks: list[Walks], beyond: list[Walks]) -> Judged:
+        s, zeros = self.stated, self._zeros(i, walks)
+        if not len(zeros) and beyond:
+            zeros = self._zeros(i, beyond)
+            if len(zeros) and (self.motions.of(zeros).min(axis=1) <= _DEGENERATE).any():
+                return self._row(i, "agrees", "it vanishes where the mechanism degenerates, in another assembly")
+            zeros = zeros[:0]
+        if not len(zeros):
+            return self._unfound(i, walks)
+        left = self.motions.of(zeros).min(axis=1)
+        regular = left > _DEGENERATE
+        if not regular.any():
+            return self._row(i, "agrees", f"it vanishes where the mechanism degenerates, at {len(zeros)} states")
+        k = int(np.argmax(left))
+        if s.kinds[i] != "reach" and self._own(zeros[regular]):
+            text = (
+                "it vanishes where the mechanism is regular and the formula's own inverse has no single answer: that "
+                "is no property of the mechanism"
+            )
+            return self._row(i, "not judged", text, zeros[k])
+        what = "the mechanism goes on" if s.kinds[i] == "reach" else "the mechanism is regular"
+        kept = f"its Jacobians keep {100 * min(left[k], 1):.2g} % of their least singular value"
+        text = f"it vanishes at a state where {what}: {kept}"
+        return self._row(i, "disagrees", text, zeros[k], float(left[k]))
+
+    def _own(self, states: Array) -> bool:
+        """Whether the formula's own inverse turns ever faster towards all of some states."""
+        usual = float(np.median(self.stated.fails(self._given)))
+        return bool((self.stated.fails(self.model.collect(states)) > 30 * usual).all())
+
+    def _unfound(self, i: int, walks: list[Walks]) -> Judged:
+        s = self.stated
+        ends = [(abs(w.value[j]), w.slope[j], w.states[j]) for w in walks for j in np.flatnonzero(w.row == i)]
+        value, slope, x = min(ends, key=lambda e: e[0])
+        reach = s.kinds[i] == "reach"
+        least = f"{value / MM:.4g} mm" if reach else f"{value:.4g}"
+        flat = slope < _FLAT * max(value, self._size[i])
+        if reach and flat and self.motions.of(x[None])[0, 2] < _DEGENERATE:
+            others = [j for j, kind in enumerate(s.kinds) if kind != "aspect" and j != i]
+            near = np.abs(self._at(x[None])[0]) < _ENDS * self._size
+            if not near[others].any():
+                text = f"the mechanism's reach ends where it leaves {least}, and no other row ends there"
+                return self._row(i, "disagrees", text, x, value / MM, "mm")
+        text = f"it vanishes nowhere that the mechanism was led to; its least size was {least}"
+        return self._row(i, "not judged", text, x)
+
+    # -- small ----------------------------------------------------------------------------------------
+
+    def _at(self, states: Array) -> Array:
+        return self.stated.values(self.model.collect(states))
+
+    def _valid(self, states: Array) -> Mask:
+        return self.stated.valid(self.model.collect(states), self._whole)
+
+    def _row(
+        self, i: int, status: Status, why: str, x: Array | None = None, size: float | None = None, unit: str = ""
+    ) -> Judged:
+        s = self.stated
+        at = "" if x is None else self._joints(self.model.collect(x[None]))
+        return Judged(s.names[i], s.symbols[i], s.equations[i], s.kinds[i], status, why, at, size, unit)
+
+    def _joints(self, run: Run) -> str:
+        out = []
+        for joint, q in zip(self.model.mechanism.active, run.q[0], strict=True):
+            out.append(f"{joint.name} {q / DEG:.2f}°" if joint.is_angle else f"{joint.name} {q / MM:.2f} mm")
+        return ", ".join(out)
+
+
+def _anywhere(states: Array) -> Mask:
+    return np.ones(len(states), bool)

@@ -1,0 +1,192 @@
+"""Moving a mechanism to where a number vanishes: Newton's method along its motions, many walks at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.reference.degeneracy import Degeneracy
+from twin.spatial import Array, Index
+
+Values = Callable[[Array], Array]
+"""States (k, nq) -> numbers (k, rows)."""
+
+Mask = NDArray[np.bool_]
+
+Valid = Callable[[Array], Mask]
+"""States (k, nq) -> whether (k,) the numbers mean anything there."""
+
+_ITERATIONS = 40
+_STRIDE, _STRIDE_LONGEST = 0.1, 0.5
+"""First and largest tangent step (rad, tenths of a metre)."""
+
+_NEAR = 0.2
+"""Degeneracy, 1 at usual states, below which a walk that leads elsewhere turns aside."""
+
+_SHORTEST = 1e-5
+"""Stride below which a walk goes no further."""
+
+_DIFFERENCE = 1e-5
+"""Tangent step for the slopes."""
+
+_ZERO = 1e-10
+"""Part of its usual size at which a number has vanished."""
+
+NEARLY = 1e-4
+"""Part of its usual size below which a number that goes no lower touches zero: roots of squares end there."""
+
+
+@dataclass(frozen=True)
+class Walks:
+    """Where walks ended.
+
+    Attributes:
+        row: (w,) which number each followed.
+        states: (w, nq).
+        value: (w,) the number at the end.
+        slope: (w,) length of its gradient there; before it was small.
+        ended: (w,) "zero", "least" (it goes no lower) or "far" (the walk was too long, or could not go on).
+    """
+
+    row: Index
+    states: Array
+    value: Array
+    slope: Array
+    ended: np.ndarray
+
+
+def seek(
+    motions: Degeneracy,
+    values: Values,
+    valid: Valid,
+    starts: Array,
+    row: Index,
+    aside: Mask,
+    size: Array,
+    seed: int = 0,
+) -> Walks:
+    """Walk from states (w, nq) to where number `row` (w,) vanishes.
+
+    Each walk has a metric of its own, drawn by `seed` (the first of a row: none), so that they take different ways and
+    one is not stopped where another is.
+
+    Args:
+        motions: of the mechanism.
+        values: the numbers.
+        valid: where they mean anything; a walk stays there, except for its last steps.
+        starts: states (w, nq).
+        row: the number that each walk follows.
+        aside: walks (w,) that turn aside from singularities where their number does not vanish.
+        size: (rows,) what each number usually is.
+        seed: of the metrics.
+    """
+    rng = np.random.default_rng(seed)
+    X = starts.copy()
+    w, nv = np.arange(len(X)), motions.model.tree.model.nv
+    m, unit = values(X)[w, row], size[row]
+    first = np.array([i == 0 or r != row[i - 1] for i, r in enumerate(row)])
+    weight = np.where(first[:, None], 1.0, 10 ** rng.uniform(-1.5, 1.5, (len(X), nv)))
+    stride, slope = np.full(len(X), _STRIDE), np.full(len(X), np.nan)
+    ended = np.full(len(X), "far", dtype="<U5")
+    ended[np.abs(m) <= _ZERO * unit] = "zero"
+    todo = np.flatnonzero((ended == "far") & np.isfinite(m))
+    ways = np.zeros((len(X), nv))  # the tangent step to where a number vanishes, as far as its slope tells
+    fresh = np.ones(len(X), bool)
+    for _ in range(_ITERATIONS):
+        if not len(todo):
+            break
+        new = todo[fresh[todo]]
+        if len(new):
+            N = motions.motions(X[new])
+            g = np.nan_to_num(gradient(motions, values, X[new], N, row[new]))
+            slope[new] = np.linalg.norm(g, axis=1)
+            metric = np.swapaxes(N, 1, 2) @ (weight[new][:, :, None] * N)
+            d = np.linalg.solve(metric, g[..., None])[..., 0]
+            d *= (-m[new] / np.maximum(np.sum(g * d, axis=1), 1e-300))[:, None]
+            d *= np.minimum(1, _STRIDE_LONGEST / np.maximum(np.linalg.norm(d, axis=1), 1e-300))[:, None]
+            turning = aside[new]
+            d[turning] = _around(
+                motions, X[new[turning]], N[turning], g[turning] / m[new[turning]][:, None], d[turning]
+            )
+            ways[new] = np.einsum("kij,kj->ki", N, d)
+            fresh[new] = False
+        step = ways[todo].copy()
+        long = np.linalg.norm(step / motions.scale, axis=1)
+        step *= (np.minimum(long, stride[todo]) / np.maximum(long, 1e-300))[:, None]
+        there, closed = motions.moved(X[todo], step)
+        found = values(there)[np.arange(len(todo)), row[todo]]
+        better = closed & (np.abs(found) < np.abs(m[todo]) * (1 - 1e-6))
+        asked = better & ~(np.abs(found) < 1e-3 * unit[todo])
+        better[asked] = valid(there[asked])
+        good, bad = todo[better], todo[~better]
+        X[good], m[good], fresh[good] = there[better], found[better], True
+        stride[good] = np.minimum(2 * stride[good], _STRIDE_LONGEST)
+        stride[bad] = np.minimum(stride[bad], long[~better]) / 3
+        zero = np.abs(m[todo]) <= _ZERO * unit[todo]
+        short = stride[todo] < _SHORTEST
+        ended[todo[short]] = "least"
+        ended[todo[zero]] = "zero"
+        todo = todo[~zero & ~short]
+    ended[np.abs(m) <= NEARLY * unit] = "zero"
+    return Walks(row, X, m, slope, ended)
+
+
+def _around(motions: Degeneracy, X: Array, N: Array, slopes: Array, steps: Array) -> Array:
+    """Return steps (w, freedom) that do not run into singularities where the number does not vanish itself.
+
+    Args:
+        motions: of the mechanism.
+        X: states (w, nq).
+        N: their motions (w, nv, freedom).
+        slopes: of the number's logarithm (w, freedom).
+        steps: where it would go (w, freedom).
+    """
+    near = np.flatnonzero(motions.of(X).min(axis=1) < _NEAR)
+    if not len(near):
+        return steps
+
+    def least(Y: Array) -> Array:
+        return np.log(np.maximum(motions.of(Y).min(axis=1), 1e-12))[:, None]
+
+    h = gradient(motions, least, X[near], N[near], np.zeros(len(near), np.intp))
+    away = h / np.maximum(np.linalg.norm(h, axis=1), 1e-300)[:, None]
+    other = np.linalg.norm(h, axis=1) > 3 * np.linalg.norm(slopes[near], axis=1)
+    c = steps[near]
+    into = np.sum(c * away, axis=1)
+    push = np.where(other, 0.2 * np.linalg.norm(c, axis=1) - np.minimum(into, 0), 0.0)
+    out = steps.copy()
+    out[near] = c + push[:, None] * away
+    return out
+
+
+def gradient(motions: Degeneracy, values: Values, X: Array, N: Array, row: Index) -> Array:
+    """Return the slopes (w, freedom) of number `row` (w,) along the motions N (w, nv, freedom) of states X (w, nq)."""
+    tree = motions.model.tree
+    w, nv, f = N.shape
+    steps = np.swapaxes(N, 1, 2).reshape(w * f, nv) * _DIFFERENCE
+    around = np.repeat(X, f, axis=0)
+    both = np.concatenate([tree.integrate(around, steps), tree.integrate(around, -steps)])
+    found = values(both)[np.arange(2 * w * f), np.tile(np.repeat(row, f), 2)]
+    return ((found[: w * f] - found[w * f :]) / (2 * _DIFFERENCE)).reshape(w, f)
+
+
+def wander(motions: Degeneracy, valid: Valid, starts: Array, steps: int = 10, seed: int = 0) -> Array:
+    """Return states far around: from each start straight on in a direction drawn by `seed`, another where it ends."""
+    rng = np.random.default_rng(seed)
+    X = starts.copy()
+    nv = motions.model.tree.model.nv
+    ahead = rng.standard_normal((len(X), nv)) * motions.scale
+    out = []
+    for _ in range(steps):
+        N = motions.motions(X)
+        along = np.einsum("kij,klj,kl->ki", N, N / motions.scale[:, None] ** 2, ahead)
+        along *= (_STRIDE_LONGEST / 2 / np.maximum(np.linalg.norm(along / motions.scale, axis=1), 1e-300))[:, None]
+        there, closed = motions.moved(X, along)
+        good = closed & valid(there)
+        X[good], ahead[good] = there[good], along[good]
+        ahead[~good] = rng.standard_normal((int(np.sum(~good)), nv)) * motions.scale
+        out.append(there[good])
+    return np.concatenate(out)
