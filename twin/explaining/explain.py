@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.explaining.candidate import TOKENS, Candidate, Found, Key, key
 from twin.explaining.conventions import conventions
 from twin.explaining.identify import identify
 from twin.explaining.invariants import invariants, unit
 from twin.explaining.judge import Judge, Place, Tolerance, worst
-from twin.explaining.repair import TOKENS, Candidate, Found, Key, Search, key
+from twin.explaining.repair import Search
 from twin.explaining.result import Change, Explanation, Reading, Repair, Row
 from twin.explaining.source import Edit, apply, diff
 from twin.explaining.truth import Truth, gather, sample
