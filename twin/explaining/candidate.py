@@ -112,16 +112,18 @@ def aliases(judge: Judge, step: Step, change: Sequence[Edit]) -> dict[str, Any] 
     return out
 
 
-def residuals(judge: Judge, equation: str, change: Sequence[Edit]) -> dict[Key, Array] | None:
+def residuals(
+    judge: Judge, equation: str, change: Sequence[Edit], extra: dict[str, Any] | None = None
+) -> dict[Key, Array] | None:
     """Return the residuals of the rows that edits change, under any judge of the same formula; None if there are none.
 
-    Without edits: those of all rows as they stand.
+    Without edits: those of all rows as they stand. `extra` are values of names that the edits use; default aliases.
     """
     if not change:
         return {key(p): r for p, r in judge.residuals.items()}
     try:
         step = judge.step(equation)
-        extra = aliases(judge, step, change)
+        extra = aliases(judge, step, change) if extra is None else extra
         found = None if extra is None else evaluate(judge, step, list(change), extra)
     except (StopIteration, KinematicsError, IndexError):
         return None

@@ -18,6 +18,7 @@ from twin.explaining.canonical import canonical
 from twin.explaining.dependence import Dependence
 from twin.explaining.edits import edits, pool
 from twin.explaining.judge import Judge, evaluate, worst
+from twin.explaining.pairs import Pairs
 from twin.explaining.rows import Helper, Step
 from twin.explaining.source import Edit, Source, Statement, patched
 from twin.explaining.suspects import available, suspects
@@ -174,14 +175,16 @@ class Search:
         lost: list[Key] = []
         if left:
             deadline = time.monotonic() + budget
-            for k in left:
+            while left:
+                k = left[0]
                 pairs, complete = self._pairs(k, singles, deadline)
-                exact = [c for c in pairs if c.serves and c.over([k], self.base) <= 1]
-                f = self._found([k], exact or singles, [*singles, *pairs])
+                # What cures this row may cure others as well.
+                group = next((g for g in self._cover(pairs, left) if k in g), [])
+                f = self._found(group or [k], pairs if group else [], [*singles, *pairs])
                 f.complete = complete
                 out.append(f)
-                if not exact:
-                    lost.append(k)
+                lost += [] if group else [k]
+                left = [x for x in left if x not in f.rows]
         return out, lost
 
     def _cover(self, candidates: list[Candidate], rows: list[Key]) -> list[list[Key]]:
@@ -275,7 +278,7 @@ class Search:
     # -- two edits --------------------------------------------------------------------------------------------
 
     def _pairs(self, k: Key, singles: list[Candidate], deadline: float) -> tuple[list[Candidate], bool]:
-        """Return pairs of edits near or at agreement: sums of effects first, then the rest as time allows."""
+        """Return pairs of edits near or at agreement: sums of effects of any kind, then all pairs of tokens."""
         mine = [c for c in singles if k in c.changed and c.changed[k].shape == self.raw[k].shape]
         mine = [c for c in mine if np.isfinite(c.changed[k]).all()]
         out: list[Candidate] = []
@@ -303,16 +306,34 @@ class Search:
                 lo, hi = np.searchsorted(effect[order], [target - effect[i] - 20, target - effect[i] + 20])
                 for j in order[lo : min(hi, lo + 50)]:
                     add(c, mine[j])
-        if any(c.serves and c.over([k], self.base) <= 1 for c in out):
-            return out, True
-        plain = [c for c in singles if k in c.scores and c.edits[0].kind in TOKENS]
-        plain.sort(key=lambda c: c.scores[k])
-        for i, a in enumerate(plain):
-            for b in plain[:i]:
-                if time.monotonic() > deadline:
-                    return out, False
-                add(a, b)
-        return out, True
+        complete = True
+        for step, some in self._moving(k, singles):
+            pairs = Pairs(self.judge, self.shaken, step, k, some)
+            for e, f in pairs.found(deadline):
+                c = self.attempt(step, [e, f])
+                if c is not None:
+                    out.append(c)
+            self.tried += pairs.evaluated
+            complete &= pairs.complete
+        return out, complete
+
+    def _moving(self, k: Key, singles: list[Candidate]) -> list[tuple[Step, list[Edit]]]:
+        """Return the edits of one token that move a row, by the equation that they are tried in."""
+        mine = self.judge.step(k[0])
+        called = {(h.source.path, h.source.name) for h in self.judge.helpers(mine)}
+        out: dict[str, tuple[Step, list[Edit]]] = {}
+        for c in singles:
+            e, after = c.edits[0], c.changed.get(k)
+            if (
+                e.kind not in TOKENS
+                or e.kind == "left side"
+                or after is None
+                or np.array_equal(after, self.raw[k], equal_nan=True)
+            ):
+                continue
+            step = mine if (e.path, e.function) in called else c.step
+            out.setdefault(step.equation.name, (step, []))[1].append(e)
+        return sorted(out.values(), key=lambda x: x[0] is not mine)
 
 
 def _same(a: dict[Key, Array], b: dict[Key, Array]) -> bool:
