@@ -10,12 +10,13 @@ import numpy as np
 
 from twin.cad.build import CadModel
 from twin.errors import TwinError
+from twin.explaining.candidate import TOKENS, Candidate, Found, Key, key
 from twin.explaining.conventions import conventions
 from twin.explaining.drawing import mend
 from twin.explaining.identify import identify
 from twin.explaining.invariants import invariants, unit
 from twin.explaining.judge import Judge, Place, Tolerance, worst
-from twin.explaining.repair import TOKENS, Candidate, Found, Key, Search, key
+from twin.explaining.repair import Search
 from twin.explaining.result import Change, Explanation, Reading, Repair, Row
 from twin.explaining.source import Edit, apply, diff
 from twin.explaining.truth import Truth, gather, sample

@@ -6,86 +6,30 @@ import inspect
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Container, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Container
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from twin.errors import KinematicsError
+from twin.explaining.candidate import REST, TOKENS, Candidate, Found, Key, aliases, key, residuals, scores
 from twin.explaining.canonical import canonical
+from twin.explaining.dependence import Dependence
 from twin.explaining.edits import edits, pool
-from twin.explaining.judge import Helper, Judge, Place, Residuals, Step, evaluate, worst
+from twin.explaining.judge import Judge, evaluate, worst
+from twin.explaining.pairs import Pairs
+from twin.explaining.rows import Helper, Step
 from twin.explaining.source import Edit, Source, Statement, patched
 from twin.explaining.suspects import available, suspects
 from twin.robots import load_formula
 from twin.spatial import Array
 
-TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
-"""Kinds of edits that change one token: what misprints usually are. Others rank behind them."""
-
-_REST = ("transpose", "order", "parenthesis", "surplus", "missing")
-
-_ORDER = (*TOKENS, *_REST)
-
 _WHOLE = 12
 """Repairs of a kind that are tried in the whole formula, when there is a choice."""
 
-Key = tuple[str, int, int]
-"""A row whatever symbol it assigns: equation, statement, position."""
-
 _SAME = 1e-7
 """Relative difference below which two edited rows are the same function, off the mechanism's poses as well."""
-
-
-@dataclass
-class Candidate:
-    """Edits of one equation that were tried.
-
-    Attributes:
-        step: the equation. edits: one or two. extra: values of the aliases that they use.
-        scores: worst residual by row, of the rows that it changes.
-        broken: whether it harms a row that agreed.
-    """
-
-    step: Step
-    edits: list[Edit]
-    extra: dict[str, Any]
-    scores: dict[Key, float]
-    broken: bool
-    changed: dict[Key, Array] = field(default_factory=dict, repr=False)
-
-    def over(self, rows: Iterable[Key], base: dict[Key, float]) -> float:
-        """Return the worst residual over some rows."""
-        return max(self.scores.get(k, base[k]) for k in rows)
-
-    @property
-    def rank(self) -> tuple[int, int, int, int]:
-        """Order among edits that serve as well."""
-        kinds = [_ORDER.index(e.kind) if e.kind in _ORDER else len(_ORDER) for e in self.edits]
-        new_argument = sum(e.define is not None and not e.define[1] for e in self.edits)
-        length = sum(abs(len(e.new) - len(e.old)) + len(e.new) + len(e.old) for e in self.edits)
-        foreign = sum(e.function != self.step.source.name for e in self.edits)
-        return (len(self.edits), foreign, new_argument, max(kinds) * 1000 + length)
-
-
-@dataclass
-class Found:
-    """What the search has for one group of rows: exact candidates by way and reading, and the runner-up."""
-
-    rows: list[Key]
-    ways: list[list[Candidate]]
-    runner_up: Candidate | None
-    after: float
-    next: float
-    tried: int
-    complete: bool = True
-
-
-def key(place: Place) -> Key:
-    """Return the row of a place."""
-    return place.equation, place.statement, place.position
 
 
 class Search:
@@ -101,7 +45,6 @@ class Search:
         self.targets = [p for p in bad if judge.step(p.equation).stage != "helper"] or bad
         self.failing = [key(p) for p in self.targets]
         self.tried = 0
-        self._shaken: Judge | None = None
         self.parameters = {p.name for p in judge.formula.parameters}
 
     # -- one edit ------------------------------------------------------------------------------------------
@@ -165,6 +108,8 @@ class Search:
             if c is None:
                 first.broken = True
                 return first
+            first.hollow |= c.hollow
+            first.dropped = tuple(sorted({*first.dropped, *c.dropped}))
             first.scores |= {k: max(v, first.scores.get(k, 0.0)) for k, v in c.scores.items()}
             first.changed |= c.changed
             first.broken |= c.broken
@@ -173,27 +118,27 @@ class Search:
     def attempt(self, step: Step, change: list[Edit]) -> Candidate | None:
         """Return the candidate, or None if it makes no formula."""
         self.tried += 1
-        extra = self._extra(self.judge, step, change)
+        extra = aliases(self.judge, step, change)
         found = None if extra is None else evaluate(self.judge, step, change, extra)
         if found is None:
             return None
         changed = {key(p): r for p, r in found.items()}
-        scores = {k: worst(r) for k, r in changed.items()}
-        broken = any(s > 1 and self.base.get(k, np.inf) <= 1 for k, s in scores.items())
-        return Candidate(step, change, extra or {}, scores, broken, {k: changed[k] for k in changed if k in self.raw})
+        worsts = scores(changed)
+        broken = any(s > 1 and self.base.get(k, np.inf) <= 1 for k, s in worsts.items())
+        c = Candidate(step, change, extra or {}, worsts, broken, {k: changed[k] for k in changed if k in self.raw})
+        if not broken:
+            self.dependence.judged(c, [k for k in self.failing if worsts.get(k, np.inf) <= 1])
+        return c
 
-    def _extra(self, judge: Judge, step: Step, change: list[Edit]) -> dict[str, Any] | None:
-        """Return the values of aliases that edits bring in."""
-        out: dict[str, Any] = {}
-        for e in change:
-            if e.define and e.define[1]:
-                env = dict(judge.step(step.equation.name).before[e.statement])
-                try:
-                    with np.errstate(all="ignore"):
-                        out[e.define[0]] = eval(e.define[1], env)
-                except Exception:
-                    return None
-        return out
+    @cached_property
+    def shaken(self) -> Judge:
+        """The formula held against values that belong to no mechanism."""
+        return self.judge.on(self.judge.truth.perturbed())
+
+    @cached_property
+    def dependence(self) -> Dependence:
+        """What the rows depend on."""
+        return Dependence(self.judge, self.shaken)
 
     # -- groups ---------------------------------------------------------------------------------------------
 
@@ -212,9 +157,9 @@ class Search:
         # One token first; where nothing of that kind serves, terms, factors and parentheses; then the functions called.
         for more in (
             lambda: self.singles(TOKENS),
-            lambda: self.singles(_REST),
+            lambda: self.singles(REST),
             lambda: self.in_helpers(TOKENS),
-            lambda: self.in_helpers(_REST),
+            lambda: self.in_helpers(REST),
         ):
             if not left:
                 break
@@ -224,26 +169,28 @@ class Search:
             left = [k for k in left if not any(k in g for g in new)]
         # Where one token serves, what else could be meant in the same statement is looked at as well.
         looked = {(c.step.equation.name, c.edits[0].statement) for g in groups for c in self._exact(g, singles)}
-        if not any(c.edits[0].kind in _REST for c in singles):
-            singles += self.singles(_REST, looked)
+        if not any(c.edits[0].kind in REST for c in singles):
+            singles += self.singles(REST, looked)
         out = [self._found(group, singles, singles) for group in groups]
         lost: list[Key] = []
         if left:
             deadline = time.monotonic() + budget
-            for k in left:
+            while left:
+                k = left[0]
                 pairs, complete = self._pairs(k, singles, deadline)
-                exact = [c for c in pairs if not c.broken and c.over([k], self.base) <= 1]
-                f = self._found([k], exact or singles, [*singles, *pairs])
+                # What cures this row may cure others as well.
+                group = next((g for g in self._cover(pairs, left) if k in g), [])
+                f = self._found(group or [k], pairs if group else [], [*singles, *pairs])
                 f.complete = complete
                 out.append(f)
-                if not exact:
-                    lost.append(k)
+                lost += [] if group else [k]
+                left = [x for x in left if x not in f.rows]
         return out, lost
 
     def _cover(self, candidates: list[Candidate], rows: list[Key]) -> list[list[Key]]:
         """Return groups of rows that one edit cures, the largest first."""
         left, groups = set(rows), []
-        cures = [frozenset(k for k, s in c.scores.items() if s <= 1 and k in left) for c in candidates if not c.broken]
+        cures = [frozenset(k for k, s in c.scores.items() if s <= 1 and k in left) for c in candidates if c.serves]
         while left:
             best = max((c & left for c in cures), key=len, default=frozenset())
             if not best:
@@ -263,7 +210,7 @@ class Search:
         return Found(rows, ways, nearest[1], after, nearest[0], self.tried)
 
     def _exact(self, rows: list[Key], candidates: list[Candidate]) -> list[Candidate]:
-        touching = [c for c in candidates if not c.broken and any(k in c.scores for k in rows)]
+        touching = [c for c in candidates if c.serves and any(k in c.scores for k in rows)]
         return [c for c in touching if c.over(rows, self.base) <= 1]
 
     def _ways(self, exact: list[Candidate], rows: list[Key]) -> list[list[Candidate]]:
@@ -322,23 +269,16 @@ class Search:
 
     def _off_the_mechanism(self, c: Candidate, rows: list[Key]) -> dict[Key, Array] | None:
         """Return the residuals of a candidate where no mechanism is: they tell functions apart."""
-        if self._shaken is None:
-            self._shaken = self.judge.on(self.judge.truth.perturbed())
-        try:
-            step = self._shaken.step(c.step.equation.name)
-            extra = self._extra(self._shaken, step, c.edits)
-            found: Residuals | None = evaluate(self._shaken, step, c.edits, extra)
-        except (StopIteration, KinematicsError, IndexError):
-            return None
+        found = residuals(self.shaken, c.step.equation.name, c.edits)
         if not found:
             return None
-        out = {key(p): r for p, r in found.items() if key(p) in rows}
+        out = {k: r for k, r in found.items() if k in rows}
         return out if all(np.isfinite(r).any() for r in out.values()) else None
 
     # -- two edits --------------------------------------------------------------------------------------------
 
     def _pairs(self, k: Key, singles: list[Candidate], deadline: float) -> tuple[list[Candidate], bool]:
-        """Return pairs of edits near or at agreement: sums of effects first, then the rest as time allows."""
+        """Return pairs of edits near or at agreement: sums of effects of any kind, then all pairs of tokens."""
         mine = [c for c in singles if k in c.changed and c.changed[k].shape == self.raw[k].shape]
         mine = [c for c in mine if np.isfinite(c.changed[k]).all()]
         out: list[Candidate] = []
@@ -366,16 +306,34 @@ class Search:
                 lo, hi = np.searchsorted(effect[order], [target - effect[i] - 20, target - effect[i] + 20])
                 for j in order[lo : min(hi, lo + 50)]:
                     add(c, mine[j])
-        if any(not c.broken and c.over([k], self.base) <= 1 for c in out):
-            return out, True
-        plain = [c for c in singles if k in c.scores and c.edits[0].kind in TOKENS]
-        plain.sort(key=lambda c: c.scores[k])
-        for i, a in enumerate(plain):
-            for b in plain[:i]:
-                if time.monotonic() > deadline:
-                    return out, False
-                add(a, b)
-        return out, True
+        complete = True
+        for step, some in self._moving(k, singles):
+            pairs = Pairs(self.judge, self.shaken, step, k, some)
+            for e, f in pairs.found(deadline):
+                c = self.attempt(step, [e, f])
+                if c is not None:
+                    out.append(c)
+            self.tried += pairs.evaluated
+            complete &= pairs.complete
+        return out, complete
+
+    def _moving(self, k: Key, singles: list[Candidate]) -> list[tuple[Step, list[Edit]]]:
+        """Return the edits of one token that move a row, by the equation that they are tried in."""
+        mine = self.judge.step(k[0])
+        called = {(h.source.path, h.source.name) for h in self.judge.helpers(mine)}
+        out: dict[str, tuple[Step, list[Edit]]] = {}
+        for c in singles:
+            e, after = c.edits[0], c.changed.get(k)
+            if (
+                e.kind not in TOKENS
+                or e.kind == "left side"
+                or after is None
+                or np.array_equal(after, self.raw[k], equal_nan=True)
+            ):
+                continue
+            step = mine if (e.path, e.function) in called else c.step
+            out.setdefault(step.equation.name, (step, []))[1].append(e)
+        return sorted(out.values(), key=lambda x: x[0] is not mine)
 
 
 def _same(a: dict[Key, Array], b: dict[Key, Array]) -> bool:

@@ -21,8 +21,9 @@ def available(judge: Judge, step: Step) -> set[str]:
         names |= {*judge.formula.coordinates.names, POSE_SYMBOL}
     elif step.stage == "forward":
         names |= {j.name for j in judge.formula.joints}
-    else:
-        names |= set(judge.truth.symbols)
+    else:  # all that the mechanism knows, but for what this equation and later ones are there to give
+        later = judge.steps[judge.steps.index(step) :]
+        names |= set(judge.truth.symbols) - {n for s in later for n in s.equation.outputs}
     return names | set(step.computed) | set(step.inputs)
 
 
