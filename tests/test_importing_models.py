@@ -135,10 +135,12 @@ def test_our_own_stage_comes_back_with_points_frames_and_trocar(tmp_path):
 
 
 def third_party(name):
-    folder = os.environ.get("TWIN_PARALLEL_ROBOTS")
-    if not folder or not Path(folder).is_dir():
+    """Return a model of example-parallel-robots: where the variable says, or in shared/models beside the checkout."""
+    beside = HERE.parents[1] / "shared/models/example-parallel-robots"
+    folder = Path(os.environ.get("TWIN_PARALLEL_ROBOTS") or beside)
+    if not folder.is_dir():
         pytest.skip("NO THIRD-PARTY MODELS: set TWIN_PARALLEL_ROBOTS to a checkout of example-parallel-robots")
-    return Path(folder) / name / "robot.urdf"
+    return folder / name / "robot.urdf"
 
 
 @pytest.mark.parametrize("name", PARALLEL)

@@ -50,7 +50,9 @@ class FrameSpec(Table):
     meets the plane, or comes nearest to the axis or centre, of feature `at`. z is along `z` (a feature's
     direction, or the normal of three sphere centres taken counter-clockwise). x or y is turned towards a
     feature's point (`x_towards`, `y_towards`; a list means its centroid) or along a direction (`x_along`).
-    Given: `position_mm` and `angles_deg` (z, y, x angles: R = Rz Ry Rx) in drawn coordinates.
+    `offset_mm` moves the frame along its z, where no face of the body says how far.
+    Given: `position_mm` and `angles_deg` (z, y, x angles: R = Rz Ry Rx) in drawn coordinates. Beside `origin`,
+    `angles_deg` gives what no face shows: every direction, or with `z` that of x.
     """
 
     origin: str | list[str] | None = None
@@ -59,6 +61,7 @@ class FrameSpec(Table):
     x_towards: str | list[str] | None = None
     y_towards: str | list[str] | None = None
     x_along: str | None = None
+    offset_mm: float = 0.0
     position_mm: Vector | None = None
     angles_deg: Vector | None = None
 
@@ -70,12 +73,13 @@ class FrameSpec(Table):
                 raise at(key, "three sphere centres are needed" if key == "z" else "the list names no feature")
         turned = [self.x_towards, self.y_towards, self.x_along]
         if self.position_mm is not None:
-            if self.origin or self.at or self.z or any(turned):
+            if self.origin or self.at or self.z or self.offset_mm or any(turned):
                 raise at("position_mm", "a frame is either measured (`origin`, `z`, ...) or given, not both")
-        elif self.origin is None or self.z is None:
-            raise at((), "a measured frame needs `origin` and `z`; a given one needs `position_mm`")
-        elif sum(t is not None for t in turned) != 1:
-            raise at((), "a measured frame needs exactly one of `x_towards`, `y_towards`, `x_along`")
+        elif self.origin is None or (self.z is None and self.angles_deg is None):
+            raise at((), "a measured frame needs `origin` and `z` (or `angles_deg`); a given one needs `position_mm`")
+        elif sum(t is not None for t in (*turned, self.angles_deg)) != 1:
+            ways = "`x_towards`, `y_towards`, `x_along`, `angles_deg`"
+            raise at((), f"a measured frame needs exactly one of {ways}")
         return self
 
 

@@ -163,31 +163,38 @@ def frame(spec: FrameSpec, features: Mapping[str, Measured]) -> Array:
     Raises:
         CadError: an unknown feature, or directions that do not span a frame.
     """
+    psi, theta, phi = np.array(spec.angles_deg or (0.0, 0.0, 0.0)) * DEG
+    ez, ey, ex = np.eye(3)[[2, 1, 0]]
+    given = spatial.exp_so3(psi * ez) @ spatial.exp_so3(theta * ey) @ spatial.exp_so3(phi * ex)
     if spec.position_mm is not None:
-        psi, theta, phi = np.array(spec.angles_deg or (0.0, 0.0, 0.0)) * DEG
-        ez, ey, ex = np.eye(3)[[2, 1, 0]]
-        R = spatial.exp_so3(psi * ez) @ spatial.exp_so3(theta * ey) @ spatial.exp_so3(phi * ex)
-        return spatial.pose(R, np.array(spec.position_mm) * MM)
-    assert spec.origin is not None and spec.z is not None  # noqa: PT018 - the spec checked itself
-    p = centre(spec.origin, features, spec.at)
-    if isinstance(spec.z, list):
-        a, b, c = (centre(n, features) for n in spec.z)
+        return spatial.pose(given, np.array(spec.position_mm) * MM)
+    assert spec.origin is not None
+    R, p = given, centre(spec.origin, features, spec.at)
+    if spec.z is not None:
+        R = _turned(spec, spec.z, p, given, features)
+    return spatial.pose(R, p + R[:, 2] * (spec.offset_mm * MM))
+
+
+def _turned(spec: FrameSpec, along: str | list[str], p: Array, given: Array, features: Mapping[str, Measured]) -> Array:
+    """Return the rotation (3, 3) of a frame at p (3,) whose z is measured."""
+    if isinstance(along, list):
+        a, b, c = (centre(n, features) for n in along)
         z = np.cross(b - a, c - a)
     else:
-        z = _get(spec.z, features).direction
+        z = _get(along, features).direction
     if np.linalg.norm(z) < 1e-12:
-        raise CadError(f"z = {spec.z!r} gives no direction: a sphere has none, and three points must span a plane")
+        raise CadError(f"z = {along!r} gives no direction: a sphere has none, and three points must span a plane")
     z = z / np.linalg.norm(z)
     try:
         if spec.y_towards is not None:
-            y = centre(spec.y_towards, features) - p
-            return spatial.pose(spatial.frame_from_axes(z, np.cross(y, z)), p)
+            return spatial.frame_from_axes(z, np.cross(centre(spec.y_towards, features) - p, z))
         if spec.x_towards is not None:
             x = centre(spec.x_towards, features) - p
-        else:
-            assert spec.x_along is not None
+        elif spec.x_along is not None:
             x = _get(spec.x_along, features).direction
-        return spatial.pose(spatial.frame_from_axes(z, x), p)
+        else:
+            x = given[:, 0]
+        return spatial.frame_from_axes(z, x)
     except ValueError:
         raise CadError(f"the frame at {spec.origin!r}: its x or y direction is parallel to z") from None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from twin.findings import Finding
@@ -14,17 +15,21 @@ from twin.reference.assembling import CLOSED, assemble, closes_alone
 from twin.reference.states import Assembly
 from twin.units import DEG, MM
 
+_UNREAD = ("import.unread", "import.schema", "import.plugin", "import.inactive")
+"""Findings of what a file says that is not read, and might have let a loop close."""
+
 
 def close(imported: Imported) -> Imported:
     """Return the mechanism resting with its loops closed, posture `home` of where it rests, and a drive where driven.
 
     A loop that stays open is a finding with its size, and with what it leaves when all others are open: what does
-    not close alone is the model's own gap.
+    not close alone is the model's own gap, if nothing of the file is unread.
     """
     mechanism, findings = imported.mechanism, list(imported.findings)
     model = ReferenceModel(mechanism)
     home = assemble(model)
-    findings += [_gap(mechanism, name, *home.gap[name]) for name in home.gap if _open(*home.gap[name])]
+    unread = [f for f in findings if f.severity == "warning" and f.code in _UNREAD]
+    findings += [_gap(mechanism, name, *home.gap[name], unread) for name in home.gap if _open(*home.gap[name])]
     moved = [j for j in mechanism.active if abs(home.q_full.get(j.name, 0.0) - _drawn(mechanism, j.name)) > 1e-9]
     if moved:
         names = ", ".join(f"'{j.name}' at {_shown(mechanism, j.name, home)}" for j in moved)
@@ -51,13 +56,15 @@ def _open(offset: float, tilt: float) -> bool:
     return offset > CLOSED[0] or tilt > CLOSED[1]
 
 
-def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float) -> Finding:
+def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float, unread: Sequence[Finding]) -> Finding:
     if name in {c.name for c in mechanism.couplings}:
         what = f"coupling '{name}' is off by {tilt / DEG:.3g}° or {offset / MM:.3g} mm where the loops close best."
         return Finding("import.gap", "warning", what, name, size=offset, unit="m", limit=CLOSED[0])
     alone = closes_alone(mechanism, name)
     if _open(*alone):
-        why = f"Alone, all free, it leaves {alone[0] / MM:.3g} mm and {alone[1] / DEG:.3g}°: the model's own gap."
+        why = f"Alone, all free, it leaves {alone[0] / MM:.3g} mm and {alone[1] / DEG:.3g}°: "
+        whose = f"of what is read of the file; {len(unread)} things are not, as: {unread[0].message}" if unread else ""
+        why += whose or "the model's own gap."
     else:
         why = "Alone it closes: the loops of the file contradict one another, or another start would close them."
     text = f"loop '{name}' stays open by {offset / MM:.3g} mm and {tilt / DEG:.3g}°. {why}"

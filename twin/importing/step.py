@@ -19,13 +19,13 @@ from twin.errors import CadError, SourceError
 from twin.findings import Finding
 from twin.importing.folder import TOLERANCE, write_robot
 from twin.importing.guard import try_first
-from twin.importing.pairs import Pair, find_pairs
+from twin.importing.pairs import GROSS, Pair, find_pairs
 from twin.importing.proposals import Proposal, propose
 from twin.importing.source import Names, note, warning
 from twin.importing.text import numbers, one_line, string
 from twin.mechanism import Mechanism
 from twin.spatial import Array
-from twin.units import MM
+from twin.units import DEG, MM
 
 _GROUND = ("base", "frame", "ground", "world", "housing", "fixed")
 """Words in the name of the body that stands still."""
@@ -82,17 +82,54 @@ def read_skeleton(path: Path, guarded: bool = False) -> Skeleton:
     findings.append(note("base", f"body '{base}' is taken for the base; change `base` if another stands still.", base))
     findings.append(warning("mass", "a STEP has no densities: bodies have no mass until [material.*] says them.", base))
     pairs = find_pairs(parts)
-    proposals = propose(parts, pairs, base)
-    held = sorted(set(parts) - {base} - {p.child for p in proposals})
+    proposals, left = propose(parts, pairs, base)
+    findings += [_near(p) for p in proposals if p.misses or p.pair.near]
+    findings += [_left(p) for p in left]
+    findings += [f for node, own in by_node.items() if (f := _inside(node, own))]
+    held = sorted(set(parts) - {base} - {b for p in proposals for b in (p.parent, p.child)})
     if held:
         text = f"no joint is proposed for {', '.join(held)}: no bore, pin, rail or ball of theirs fits another body's."
         findings.append(warning("held", text, held[0]))
-    text = f"{len(proposals)} joints are proposed, as comments: all bodies are held to '{base}' until you name theirs."
+    text = (
+        f"{len(proposals)} joints are proposed, as comments: all bodies are held to '{base}' until you name theirs. "
+        f"Axes up to {GROSS[0] / MM:g} mm and {GROSS[1] / DEG:g}° apart, and less than the radius, are taken for one."
+    )
     findings.append(warning("joints", text, base))
     if step.placement_error > 0:
         text = f"instances are placed by matrices: faces are measured to {step.placement_error * 1e6:.2g} um."
         findings.append(note("placement", text, base))
     return Skeleton(parts, {names[n]: n for n in by_node}, base, pairs, proposals, findings)
+
+
+def _near(p: Proposal) -> Finding:
+    text = (
+        f"joint {p.name} of '{p.parent}' and '{p.child}': {p.pair.radii} are {p.miss} apart as drawn (confidence "
+        f"{p.pair.confidence}). Proposed all the same; once taken, info and validate find it: cad.meeting, cad.tilt."
+    )
+    return Finding("import.near", "warning", text, p.name, size=p.offset, unit="m")
+
+
+def _left(p: Pair) -> Finding:
+    """Return the finding for a fit between two bodies that no proposal stands on."""
+    text = f"'{p.a.part.name}' of '{p.a.body}' fits '{p.b.part.name}' of '{p.b.body}' as well, "
+    off = f"{p.offset / MM:.4g} mm and {p.tilt / DEG:.4g}° off (confidence {p.confidence})" if p.near else "exactly"
+    return warning("left", f"{text}{off}: it places no joint here, and is not checked.", p.a.body)
+
+
+def _inside(node: str, parts: list[Part]) -> Finding | None:
+    """Return the finding for pins and balls that can move in bores and cups of the same node."""
+    pairs = [p for p in find_pairs({str(i): [part] for i, part in enumerate(parts)}) if p.movable()]
+    if not pairs:
+        return None
+    some = ", ".join(f"'{p.a.part.name}' in or on '{p.b.part.name}'" for p in pairs[:3])
+    inner = sorted({(*part.path, part.name)[part.path.index(node) + 1] for part in parts if node in part.path})
+    text = (
+        f"node '{node}' is read as one body, but parts of it can move in one another: {some}"
+        f"{f' and {len(pairs) - 3} more' if len(pairs) > 3 else ''}. If these are joints, write a [body.*] with `node` "
+        f"for each inner node that moves ({', '.join(inner[:6])}{', ...' if len(inner) > 6 else ''}), or export the "
+        "sub-assembly opened."
+    )
+    return warning("inside", text, node)
 
 
 def bodies(parts: Iterable[Part]) -> dict[str, list[Part]]:
@@ -163,6 +200,7 @@ def describe(s: Skeleton, name: str, source: str) -> str:
         lines += [
             "",
             f"# {one_line(p.why)}",
+            *([f"# As drawn, its sides are {p.miss} apart (confidence {p.pair.confidence})."] if p.misses else []),
             "# [[joint]]",
             f"# name = {string(p.name)}",
             f"# type = {string(p.type)}",

@@ -7,6 +7,7 @@ frame on its parent. What a mechanism here has no word for is an error (planar j
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -73,10 +74,11 @@ class _Urdf:
         links = self._named(root, "link")
         joints = self._named(root, "joint")
         ends = {n: self._ends(n, j, links) for n, j in joints.items()}
+        self.retyped = self._retyped(joints)
         base = self._base(links, ends)
         self.marks = self._marks(links, joints, ends, base)
         body_names = Names("link", (n for n in links if n not in self.marks), found)
-        joint_names = Names("joint", joints, found)
+        joint_names = Names("joint", (m for n in joints for m in self._parts(n)), found)
         self.home = {n: (body_names[n], np.eye(4)) for n in links if n not in self.marks}
         for _ in self.marks:  # a mark may hang on a mark
             for n, j in self.marks.items():
@@ -84,10 +86,16 @@ class _Urdf:
                     body, T = self.home[ends[j][0]]
                     self.home[n] = (body, T @ origin(self.xml, joints[j], f"joint '{j}'"))
         driven = self._driven(root, joints)
+        self.crosses: list[Body] = []
         made = [
-            self._joint(n, joint_names[n], joints[n], ends[n], n in driven)
+            made
             for n in joints
             if ends[n][1] not in self.marks
+            for made in (
+                self._retype(n, joint_names, joints[n], ends[n], driven)
+                if n in self.retyped
+                else [self._joint(n, joint_names[n], joints[n], ends[n], n in driven)]
+            )
         ]
         visuals = Visuals(self.xml, found)
         bodies = [
@@ -95,6 +103,7 @@ class _Urdf:
             for n, e in links.items()
             if n not in self.marks
         ]
+        bodies += self.crosses
         frame_names = Names("frame", self.marks, found)
         frames = [Frame(frame_names[n], *self.home[n]) for n in self.marks]
         couplings = [self._mimic(n, joint_names, joints) for n in joints if joints[n].find("mimic") is not None]
@@ -164,7 +173,11 @@ class _Urdf:
         out = {}
         for joint, (_, child) in ends.items():
             element = links[child]
-            if joints[joint].get("type") == "fixed" and child != base and not self._has_body(child, element):
+            if (
+                "fixed" in (joints[joint].get("type"), self.retyped.get(joint, "").lower())
+                and child != base
+                and not self._has_body(child, element)
+            ):
                 out[child] = joint
                 self.findings.append(
                     note("mark", f"link '{child}' has no shape and no mass: it is a frame on its parent.", child)
@@ -177,6 +190,23 @@ class _Urdf:
         heavy = self.xml.number(f"link '{name}'", "mass", value, 0.0) > _LIGHT
         return heavy or link.find("visual") is not None or link.find("collision") is not None
 
+    def _retyped(self, joints: dict[str, Element]) -> dict[str, str]:
+        """Return the joints that the closure YAML makes another type of."""
+        retyped = self.closures.retyped if self.closures else {}
+        leaders = {m.get("joint"): n for n, j in joints.items() if (m := j.find("mimic")) is not None}
+        for name in retyped:
+            where = f"{self.closure_file}: joint_name"
+            if name not in joints:
+                raise SourceError(f"{where}: {unknown('joint', name, joints)}")
+            if joints[name].find("mimic") is not None or name in leaders:
+                raise SourceError(f"{where}: joint '{name}' follows another or is followed: it must keep its type")
+        return retyped
+
+    def _parts(self, name: str) -> list[str]:
+        """Return the joints that a joint of the file becomes: one, or the two hinges of a universal joint."""
+        kind = self.retyped.get(name, "")
+        return [f"{name}_{a}" for a in kind[-2:]] if kind.startswith("UJOINT") else [name]
+
     def _driven(self, root: Element, joints: dict[str, Element]) -> set[str]:
         """Return the driven joints: those of the closure YAML, of the transmissions, or all that move."""
         for t in root.findall("transmission"):
@@ -187,10 +217,11 @@ class _Urdf:
                     self.findings.append(warning("gear", text, name))
         if self.closures is not None:
             for motor in self.closures.motors:
-                if motor not in joints:
-                    raise SourceError(f"{self.closure_file}: name_mot: {unknown('joint', motor, joints)}")
-                if joints[motor].get("type") not in ("revolute", "continuous", "prismatic"):
-                    kind = joints[motor].get("type")
+                known = {m: n for n in joints for m in self._parts(n)}
+                if motor not in known:
+                    raise SourceError(f"{self.closure_file}: name_mot: {unknown('joint', motor, known)}")
+                kind = self.retyped.get(known[motor], joints[known[motor]].get("type"))
+                if kind not in ("revolute", "continuous", "prismatic") and not str(kind).startswith("UJOINT"):
                     raise SourceError(f"{self.closure_file}: name_mot: joint '{motor}' is {kind}: nothing to drive")
             return set(self.closures.motors)
         told = {str(j.get("name")) for t in root.findall("transmission") for j in t.findall("joint")}
@@ -233,6 +264,27 @@ class _Urdf:
             active=active,
             **values,
         )
+
+    def _retype(
+        self, name: str, names: Names, joint: Element, ends: tuple[str, str], driven: set[str]
+    ) -> Iterator[Joint]:
+        """Yield the joints that the closure YAML puts for one of the URDF, about the axes of its joint frame."""
+        kind, where, (parent, T) = self.retyped[name], f"joint '{name}'", self.home[ends[0]]
+        T = T @ origin(self.xml, joint, where)
+        child = self.home[ends[1]][0]
+        text = f"{where} is {kind} by the closure YAML: the axis and limits of the URDF are not kept."
+        self.findings.append(note("retyped", text, name))
+        if not kind.startswith("UJOINT"):
+            yield Joint(names[name], "spherical" if kind == "SPHERICAL" else "fixed", parent, child, T)
+            return
+        first, second = self._parts(name)
+        cross = identifier(f"{name}_cross")
+        while cross in {b for b, _ in self.home.values()} | {b.name for b in self.crosses}:
+            cross += "_1"
+        self.crosses.append(Body(cross))
+        for part, a, b, placed in ((first, parent, cross, T), (second, cross, child, np.eye(4))):
+            turn = along(np.eye(3)["XYZ".index(part[-1])])
+            yield Joint(names[part], "revolute", a, b, placed @ turn, turn, active=part in driven)
 
     def _limits(self, where: str, name: str, kind: str, limit: Element | None, safety: Element | None) -> dict:
         out: dict = {}

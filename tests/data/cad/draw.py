@@ -7,6 +7,7 @@ crank.step     a robot of three bodies in world coordinates: plate with pin and 
 nested.step    the same peg twice in a turned and shifted sub-assembly that is itself turned and shifted; a
                third one whose name is not ASCII; two instances share a name
 mirrored.step  a wedge and its mirror image
+folded.step    the robot of crank.step with plate and arm in one sub-assembly
 inch.step, metre.step  one box of 40 x 30 x 20 mm with a bore of 5 mm radius, in other units
 """
 
@@ -96,8 +97,9 @@ def write(tree, path, unit="MM"):
     writer.Transfer(doc, STEPControl_StepModelType.STEPControl_AsIs)
     if writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
         raise OSError(f"STEP writer failed for {path}")
-    tidy = runpy.run_path(str(Path(__file__).parents[3] / "cad/sils/model.py"))["normalise"]
-    text = tidy(path.read_bytes().decode("utf-8"), path.stem).replace("cad/sils/model.py", "tests/data/cad/draw.py")
+    tidy = runpy.run_path(str(Path(__file__).parents[3] / "cad/drawing.py"))["normalise"]
+    text = tidy(path.read_bytes().decode("utf-8"), path.stem)
+    text = text.replace(f"cad/{path.stem}/model.py", "tests/data/cad/draw.py")
     path.write_text(text, encoding="utf-8", newline="\n")
 
 
@@ -113,6 +115,11 @@ def crank():
         ("arm", HERE, [("arm_bar", HERE, arm), ("arm_ball", HERE, ball)]),
         ("slider", HERE, [("slider_block", HERE, slider)]),
     ]
+
+
+def folded():
+    base, arm, slider = crank()
+    return [("unit", HERE, [base, arm]), slider]
 
 
 def nested():
@@ -144,6 +151,7 @@ def block():
 
 def main(folder):
     write(crank(), folder / "crank.step")
+    write(folded(), folder / "folded.step")
     write(nested(), folder / "nested.step")
     write(mirrored(), folder / "mirrored.step")
     write(block(), folder / "inch.step", "INCH")
