@@ -168,7 +168,7 @@ def test_reason_when_only_a_finding_disagrees(agree):
 
 def test_key_figures(disagree):
     found = {f["label"]: f for f in key_figures(disagree)}
-    assert list(found)[0] == "eq1 (printed)"
+    assert next(iter(found)) == "eq1 (printed)"
     assert found["eq1 (printed)"]["value"] in reason(disagree), "tile and sentence show one number"
     assert found["eq1 (printed)"]["state"] == "bad"
     assert found["Tool position, A–B"]["note"] == "follows from point s1"

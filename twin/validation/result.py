@@ -168,7 +168,10 @@ class Report:
             return self.cure or way or look
         if first.side == "CAD":
             way = f"fix {first.head.where or 'the part'} in the CAD{_size(first.head)}" + (f": {way}" if way else "")
-        way = way or f"change the protocol{f' at {first.head.when}' if first.head.when else ''}"
+        if first.side == "protocol":
+            place = ", ".join(x for x in (first.head.where, first.head.when) if x)
+            way = f"in the protocol, {place}: {way or 'change what breaks the limit'}"
+        way = way or "make the file again"
         return f"{way}; then {self.commands['validate']}" if self.commands else way
 
     @property
