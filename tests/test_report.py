@@ -100,7 +100,7 @@ def test_page_says_everything(disagree, written):
     for phase in disagree.phases:
         assert phase.name in text
     assert "because of point s1" in text
-    assert "They disagree" in text
+    assert "Equations (A) and CAD (B) differ" in text
     assert "twin validate sils --protocol table2 --variant eq1=printed" in text
     for pair in ("A–B", "B–C", "B–D"):
         assert pair in text
@@ -108,7 +108,7 @@ def test_page_says_everything(disagree, written):
 
 def test_findings_come_gravest_first(written):
     text = written[1]["html"].read_text("utf-8")
-    order = [text.index(f"<code>{code}</code>") for code in ("compare.point", "rcm.missed", "limit.soft")]
+    order = [text.index(f"<code>{code}</code>") for code in ("point.differs", "rcm.missed", "limit.soft")]
     assert order == sorted(order)
 
 
@@ -168,7 +168,10 @@ def test_reason_when_only_a_finding_disagrees(agree):
 
 def test_key_figures(disagree):
     found = {f["label"]: f for f in key_figures(disagree)}
-    assert found["Tool position, A–B"]["state"] == "bad"
+    assert next(iter(found)) == "eq1 (printed)"
+    assert found["eq1 (printed)"]["value"] in reason(disagree), "tile and sentence show one number"
+    assert found["eq1 (printed)"]["state"] == "bad"
+    assert found["Tool position, A–B"]["note"] == "follows from point s1"
     assert found["RCM error"]["state"] == "good"
     assert found["Least clearance"]["value"] == "5.5 mm"
     assert found["Duration"]["value"] == "12 s"
@@ -176,7 +179,9 @@ def test_key_figures(disagree):
 
 
 def test_command_quotes_and_may_be_given(agree):
-    assert command(replace(agree, robot="my robot")) == "twin validate 'my robot' --protocol table2"
+    bare = replace(agree, robot="my robot", variants={"eq1": "printed"})
+    assert command(bare) == "twin validate 'my robot' --protocol table2 --variant eq1=printed"
+    assert command(replace(bare, commands={"validate": "twin validate ./mine"})) == "twin validate ./mine"
     assert command(replace(agree, environment={"command": "twin validate x"})) == "twin validate x"
 
 
@@ -227,7 +232,7 @@ def test_missing_series_are_left_out(agree, series, tmp_path):
     bare = replace(agree, residuals=agree.residuals[:3], series={k: y for k, y in found.items() if y is not None})
     out = write_report(bare, tmp_path)
     assert {k for k in out if k.startswith("plots/")} == {"plots/residual_matrix"}
-    assert "They agree" in out["html"].read_text("utf-8")
+    assert "Equations (A), CAD (B) and USD (C) agree" in out["html"].read_text("utf-8")
 
 
 def test_a_report_of_nothing(tmp_path):

@@ -191,7 +191,7 @@ def _findings(kind: str) -> tuple[Finding, ...]:
         edit = "eq1 row X_S1: replace c_theta by c_phi in the last term (twin explain sils --variant eq1=printed)"
         when = "phase 'sweep', t = 7.21 s (psi 10.2, theta 13.1, phi 6.4 deg)"
         out += [
-            Finding("compare.point", "disagreement", apart, "s1", when, 1.27, "mm", 0.001, edit),
+            Finding("point.differs", "disagreement", apart, "s1", when, 1.27, "mm", 0.001, edit, "eq1 (printed)"),
             Finding("rcm.missed", "disagreement", missed, rcm, sweep, 0.13, "mm", 0.1),
         ]
     if kind == "unchecked":

@@ -232,7 +232,7 @@ def validate(args: argparse.Namespace) -> int:
                     stage=stage,
                     progress=progress,
                 )
-                report = cures.of(report, progress)
+                report = cures.of(report, protocol, progress)
                 progress("report", 0.0)
                 reports.append((report, _write(report, root / _folder(report.protocol, variants))))
     return _finish(reports, args)
@@ -255,7 +255,7 @@ def run(args: argparse.Namespace) -> int:
         written = api.build(robot, root / "usd", protocols=chosen, progress=progress)
         for protocol in chosen:
             report = api.validate(robot, protocol=protocol, stage=written[0], baked=True, progress=progress)
-            report = cures.of(report, progress)
+            report = cures.of(report, protocol, progress)
             progress("report", 0.0)
             reports.append((report, _write(report, root / report.protocol)))
     code = _finish(reports, args)

@@ -11,7 +11,7 @@ from typing import Any
 from twin.findings import Finding, by_severity
 from twin.units import DEG, MM
 from twin.validation.cause import SIDES, Cause
-from twin.validation.result import Report, Residual, as_json
+from twin.validation.result import Report, as_json, headline
 
 __all__ = ["as_json", "finding", "info", "progress", "report", "table", "verdict_line", "way_out"]
 
@@ -120,7 +120,7 @@ def report(r: Report, *, all_findings: bool = False) -> str:
         groups.setdefault((row.pair, row.quantity, row.unit), []).append(row)
     rows = []
     for (pair, name, _), group in groups.items():
-        worst = max(group, key=_weight)
+        worst = headline(group)
         state = "ok" if worst.agrees else f"follows from {worst.consequence_of}" if worst.consequence_of else "DIFFERS"
         rows.append(
             (
@@ -162,12 +162,8 @@ def _sizes(found: Sequence[Finding], most: int = 6) -> str:
     """Return places and sizes, the first few of them."""
     from twin.report.format import shown
 
-    words = [f"{f.where or f.code}" + ("" if f.size is None else f" {shown(f.size, f.unit)}") for f in found]
-    return ", ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")
-
-
-def _weight(row: Residual) -> tuple[bool, float]:
-    """Order rows for the one that is shown of many: what differs by itself before what follows from another."""
-    if row.tolerance is None:
-        return False, -1.0
-    return not row.agrees and not row.consequence_of, row.worst / row.tolerance
+    words = [
+        f.code.partition(".")[2].replace("_", " ") if f.size is None else f"{f.where} {shown(f.size, f.unit)}".strip()
+        for f in found
+    ]
+    return "; ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")

@@ -85,17 +85,17 @@ def alarms(report: Report) -> dict[str, float]:
 
 
 def rcm_tolerance(report: Report) -> float | None:
-    """Return the largest allowed RCM error in m, from the residual matrix or else from the findings."""
-    found = tolerance(report, "rcm", "m", "")
-    if found is not None:
-        return found
+    """Return the largest RCM error in m that the protocol allows, from the findings or else from the matrix.
+
+    The rows of a mechanism that is driven through an enforced RCM have a tolerance of their own: that of agreement.
+    """
     scale = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
     limits = [
         f.limit * scale[f.unit]
         for f in report.findings
         if f.code in ("rcm.missed", "rcm.kept") and f.limit and f.unit in scale
     ]
-    return min(limits, default=None)
+    return min(limits) if limits else tolerance(report, "rcm", "m", "")
 
 
 def duration(report: Report) -> float | None:

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import math
-import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
-from twin.findings import SEVERITIES, Finding, by_severity
+from twin.findings import Finding, by_severity
 from twin.provenance import Parameter
 from twin.report import curves
 from twin.report import format as fmt
 from twin.report.matrix import PAIRS, label, pair_names
 from twin.units import MM
-from twin.validation.result import Report, Residual
+from twin.validation.cause import SIDES
+from twin.validation.commands import again
+from twin.validation.result import Report, Residual, headline
 
 if TYPE_CHECKING:
     from jinja2 import Template
+    from markupsafe import Markup
     from matplotlib.figure import Figure
 
-VERDICTS = {"agree": "They agree", "disagree": "They disagree", "unchecked": "Could not check"}
-"""Headline of each verdict."""
+VERDICTS = {"agree": "Equations (A), CAD (B) and USD (C) agree", "disagree": "", "unchecked": "Could not check"}
+"""Headline of each verdict; that of a disagreement names the sides."""
 
 CAPTIONS = {
     "residual_matrix": "Worst residual of every compared quantity, over all samples. Read along a row to see "
@@ -65,13 +67,17 @@ def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> 
         }
         for name, figure in drawn.items()
     }
+    told = {id(f) for c in report.causes for f in c.findings}
+    untold = [f for f in by_severity(report.findings) if id(f) not in told]
     return _template().render(
         report=report,
-        word=VERDICTS[report.verdict],
+        word=word(report),
         reason=reason(report),
+        to_do=_with_commands(report),
         figures_strip=key_figures(report),
-        grave=[f for f in by_severity(report.findings) if f.severity != "info"],
-        infos=[f for f in report.findings if f.severity == "info"],
+        causes=report.causes,
+        grave=[f for f in untold if f.severity != "info"],
+        infos=[f for f in untold if f.severity == "info"],
         counts=_counts(report),
         groups=_groups(report),
         pictures=pictures,
@@ -81,15 +87,19 @@ def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> 
     )
 
 
+def word(report: Report) -> str:
+    """Return the verdict in a few words; of a disagreement, which two sides differ."""
+    text = VERDICTS[report.verdict] or SIDES[report.causes[0].side]
+    return text[:1].upper() + text[1:]
+
+
 def reason(report: Report) -> str:
     """Return in one sentence why the verdict is what it is."""
-    findings = by_severity(report.findings)
     if report.verdict == "unchecked":
-        first = findings[0]
-        return f"{_sentence(first)} What could not be checked is not judged."
-    failing = [r for r in report.residuals if not r.agrees]
+        return f"{_sentence(report.causes[0].head)} What could not be checked is not judged."
     if report.verdict == "disagree":
-        return _sentence(findings[0])
+        return _sentence(report.causes[0].head)
+    failing = [r for r in report.residuals if not r.agrees]
     judged = [r for r in report.residuals if r.tolerance is not None]
     if not judged:
         return "Nothing that was checked differs; no residual has a tolerance."
@@ -102,22 +112,24 @@ def reason(report: Report) -> str:
 
 
 def key_figures(report: Report) -> list[dict[str, str]]:
-    """Return the figures that are read first: label, value, and a note below."""
+    """Return the figures that are read first: label, value, and a note below; what differs most comes first."""
 
     def worst(name: str, rows: list[Residual]) -> dict[str, str]:
         if not rows:
             return {"label": name, "value": fmt.NONE, "note": "not compared", "state": "none"}
-        r = max(rows, key=lambda r: math.inf if math.isnan(r.worst) else r.worst)
-        limit = "no tolerance" if r.tolerance is None else f"limit {fmt.quantity(r.tolerance, r.unit)}"
+        r = headline(rows)
+        note = "no tolerance" if r.tolerance is None else f"limit {fmt.quantity(r.tolerance, r.unit)}"
         state = "none" if r.tolerance is None else "good" if r.agrees else "bad"
-        return {"label": name, "value": fmt.quantity(r.worst, r.unit), "note": limit, "state": state}
+        if not r.agrees and r.consequence_of:
+            note, state = f"follows from {r.consequence_of}", "near"
+        return {"label": name, "value": fmt.quantity(r.worst, r.unit), "note": note, "state": state}
 
-    rcm = curves.rows(report, "rcm", "m")
     out = [
+        *_headline_figure(report),
         worst("Tool position, A–B", curves.rows(report, "tool", "m", "A-B")),
         worst("Tool rotation, A–B", curves.rows(report, "tool", "rad", "A-B")),
         worst("Loop gap, B", curves.rows(report, "loop", "m", "B")),
-        worst("RCM error", rcm) if rcm else _rcm_figure(report),
+        _rcm_figure(report),
         _clearance_figure(report),
     ]
     length = curves.duration(report)
@@ -135,11 +147,17 @@ def command(report: Report) -> str:
     """Return the command line that makes this report again."""
     if "command" in report.environment:
         return report.environment["command"]
-    words = ["twin", "validate", report.robot, "--protocol", report.protocol]
-    for equation, variant in report.variants.items():
-        if variant != "corrected":
-            words += ["--variant", f"{equation}={variant}"]
-    return shlex.join(words)
+    return report.commands.get("validate") or again(report.robot, report.protocol, report.variants)
+
+
+def _with_commands(report: Report) -> Markup:
+    """Return what to do as HTML, its command lines set as such."""
+    from markupsafe import Markup, escape
+
+    text = str(escape(report.what_to_do))
+    for line in map(str, map(escape, report.commands.values())):
+        text = text.replace(line, f"<code>{line}</code>")
+    return Markup(text)
 
 
 def _sentence(finding: Finding) -> str:
@@ -150,13 +168,28 @@ def _sentence(finding: Finding) -> str:
     return text if text.endswith((".", "!", "?")) else f"{text}."
 
 
+def _headline_figure(report: Report) -> list[dict[str, str]]:
+    """Return the number of the first cause, the same as in the sentence above."""
+    if report.verdict != "disagree" or report.causes[0].head.size is None:
+        return []
+    cause = report.causes[0]
+    limit = "" if cause.head.limit is None else f", limit {fmt.shown(cause.head.limit, cause.head.unit)}"
+    note = f"{cause.head.where}{limit}" if cause.head.where != cause.name else limit.removeprefix(", ")
+    value = fmt.shown(cause.head.size, cause.head.unit)
+    return [{"label": cause.name, "value": value, "note": note, "state": "bad", "link": "#findings"}]
+
+
 def _rcm_figure(report: Report) -> dict[str, str]:
-    found = curves.pair(report, "rcm_error")
-    if found is None:
+    """Return the RCM error of the mechanism, or else as planned, against what the protocol allows."""
+    rows, planned = curves.rows(report, "rcm", "m"), curves.pair(report, "rcm_error")
+    if not rows and planned is None:
         return {"label": "RCM error", "value": fmt.NONE, "note": "no RCM registered", "state": "none"}
-    value, limit = float(max(x for x in found[1].ravel() if x == x)), curves.rcm_tolerance(report)
+    limit = curves.rcm_tolerance(report)
+    values = [r.worst for r in rows] if rows or planned is None else [float(x) for x in planned[1].ravel() if x == x]
+    value = max(values, key=lambda x: math.inf if math.isnan(x) else x)
     note = f"limit {fmt.quantity(limit, 'm')}" if limit else "no tolerance"
-    state = "none" if limit is None else "good" if value <= limit else "bad"
+    bad = any(not r.agrees for r in rows) or (limit is not None and not value <= limit)
+    state = "bad" if bad else "none" if limit is None else "good"
     return {"label": "RCM error", "value": fmt.quantity(value, "m"), "note": note, "state": state}
 
 
@@ -175,12 +208,17 @@ def _clearance_figure(report: Report) -> dict[str, str]:
     }
 
 
-def _counts(report: Report) -> list[tuple[str, str]]:
-    out = []
-    for severity in reversed(SEVERITIES):
-        n = sum(f.severity == severity for f in report.findings)
-        if n:
-            out.append((severity, fmt.count(n, "note" if severity == "info" else severity)))
+def _counts(report: Report) -> list[str]:
+    """Return how many causes there are, what is told with them, and what else was found."""
+    causes = report.causes
+    told = {id(f) for c in causes for f in c.findings}
+    out = [fmt.count(len(causes), "cause")] if causes else []
+    for name, many in (("of the same kind", "also"), ("that follows", "follows"), ("that may follow", "perhaps")):
+        n = sum(len(getattr(c, many)) for c in causes)
+        out += [f"{fmt.count(n, 'finding')} {name if n == 1 else name.replace('follows', 'follow')}"] if n else []
+    for severity in ("warning", "info"):
+        n = sum(f.severity == severity and id(f) not in told for f in report.findings)
+        out += [fmt.count(n, "note" if severity == "info" else severity)] if n else []
     return out
 
 
@@ -232,11 +270,16 @@ def _when(row: Residual) -> str:
     return fmt.seconds(row.t) if math.isfinite(row.t) else fmt.NONE
 
 
-def _over(f: Finding) -> float:
-    """Return size over limit in percent of the bar, 0 to 100, the limit at half."""
+def _bar(f: Finding, beside: Iterable[Finding] = ()) -> dict[str, float] | None:
+    """Return where size and limit are on a linear bar, 0 to 100; the bars of one cause have one scale.
+
+    The bar ends at the largest size beside it of the same unit, or at twice the limit if that is more.
+    """
     if f.size is None or not f.limit or not math.isfinite(f.size):
-        return 0.0
-    return round(100 * min(1.0, abs(f.size / f.limit) / 2), 1)
+        return None
+    alike = [abs(o.size) for o in beside if o.size is not None and o.unit == f.unit and math.isfinite(o.size)]
+    full = max(abs(f.size), 2 * abs(f.limit), *alike)
+    return {"size": round(100 * abs(f.size) / full, 1), "limit": round(100 * abs(f.limit) / full, 1)}
 
 
 @cache
@@ -261,7 +304,7 @@ def _template() -> Template:
         "label": label,
         "value": _parameter_value,
         "when": _when,
-        "over": _over,
+        "bar": _bar,
         "times": lambda r: fmt.ratio(r.worst, r.tolerance),
         "words": lambda name: name.replace("_", " "),
     }

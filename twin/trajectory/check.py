@@ -14,6 +14,9 @@ from twin.units import DEG, MM
 OVER = 1e-3
 """Fraction by which a sample may exceed a speed or acceleration limit."""
 
+AGAIN = "plan the protocol again: these samples are not what was planned within the limits"
+"""The way out where samples are not those of a plan."""
+
 
 def check(trajectory: Trajectory, protocol: Protocol, kinematics: PathKinematics) -> list[Finding]:
     """Return what is wrong with a trajectory, and its smallest margins as infos.
@@ -155,7 +158,8 @@ def _over(
         return []
     text = f"{what} reaches {size / factor:.4g} {unit}, above its limit of {limit / factor:.4g} {unit}"
     when = _when(trajectory, sample)
-    return [Finding(code, "disagreement", text, where, when, size / factor, unit, limit / factor)]
+    way = "give the phase a lower limit or more time, or the robot a higher limit"
+    return [Finding(code, "disagreement", text, where, when, size / factor, unit, limit / factor, way)]
 
 
 def _consistent(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
@@ -171,7 +175,7 @@ def _consistent(trajectory: Trajectory, kinematics: PathKinematics) -> list[Find
     name = kinematics.joint_names[j]
     text = f"joint {name}: its speed differs from the slope of its positions by {size:.3g} {unit}/s"
     when = _when(trajectory, int(k) + 1)
-    return [Finding("trajectory.inconsistent", "disagreement", text, name, when, size, unit + "/s")]
+    return [Finding("trajectory.inconsistent", "disagreement", text, name, when, size, unit + "/s", suggestion=AGAIN)]
 
 
 def _rcm(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
@@ -234,6 +238,7 @@ def _straight(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
                 size=float(errors[k] / MM),
                 unit="mm",
                 limit=tolerance / MM,
+                suggestion=AGAIN if bent else "",
             )
         )
     return out
@@ -265,7 +270,8 @@ def _waypoints(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
             size, unit = (off / MM, "mm") if far else (turn / DEG, "deg")
             limit = t.waypoint / MM if far else t.waypoint_angle / DEG
             when = _when(trajectory, k)
-            out.append(Finding("waypoint.missed", "disagreement", text, f"waypoint '{name}'", when, size, unit, limit))
+            where = f"waypoint '{name}'"
+            out.append(Finding("waypoint.missed", "disagreement", text, where, when, size, unit, limit, AGAIN))
     return out
 
 

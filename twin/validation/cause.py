@@ -12,10 +12,10 @@ Side = Literal["CAD", "equations", "stage", "motion", "protocol"]
 
 SIDES: dict[Side, str] = {
     "CAD": "the CAD (B) contradicts itself",
-    "equations": "equations (A) against CAD (B)",
-    "stage": "USD stage (C) against CAD (B)",
-    "motion": "baked motion (D) against CAD (B)",
-    "protocol": "the motion against the limits of the protocol and the robot",
+    "equations": "equations (A) and CAD (B) differ",
+    "stage": "USD stage (C) and CAD (B) differ",
+    "motion": "baked motion (D) and CAD (B) differ",
+    "protocol": "the motion breaks a limit of the protocol or of the robot",
 }
 """What differs from what, in the order in which causes are told: what is later may follow from what is earlier."""
 

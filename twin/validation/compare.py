@@ -243,7 +243,7 @@ def _driven(
         if not r.agrees:
             cause = blamed.cause if because else equation or _equation_of(kin, tuple(kin.joints)) or joint
             first = first or _Blame(joint, cause)
-            by = f", because {because} is off" if because else f" by {equation}" if equation else ""
+            by = f", because {because} is off," if because else f" by {equation}" if equation else ""
             away = f"{text(r.worst, unit)} {'from where the mechanism has it' if unit == 'm' else 'off'}"
             _add(out, r, f"joint {joint}{by} is {away}", cause)
     if alone is not None and blamed:

@@ -123,6 +123,7 @@ def _jumps(model: ReferenceModel, posed: Run, at: Clock) -> list[Finding]:
                     size=float(steps[k] / scale),
                     unit=unit,
                     limit=float(8 * before[k] / scale),
+                    suggestion="keep the path away from there",
                 )
             )
     return out

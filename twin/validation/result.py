@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, Literal
@@ -68,6 +68,22 @@ class Residual:
     def agrees(self) -> bool:
         """Whether the row is within its tolerance (rows for information always are)."""
         return self.tolerance is None or self.worst <= self.tolerance
+
+
+_SAME = 0.999
+"""Sizes within this ratio are equal but for rounding: the first of them is shown."""
+
+
+def headline(rows: Sequence[Residual]) -> Residual:
+    """Return the row that stands for several: one that differs by itself before one that follows from another."""
+
+    def weight(r: Residual) -> tuple[int, float]:
+        """Of what is judged the share of its tolerance, else the size; no number is worst."""
+        rank = 0 if r.tolerance is None else 1 if r.agrees else 2 if r.consequence_of else 3
+        return rank, math.inf if math.isnan(r.worst) else r.worst / (r.tolerance or 1.0)
+
+    rank, most = max(map(weight, rows))
+    return next(r for r in rows if weight(r)[0] == rank and weight(r)[1] >= _SAME * most)
 
 
 @dataclass(frozen=True)
@@ -152,7 +168,10 @@ class Report:
             return self.cure or way or look
         if first.side == "CAD":
             way = f"fix {first.head.where or 'the part'} in the CAD{_size(first.head)}" + (f": {way}" if way else "")
-        way = way or f"change the protocol{f' at {first.head.when}' if first.head.when else ''}"
+        if first.side == "protocol":
+            place = ", ".join(x for x in (first.head.where, first.head.when) if x)
+            way = f"in the protocol, {place}: {way or 'change what breaks the limit'}"
+        way = way or "make the file again"
         return f"{way}; then {self.commands['validate']}" if self.commands else way
 
     @property

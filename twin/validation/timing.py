@@ -18,6 +18,7 @@ from twin.findings import Finding
 from twin.mechanism import Mechanism
 from twin.protocol import Protocol
 from twin.spatial import Array
+from twin.trajectory.check import AGAIN
 from twin.trajectory.model import Trajectory
 from twin.units import DEG, MM
 
@@ -86,7 +87,7 @@ def _excess(load: Load) -> Finding:
         size=load.size,
         unit=load.unit,
         limit=load.limit,
-        suggestion="plan the protocol again: these samples are not what was planned within the limits",
+        suggestion=AGAIN,
     )
 
 
@@ -204,6 +205,7 @@ def _rest(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> I
                         size=way / factor,
                         unit=unit,
                         limit=reach / factor,
+                        suggestion=AGAIN,
                     )
                     break
 
@@ -254,6 +256,7 @@ def _claim(trajectory: Trajectory, what: str, where: str, sample: int, size: flo
         size=float(size),
         unit=unit,
         limit=float(limit),
+        suggestion=AGAIN,
     )
 
 
