@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin import assets
-from twin.errors import TwinError
+from twin.errors import ProtocolError, TwinError
 from twin.spatial import Array
 
 if TYPE_CHECKING:
@@ -120,6 +120,11 @@ class Robot:
         from twin.loops import LoopSolver
 
         return LoopSolver(self.mechanism)
+
+    @property
+    def unwritten(self) -> bool:
+        """Whether the robot's formula.py is a template that waits for its equations."""
+        return self.files is not None and self.files.formula.is_file() and not self.files.has_equations
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -239,11 +244,10 @@ class Robot:
 
         leader = Leader(self.reference)
         mechanical = without_equations(self.mechanism, leader, self.cad.gaps if self.files else ())
-        order = list(mechanical.joint_names)
-        if self.files is not None and self.files.formula.is_file() and not self.files.has_equations:
+        if self.unwritten:
             return mechanical
-        kin = self._kinematics
-        if order != list(kin.joints):
+        kin, order = self._kinematics, mechanical.joint_names
+        if order != kin.joints:
             raise TwinError(
                 f"{self.name}: the description drives {', '.join(order)}, the equations {', '.join(kin.joints)}; "
                 "make the names and their order equal"
@@ -339,7 +343,8 @@ def validate(
     if trajectory is None:
         trajectory = plan(robot, chosen, progress)
     with contextlib.nullcontext(stage) if stage is not None else fresh_stage(robot) as root:
-        sides = (robot.kinematics(variants), robot.cad, chosen, trajectory, root, tolerances)
+        kinematics = robot.kinematics(variants) if variants is not None or not robot.unwritten else None
+        sides = (kinematics, robot.cad, chosen, trajectory, root, tolerances)
         return judge(Case(*sides, robot.path_kinematics(), baked), progress)
 
 
@@ -371,7 +376,7 @@ def build(
     """Write the robot's USD stage: meshes, masses, joints, and one baked motion for each protocol.
 
     Args:
-        robot: with CAD; without equations, no motion is baked unless one is asked for.
+        robot: with CAD; without equations yet, motions that the mechanism cannot be led along are left out.
         folder: where to; default: usd/<robot>/ in a checkout, the folder's usd/ for a robot of one's own.
         protocols: which to bake; default all.
         progress: see `Progress`.
@@ -394,15 +399,20 @@ def build(
     progress("read CAD, weigh parts", 0.0)
     cad = robot.cad = read_mechanism(robot.files.description, with_mass=True)
     chosen = protocols or ()
-    if protocols is None and robot.files.has_equations:
+    if protocols is None and (robot.files.has_equations or robot.unwritten):
         chosen = tuple(robot.files.protocols())
     with assets.atomic_folder(folder) as work:
         root = write_usd(cad.mechanism, (), work)[0]
         robot.mechanism = cad.mechanism
         for i, name in enumerate(chosen):
             progress(f"bake {name}", i / len(chosen))
-            bound = robot.bound(robot.protocol(name)).mechanism
-            bake(cad.mechanism, bound, plan(robot, name), work)
+            try:
+                bound, trajectory = robot.bound(robot.protocol(name)).mechanism, plan(robot, name)
+            except ProtocolError:
+                if protocols is None and robot.unwritten:  # `twin plan` says why
+                    continue
+                raise
+            bake(cad.mechanism, bound, trajectory, work)
         written = sorted(p.relative_to(work) for p in work.rglob("*") if p.is_file())
         first = root.relative_to(work)
     return [folder / first, *(folder / p for p in written if p != first)]

@@ -22,6 +22,9 @@ _VERDICTS = {
 }
 
 
+_WITHOUT = "AGREE: mechanism and stage tell the same story; there are no equations yet to judge"
+
+
 @contextlib.contextmanager
 def progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
     """Yield a function that shows what is being done; nothing if quiet or not on a terminal."""
@@ -108,7 +111,8 @@ def report(r: Report, *, all_findings: bool = False) -> str:
     from twin.report.format import quantity
 
     lines = [f"{r.robot} · {r.protocol} · {', '.join(f'{k} {v}' for k, v in r.variants.items())}", ""]
-    lines += [f"  {_VERDICTS[r.verdict]}", ""]
+    unjudged = not r.variants and r.verdict == "agree"
+    lines += [f"  {_WITHOUT if unjudged else _VERDICTS[r.verdict]}", ""]
     shown = [f for f in by_severity(r.findings) if all_findings or f.severity != "info"]
     if shown:
         lines += [*(finding(f) for f in shown), ""]
