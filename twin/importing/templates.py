@@ -137,7 +137,7 @@ def _waypoint(name: str, values: dict[str, float]) -> str:
     joints = ", ".join(f"{key} = {number(value)}" for key, value in values.items())
     return f"""
 [waypoints.{name}]
-joints = {{ {joints} }} # one that is not named stays where it is
+joints = {{ {joints} }} # one that is not named is as drawn
 provenance = "ASSUMED"
 note = "As the mechanism stands; to be replaced."
 """
