@@ -183,6 +183,29 @@ LINKAGES: dict[str, Callable[[], Linkage]] = {
 }
 
 
+def mechanism(linkage: Linkage, name: str):
+    """Return the mechanism of a linkage without a drawing: the same joints, bodies without shapes."""
+    from twin import spatial
+    from twin.mechanism import Body, Frame, Joint, Mechanism
+
+    def frame(at, z):
+        return spatial.pose(spatial.frame_from_axes(z, np.eye(3)[int(np.argmin(np.abs(z)))]), at / 1000)
+
+    ends = [(p.parent, p.child, "revolute", frame(p.at, p.axis)) for p in linkage.pins]
+    if linkage.slide is not None:
+        parent, child, at = linkage.slide
+        ends.append((parent, child, "prismatic", frame(at, X)))
+    ends.sort(key=lambda e: e[:2] not in linkage.driven)
+    joints = [
+        Joint(f"j{i}", kind, parent, child, T, T, active=(parent, child) in linkage.driven)
+        for i, (parent, child, kind, T) in enumerate(ends, 1)
+    ]
+    bodies = dict.fromkeys(b for e in ends for b in e[:2])
+    tool = Frame("tool", linkage.tool[0], spatial.pose(p=linkage.tool[1] / 1000))
+    rest = {b: np.eye(4) for b in bodies}
+    return Mechanism(name, "base", tuple(map(Body, bodies)), tuple(joints), (tool,), rest=rest, source=f"{name}.py")
+
+
 def draw(linkage: Linkage, path: Path) -> None:
     """Write the STEP assembly of a linkage. Takes seconds: build123d is imported."""
     sys.path.insert(0, str(ROOT / "cad"))
@@ -222,7 +245,8 @@ def finish(description: Path, linkage: Linkage) -> None:
     text = description.read_text("utf-8")
     text = re.sub(r"^# (\[\[joint\]\]|(?:name|type|parent|child|on_parent|on_child) = )", r"\1", text, flags=re.M)
     text = re.sub(r"\n\[\[joint\]\]\nname = \"hold_.*?(?=\n\n)", "", text, flags=re.S)
-    text = re.sub(r"^# (\[material|density|parts|provenance|note)", r"\1", text, flags=re.M)
+    material = re.compile(r"^# \[material.*?(?=\n\n)", flags=re.M | re.S)
+    text = material.sub(lambda m: m[0].replace("# [", "[").replace("\n# ", "\n"), text)
     blocks = re.split(r"(?=\n\[\[joint\]\]\n)", text)
     joints = [b for b in blocks if b.startswith("\n[[joint]]")]
     driven = []
@@ -234,6 +258,10 @@ def finish(description: Path, linkage: Linkage) -> None:
     text = text.replace(f'body = "{_tool(text)}"', f'body = "{linkage.tool[0]}"')
     place = ", ".join(repr(float(v)) for v in linkage.tool[1])
     text = re.sub(r"(\[frame\.tool\].*?position_mm = )\[.*?\]", rf"\g<1>[{place}]", text, flags=re.S)
+    drives = re.compile(r"^# \[\[drive\]\].*?(?=\n\n)", flags=re.M | re.S)
+    names = ", ".join('"' + re.search(r'^name = "(\w+)"', b, flags=re.M)[1] + '"' for b in driven)
+    uncommented = drives.search(text)[0].removeprefix("# ").replace("\n# ", "\n").replace('"NAME"', names)
+    text = drives.sub(lambda _: uncommented, text)
     for block in driven:
         name = re.search(r'^name = "(\w+)"', block, flags=re.M)[1]
         text = text.replace(block, block.replace(f'name = "{name}"\n', f'name = "{name}"\nactive = true\n'))
