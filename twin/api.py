@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin import assets
-from twin.errors import TwinError
+from twin.errors import ProtocolError, TwinError
 from twin.spatial import Array
 
 if TYPE_CHECKING:
@@ -122,6 +122,11 @@ class Robot:
         from twin.loops import LoopSolver
 
         return LoopSolver(self.mechanism)
+
+    @property
+    def unwritten(self) -> bool:
+        """Whether the robot's formula.py is a template that waits for its equations."""
+        return self.files is not None and self.files.formula.is_file() and not self.files.has_equations
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -259,11 +264,10 @@ class Robot:
 
         leader = Leader(self.reference)
         mechanical = without_equations(self.mechanism, leader, self.cad.gaps if self.files else ())
-        order = list(mechanical.joint_names)
-        if self.files is not None and self.files.formula.is_file() and not self.files.has_equations:
+        if self.unwritten:
             return mechanical
-        kin = self._kinematics
-        if order != list(kin.joints):
+        kin, order = self._kinematics, mechanical.joint_names
+        if order != kin.joints:
             raise TwinError(
                 f"{self.name}: the description drives {', '.join(order)}, the equations {', '.join(kin.joints)}; "
                 "make the names and their order equal"
@@ -361,7 +365,7 @@ def validate(
         trajectory = plan(robot, chosen, progress)
     assert robot.files is not None  # it has CAD
     with contextlib.nullcontext(stage) if stage is not None else fresh_stage(robot.files) as root:
-        kin = robot.kinematics(variants)
+        kin = robot.kinematics(variants) if variants is not None or not robot.unwritten else None
         sides = (kin, robot.cad, chosen, trajectory, root, used)
         report = judge(Case(*sides, robot.path_kinematics(), baked), progress)
     return report if said is None else replace(report, commands=commands(robot.files, kin, said, tolerances))
@@ -377,7 +381,7 @@ def build(
     """Write the robot's USD stage: meshes, masses, joints, and one baked motion for each protocol.
 
     Args:
-        robot: with CAD; without equations, no motion is baked unless one is asked for.
+        robot: with CAD; without equations yet, motions that the mechanism cannot be led along are left out.
         folder: where to; default: usd/<robot>/ in a checkout, the folder's usd/ for a robot of one's own.
         protocols: which to bake; default all.
         progress: see `Progress`.
@@ -400,14 +404,19 @@ def build(
     robot = robot.weighed()
     assert robot.files is not None
     chosen = protocols or ()
-    if protocols is None and robot.files.has_equations:
+    if protocols is None and (robot.files.has_equations or robot.unwritten):
         chosen = tuple(robot.files.protocols())
     with assets.atomic_folder(folder) as work:
         root = write_usd(robot.mechanism, (), work)[0]
         for i, name in enumerate(chosen):
             progress(f"bake {name}", i / len(chosen))
-            bound = robot.bound(robot.protocol(name)).mechanism
-            bake(robot.mechanism, bound, plan(robot, name), work)
+            try:
+                bound, trajectory = robot.bound(robot.protocol(name)).mechanism, plan(robot, name)
+            except ProtocolError:
+                if protocols is None and robot.unwritten:  # `twin plan` says why
+                    continue
+                raise
+            bake(robot.mechanism, bound, trajectory, work)
         written = sorted(p.relative_to(work) for p in work.rglob("*") if p.is_file())
         first = root.relative_to(work)
     return [folder / first, *(folder / p for p in written if p != first)]

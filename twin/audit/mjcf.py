@@ -44,7 +44,7 @@ class Mjcf:
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.data = mujoco.MjData(self.model)
         m = self.model
-        self.bodies = {m.body(i).name: i for i in range(1, m.nbody) if m.body(i).name}
+        self.bodies = {m.body(i).name: i for i in range(m.nbody) if m.body(i).name and (i or _holds(root))}
         mujoco.mj_kinematics(m, self.data)
         self.content.rest = {n: self._pose(i) for n, i in self.bodies.items()}
         self.content.facts = {
@@ -185,6 +185,11 @@ class Mjcf:
                 self._ledger.add("mjcf.limits", "disagreement", text, where=joint, size=off)
 
 
+def _holds(root: ET.Element) -> bool:
+    """Return whether the world itself holds a body by a joint, so that it is the base of the robot."""
+    return any(b.find("joint") is not None for world in root.iter("worldbody") for b in world.findall("body"))
+
+
 def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, Shape]:
     compiler = root.find("compiler")
     folder = "" if compiler is None else compiler.get("meshdir", compiler.get("assetdir", ""))
@@ -195,7 +200,7 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, Shape]:
         assets[name] = (f"{folder}/{file}" if folder else file, numbers(mesh.get("scale"), 3, (1, 1, 1)))
     checked: dict[str, tuple[Array, Array] | None] = {}
     out = {}
-    for body in root.iter("body"):
+    for body in (*root.iter("worldbody"), *root.iter("body")):
         parts, seen = [], set()
         for geom in body.findall("geom"):
             place = (geom.get("mesh"), geom.get("pos"), geom.get("quat"))
@@ -213,6 +218,7 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, Shape]:
                 T = poses.pose(poses.rotation(q), numbers(geom.get("pos"), 3, (0, 0, 0)))
                 parts.append(check_mesh(Ledger(""), "", got[0] @ T[:3, :3].T + T[:3, 3], got[1], None, "mjcf"))
         shape = joined(p for p in parts if p is not None)
-        if shape is not None and body.get("name"):
-            out[body.get("name", "")] = shape
+        name = "world" if body.tag == "worldbody" else body.get("name", "")
+        if shape is not None and name:
+            out[name] = shape
     return out

@@ -107,7 +107,8 @@ class Urdf:
             if joint.name not in low or joint.limits is None:
                 continue
             its = (low[joint.name], high[joint.name])
-            off = max(abs(a - b) for a, b in zip(joint.limits, its, strict=True) if abs(b) < 1e29) if its else 0.0
+            ends = zip(joint.limits, its, strict=True)
+            off = max((abs(a - b) for a, b in ends if abs(b) < 1e29), default=0.0)  # a slide may have none
             if off > 1e-6:
                 text = f"joint '{joint.name}' has limits {joint.limits[0]:g} .. {joint.limits[1]:g}, in {name} "
                 self._ledger.add(

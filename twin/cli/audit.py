@@ -60,7 +60,7 @@ def _truth(name: str, path: Path, progress: api.Progress) -> dict[str, tuple[np.
         trajectory = api.plan(robot, protocol, progress)
         inside = np.clip(times, 0.0, trajectory.duration)  # the last key is rounded
         model = ReferenceModel(robot.bound(protocol).mechanism)
-        run = model.run_poses(trajectory.poses(inside), near=trajectory.joints(inside))
+        run = trajectory.on(model, inside)
         out[protocol.name] = (times, model.link_poses(run.x))
     if not out:
         raise TwinError(f"--robot {name}: no clip is named after one of its protocols ({', '.join(known) or 'none'})")

@@ -128,8 +128,10 @@ def build(args: argparse.Namespace) -> int:
     else:
         for path in written:
             print(f"  {path}  ({path.stat().st_size / 1e3:.0f} kB)")
-        if robot.files is not None and not robot.files.has_equations and robot.files.protocols():
-            print(f"  {', '.join(robot.files.protocols())}: not baked, there are no equations yet to plan with")
+        baked = {path.stem.removeprefix(f"{robot.name}_") for path in written}
+        for name in robot.files.protocols() if robot.files is not None and robot.unwritten and not chosen else ():
+            if name not in baked:
+                print(f"  {name}: not baked, the mechanism cannot follow it; twin plan {args.robot} {name} says why")
     return 0
 
 

@@ -23,6 +23,9 @@ _VERDICTS = {
 }
 
 
+_WITHOUT = "AGREE: mechanism and stage tell the same story; there are no equations yet to judge"
+
+
 @contextlib.contextmanager
 def progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
     """Yield a function that shows what is being done; nothing if quiet or not on a terminal."""
@@ -109,7 +112,8 @@ def report(r: Report, *, all_findings: bool = False) -> str:
     from twin.report.format import quantity
 
     lines = [f"{r.robot} · {r.protocol} · {', '.join(f'{k} {v}' for k, v in r.variants.items())}", ""]
-    lines += [f"  {verdict_line(r)}", ""]
+    unjudged = not r.variants and r.verdict == "agree"
+    lines += [f"  {_WITHOUT if unjudged else verdict_line(r)}", ""]
     told = {id(f) for c in r.causes for f in c.findings}
     others = [f for f in by_severity(r.findings) if id(f) not in told and (all_findings or f.severity != "info")]
     shown = [*(cause(c) for c in r.causes), *(finding(f) for f in others)]

@@ -143,7 +143,7 @@ def make_clip(
     bad = ""  # the link that was furthest off at the rate before: it decides most of the next ones alone
     for grid in _GRIDS:
         times = key_times(trajectory.duration, grid)
-        run = model.run_poses(trajectory.poses(times), near=trajectory.joints(times))
+        run = trajectory.on(model, times)
         links = {n: np.round(T, 13) + 0.0 for n, T in model.link_poses(run.x).items()}
         values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
         for rate in (r for r in RATES if _first_grid(r) == grid):

@@ -28,14 +28,19 @@ def inertia_of(body: Body) -> Inertia:
 
 
 def unweighed(mechanism: Mechanism, file: str) -> Iterator[Finding]:
-    """Yield one finding that names the bodies whose mass `inertia_of` had to make up."""
-    names = [b.name for b in mechanism.bodies if b.inertia is None]
-    if names:
-        yield Finding(
-            "export.mass_unknown",
-            "warning",
-            f"{file}: no mass is known of {', '.join(names)}; the file gives each its bounding box full of water, "
-            f"because the format wants a mass",
-            where=", ".join(names),
-            suggestion="give the bodies densities in the robot's description",
-        )
+    """Yield findings that name the bodies whose mass `inertia_of` had to make up; the base needs none."""
+    unknown = [b for b in mechanism.bodies if b.inertia is None and b.name != mechanism.base]
+    for names, given in (
+        ([b.name for b in unknown if b.meshes], "its bounding box full of water"),
+        ([b.name for b in unknown if not b.meshes], f"{LEAST * 1000:g} g, since it has no shape either"),
+    ):
+        if names:
+            yield Finding(
+                "export.mass_unknown",
+                "warning",
+                f"{file}: no mass is known of {', '.join(names)}; the file assumes {given}, because the format wants "
+                "a mass",
+                where=", ".join(names),
+                suggestion="give them a mass or their parts a density in the robot's description, or join them rigidly "
+                "to a body that has one",
+            )

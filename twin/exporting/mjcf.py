@@ -108,11 +108,14 @@ class _Writer:
 
     def _body(self, parent: ET.Element, name: str, joint: Joint | None) -> None:
         T = np.eye(4) if joint is None else joint.T_parent_joint @ spatial.inverse(joint.T_child_joint)
-        element = ET.SubElement(parent, "body", {"name": name, **_place(T)})
+        # MuJoCo calls its own fixed body "world": a base of that name is this one.
+        world = joint is None and name == "world"
+        element = parent if world else ET.SubElement(parent, "body", {"name": name, **_place(T)})
         body = self.mechanism.body(name)
         if joint is not None:
             self._joint(element, joint)
-        _inertial(element, inertia_of(body))
+        if not world and (joint is not None or body.inertia is not None):
+            _inertial(element, inertia_of(body))
         for mesh in body.meshes:
             # Neighbours overlap in their joints: links meet the world (whose contype is 1), never one another.
             shape = {"type": "mesh", "mesh": mesh.name, "rgba": srgb(mesh.color_rgba), "mass": "0"}

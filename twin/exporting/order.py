@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.errors import TwinError
+from twin.errors import ProtocolError, TwinError
 from twin.exporting.clip import Budget, Clip, make_clip
 from twin.findings import Finding
 from twin.mechanism import Mechanism
@@ -107,8 +107,8 @@ def order(
     chosen: list[str | Path] = list(files.protocols()) if protocols is None else list(protocols)
     if trajectory is not None:
         chosen = list(protocols or [trajectory.protocol])[:1]
-    has_equations = files.has_equations
-    if protocols is None and trajectory is None and not has_equations:
+    has_equations, optional = files.has_equations, protocols is None and robot.unwritten
+    if protocols is None and trajectory is None and not has_equations and not robot.unwritten:
         if chosen:
             text = f"{robot.name} has no equations to plan with: {', '.join(map(str, chosen))} left out, no motion"
             findings.append(Finding("export.no_equations", "warning", text, suggestion="write formula.py"))
@@ -117,7 +117,14 @@ def order(
     scenes = []
     for i, protocol in enumerate(loaded):
         progress(f"plan {protocol.name}", i / len(loaded))
-        planned = trajectory if trajectory is not None else plan(robot, protocol)
+        try:
+            planned = trajectory if trajectory is not None else plan(robot, protocol)
+        except ProtocolError as error:
+            if not optional:
+                raise
+            text = f"protocol {protocol.name} is left out, the mechanism cannot follow it: {error}"
+            findings.append(Finding("export.not_planned", "warning", text, where=protocol.name))
+            continue
         bound = robot.bound(protocol).mechanism
         progress(f"keys of {protocol.name}", (i + 0.5) / len(loaded))
         clip = make_clip(bound, planned, protocol.title, budget, _assumed(protocol.parameters()))
@@ -135,7 +142,7 @@ def order(
     return Order(
         cad.mechanism,
         tuple(scenes),
-        _quick_looks(cad.description.default_protocol, [p.name for p in loaded], protocols is not None),
+        _quick_looks(cad.description.default_protocol, [s.clip.name for s in scenes], protocols is not None),
         tuple((name, _sha256(path)) for name, path in dict(shown).items()),
         _assumed(numbers),
         cad.description.title,

@@ -94,15 +94,16 @@ def _document(mechanism: Mechanism) -> ET.Element:
                 material = ET.SubElement(root, "material", name=colors[mesh.color_rgba])
                 ET.SubElement(material, "color", rgba=srgb(mesh.color_rgba))
     for body in mechanism.bodies:
-        _link(root, body, colors)
+        _link(root, body, colors, weighed=body.name != mechanism.base or body.inertia is not None)
     for joint in spanning(mechanism).tree:
         _joint(root, joint, joint.relative(home[joint.parent], home[joint.child]))
     return root
 
 
-def _link(root: ET.Element, body: Body, colors: dict[tuple[float, ...], str]) -> None:
+def _link(root: ET.Element, body: Body, colors: dict[tuple[float, ...], str], weighed: bool) -> None:
     link = ET.SubElement(root, "link", name=body.name)
-    _inertial(link, inertia_of(body))
+    if weighed:
+        _inertial(link, inertia_of(body))
     for mesh in body.meshes:
         for use in ("visual", "collision"):
             shape = ET.SubElement(link, use, name=f"{mesh.name}_{use}")

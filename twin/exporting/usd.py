@@ -82,7 +82,7 @@ def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder:
 
     times = key_times(trajectory.duration, TIME_CODES_PER_SECOND)
     model = ReferenceModel(bound)
-    run = model.run_poses(trajectory.poses(times), near=trajectory.joints(times))
+    run = trajectory.on(model, times)
     values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
     trocar = bound.trocar_at if bound.trocar else None
     motion = Motion(trajectory.protocol, times, rounded(model.link_poses(run.x)), values, trocar)

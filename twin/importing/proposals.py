@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from twin import spatial
-from twin.cad.build import locked_error
 from twin.cad.description import Feature, FrameSpec, Tolerance
 from twin.cad.features import find, frame
+from twin.cad.meeting import locked_error
 from twin.cad.step import Face, Part
 from twin.errors import CadError
 from twin.importing.pairs import GROSS, Pair, Round, perpendicular, same_axis, shared

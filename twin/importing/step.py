@@ -27,6 +27,19 @@ from twin.mechanism import Mechanism
 from twin.spatial import Array
 from twin.units import DEG, MM
 
+DRIVE = (
+    "",
+    "# A simulator needs the drive of each driven joint; nothing else does.",
+    "# [[drive]]",
+    '# joints = ["NAME"]',
+    "# stiffness = 1000 # N m/rad; of a slide N/m",
+    "# damping = 20 # N m s/rad; of a slide N s/m",
+    "# max_effort = 50 # N m; of a slide N",
+    '# provenance = "ASSUMED"',
+    '# note = "where the gains come from"',
+)
+"""What a skeleton says of drives."""
+
 _GROUND = ("base", "frame", "ground", "world", "housing", "fixed")
 """Words in the name of the body that stands still."""
 
@@ -183,6 +196,7 @@ def describe(s: Skeleton, name: str, source: str) -> str:
         '# parts = ["*"] # names of parts, with * and ?',
         '# provenance = "ASSUMED"',
         '# note = "where the density comes from"',
+        *DRIVE,
     ]
     for body in s.parts:
         lines += ["", f"[body.{body}]"] + ([f"node = {string(s.nodes[body])}"] if s.nodes[body] != body else [])

@@ -6,7 +6,7 @@ import numpy as np
 
 from twin.assets import NO_EQUATIONS
 from twin.errors import TwinError
-from twin.importing.text import number, one_line, string, zyx
+from twin.importing.text import number, one_line, string
 from twin.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.spatial import Array
@@ -46,12 +46,14 @@ def inverse(pose, length):
 
 
 def protocol(mechanism: Mechanism) -> str:
-    """Return a protocol from home to a place nearby and back; every number of it is ASSUMED."""
-    tool = mechanism.frame(mechanism.tool)
-    home = mechanism.rest[tool.body] @ tool.T_body_frame
-    near, how = _near(mechanism)
-    return f"""# A first motion: from home to a place nearby and straight back. {how}
-# It can be planned as soon as formula.py holds equations: twin plan, twin validate.
+    """Return a protocol that moves a driven joint a little and back; every number of it is ASSUMED.
+
+    It goes by the joints, so that every mechanism can follow it, whatever freedoms its tool has.
+    """
+    home, near, how = _near(mechanism)
+    return f"""# A first motion: from home to a place nearby and back, by the driven joints; the tool follows. {how}
+# Try it: twin plan, twin validate. Poses of the tool: phases of type "positioning", to waypoints with position_mm and
+# angles_deg; see docs/your-own-robot.md.
 name = "first"
 title = {string(f"First motion of {mechanism.name}")}
 source = "template of twin new"
@@ -70,9 +72,9 @@ waypoint_mm = 0.01
 waypoint_deg = 0.01
 provenance = "ASSUMED"
 note = "To be replaced."
-{_limits("positioning")}{_limits("home")}{_waypoint("home", home)}{_waypoint("near", home if near is None else near)}
+{_limits("joints")}{_limits("home")}{_waypoint("home", home)}{_waypoint("near", near)}
 [[phases]]
-type = "positioning"
+type = "joints"
 name = "go"
 to = "near"
 
@@ -82,10 +84,14 @@ name = "back"
 """
 
 
-def _near(mechanism: Mechanism) -> tuple[Array | None, str]:
-    """Return the tool's pose with the first driven joint that can be moved a little, and how."""
+def _near(mechanism: Mechanism) -> tuple[dict[str, float], dict[str, float], str]:
+    """Return values of the driven joints at home and nearby, by name and unit, and how they differ.
+
+    The first driven joint is moved that moves the tool and has room within its limits, or else any that can be moved.
+    """
     model = ReferenceModel(mechanism)
     home = model.home()
+    found = None
     for i, joint in enumerate(mechanism.active):
         low, high = joint.limits or (-np.inf, np.inf)
         for step in (_STEP[joint.type], -_STEP[joint.type]):
@@ -97,10 +103,22 @@ def _near(mechanism: Mechanism) -> tuple[Array | None, str]:
                 moved = model.solve(q, home)
             except TwinError:
                 continue
+            by = f"{step / DEG:g} degrees" if joint.is_angle else f"{step / MM:g} mm"
+            found = found or (q, joint.name, by)
             if np.abs(moved.T_base_tool - home.T_base_tool).max() > 1e-6:
-                by = f"{step / DEG:g} degrees" if joint.is_angle else f"{step / MM:g} mm"
-                return moved.T_base_tool, f"There, driven joint {joint.name} has moved by {by}."
-    return None, "No driven joint moves the tool there: `near` is where home is. Move it."
+                return _values(mechanism, home.q), _values(mechanism, q), f"Driven joint {joint.name} moves by {by}."
+    values = _values(mechanism, home.q)
+    if found is not None:
+        return values, _values(mechanism, found[0]), f"Driven joint {found[1]} moves by {found[2]}; the tool stands."
+    why = "No driven joint can be moved from home" if mechanism.active else "No joint is driven yet"
+    return values, values, f"{why}: give `near` other values, as in joints = {{ NAME_deg = 5 }} or {{ NAME_mm = 10 }}."
+
+
+def _values(mechanism: Mechanism, q: Array) -> dict[str, float]:
+    return {
+        f"{j.name}_{'deg' if j.is_angle else 'mm'}": float(v / (DEG if j.is_angle else MM))
+        for j, v in zip(mechanism.active, q, strict=True)
+    }
 
 
 def _limits(phase: str) -> str:
@@ -115,13 +133,11 @@ note = "Unhurried; to be replaced."
 """
 
 
-def _waypoint(name: str, T: Array) -> str:
-    position = ", ".join(number(v) for v in T[:3, 3] / MM)
-    angles = ", ".join(number(v) for v in zyx(T[:3, :3]) / DEG)
+def _waypoint(name: str, values: dict[str, float]) -> str:
+    joints = ", ".join(f"{key} = {number(value)}" for key, value in values.items())
     return f"""
 [waypoints.{name}]
-position_mm = [{position}]
-angles_deg = [{angles}] # Rz Ry Rx
+joints = {{ {joints} }} # one that is not named is as drawn
 provenance = "ASSUMED"
 note = "As the mechanism stands; to be replaced."
 """

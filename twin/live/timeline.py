@@ -68,8 +68,8 @@ def prepare(robot: str, protocol: str | None) -> Playback:
     chosen = loaded.protocol(protocol)
     trajectory = api.plan(loaded, chosen)
     t = np.append(np.arange(0.0, trajectory.duration, 1 / RATE), trajectory.duration)
-    Ts, q = trajectory.poses(t), trajectory.joints(t)
-    x = loaded.bound(chosen).reference().run_poses(Ts, near=q).x
+    q = trajectory.joints(t)
+    x = trajectory.on(loaded.bound(chosen).reference(), t).x
     near = np.clip(np.searchsorted(trajectory.t, t), 0, len(trajectory.t) - 1)
     frames = trajectory.Ts_base_frame[near]
     axis = trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis)
@@ -81,7 +81,7 @@ def prepare(robot: str, protocol: str | None) -> Playback:
         q,
         trajectory.qd[near],
         trajectory.qdd[near],
-        Ts,
+        trajectory.poses(t),
         frames[:, :3, 3],
         frames[:, :3, :3] @ axis,
         trajectory.rcm[near],

@@ -33,7 +33,7 @@ class Waypoint:
         angles: (3,) in rad about `Protocol.rotation`; zero where `joints` are given.
         position: (3,) in m, of a pose. depth: m, of an attitude about the RCM.
         label, provenance, note: for people.
-        joints: value by driven joint, in m or rad; one that is not named stays. None: no joint values.
+        joints: value by driven joint, in m or rad; one that is not named is as drawn. None: no joint values.
         angle_joints: those of them that were given in degrees.
     """
 

@@ -24,7 +24,7 @@ class WaypointTable(Table):
     depth_mm: _Depth | None = None
     joints: Annotated[
         dict[_JointValue, float] | None,
-        Field(description="values of driven joints, as in a posture: NAME_deg or NAME_mm; one not named stays"),
+        Field(description="values of driven joints, as in a posture: NAME_deg or NAME_mm; others are as drawn"),
     ] = None
     label: str = ""
     provenance: Provenance

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from twin.mechanism import Mechanism
+from twin.reference.departing import scattered
 from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
 from twin.reference.states import Assembly
@@ -31,7 +32,7 @@ def assemble(model: ReferenceModel) -> Assembly:
     best = model.home()
     drawn = model.tree.start(model.mechanism.rest)
     for columns in (model.tree.passive, np.arange(model.tree.model.nv)):
-        for starts in (drawn[None], _around(model, drawn, columns)):
+        for starts in (drawn[None], scattered(model.tree, drawn, columns, _SPREADS, _TRIES)):
             if is_closed(best):
                 return best
             best = min((best, _nearest(model, starts, columns, drawn)), key=_misfit)
@@ -45,7 +46,7 @@ def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
     model = ReferenceModel(alone)
     every = np.arange(model.tree.model.nv)
     drawn = model.tree.start(mechanism.rest)
-    starts = np.concatenate([drawn[None], _around(model, drawn, every)])
+    starts = np.concatenate([drawn[None], scattered(model.tree, drawn, every, _SPREADS, _TRIES)])
     return _nearest(model, starts, every, drawn).gap[loop]
 
 
@@ -56,16 +57,6 @@ def is_closed(state: Assembly) -> bool:
 
 def _misfit(state: Assembly) -> float:
     return 0.0 if is_closed(state) else sum(offset + 0.1 * tilt for offset, tilt in state.gap.values())
-
-
-def _around(model: ReferenceModel, x: Array, columns: Index) -> Array:
-    rng = np.random.default_rng(0)
-    spread = np.repeat(_SPREADS, _TRIES)[:, None]
-    steps = np.zeros((len(spread), model.tree.model.nv))
-    steps[:, columns] = spread * rng.standard_normal((len(spread), len(columns)))
-    slides = [model.tree.coordinate[j.name] for j in model.mechanism.tree if j.type == "prismatic"]
-    steps[:, slides] *= 0.1
-    return model.tree.integrate(np.tile(x, (len(steps), 1)), steps)
 
 
 def _nearest(model: ReferenceModel, starts: Array, columns: Index, drawn: Array) -> Assembly:

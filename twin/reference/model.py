@@ -16,7 +16,7 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed bes
 from twin import spatial
 from twin.errors import AssemblyError, MechanismError
 from twin.mechanism import Mechanism
-from twin.reference import mobility, walk
+from twin.reference import departing, given, mobility, walk
 from twin.reference.mobility import Mobility
 from twin.reference.newton import minimise
 from twin.reference.posing import posed
@@ -39,6 +39,12 @@ _AT_ONCE = 32
 
 _SURPRISE = 0.2
 """How far, relative to the way there, a state may lie from where the tangent led; beyond, the walk goes one by one."""
+
+_DEPARTURES = 2
+"""How often a walk may leave a state where it is stuck by another way than straight ahead."""
+
+_THERE = 1e-6
+"""Misfit (m, rad) up to which a state counts as reached after a departure."""
 
 _FLAT = 1e-9
 """Relative size of singular values that count as zero."""
@@ -78,7 +84,7 @@ class ReferenceModel:
             AssemblyError: the loops cannot be closed there; the best assembly is attached.
             MechanismError: q has the wrong length or is not finite.
         """
-        q = self._checked(q)
+        q = given.one(self.mechanism, q)
         return self.state(self._reach(self._start(seed), q, self._move_driven))
 
     def solve_pose(self, T_base_tool: Array, seed: Assembly | None = None) -> Assembly:
@@ -119,15 +125,7 @@ class ReferenceModel:
         Raises:
             AssemblyError: as `solve`; the message gives the sample.
         """
-        q = np.asarray(q, float)
-        names = [j.name for j in self.mechanism.active]
-        if q.ndim != 2 or q.shape[1] != len(names):
-            raise MechanismError(f"q has shape {q.shape}; expected (k, {len(names)}) for {', '.join(names)}")
-        if not len(q):
-            raise MechanismError("q has no samples")
-        if not np.isfinite(q).all():
-            k = int(np.argmin(np.isfinite(q).all(axis=1)))
-            raise MechanismError(f"q is not finite at sample {k}: {dict(zip(names, q[k].tolist(), strict=True))}")
+        q = given.along(self.mechanism, q)
         return self._closed(self.collect(self._along(q, self._move_driven, seed, progress)))
 
     def solve_many(self, q: Array, seed: Assembly | None = None) -> Run:
@@ -228,20 +226,15 @@ class ReferenceModel:
         twist = (J @ v)[..., 0]
         return twist, (J @ acceleration[..., None] + (J1 - J0) @ v / (2 * step))[..., 0]
 
+    def loop_jacobian(self, x: Array) -> Array:
+        """Return the Jacobian (m, nv) of the loops at configuration x (nq,)."""
+        return self._jacobians(x[None])[0][0]
+
     def mobility(self, x: Array) -> Mobility:
         """Return degrees of freedom and redundant constraints at configuration x (nq,), by rank."""
-        return mobility.count(self._jacobians(x[None])[0][0], self.tree.loops, self.tree.passive)
+        return mobility.count(self.loop_jacobian(x), self.tree.loops, self.tree.passive)
 
     # -- inside ---------------------------------------------------------------------------------------
-
-    def _checked(self, q: Array) -> Array:
-        q = np.asarray(q, float)
-        names = [j.name for j in self.mechanism.active]
-        if q.shape != (len(names),):
-            raise MechanismError(f"q has shape {q.shape}; expected ({len(names)},) for {', '.join(names)}")
-        if not np.all(np.isfinite(q)):
-            raise MechanismError(f"q is not finite: {dict(zip(names, q.tolist(), strict=True))}")
-        return q
 
     def _closed(self, run: Run, Ts: Array | None = None) -> Run:
         """Return the run, or raise `AssemblyError` at its first sample that is open or off its tool pose."""
@@ -264,16 +257,17 @@ class ReferenceModel:
     @cached_property
     def _home(self) -> Array:
         X = self.tree.start(self.mechanism.rest)[None]
-        return minimise(self.tree, X, self._loops_only, self.tree.passive)[0][0]
+        return minimise(self.tree, X, self.loops_only, self.tree.passive)[0][0]
 
-    def _loops_only(self, X: Array, _: Index) -> tuple[Array, Array]:
+    def loops_only(self, X: Array, _: Index) -> tuple[Array, Array]:
+        """Return the residuals of the loops at configurations (k, nq), and their Jacobians."""
         return self.tree.loops.evaluate(X, *self.tree.update(X, closing_only=True))
 
     def _move_driven(self, X: Array, q: Array) -> tuple[Array, Array]:
         """Return states near X (k, nq) whose active joints have values q (k, n), and which converged."""
         X = X.copy()
         X[:, self._active_q] = q
-        return minimise(self.tree, X, self._loops_only, self.tree.passive)
+        return minimise(self.tree, X, self.loops_only, self.tree.passive)
 
     def _move_posed(self, X: Array, Ts: Array) -> tuple[Array, Array]:
         """Return states near X (k, nq) whose tool is at poses Ts (k, 4, 4), and which converged."""
@@ -283,7 +277,7 @@ class ReferenceModel:
         """Walk from configuration x to the target in steps small enough that no coordinate jumps."""
         start = x[self._active_q] if target.ndim == 1 else self.tree.tool(self.tree.update(x[None])[0])[0]
         s, step = 0.0, 1.0 / max(1, int(np.ceil(walk.distance(start, target) / _STRIDE)))
-        smallest = step / 256
+        stride, smallest, left = step, step / 256, 0
         while s < 1:
             ahead = 1.0 if s + step > 1 - 1e-9 else s + step
             X, converged = move(x[None], walk.between(start, target, ahead)[None])
@@ -293,6 +287,11 @@ class ReferenceModel:
                 continue
             step /= 2
             if step < smallest:
+                ahead = min(1.0, s + stride)
+                away = self._depart(x, walk.between(start, target, ahead), move) if left < _DEPARTURES else None
+                if away is not None:
+                    x, s, step, left = away, ahead, stride, left + 1
+                    continue
                 best = self.state(X[0] if converged[0] else x)
                 raise AssemblyError(
                     f"{self.mechanism.name}: the mechanism cannot be assembled there: from the start it follows "
@@ -302,6 +301,15 @@ class ReferenceModel:
                     best.worst_gap,
                 )
         return x
+
+    def _depart(self, x: Array, target: Array, move: Move) -> Array | None:
+        """Return a state at a target near configuration x, where no way leads straight ahead; None if there is none."""
+
+        def way(new: Array) -> float:
+            far = self.jumps(x[None], new[None])[0]
+            return far if far < _JUMP and self._misfits(new[None], target[None])[0] < _THERE else np.inf
+
+        return departing.depart(self.tree, x, lambda X: move(X, np.array([target] * len(X)))[0], way)
 
     def _misfits(self, X: Array, targets: Array) -> Array:
         """Return the largest loop gap (k,) in m or, for tool poses, also how far the tool is from them."""
@@ -343,11 +351,11 @@ class ReferenceModel:
         while i < len(coarse):
             ks = coarse[i : i + many]
             guess = self._foreseen(x, targets[ks]) if len(ks) > 1 else x[None]
-            X, good = move(guess, targets[ks])
+            X, converged = move(guess, targets[ks])
+            near = self.jumps(np.concatenate([x[None], X[:-1]]), X) <= _JUMP
             if len(ks) > 1:
-                good &= self._surprise(x, guess, X) < _SURPRISE
-            good &= self.jumps(np.concatenate([x[None], X[:-1]]), X) <= _JUMP
-            good &= self._misfits(X, targets[ks]) <= GAP_TOLERANCE
+                near = np.logical_and(near, self._surprise(x, guess, X) < _SURPRISE)
+            good = np.logical_and.reduce([converged, near, self._misfits(X, targets[ks]) <= GAP_TOLERANCE])
             count = len(ks) if good.all() else int(np.argmin(good))
             many = min(2 * many, _AT_ONCE if targets.ndim == 2 else 1) if count == len(ks) else max(1, count)
             if not count and len(ks) == 1:

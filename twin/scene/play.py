@@ -71,7 +71,7 @@ def play(
         progress(f"move {a.place.name}", i / (len(actors) + 2))
         at = np.minimum(t, a.trajectory.duration)
         model = ReferenceModel(a.mechanism)
-        run = model.run_poses(a.trajectory.poses(at), near=a.trajectory.joints(at))
+        run = a.trajectory.on(model, at)
         mechanisms[a.place.name] = a.mechanism
         poses[a.place.name] = {n: a.place.T_world_base @ T for n, T in model.link_poses(run.x).items()}
         findings += _port(a)

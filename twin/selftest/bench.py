@@ -125,7 +125,7 @@ class Bench:
         """Key times and link poses there, of the correct motion."""
         looked = samples(self.trajectory)
         model = ReferenceModel(self.robot.mechanism)
-        return looked.keys, model.link_poses(model.run_poses(looked.Ts_keys, near=looked.q_keys).x)
+        return looked.keys, model.link_poses(self.trajectory.on(model, looked.keys).x)
 
     @cached_property
     def usual(self) -> set[tuple[str, str]]:

@@ -87,6 +87,7 @@ class Follower:
                 "description, and mark the driven ones with active = true"
             )
         self._state, self.q = carrier.drawn()
+        self._drawn = self.q
 
     def start(self, T_tool_frame: Array) -> tuple[Array, Array]:
         """Return angles (3,) in rad and place (3,) of the moved frame where the protocol starts.
@@ -172,12 +173,12 @@ class Follower:
         return self.q, goal
 
     def goal(self, name: str) -> Array:
-        """Return the driven joints (n,) at a waypoint of joint values; what it does not name is where it is.
+        """Return the driven joints (n,) at a waypoint of joint values; what it does not name is as drawn.
 
         Raises:
             ProtocolError: it names a joint that is not driven, or gives it in the wrong unit.
         """
-        waypoint, q = self._protocol.waypoints[name], self.q.copy()
+        waypoint, q = self._protocol.waypoints[name], self._drawn.copy()
         where = f"{self._protocol.name}: waypoint '{name}'"
         for joint, value in (waypoint.joints or {}).items():
             if joint not in self._names:

@@ -275,6 +275,14 @@ class Trajectory:
         turn = spatial.log_so3(np.swapaxes(a[:, :3, :3], 1, 2) @ b[:, :3, :3])
         return spatial.pose(a[:, :3, :3] @ spatial.exp_so3(f * turn), (1 - f) * a[:, :3, 3] + f * b[:, :3, 3])
 
+    def on(self, model: Any, times: Array) -> Any:
+        """Return what a `ReferenceModel` does at times (k,) in s: a `Run` at the poses, or by the joints if followed.
+
+        Between samples a blended pose is beside the freedoms of a robot with fewer than six; its joint values are not.
+        """
+        q = self.joints(times)
+        return model.run(q) if self.followed else model.run_poses(self.poses(times), near=q)
+
     def joints(self, times: Array) -> Array:
         """Return q (k, n) at times (k,) in s, blended linearly between samples."""
         return np.stack([np.interp(times, self.t, column) for column in self.q.T], axis=1)

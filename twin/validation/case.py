@@ -21,7 +21,7 @@ class Case:
     """What is judged.
 
     Attributes:
-        kinematics: the equations, in the variants to judge.
+        kinematics: the equations, in the variants to judge; None: there are none yet, and all else is judged.
         cad: the mechanism from the CAD and what reading it found.
         protocol, trajectory: along what.
         stage: root layer of the USD stage that holds the same robot.
@@ -30,7 +30,7 @@ class Case:
         baked_for_it: a motion that lies beside the stage was made for this very trajectory, and has to be it.
     """
 
-    kinematics: Kinematics
+    kinematics: Kinematics | None
     cad: CadModel
     protocol: Protocol
     trajectory: Trajectory

@@ -17,25 +17,27 @@ SECONDS = 60
 
 
 def commands(
-    files: assets.RobotFiles, kin: Kinematics, protocol: str | Path, tolerances: Tolerances | None
+    files: assets.RobotFiles, kin: Kinematics | None, protocol: str | Path, tolerances: Tolerances | None
 ) -> dict[str, str]:
     """Return the command lines "validate" and "explain" of a judgement, to be run from the present folder.
 
     Args:
         files: of the robot.
-        kin: the equations in the variants that were judged.
+        kin: the equations in the variants that were judged; None: there are none to explain.
         protocol: name or path of the protocol.
         tolerances: what was asked for; None: what the CAD gives.
     """
-    default = {e.name: e.default for e in kin.formula.equations}
-    chosen = [w for n, v in kin.variants.items() if v != default[n] for w in ("--variant", f"{n}={v}")]
+    chosen = []
+    if kin is not None:
+        default = {e.name: e.default for e in kin.formula.equations}
+        chosen = [w for n, v in kin.variants.items() if v != default[n] for w in ("--variant", f"{n}={v}")]
     if tolerances is not None:
         chosen += ["--tolerance-um", f"{tolerances.position / UM:g}"]
     name = [_word(files)]
-    return {
-        "validate": shlex.join(["twin", "validate", *name, "--protocol", str(protocol), *chosen]),
-        "explain": shlex.join(["twin", "explain", *name, *chosen, "--seconds", str(SECONDS)]),
-    }
+    out = {"validate": shlex.join(["twin", "validate", *name, "--protocol", str(protocol), *chosen])}
+    if kin is not None:
+        out["explain"] = shlex.join(["twin", "explain", *name, *chosen, "--seconds", str(SECONDS)])
+    return out
 
 
 def again(robot: str, protocol: str, variants: Mapping[str, str]) -> str:

@@ -51,46 +51,62 @@ class Comparison:
 
 
 def compare(
-    kin: Kinematics,
+    kin: Kinematics | None,
     model: ReferenceModel,
     trajectory: Trajectory,
     clock: Clock,
     tolerances: Tolerances,
     progress: Progress,
 ) -> Comparison:
-    """Return rows and findings of the equations `kin` against the independent model along a trajectory."""
+    """Return rows and findings of the equations `kin` against the independent model along a trajectory.
+
+    Without equations (None) the mechanism is driven by the trajectory's own joint values, and only its loops and rates
+    are judged. So it is where equations lead only forward and the mechanism itself has said where the tool goes.
+    """
     out = Comparison()
     rows = _coarse_rows(trajectory)
     out.coarse = rows
     coarse = clock.at(rows)
     Ts = trajectory.Ts_base_tool
-    q = kin.inverse_many(Ts)
+    asked = kin if kin is not None and (kin.closed_inverse or not trajectory.followed) else None
+    q = trajectory.q if asked is None else asked.inverse_many(Ts)
     out.series |= {"q": q, "t_coarse": coarse.t}
-    if not np.isfinite(q).all():
+    if asked is not None and not np.isfinite(q).all():
         k = int(np.argmin(np.isfinite(q).all(axis=1)))
         out.findings.append(
             Finding(
                 "driven.no_answer",
                 "disagreement",
                 f"the equations give no joint values for {np.sum(~np.isfinite(q).all(axis=1))} of {len(q)} tool "
-                f"poses that the mechanism can take ({', '.join(f'{n} {v}' for n, v in kin.variants.items())})",
-                where=", ".join(j for j, bad in zip(kin.joints, ~np.isfinite(q[k]), strict=True) if bad),
+                f"poses that the mechanism can take ({', '.join(f'{n} {v}' for n, v in asked.variants.items())})",
+                where=", ".join(j for j, bad in zip(asked.joints, ~np.isfinite(q[k]), strict=True) if bad),
                 when=f"{clock.phase(float(clock.t[k]))}, t = {clock.t[k]:.2f} s",
-                cause=_equation_of(kin, tuple(kin.joints)),
+                cause=_equation_of(asked, tuple(asked.joints)),
             )
         )
 
-    posed = model.run_poses(
-        Ts[rows], progress=lambda f: progress("mechanism at the tool poses", f), near=trajectory.q[rows]
-    )
+    def told(fraction: float) -> None:
+        progress("mechanism at the tool poses", fraction)
+
+    if trajectory.followed:  # the poses are where the mechanism was taken by these joint values
+        posed = model.run(trajectory.q[rows], progress=told)
+    else:
+        posed = model.run_poses(Ts[rows], progress=told, near=trajectory.q[rows])
     out.posed = posed
-    blamed = _points(kin, model, posed, Ts[rows], out, coarse, tolerances)
-    joints = _driven(kin, posed, q[rows], blamed, out, coarse, tolerances)
-    rows_forward, found = forward(kin, posed, coarse, tolerances)
-    out.residuals += rows_forward
-    out.findings += found
-    _passive(kin, posed, Ts[rows], blamed, out, coarse, tolerances)
-    _tool(kin, model, trajectory, q, blamed or joints, out, clock, tolerances, progress)
+    blamed = joints = _Blame()
+    if kin is not None:
+        blamed = _points(kin, model, posed, Ts[rows], out, coarse, tolerances)
+        if asked is not None:
+            joints = _driven(asked, posed, q[rows], blamed, out, coarse, tolerances)
+        rows_forward, found = forward(kin, posed, coarse, tolerances, alone=asked is None)
+        out.residuals += rows_forward
+        out.findings += found
+        _passive(kin, posed, Ts[rows], blamed, out, coarse, tolerances)
+    if asked is not None:
+        _tool(asked, model, trajectory, q, blamed or joints, out, clock, tolerances, progress)
+    else:
+        out.driven = model.run(q, progress=lambda f: progress("mechanism driven by its joints", f))
+        _closed(model, out.driven, out, clock, tolerances)
     if out.driven is not None and not joints.row:
         _rates(model, trajectory, out, rows, coarse, tolerances)
     return out
@@ -312,6 +328,13 @@ def _tool(
         out.residuals.append(r)
         if not r.agrees:
             _add(out, r, f"driven by the equations the tool is {text(r.worst, unit)} from where they say", blamed.cause)
+    _closed(model, run, out, clock, tolerances, blamed.cause)
+
+
+def _closed(
+    model: ReferenceModel, run: Run, out: Comparison, clock: Clock, tolerances: Tolerances, cause: str = ""
+) -> None:
+    """Judge whether the loops of the driven mechanism close; `cause` is what the joint values are put down to."""
     balls = {j.name for j in model.mechanism.loops if j.type == "spherical"}
     for i, loop in enumerate(run.loop_names):
         r = row("B", "loop", loop, "m", run.gaps[:, i, 0], tolerances.loop, clock)
@@ -324,7 +347,7 @@ def _tool(
                     gap,
                     f"loop {loop} does not close: {text(gap.worst, gap.unit)} remain in the "
                     "least-squares sense; the parts of this limb do not fit",
-                    blamed.cause,
+                    cause,
                 )
 
 

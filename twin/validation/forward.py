@@ -12,12 +12,15 @@ from twin.validation.result import Residual
 from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
 
 
-def forward(kin: Kinematics, posed: Run, clock: Clock, tolerances: Tolerances) -> tuple[list[Residual], list[Finding]]:
+def forward(
+    kin: Kinematics, posed: Run, clock: Clock, tolerances: Tolerances, alone: bool = False
+) -> tuple[list[Residual], list[Finding]]:
     """Return rows and findings: where the forward equations put the tool at the mechanism's own joint values.
 
-    Nothing for a formula that leads only one way: driving the mechanism judges that way already.
+    Nothing for a formula that leads only one way, where driving the mechanism judges that way already; `alone` says
+    that it does not.
     """
-    if not (kin.closed_inverse and kin.closed_forward):
+    if not kin.closed_forward or not (kin.closed_inverse or alone):
         return [], []
     by = ", ".join(
         f"{e.name} ({kin.variants.get(e.name, e.default)})" for e in kin.formula.equations if e.stage == "forward"

@@ -33,6 +33,15 @@ _PACKAGES = ("numpy", "casadi", "pin", "coal", "usd-core", "cascadio", "toppra")
 Progress = Callable[[str, float], None]
 
 
+_NO_EQUATIONS = Finding(
+    "equations.none",
+    "info",
+    "there are no equations yet: mechanism, stage and motion are judged, and nothing else",
+    where="formula.py",
+    suggestion="write `inverse` or `forward` there",
+)
+
+
 def judge(
     case: Case,
     progress: Progress = lambda label, fraction: None,
@@ -61,8 +70,11 @@ def judge(
         try:
             if "equations" in parts:
                 out = compare(case.kinematics, model, trajectory, clock, case.tolerances, progress)
-                rows, found = lengths(case.kinematics, case.cad, clock, case.tolerances)
-                out.residuals[:0], out.findings[:] = rows, [*found, *put_down(case.kinematics, found, out.findings)]
+                if case.kinematics is not None:
+                    rows, found = lengths(case.kinematics, case.cad, clock, case.tolerances)
+                    out.residuals[:0], out.findings[:] = rows, [*found, *put_down(case.kinematics, found, out.findings)]
+                else:
+                    out.findings.append(_NO_EQUATIONS)
                 about_rcm(case, out, clock)
                 passive_limits(model, out, clock)
                 passage(case, model, out, clock)
@@ -82,20 +94,20 @@ def judge(
 
 
 def _report(case: Case, out: Comparison, findings: list[Finding], clock: Clock) -> Report:
-    mechanism, trajectory, formula = case.cad.mechanism, case.trajectory, case.kinematics.formula
+    mechanism, trajectory, kin = case.cad.mechanism, case.trajectory, case.kinematics
     return Report(
         robot=mechanism.name,
         title=case.cad.description.title,
-        source=formula.source,
+        source=kin.formula.source if kin is not None else case.cad.description.source,
         protocol=trajectory.protocol,
         protocol_title=case.protocol.title,
-        variants=dict(case.kinematics.variants),
-        reasons=_reasons(case.kinematics),
+        variants=dict(kin.variants) if kin is not None else {},
+        reasons=_reasons(kin) if kin is not None else {},
         residuals=tuple(out.residuals),
         findings=tuple(findings),
         phases=clock.phases,
         parameters=(
-            *formula.parameters,
+            *(kin.formula.parameters if kin is not None else ()),
             *mechanism.parameters,
             *case.protocol.parameters(),
             *case.cad.dimensions,

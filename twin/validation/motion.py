@@ -48,6 +48,7 @@ class Samples:
         keys, Ts_keys, q_keys: time codes (k,) in s of the baked motion, T_base_tool (k, 4, 4) and joints (k, n) there.
         middle, Ts_middle, q_middle: times between keys.
         sparse, Ts_sparse, q_sparse: times at which distances are measured.
+        followed: as in the trajectory.
     """
 
     name: str
@@ -60,6 +61,12 @@ class Samples:
     sparse: Array
     Ts_sparse: Array
     q_sparse: Array
+    followed: bool = False
+
+    def links(self, model: ReferenceModel, Ts: Array, q: Array) -> dict[str, Array]:
+        """Return T_base_body (k, 4, 4) of every body at poses, or at joint values where the mechanism was led."""
+        run = model.run(q) if self.followed else model.run_poses(Ts, near=q)
+        return model.link_poses(run.x)
 
 
 @dataclass(frozen=True)
@@ -115,7 +122,7 @@ def samples(trajectory: Trajectory) -> Samples:
     def at(times: Array) -> tuple[Array, Array, Array]:
         return times, trajectory.poses(times), trajectory.joints(times)
 
-    return Samples(trajectory.protocol, *at(keys), *at(middle), *at(sparse))
+    return Samples(trajectory.protocol, *at(keys), *at(middle), *at(sparse), trajectory.followed)
 
 
 def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None) -> Measured:
@@ -130,14 +137,14 @@ def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None)
         AssemblyError: the mechanism cannot take the tool poses.
     """
     model = ReferenceModel(mechanism)
-    links = model.link_poses(model.run_poses(samples.Ts_keys, near=samples.q_keys).x)
+    links = samples.links(model, samples.Ts_keys, samples.q_keys)
     with tempfile.TemporaryDirectory(prefix="twin-motion-") as folder:
         home = model.home()
         bare = replace(mechanism, bodies=tuple(replace(b, meshes=()) for b in mechanism.bodies))
         write_stage(bare, Path(folder), home.link_poses, home.q_full)
         files = write_motion(bare, Path(folder), Motion(samples.name, samples.keys, links))
         times, back = read_motion(files.root)
-    between = model.link_poses(model.run_poses(samples.Ts_middle, near=samples.q_middle).x)
+    between = samples.links(model, samples.Ts_middle, samples.q_middle)
     position, rotation = np.zeros(len(samples.keys)), np.zeros(len(samples.keys))
     apart = np.zeros(len(samples.middle))
     if len(times) == len(samples.keys):
@@ -149,7 +156,7 @@ def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None)
             apart = np.maximum(apart, np.linalg.norm(blend - between[name][:, :3, 3], axis=1))
     found = None
     if any(b.meshes for b in mechanism.bodies):
-        found = clearance(mechanism, model.link_poses(model.run_poses(samples.Ts_sparse, near=samples.q_sparse).x))
+        found = clearance(mechanism, samples.links(model, samples.Ts_sparse, samples.q_sparse))
     return Measured(
         times, position, rotation, apart, found, written_motion(written, samples.keys, links), tuple(mates(mechanism))
     )

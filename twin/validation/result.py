@@ -164,7 +164,11 @@ class Report:
         first = self.causes[0]
         way = first.head.suggestion
         if first.side == "equations" and first.head.severity == "disagreement":
-            look = f"look for the edit that makes them agree: {self.commands['explain']}" if self.commands else ""
+            look = (
+                f"look for the edit that makes them agree: {self.commands['explain']}"
+                if "explain" in self.commands
+                else ""
+            )
             return self.cure or way or look
         if first.side == "CAD":
             way = f"fix {first.head.where or 'the part'} in the CAD{_size(first.head)}" + (f": {way}" if way else "")

@@ -31,11 +31,12 @@ LARGEST = 20.0
 
 def check_bodies(scene: Scene) -> Iterator[Finding]:
     """Yield findings on each rigid body."""
+    weighed = any(_has_mass(prim) for prim in scene.bodies.values())
     for path, prim in scene.bodies.items():
         yield from _check_nesting(scene, path, prim)
         box = _bounds(scene, prim)
         yield from _check_size(path, box)
-        yield from _check_mass(scene, path, prim, box)
+        yield from _check_mass(scene, path, prim, box, weighed)
     for prim in scene.prims:
         yield from _check_quaternions(prim)
 
@@ -89,7 +90,14 @@ def _is_told_base(prim: Usd.Prim) -> bool:
     return bool(told) and str(told.Get()) == prim.GetName()
 
 
-def _check_mass(scene: Scene, path: str, prim: Usd.Prim, box: tuple[Array, Array] | None) -> Iterator[Finding]:
+def _has_mass(prim: Usd.Prim) -> bool:
+    api = UsdPhysics.MassAPI(prim)
+    return bool(prim.HasAPI(UsdPhysics.MassAPI) and (api.GetMassAttr().Get() or api.GetDensityAttr().Get() > 0))
+
+
+def _check_mass(
+    scene: Scene, path: str, prim: Usd.Prim, box: tuple[Array, Array] | None, weighed: bool
+) -> Iterator[Finding]:
     api = UsdPhysics.MassAPI(prim)
     has = prim.HasAPI(UsdPhysics.MassAPI)
     mass = float(api.GetMassAttr().Get()) * scene.kilograms if has else 0.0
@@ -117,10 +125,11 @@ def _check_mass(scene: Scene, path: str, prim: Usd.Prim, box: tuple[Array, Array
     if not mass and not density > 0:
         yield Finding(
             "stage.mass_missing",
-            "disagreement",
-            f"body {path} has no mass: simulators take 1000 kg/m3 times its colliders.",
+            "warning" if weighed else "info",
+            f"body {path} has no mass"
+            + (": simulators take 1000 kg/m3 times its colliders, or 1 kg." if weighed else ", as every other body."),
             where=path,
-            suggestion="author physics:mass with PhysicsMassAPI",
+            suggestion="author physics:mass with PhysicsMassAPI" if weighed else "kinematics needs none, simulators do",
         )
         return
     center = gf.vector(api.GetCenterOfMassAttr().Get()) * scene.meters

@@ -179,7 +179,7 @@ def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
     if active and active.Get() and not gains > 0:
         yield Finding(
             "stage.drive_missing",
-            "disagreement",
+            "warning",
             f"joint {joint.path} is active, but {'its drive has no gains' if drive else 'has no drive'}: it "
             "swings freely in a simulator.",
             where=joint.path,

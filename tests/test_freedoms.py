@@ -1,0 +1,241 @@
+"""Robots with fewer than six freedoms: led by their joints, or in the directions that they have."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from dataclasses import replace
+from importlib import util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twin import api, cli
+from twin.errors import ProtocolError
+from twin.importing.closing import close
+from twin.importing.folder import write_folder
+from twin.importing.source import Imported
+from twin.protocol import load_protocol
+from twin.reference.leading import Leader
+
+spec = util.spec_from_file_location("twin_linkages", Path(__file__).with_name("linkages.py"))
+linkages = sys.modules[spec.name] = util.module_from_spec(spec)
+spec.loader.exec_module(linkages)
+
+NAMES = tuple(linkages.LINKAGES)
+
+
+@pytest.fixture(scope="module")
+def folder_of(tmp_path_factory):
+    """A function that writes the robot folder of a linkage, without CAD, as `twin new` would."""
+
+    def write(name):
+        folder = tmp_path_factory.mktemp("freedoms") / name
+        imported = close(Imported(linkages.mechanism(linkages.LINKAGES[name](), name)))
+        write_folder(imported, name, folder, folder / f"{name}.py")
+        return folder
+
+    return write
+
+
+@pytest.fixture(scope="module")
+def five_bar(folder_of):
+    folder = folder_of("five_bar")
+    (folder / "formula.py").write_text(linkages.LINKAGES["five_bar"]().formula)
+    return folder
+
+
+def waypoint(name, position, angles=(0, 0, 0)):
+    pose = f"position_mm = {[float(v) for v in position]}\nangles_deg = {[float(v) for v in angles]}"
+    return f'[waypoints.{name}]\n{pose}\nprovenance = "ASSUMED"\nnote = "test"\n'
+
+
+def by_poses(folder, goal, top=""):
+    """Return a protocol that goes straight from home to a waypoint (text of its table)."""
+    text = (folder / "trajectories/first.toml").read_text()
+    text = text[: text.index("[waypoints.near]")].replace("limits.joints", "limits.positioning")
+    path = folder / "trajectories/straight.toml"
+    text = text.replace('name = "first"', f'name = "straight"\n{top}', 1) + goal
+    path.write_text(text + '[[phases]]\ntype = "positioning"\nname = "go"\nto = "goal"\n')
+    return path
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_first_protocol_can_be_followed_whatever_the_freedoms(name, folder_of):
+    robot = api.load(folder_of(name))
+    assert Leader(robot.reference).freedoms == linkages.LINKAGES[name]().freedoms
+    trajectory = api.plan(robot)
+    assert trajectory.followed
+    assert not [f for f in trajectory.findings if f.severity in ("error", "disagreement")]
+    model = robot.reference()
+    for k in np.linspace(0, len(trajectory.t) - 1, 7).astype(int):
+        state = model.solve(trajectory.q[k])
+        np.testing.assert_allclose(state.T_base_tool, trajectory.Ts_base_tool[k], atol=1e-10)
+    # speeds and accelerations are those of the poses
+    dt = trajectory.step
+    v = np.gradient(trajectory.Ts_base_frame[:, :3, 3], dt, axis=0)
+    scale = max(np.abs(trajectory.tip_acceleration).max(), 1e-3)
+    assert np.abs(v - trajectory.tip_velocity)[1:-1].max() < scale * dt
+    slope = np.gradient(trajectory.q, dt, axis=0)[1:-1]
+    assert np.abs(slope - trajectory.qd[1:-1]).max() < max(np.abs(trajectory.qdd).max(), 1e-3) * dt
+
+
+def test_a_line_is_led_in_the_directions_that_there_are(five_bar):
+    robot = api.load(five_bar)
+    turned = np.degrees(five_bar_turn(robot, [0.03, 0.12]))
+    path = by_poses(five_bar, waypoint("goal", (30, 120, 0), (turned, 0, 0)))
+    trajectory = api.plan(robot, path)
+    p = trajectory.Ts_base_tool[:, :3, 3]
+    along = (p - p[0]) @ (p[-1] - p[0]) / np.sum((p[-1] - p[0]) ** 2)
+    assert np.abs(p - p[0] - along[:, None] * (p[-1] - p[0])).max() < 1e-9  # a straight line of the tool
+    np.testing.assert_allclose(trajectory.q, robot.kinematics().inverse_many(trajectory.Ts_base_tool), atol=1e-9)
+    assert not [f for f in trajectory.findings if f.severity in ("error", "disagreement")]
+
+
+def five_bar_turn(robot, xy):
+    """Return the turn in rad about z of the rod that carries the tool, from where it is drawn."""
+    T = np.eye(4)
+    T[:2, 3] = xy
+    q = robot.kinematics().inverse(T)
+    return np.arctan2(*robot.reference().solve(q).T_base_tool[[1, 0], 0])
+
+
+@pytest.mark.parametrize(
+    ("position", "angles", "said"),
+    [
+        ((30, 120, 3.25), None, r"3\.25 mm in z"),
+        ((30, 120, 0), (0, 5, 0), r"4\.9\d* deg about y"),
+        ((30, 120, 0), (40, 0, 0), r"deg about z"),
+    ],
+)
+def test_a_pose_outside_the_freedoms_is_a_mistake_of_the_protocol_and_its_advice_is_true(
+    five_bar, position, angles, said, capsys
+):
+    robot = api.load(five_bar)
+    turned = np.degrees(five_bar_turn(robot, [0.03, 0.12]))
+    angles = (turned, 0, 0) if angles is None else angles if angles[0] else (turned, angles[1], 0)
+    path = by_poses(five_bar, waypoint("goal", position, angles))
+    with pytest.raises(ProtocolError, match=said) as caught:
+        api.plan(robot, path)
+    message = str(caught.value)
+    assert cli.main(["validate", str(five_bar), "--protocol", "straight", "--quiet"]) == 2
+    assert re.search(said, capsys.readouterr().err)
+    wrong = path.read_text()
+    pose = re.search(r"position_mm = (\[.*?\]), angles_deg = (\[.*?\])", message)
+    by_poses(five_bar, waypoint("goal", json.loads(pose[1]), json.loads(pose[2])))
+    assert api.plan(robot, path).followed
+    free = re.search(r"free = \[.*?\]", message)[0]
+    path.write_text(wrong.replace('name = "straight"\n', f'name = "straight"\n{free}\n', 1))
+    assert load_protocol(path).free
+    end = api.plan(robot, path)
+    assert not [f for f in end.findings if f.severity in ("error", "disagreement")]
+    np.testing.assert_allclose(end.Ts_base_tool[-1, :2, 3], [0.03, 0.12], atol=1e-9)
+
+
+def test_wrong_joint_values_are_told_with_the_way_out(five_bar):
+    robot = api.load(five_bar)
+    protocol = robot.protocol()
+    near = protocol.waypoints["near"]
+    for values, angle, said in (
+        ({"j9": 0.1}, True, "no driven joint 'j9'"),
+        ({"j1": 0.1}, False, "joint 'j1' is in deg: write j1_deg, not j1_mm"),
+        ({}, True, "it has no length"),
+        ({"j1": 3.0}, True, r"cannot be carried out: .*% of the way|limit|opens?"),
+    ):
+        given = replace(near, joints=values, angle_joints=frozenset(values if angle else ()))
+        wrong = replace(protocol, waypoints={**protocol.waypoints, "near": given})
+        with pytest.raises(ProtocolError, match=said):
+            api.plan(robot, wrong)
+
+
+@pytest.mark.parametrize(("old", "new", "code"), [("", "", 0), ("- lift_2", "+ lift_2", 1), ("mm(80,", "mm(80.1,", 1)])
+def test_the_equations_of_a_planar_robot_agree_and_a_fault_in_them_disagrees(five_bar, old, new, code, capsys):
+    formula = five_bar / "formula.py"
+    right = formula.read_text()
+    try:
+        formula.write_text(right.replace(old, new, 1))
+        assert cli.main(["validate", str(five_bar), "--protocol", "first", "--quiet"]) == code
+    finally:
+        formula.write_text(right)
+
+
+def test_equations_that_lead_only_forward_are_judged_by_where_they_put_the_tool(folder_of, capsys):
+    folder = folder_of("slider_crank")
+    right = linkages.LINKAGES["slider_crank"]().formula
+    for text, code in ((right, 0), (right.replace("l**2 -", "l**2 +"), 1)):
+        (folder / "formula.py").write_text(text)
+        assert cli.main(["validate", str(folder), "--quiet"]) == code
+    assert "forward equations put the tool" in capsys.readouterr().out
+
+
+def test_six_freedoms_are_planned_by_the_equations_and_joints_by_the_mechanism():
+    robot = api.load("sils")
+    protocol = robot.protocol()
+    assert not api.plan(robot, protocol).followed
+    home = robot.reference().home().q
+    start = replace(protocol.waypoints[protocol.start], position=None, joints={}, name="drawn")
+    joints = dict(zip(robot.joints, home + 0.004 * np.array([1, -1, 1, 1, -1, 1]), strict=True))
+    goal = replace(start, joints=joints, name="moved")
+    from twin.protocol import Joints
+
+    limits = {**protocol.limits, "joints": protocol.limits["positioning"]}
+    mixed = replace(
+        protocol,
+        start="drawn",
+        waypoints={"drawn": start, "moved": goal},
+        phases=(Joints("shift", "moved"),),
+        limits=limits,
+        rcm=None,
+    )
+    trajectory = api.plan(robot, mixed)
+    np.testing.assert_allclose(trajectory.q[-1], list(joints.values()), atol=1e-12)
+    np.testing.assert_allclose(robot.kinematics().inverse_many(trajectory.Ts_base_tool), trajectory.q, atol=1e-9)
+
+
+# -- drawn, and from end to end -------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def drawn(tmp_path_factory):
+    """A function that draws a linkage once."""
+    folder = tmp_path_factory.mktemp("drawn")
+
+    def of(name):
+        path = folder / f"{name}.step"
+        if not path.is_file():
+            linkages.draw(linkages.LINKAGES[name](), path)
+        return path
+
+    return of
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_a_drawn_linkage_passes_every_command(name, drawn, tmp_path, capsys):
+    from twin.live.desk import Desk
+
+    linkage, folder = linkages.LINKAGES[name](), tmp_path / name
+    assert cli.main(["new", name, "--from", str(drawn(name)), "--out", str(folder), "--quiet"]) == 0
+    linkages.finish(folder / f"cad/{name}.toml", linkage)
+    capsys.readouterr()
+    assert cli.main(["info", str(folder), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["degrees_of_freedom"] == linkage.freedoms
+    # nothing moves yet: the protocol is wrong, and says how to write it
+    assert cli.main(["validate", str(folder), "--quiet"]) == 2
+    advice = re.search(r"joints = \{.*?\}", capsys.readouterr().err)[0]
+    path = folder / "trajectories/first.toml"
+    before, after = path.read_text().split("[waypoints.near]")
+    path.write_text(before + "[waypoints.near]" + re.sub(r"joints = \{.*?\}", advice, after, count=1))
+    assert cli.main(["validate", str(folder), "--quiet"]) == 0
+    if linkage.formula:
+        (folder / "formula.py").write_text(linkage.formula)
+        assert cli.main(["validate", str(folder), "--quiet"]) == 0
+        assert cli.main(["explain", str(folder), "--quiet"]) == 0
+    else:
+        assert cli.main(["explain", str(folder), "--quiet"]) == 2  # there is nothing to explain
+    assert cli.main(["build", str(folder), "--quiet"]) == 0
+    assert cli.main(["export", str(folder), "--out", str(tmp_path / "export"), "--quiet"]) == 0
+    desk = Desk(api.load(folder))
+    assert desk.move_joint(0, desk.assembly.q[0] + 0.02).good
