@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import twin
 from twin import api, assets
-from twin.errors import TwinError
 from twin.live.patient import Patient, floor_of, patient_of
 from twin.mechanism import Mechanism, Mesh
 from twin.reference.clearance import _distance, _Shape

@@ -123,7 +123,7 @@ def _lines(data: Mapping[str, Any]) -> Iterator[str]:
         yield f"  and {len(best) - 20} more that none beats"
     beaten = data["designs"] - len(best) - 1
     if beaten:
-        yield f"  not shown: {beaten} designs, beaten by another or not to be built; all {data['designs']} are in sweep.csv"
+        yield f"  not shown: {beaten} that another beats or that cannot be built; all are in sweep.csv"
     yield ""
     yield f"  {Path(data['folder']) / 'sweep.png'}"
     yield f"  {Path(data['folder']) / 'sweep.csv'}"

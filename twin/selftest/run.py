@@ -80,7 +80,7 @@ def bench_of(robot: str, protocol: str | None) -> Iterator[Bench]:
 def drawn(bench: Bench, families: Sequence[Family], count: int, seed: int) -> list[Fault]:
     """Return the faults of a draw; every family has its own chance, so that one alone is drawn as among others."""
     out: list[Fault] = []
-    shares = shared_out(count, {f: SHARES[f] for f in FAMILIES if f in families})
+    shares = shared_out(count, {f: n for f, n in SHARES.items() if f in families})
     for family, n in shares.items():
         rng = np.random.default_rng([seed, FAMILIES.index(family)])
         out += _faults(family, bench, rng, n)

@@ -238,7 +238,7 @@ def _good(work: Job, kin: Kinematics) -> tuple[Array, Array, np.ndarray]:
         if kin.formula.aspects:
             preferred = np.sign([a.preferred for a in kin.formula.aspects])
             good &= (kin.aspect_signs(Ts, q) == preferred).all(axis=1)
-    return Ts, q, good
+    return Ts, q, np.asarray(good)
 
 
 def _reach(work: Job, robot: api.Robot, parameters: dict[str, float]) -> dict[str, float]:

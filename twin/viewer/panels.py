@@ -301,7 +301,7 @@ class Panels:
         rows = np.where(np.isfinite(rows), rows, 0.0)  # a plot cannot show what is not there
         low, high = float(rows.min()), float(rows.max())
         now = np.full(len(t), low)  # a line of its own that stands up where the clock is
-        now[k] = max(high, low + _LEAST_SPAN)
+        now[k] = max(high, low + LEAST_SPAN)
         data = (t, *rows, now)
         key = (self._what.value, self.front.hand.name, playback)
         if self._plot is not None and not force and key == self._plotted:
@@ -322,7 +322,7 @@ class Panels:
         self._plotted = key
 
 
-_LEAST_SPAN = 0.01
+LEAST_SPAN = 0.01
 """Of an axis: the page labels it with three decimals, and ten labels must differ."""
 
 _SMALL = (("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9), ("pm", 1e-12))
