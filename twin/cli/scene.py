@@ -12,7 +12,7 @@ import numpy as np
 
 from twin import api, assets
 from twin.cli import show
-from twin.errors import TwinError
+from twin.errors import TwinError, unknown
 from twin.findings import EXIT_CODES, by_severity, verdict
 from twin.units import MM
 
@@ -36,7 +36,7 @@ COMMANDS = ("info", "run", "view")
 
 
 def refuse(args: argparse.Namespace) -> None:
-    """Do nothing, unless a scene is given to a command that takes one robot.
+    """Do nothing, unless a scene is given to a command that takes one robot, or in another case.
 
     Raises:
         TwinError: it is; what works with the scene, and which robots are in it.
@@ -44,7 +44,11 @@ def refuse(args: argparse.Namespace) -> None:
     from twin.scene.load import load_scene
 
     name = getattr(args, "robot", None)
-    if not isinstance(name, str) or args.command in COMMANDS or (file := find(name)) is None:
+    if not isinstance(name, str):
+        return
+    if name not in names() and name.casefold() in names() and not Path(name).exists():
+        raise TwinError(unknown("robot or scene", name, [*assets.names(), *names()]))
+    if args.command in COMMANDS or (file := find(name)) is None:
         return
     robots = [p.name for p in load_scene(file).places]
     raise TwinError(
