@@ -18,8 +18,9 @@ from pathlib import Path
 import pytest
 
 import twin
-from twin import api
+from twin import api, assets
 from twin.cli import commands, main, show
+from twin.cli import scene as scenes
 from twin.cli.parser import NAMES, parser
 from twin.errors import TwinError
 
@@ -460,7 +461,6 @@ def test_doctor_names_what_is_missing(run, monkeypatch):
 # ------------------------------------------------------------------------------------------------ wrong usage
 
 WRONG = {
-    "no command": ([], "required: COMMAND"),
     "misspelt command": (["valdate", "sils"], "there is no command 'valdate'. Did you mean 'validate'?"),
     "no robot": (["validate"], "required: robot"),
     "misspelt robot": (["info", "silss"], "there is no robot 'silss'. Did you mean 'sils'?"),
@@ -483,6 +483,54 @@ WRONG = {
     "no such stage": (["info", "gone.usda"], "gone.usda: there is no such stage"),
     "stage has no protocols": (["validate", str(ROOT / "usd/sils/sils.usda")], "neither equations nor protocols"),
 }
+
+
+def test_no_command_shows_the_help(run):
+    text = run()
+    assert text.code == 2  # nothing was done
+    assert text.out.startswith("usage: twin")
+    assert all(name in text.out for name in NAMES)
+    assert run("--json").json["verdict"] == "unchecked"
+
+
+@pytest.mark.parametrize("name", [n.upper() for n in [*assets.names(), *scenes.names()]])
+def test_a_name_in_another_case_is_guessed(run, name):
+    assert f"Did you mean '{name.lower()}'?" in run("info", name).err
+
+
+@pytest.mark.parametrize("command", ["view", "serve"])
+@pytest.mark.parametrize("port", ["99999", "65536", "-1", "http", "1e3"])
+def test_a_port_that_is_none_is_refused(run, command, port):
+    text = run(command, "sils", "--port", port)
+    assert text.code == 2
+    assert f"{port} is no port: give 0 to 65535" in text.err
+
+
+# ----------------------------------------------------------------------------------------------------- scenes
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_scenes_are_listed_and_shown(run, name):
+    listed = {r["name"]: r for r in run("list", "--json").json}
+    assert listed[name]["kind"] == "scene"
+    assert set(listed[name]["robots"]) <= {n for n, r in listed.items() if r["kind"] == "robot"}
+    assert name in run("list").out
+    data = run("info", name, "--json").json
+    assert [r["name"] for r in data["robots"]] == listed[name]["robots"]
+    text = run("info", name)
+    assert text.code == 0
+    assert all(part in text.out for part in (data["title"], *listed[name]["robots"], *data["commands"]))
+
+
+@pytest.mark.parametrize("name", scenes.names())
+@pytest.mark.parametrize(
+    "command", ["validate", "plan", "build", "serve", "explain", "workspace", "export", "selftest"]
+)
+def test_a_command_for_one_robot_says_what_works_with_a_scene(run, name, command):
+    text = run(command, name)
+    assert text.code == 2
+    assert f"'{name}' is a scene" in text.err
+    assert all(f"twin {c} {name}" in text.err for c in scenes.COMMANDS)
 
 
 @pytest.mark.parametrize("case", WRONG)

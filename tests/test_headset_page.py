@@ -209,8 +209,24 @@ def test_ghost_workspace_and_surroundings_are_shown(desk):
     desk.until("twin.app.overlays.cloudCount > 100", "the workspace")
     desk.id("show-workspace").click()
     desk.until("twin.app.overlays.cloudCount === 0", "the workspace is forgotten")
+
+
+def test_the_patient_is_that_of_the_protocol_or_it_is_said_why_there_is_none(desk):
+    desk.tab("Scene")
     desk.id("show-scenery").click()
-    assert desk("twin.app.overlays.scenery.children.map(c => c.name)") == ["patient", "table", "leg"]
+    desk.until("twin.app.overlays.sceneryText(twin.app.model).includes('RCM at the platform')", "why there is none")
+    assert not desk("twin.app.overlays.scenery.visible")
+    desk("twin.app.ask('protocol', {name: 'lowered_patient'})")
+    desk.until("twin.app.model.state.protocol === 'lowered_patient'", "the protocol with a patient")
+    desk.until("twin.app.overlays.scenery.children.length > 0", "the patient")
+    shown = desk("twin.app.overlays.scenery.children.map(c => c.name)")
+    assert {"abdomen", "table", "pedestal", "gel_cap"} <= set(shown)
+    assert desk("twin.app.overlays.scenery.visible")
+    assert "ASSUMED" in desk.id("patient").inner_text()
+    desk.id("show-scenery").click()
+    assert not desk("twin.app.overlays.scenery.visible")
+    desk("twin.app.ask('protocol', {name: 'table2'})")
+    desk.until("twin.app.model.state.protocol === 'table2'", "the protocol as before")
 
 
 def test_the_self_test_passes_on_a_desk(chromium, server):

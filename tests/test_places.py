@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
+import re
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 import twin
-from twin import api, assets
+from twin import api, assets, spatial
 from twin.errors import TwinError
-from twin.live.patient import Patient, floor_of, patient_of
+from twin.live.desk import ENDOSCOPE, Desk
+from twin.live.patient import Patient, floor_of, none_there, patient_of, read_patient
 from twin.mechanism import Mechanism, Mesh
 from twin.reference.clearance import _distance, _Shape
+from twin.units import MM
 
 SAMPLES = 16
 """Places along a protocol that are looked at; its ends and those of its phases besides."""
+
+CLOSE = 1.5 * MM
+"""Parts nearer than this lean on each other: facets of round shapes stand off their neighbours by less."""
 
 CASES = [
     (name, protocol)
@@ -28,13 +33,15 @@ CASES = [
 
 @dataclass
 class Played:
-    """A protocol as the mechanism follows it: link poses (k, 4, 4), and whether the instrument is in, (k,)."""
+    """A protocol as the mechanism follows it: link poses (k, 4, 4), instrument in or not (k,), tip (k, 3)."""
 
+    protocol: str
     mechanism: Mechanism
     patient: Patient
     floor: float
     links: dict[str, np.ndarray]
     inside: np.ndarray
+    tips: np.ndarray
 
 
 def play(name: str, protocol: str) -> Played:
@@ -54,7 +61,9 @@ def play(name: str, protocol: str) -> Played:
     floor = floor_of(bound.mechanism, home)
     patient = patient_of(bound, chosen, floor)
     assert patient is not None
-    return Played(bound.mechanism, patient, floor, links, entered)
+    frame = bound.mechanism.frame(chosen.frame)
+    tips = (links[frame.body] @ frame.T_body_frame)[:, :3, 3]
+    return Played(protocol, bound.mechanism, patient, floor, links, entered, tips)
 
 
 def holed(mesh: Mesh, port: np.ndarray, radius: float) -> Mesh:
@@ -120,3 +129,126 @@ def played(request) -> Played:
 def test_nothing_is_sunk(played):
     """Before the insertion nothing is in the patient; after it only what goes through the port, and never the table."""
     assert not faults(played)
+
+
+@pytest.mark.parametrize("by_mm", [(0, 0, 40), (40, 0, 0), (0, -40, 0)])
+def test_a_patient_elsewhere_is_caught(played, by_mm):
+    """Of each played protocol: the same patient beside its port, or above it, is run through."""
+    moved = spatial.pose(p=np.array(by_mm) * MM)
+    # The robot in the patient's old place is the robot displaced by the opposite.
+    links = {n: spatial.inverse(moved) @ T for n, T in played.links.items()}
+    assert faults(replace(played, links=links))
+
+
+def test_nothing_floats(played):
+    """Every part leans, through others, on the floor or on what stands fast of the robot."""
+    parts = {b.name: _Shape(b.name, b.name, b.meshes) for b in played.patient.mechanism.bodies}
+    lowest = {b.name: b.meshes[0].vertices[:, 2].min() for b in played.patient.mechanism.bodies}
+    assert min(lowest.values()) > played.floor - 1e-9
+    base = played.mechanism.body(played.mechanism.base)
+    fast = _Shape("base", base.name, base.meshes)
+    one = np.eye(4)
+    held = {n for n, low in lowest.items() if low < played.floor + 1e-9}
+    held |= {n for n, s in parts.items() if _distance(s, fast, one, played.links[base.name][0]) < CLOSE}
+    hull = {b.name: b.meshes[0] for b in played.patient.mechanism.bodies}
+    while True:
+        more = {
+            n
+            for n in parts.keys() - held
+            for m in held
+            if _distance(parts[n], parts[m], one, one) < CLOSE or inside(hull[m], hull[n].vertices[:1])[0]
+        }
+        if not more:
+            break
+        held |= more
+    assert parts.keys() == held
+
+
+def test_the_endoscope_sees_the_inside(played):
+    """While the instrument is in, the camera is in a part that the port opens, in front of nothing it touches."""
+    name, protocol = played.mechanism.name, played.protocol
+    desk = Desk(twin.load(name))
+    desk.speak_of(desk.robot.protocol(protocol))
+    parts = {b.name: b.meshes[0] for b in played.patient.mechanism.bodies}
+    deepest = int(np.argmax(np.linalg.norm(played.tips - played.patient.port, axis=1) * played.inside))
+    poses = {n: T[deepest] for n, T in played.links.items()}
+    desk.assembly = replace(desk.assembly, link_poses=poses)
+    eye, ahead, above = desk.camera()
+    np.testing.assert_allclose(np.dot(ahead - eye, above - eye), 0, atol=1e-12)
+    assert any(inside(parts[n], eye[None])[0] for n in played.patient.opens)
+    assert not any(inside(parts[n], eye[None])[0] for n in parts.keys() - played.patient.opens)
+    if any(f.name == ENDOSCOPE for f in played.mechanism.frames):
+        frame = played.mechanism.frame(ENDOSCOPE)
+        T = poses[frame.body] @ frame.T_body_frame
+        np.testing.assert_allclose(eye, T[:3, 3])
+        np.testing.assert_allclose((ahead - eye) / np.linalg.norm(ahead - eye), T[:3, 2], atol=1e-12)
+
+
+def test_the_left_eye_stands_where_the_phantom_does():
+    p = play("sher", "sclerotomy")
+    frame = p.mechanism.frame("eye")
+    T = p.links[frame.body][0] @ frame.T_body_frame
+    eye = next(b.meshes[0] for b in p.patient.mechanism.bodies if b.name == "eye")
+    np.testing.assert_allclose(eye.vertices.mean(axis=0), T[:3, 3], atol=2e-6)
+
+
+@pytest.mark.parametrize("name", twin.names())
+def test_every_protocol_has_a_patient_or_says_why_not(name):
+    robot = twin.load(name)
+    for protocol in map(robot.protocol, robot.files.protocols()):
+        assert (protocol.patient is None) == bool(protocol.no_patient)
+        if protocol.patient is None:
+            said = none_there(robot, protocol)
+            assert protocol.no_patient.rstrip(".") in said
+            with_one = [n for n in robot.files.protocols() if robot.protocol(n).patient is not None]
+            assert all(n in said for n in with_one)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"body": "abdomne"}, "there is no patient 'abdomne'. Did you mean 'abdomen'?"),
+        ({"port": "navle"}, "there is no port 'navle'"),
+        ({"replaces": ("phantom",)}, "there is no body 'phantom'"),
+    ],
+)
+def test_a_wrong_patient_is_refused(change, message):
+    robot = twin.load("sils")
+    protocol = robot.protocol("lowered_patient")
+    wrong = replace(protocol, patient=replace(protocol.patient, **change))
+    with pytest.raises(TwinError, match=re.escape(message)):
+        patient_of(robot, wrong, 0.0)
+
+
+def test_a_patient_needs_an_rcm():
+    robot = twin.load("sils")
+    protocol = robot.protocol("lowered_patient")
+    with pytest.raises(TwinError, match="no RCM to lie at"):
+        patient_of(robot, replace(protocol, phases=protocol.phases[:1]), 0.0)
+
+
+def test_a_patient_and_a_reason_for_none_exclude_each_other(tmp_path):
+    text = assets.files("sils").protocol("lowered_patient").read_text("utf-8")
+    file = tmp_path / "lowered_patient.toml"
+    file.write_text(text.replace('start = "ready"', 'start = "ready"\nno_patient = "none"'), "utf-8")
+    with pytest.raises(TwinError, match="no_patient"):
+        twin.load("sils").protocol(str(file))
+
+
+@pytest.mark.parametrize("file", sorted((assets.data_folder() / "cad/patients").glob("*.toml")), ids=lambda f: f.stem)
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (r'(?s)(name = "head"\nshape)', r'name = "neck"\nshape', "two parts are called 'neck'"),
+        (r"(size_mm = \[)[0-9.]+", r"\g<1>-1.0", "is not above 0"),
+        (r"(opens = \[)", r'\1"hat", ', "there is no part 'hat'"),
+        (r'(?s)(name = "neck"\n)', r'\1port = "mouth"\n', "there is no port 'mouth'"),
+    ],
+)
+def test_a_wrong_patient_file_says_where(file, old, new, message, tmp_path):
+    changed = tmp_path / file.name
+    text, count = re.subn(old, new, file.read_text("utf-8"), count=1)
+    assert count == 1
+    changed.write_text(text, "utf-8")
+    with pytest.raises(TwinError, match=rf"{file.stem}\.toml:[0-9]+: .*{message}"):
+        read_patient(changed)

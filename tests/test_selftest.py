@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from twin.selftest.bench import Bench
 from twin.selftest.equivalent import Chain, same_equations, same_motion
 from twin.selftest.fault import FAMILIES, Fault, Outcome
 from twin.selftest.result import Score, from_dict
-from twin.selftest.run import bench_of, drawn
+from twin.selftest.run import SHARES, bench_of, drawn, shared_out
 from twin.units import MM
 
 
@@ -193,3 +194,19 @@ def test_the_score_on_sils(capsys, tmp_path):
     assert data["false_alarms"] == []
     assert {f["family"] for f in data["families"]} == set(FAMILIES)
     assert (tmp_path / "selftest.json").is_file()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 7, 15, 118, 1000])
+@pytest.mark.parametrize("families", [*combinations(SHARES, 1), *combinations(SHARES, 2), tuple(SHARES)])
+def test_as_many_faults_are_drawn_as_were_asked_for(count, families):
+    shares = {f: SHARES[f] for f in families}
+    out = shared_out(count, shares)
+    assert sum(out.values()) == count
+    assert set(out) <= set(families)
+    assert len(out) == min(count, len(families))
+    whole = sum(shares.values())
+    assert all(n == 1 or abs(n - count * shares[f] / whole) < len(families) for f, n in out.items())
+
+
+def test_the_whole_draw_is_what_it_was():
+    assert shared_out(sum(SHARES.values()), SHARES) == SHARES

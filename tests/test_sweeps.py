@@ -537,3 +537,35 @@ def test_workers_of_its_own_are_on_this_machine_alone():
         assert len(client.scheduler_info()["workers"]) == 2
         assert client.scheduler.address.startswith("tcp://127.0.0.1:")
         assert dict(cluster.each(client, pow, [(2, 3), (3, 2)])) == {0: 8, 1: 9}
+
+
+@pytest.mark.parametrize("step", [0.04, 0.02, 0.01])
+@pytest.mark.parametrize("thick", [0.03, 0.2])
+def test_the_stated_error_of_a_volume_holds_for_known_bodies(step, thick):
+    """Slanted slabs and balls, on a grid shifted at random: nearly all are within two stated errors."""
+    rng = np.random.default_rng(7)
+    held = []
+    for _ in range(12):
+        axes = [np.arange(-0.5, 0.5, step) + step * rng.random() for _ in range(3)]
+        p = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        n = rng.normal(size=3)
+        shell = np.linalg.norm(p, axis=-1)
+        inside = (shell < 0.4) & (shell > 0.4 - thick) & (p @ n > 0)
+        true = 2 * np.pi / 3 * (0.4**3 - (0.4 - thick) ** 3)
+        cell = step**3
+        held.append(abs(cell * inside.sum() - true) <= 2 * reach.volume_error(inside, cell))
+    assert np.mean(held) >= 0.75
+    assert reach.volume_error(inside, cell) < 0.5 * true
+
+
+def test_workspace_and_sweep_agree_within_the_errors_that_they_state():
+    robot = twin.load("sils")
+    T = reach.centre(robot)
+    low, high = reach.box(robot, T)
+    step = float(np.prod(high - low) / 150_000) ** (1 / 3)
+    nx, ny, nz = (int(n) for n in np.floor((high - low) / step) + 1)
+    fine = reach.workspace(robot, reach.Grid(low, step, (nx, ny, nz), T[:3, :3])).summary()
+    work = design.job(robot, "sils", None, [design.factor(robot, "l_p=120..150mm")], ("volume",))
+    coarse = design.judge(work, [robot.kinematics().parameters["l_p"]])["volume"]
+    apart, stated = abs(coarse - fine["volume_dm3"]), design.grid_error(work) + fine["volume_error_dm3"]
+    assert apart < stated < 0.2 * fine["volume_dm3"]

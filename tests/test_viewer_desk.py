@@ -22,10 +22,11 @@ from twin.errors import KinematicsError, MechanismError, TwinError
 from twin.live.desk import Desk
 from twin.live.instruments import read
 from twin.live.shapes import CREASE, behind, creased, looks
-from twin.live.timeline import Clock
+from twin.live.timeline import Clock, Playback
 from twin.units import MM
 from twin.viewer import readout
 from twin.viewer.design import with_distance
+from twin.viewer.panels import LEAST_SPAN, curves
 
 ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")
 
@@ -325,3 +326,17 @@ def test_the_desk_of_a_robot_with_its_trocar_elsewhere():
     assert not desk.edited
     desk.mechanism = replace(desk.mechanism)
     assert desk.edited
+
+
+@pytest.mark.parametrize("worst", [0.0, 1e-16, 3e-13, 2e-11, 4e-9, 7e-7, 5e-5, 2e-3, 0.12])
+def test_the_axis_of_an_rcm_error_has_labels_that_differ(worst):
+    """The page labels an axis with three decimals: the unit is chosen so that ten labels of the range differ."""
+    error = np.append(worst * np.linspace(0, 1, 9), np.nan)
+    blank = np.zeros((10, 3))
+    playback = Playback("p", "p", np.arange(10.0), *[blank] * 4, blank, blank, blank, blank, error, error, ())
+    (name,), values = curves(playback, "RCM error", [], [])
+    unit = {"[mm]": 1e-3, "[µm]": 1e-6, "[nm]": 1e-9, "[pm]": 1e-12}[name.split()[-1]]
+    np.testing.assert_allclose(values[0] * unit, error)
+    shown = np.linspace(0, max(np.nanmax(values), LEAST_SPAN), 8)
+    assert len({f"{v:.3f}" for v in shown}) == 8
+    assert worst < 1e-12 or 1 <= np.nanmax(values) < 1000

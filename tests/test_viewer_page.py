@@ -359,6 +359,9 @@ def test_scene_switches_change_the_picture_and_not_the_numbers(sils):
     desk = still(sils)
     q = desk.assembly.q.copy()
     sils.tab("Scene")
+    hand = sils.front.hand
+    before_it = hand.playback, hand.protocol
+    hand.playback, hand.protocol = None, "lowered_patient"  # which has a patient
     for name in ("joint axes", "link names", "table and patient"):
         before = sils.shot()
         box = sils.page.get_by_label(name)
@@ -371,6 +374,7 @@ def test_scene_switches_change_the_picture_and_not_the_numbers(sils):
         sils.front.scenery.look(view, None)
         until(lambda b=before: np.linalg.norm(sils.clients[0].camera.position - b) > 0.05, view)
     np.testing.assert_array_equal(desk.assembly.q, q)
+    hand.playback, hand.protocol = before_it
 
 
 def test_the_robot_is_rescaled_and_its_numbers_stay(sils):

@@ -78,6 +78,7 @@ class OutputError(TwinError):
 def unknown(kind: str, name: str, known: Iterable[str]) -> str:
     """Return a message for a name that does not exist: the nearest known name, then all of them."""
     names = sorted(known)
-    close = get_close_matches(name, names, n=1)
-    hint = f" Did you mean '{close[0]}'?" if close else ""
+    folded = {n.casefold(): n for n in names}
+    close = get_close_matches(name, names, n=1) or get_close_matches(name.casefold(), folded, n=1)
+    hint = f" Did you mean '{folded.get(close[0], close[0])}'?" if close else ""
     return f"there is no {kind} '{name}'.{hint} Known: {', '.join(names) or 'none'}."

@@ -23,6 +23,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):  # a terminal that lacks a sign gets a question mark, not a traceback
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+    if not argv:  # nothing was asked: say what can be, which is not to have done anything
+        parser().print_help()
+        return 2
     try:
         args = parser().parse_args(argv)
     except UsageError as error:
@@ -35,8 +38,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
     logging.getLogger("twin.robots").setLevel(logging.WARNING if args.quiet or args.json else logging.INFO)
     try:
-        from twin.cli import commands
+        from twin.cli import commands, scene
 
+        scene.refuse(args)
         code = int(commands.COMMANDS[args.command](args))
         sys.stdout.flush()  # here a broken pipe can still be dealt with
         return code

@@ -5,12 +5,9 @@ from __future__ import annotations
 import argparse
 import filecmp
 import math
-import platform
-import shutil
 import tempfile
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,8 +22,9 @@ if TYPE_CHECKING:
 
 
 def list_robots(args: argparse.Namespace) -> int:
-    """Print the built-in robots."""
+    """Print the built-in robots and scenes."""
     from twin.cad.description import load
+    from twin.cli import scene
 
     rows = []
     for name in assets.names():
@@ -34,14 +32,16 @@ def list_robots(args: argparse.Namespace) -> int:
         rows.append(
             {
                 "name": name,
+                "kind": "robot",
                 "title": load(files.description).title,
                 "equations": files.has_equations,
                 "stage": files.stage.is_file(),
                 "protocols": sorted(files.protocols()),
             }
         )
+    scenes = scene.listed()
     if args.json:
-        print(show.as_json(rows))
+        print(show.as_json([*rows, *({"kind": "scene", **s} for s in scenes)]))
     else:
         header = ("robot", "title", "equations", "stage", "protocols")
         yes = {True: "yes", False: "-"}
@@ -54,11 +54,21 @@ def list_robots(args: argparse.Namespace) -> int:
                 header,
             )
         )
+        print()
+        print(
+            show.table([(s["name"], s["title"], ", ".join(s["robots"])) for s in scenes], ("scene", "title", "robots"))
+        )
     return 0
 
 
 def info(args: argparse.Namespace) -> int:
     """Print joints, limits, frames, degrees of freedom and parameters."""
+    from twin.cli import scene
+
+    if (file := scene.find(args.robot)) is not None:
+        if args.inertia:
+            raise TwinError(f"--inertia judges one robot: {args.robot} is a scene")
+        return scene.info(file, args)
     robot = api.load(args.robot)
     if args.inertia:
         from twin.cli.inertia import run as run_inertia
@@ -266,50 +276,6 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
-def doctor(args: argparse.Namespace) -> int:
-    """Print what is installed and what that allows."""
-    packages = (
-        "numpy",
-        "casadi",
-        "pin",
-        "coal",
-        "usd-core",
-        "cascadio",
-        "trimesh",
-        "toppra",
-        "matplotlib",
-        "scipy",
-        "mujoco",
-        "viser",
-    )
-    extras = {
-        "build123d": "redraw the CAD (make cad-check)",
-    }
-    programs = {"chromium": "pictures of the viewer", "uv": "the locked environment"}
-    rows = [(n, _installed(n) or "MISSING", "needed") for n in packages]
-    rows += [(n, _installed(n) or "-", f"optional: {why}") for n, why in extras.items()]
-    rows += [(n, shutil.which(n) or "-", f"optional: {why}") for n, why in programs.items()]
-    missing = [n for n in packages if _installed(n) is None]
-    if args.json:
-        print(
-            show.as_json({"python": platform.python_version(), "found": {n: v for n, v, _ in rows}, "missing": missing})
-        )
-    else:
-        print(f"  python {platform.python_version()} on {platform.system()} {platform.machine()}")
-        print(f"  data in {assets.data_folder()}\n")
-        print(show.table(rows, ("package", "found", "")))
-        if missing:
-            print(f"\n  missing: {', '.join(missing)}. Install twin again: pip install .")
-    return 2 if missing else 0
-
-
-def _installed(name: str) -> str | None:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None
-
-
 def _protocols(robot: api.Robot, args: argparse.Namespace) -> tuple[str, ...]:
     if robot.files is None:
         raise TwinError(f"{robot.name} is a USD stage: it has neither equations nor protocols to judge")
@@ -389,7 +355,7 @@ def _own_file(name: str) -> Callable[[argparse.Namespace], int]:
 
 
 _OWN = ("explain", "view", "serve", "operate", "track", "study", "new", "export", "audit", "selftest")
-_OWN += ("workspace", "tolerance", "sweep")
+_OWN += ("workspace", "tolerance", "sweep", "doctor")
 
 COMMANDS = {
     "list": list_robots,
@@ -399,5 +365,4 @@ COMMANDS = {
     "validate": validate,
     "run": run,
     **{name: _own_file(name) for name in _OWN},
-    "doctor": doctor,
 }

@@ -54,6 +54,13 @@ class _Parser(argparse.ArgumentParser):
         raise UsageError(unknown("command", wrong[1], NAMES) if wrong else message, self.format_usage())
 
 
+def _port(text: str) -> int:
+    """Return a port to listen on, or refuse what is none."""
+    if not re.fullmatch(r"[0-9]+", text) or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text} is no port: give 0 to 65535, where 0 takes any that is free")
+    return int(text)
+
+
 def parser() -> argparse.ArgumentParser:
     """Return the parser of every command."""
     formatter = _Help
@@ -100,12 +107,13 @@ def parser() -> argparse.ArgumentParser:
             help=help_,
         )
 
-    add("list", "list the built-in robots", "  twin list\n  twin list --json")
+    add("list", "list the built-in robots and scenes", "  twin list\n  twin list --json")
 
     sub = add(
         "info",
-        "show a robot: joints, limits, frames, parameters with provenance",
-        "  twin info sils\n  twin info pa10 --inertia        can bodies have the masses that are stated of them?",
+        "show a robot: joints, limits, frames, parameters with provenance; or a scene",
+        "  twin info sils\n  twin info vsrs                   a scene\n"
+        "  twin info pa10 --inertia        can bodies have the masses that are stated of them?",
     )
     robot(sub)
     sub.add_argument("--inertia", action="store_true", help="judge masses and inertias instead: CAD, stage, tables")
@@ -199,7 +207,7 @@ def parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
     sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
-    sub.add_argument("--port", type=int, default=8080, help="where the page is served (default 8080; 0 takes any)")
+    sub.add_argument("--port", type=_port, default=8080, help="where the page is served (default 8080; 0 takes any)")
     sub.add_argument("--host", default="127.0.0.1", help="address to serve on (default 127.0.0.1: this machine alone)")
     sub.add_argument("--no-browser", action="store_true", help="open no browser")
     sub.add_argument("--html", metavar="FILE", help="write a recording of the protocol instead, and end")
@@ -215,7 +223,7 @@ def parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a USD stage")
     sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
-    sub.add_argument("--port", type=int, default=8765, help="where it is served (default 8765; 0 takes any)")
+    sub.add_argument("--port", type=_port, default=8765, help="where it is served (default 8765; 0 takes any)")
     sub.add_argument(
         "--host",
         default="127.0.0.1",

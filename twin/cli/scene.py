@@ -1,4 +1,4 @@
-"""`twin run <scene>`: all robots of a scene at once, distances between them, one USD stage."""
+"""Scenes: `twin run` plays all robots of one at once, with their distances; `twin info` shows one."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import argparse
 import os
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from twin import api, assets
 from twin.cli import show
-from twin.errors import TwinError
+from twin.errors import TwinError, unknown
 from twin.findings import EXIT_CODES, by_severity, verdict
 from twin.units import MM
 
@@ -28,6 +29,90 @@ def find(name: str) -> Path | None:
     path = Path(name)
     path = path / "scene.toml" if path.is_dir() else path
     return path if path.name == "scene.toml" and path.is_file() else None
+
+
+COMMANDS = ("info", "run", "view")
+"""Commands that take a scene."""
+
+
+def refuse(args: argparse.Namespace) -> None:
+    """Do nothing, unless a scene is given to a command that takes one robot, or in another case.
+
+    Raises:
+        TwinError: it is; what works with the scene, and which robots are in it.
+    """
+    from twin.scene.load import load_scene
+
+    name = getattr(args, "robot", None)
+    if not isinstance(name, str):
+        return
+    if name not in names() and name.casefold() in names() and not Path(name).exists():
+        raise TwinError(unknown("robot or scene", name, [*assets.names(), *names()]))
+    if args.command in COMMANDS or (file := find(name)) is None:
+        return
+    robots = [p.name for p in load_scene(file).places]
+    raise TwinError(
+        f"'{name}' is a scene, not a robot. With a scene work {', '.join(f'twin {c} {name}' for c in COMMANDS)}; "
+        f"`twin {args.command}` takes one of its robots: {', '.join(robots)}."
+    )
+
+
+def listed() -> list[dict[str, Any]]:
+    """Return the built-in scenes for `twin list`."""
+    from twin.scene.load import load_scene
+
+    scenes = [load_scene(assets.data_folder() / "cad" / n / "scene.toml") for n in names()]
+    return [{"name": s.name, "title": s.title, "robots": [p.name for p in s.places]} for s in scenes]
+
+
+def info(file: Path, args: argparse.Namespace) -> int:
+    """Print what stands where in a scene, and which numbers are assumed."""
+    from twin.scene.load import load_scene
+
+    scene = load_scene(file)
+    data = {
+        "name": scene.name,
+        "title": scene.title,
+        "source": scene.source,
+        "robots": [
+            {
+                "name": p.name,
+                "protocol": p.protocol,
+                "port": p.port,
+                "port_mm": (p.p_world_port / MM).tolist(),
+                "position_mm": (p.T_world_base[:3, 3] / MM).tolist(),
+            }
+            for p in scene.places
+        ],
+        "cameras": {n: {"robot": c.robot, "frame": c.frame} for n, c in scene.cameras.items()},
+        "surroundings": None if scene.props is None else scene.props.stem,
+        "clearance_mm": scene.clearance / MM,
+        "touching": sorted(sorted(t) for t in scene.touching),
+        "parameters": [vars(p) for p in scene.parameters],
+        "commands": [f"twin {c} {args.robot}" for c in COMMANDS],
+    }
+    if args.json:
+        print(show.as_json(data))
+        return 0
+    print(f"{scene.name}: {scene.title}\n  {scene.source}\n")
+    rows = [
+        (r["name"], r["protocol"], r["port"], _point(r["port_mm"]), _point(r["position_mm"])) for r in data["robots"]
+    ]
+    print(show.table(rows, ("robot", "protocol", "port", "port at [mm]", "base at [mm]")))
+    print(f"\n  surroundings: {data['surroundings'] or 'none'}; clearance to keep: {data['clearance_mm']:g} mm")
+    print(*(f"  camera {n}: {c['robot']}, frame {c['frame']}" for n, c in data["cameras"].items()), sep="\n")
+    print("\n  parameters (* assumed: nobody has published it)")
+    rows = [
+        (("*" if p.provenance == "ASSUMED" else " ") + p.name, f"{p.shown:g} {p.unit}", p.provenance, p.note)
+        for p in scene.parameters
+    ]
+    print(show.table(rows, fit=True))
+    print(f"\n  with it work: {', '.join(data['commands'])}")
+    return 0
+
+
+def _point(mm: list[float]) -> str:
+    return ", ".join(f"{v:.1f}" for v in mm)
 
 
 def run(file: Path, args: argparse.Namespace) -> int:

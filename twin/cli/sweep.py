@@ -14,6 +14,7 @@ from twin import api, assets
 from twin.cli import show
 from twin.errors import TwinError
 from twin.spatial import Array
+from twin.units import MM
 
 if TYPE_CHECKING:
     from twin.sweeps.design import Job
@@ -70,6 +71,7 @@ def sweep(args: argparse.Namespace) -> int:
         "designs": len(designs),
         "judged_before": before,
         "objectives": {n: {"unit": design.OBJECTIVES[n][0], "meaning": design.OBJECTIVES[n][2]} for n in objectives},
+        "grid": None if "volume" not in objectives else _grid(work),
         "drawn": rows[0],
         "pareto": [r for r in rows if r["pareto"]],
         "folder": str(folder),
@@ -77,6 +79,12 @@ def sweep(args: argparse.Namespace) -> int:
     }
     print(show.as_json(data) if args.json else "\n".join(_lines(data)))
     return 0
+
+
+def _grid(work: Job) -> dict[str, float]:
+    from twin.sweeps.design import grid_error
+
+    return {"step_mm": work.step / MM, "volume_error_dm3": grid_error(work)}
 
 
 def _judge(
@@ -103,6 +111,9 @@ def _lines(data: Mapping[str, Any]) -> Iterator[str]:
     yield f"{data['robot']} · {data['designs']} designs, {data['judged_before']} of them judged before"
     for name, meaning in data["objectives"].items():
         yield f"  {name}: {meaning['meaning']}"
+    if (grid := data["grid"]) is not None:
+        cells = f"positions {grid['step_mm']:.3g} mm apart, the same for every design"
+        yield f"  volume is counted on {cells}: ± {grid['volume_error_dm3']:.1g} dm³ as drawn"
     yield ""
     head = [n for n in data["drawn"] if n != "pareto"]
     best = [r for r in data["pareto"] if r["design"] != 0]
@@ -110,6 +121,9 @@ def _lines(data: Mapping[str, Any]) -> Iterator[str]:
     yield show.table(rows, head, fit=True)
     if len(best) > 20:
         yield f"  and {len(best) - 20} more that none beats"
+    beaten = data["designs"] - len(best) - 1
+    if beaten:
+        yield f"  not shown: {beaten} that another beats or that cannot be built; all are in sweep.csv"
     yield ""
     yield f"  {Path(data['folder']) / 'sweep.png'}"
     yield f"  {Path(data['folder']) / 'sweep.csv'}"

@@ -95,7 +95,7 @@ def _lines(s: Mapping[str, Any]) -> Iterator[str]:
     yield f"{s['robot']} · {_what(s)} · cells of {s['step_mm']:.3g} mm"
     yield ""
     corner = ", ".join(f"{a:.0f} .. {b:.0f}" for a, b in zip(s["box_mm"]["low"], s["box_mm"]["high"], strict=True))
-    yield f"  reached           {s['volume_dm3']:.4g} dm³ in x, y, z = {corner} mm"
+    yield f"  reached           {s['volume_dm3']:.4g} ± {s['volume_error_dm3']:.1g} dm³ (grid) in x, y, z = {corner} mm"
     if s["orientations"] > 1:
         yield f"  every orientation {s['volume_every_orientation_dm3']:.4g} dm³"
     if s["global_conditioning_index"] is not None:

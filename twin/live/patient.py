@@ -101,9 +101,7 @@ def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None
     known = sorted(p.stem for p in folder.glob("*.toml"))
     if place.body not in known:
         raise TwinError(f"protocol '{protocol.name}': {unknown('patient', place.body, known)}")
-    path = folder / f"{place.body}.toml"
-    table = load_toml(path, PatientFile)
-    _check(table, path)
+    table = read_patient(folder / f"{place.body}.toml")
     if place.port not in table.port:
         raise TwinError(f"protocol '{protocol.name}', patient {table.name}: {unknown('port', place.port, table.port)}")
     for link in place.replaces:
@@ -139,6 +137,28 @@ def none_there(robot: Robot, protocol: Protocol) -> str:
     return out.rstrip(".") + "." + (f" With a patient: {', '.join(others)}." if others else "")
 
 
+def read_patient(path: Path) -> PatientFile:
+    """Return a checked file of cad/patients.
+
+    Raises:
+        DescriptionError: file, line, key, value and what would be right.
+    """
+    table = load_toml(path, PatientFile)
+    names = [p.name for p in table.part]
+    for k, part in enumerate(table.part):
+        if names.count(part.name) > 1:
+            raise error_at(path, ("part", k, "name"), f"two parts are called '{part.name}'")
+        if min(part.size_mm) <= 0:
+            raise error_at(path, ("part", k, "size_mm"), f"{list(part.size_mm)} is not above 0")
+        if part.port is not None and part.port not in table.port:
+            raise error_at(path, ("part", k, "port"), unknown("port", part.port, table.port))
+    for name, port in table.port.items():
+        for opened in port.opens:
+            if opened not in names:
+                raise error_at(path, ("port", name, "opens"), unknown("part", opened, names))
+    return table
+
+
 def floor_of(mechanism: Mechanism, poses: Mapping[str, Array]) -> float:
     """Return the height of the lowest point of a robot that stands with link poses T_base_body, in m."""
     heights = [
@@ -155,21 +175,6 @@ def _fixed(name: str, meshes: tuple[Mesh, ...]) -> Mechanism:
     base, *others = (Body(m.name, (m,)) for m in meshes)
     joints = tuple(Joint(f"at_{b.name}", "fixed", base.name, b.name) for b in others)
     return Mechanism(name, base.name, (base, *others), joints, (Frame("tool", base.name, np.eye(4)),))
-
-
-def _check(table: PatientFile, path: Path) -> None:
-    names = [p.name for p in table.part]
-    for k, part in enumerate(table.part):
-        if names.count(part.name) > 1:
-            raise error_at(path, ("part", k, "name"), f"two parts are called '{part.name}'")
-        if min(part.size_mm) <= 0:
-            raise error_at(path, ("part", k, "size_mm"), f"{list(part.size_mm)} is not above 0")
-        if part.port is not None and part.port not in table.port:
-            raise error_at(path, ("part", k, "port"), unknown("port", part.port, table.port))
-    for name, port in table.port.items():
-        for opened in port.opens:
-            if opened not in names:
-                raise error_at(path, ("port", name, "opens"), unknown("part", opened, names))
 
 
 def _mesh(part: PartTable, T_base_patient: Array, floor: float) -> Mesh:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -80,14 +80,29 @@ def bench_of(robot: str, protocol: str | None) -> Iterator[Bench]:
 def drawn(bench: Bench, families: Sequence[Family], count: int, seed: int) -> list[Fault]:
     """Return the faults of a draw; every family has its own chance, so that one alone is drawn as among others."""
     out: list[Fault] = []
-    whole = sum(SHARES[f] for f in families)
-    for family in FAMILIES:
-        if family not in families:
-            continue
-        n = max(1, round(count * SHARES[family] / whole))
+    shares = shared_out(count, {f: n for f, n in SHARES.items() if f in families})
+    for family, n in shares.items():
         rng = np.random.default_rng([seed, FAMILIES.index(family)])
         out += _faults(family, bench, rng, n)
     return out
+
+
+def shared_out(count: int, shares: Mapping[Family, int]) -> dict[Family, int]:
+    """Return whole numbers in proportion to shares that sum to `count`: the largest remainders are rounded up.
+
+    A family gets none only if there are fewer than one for each.
+    """
+    whole = sum(shares.values())
+    least = 1 if count >= len(shares) else 0
+    out: dict[Family, int] = {f: max(least, count * s // whole) for f, s in shares.items()}
+    left = {f: count * s / whole - out[f] for f, s in shares.items()}
+    while sum(out.values()) != count:
+        step = 1 if sum(out.values()) < count else -1
+        able = [f for f in out if step > 0 or out[f] > least]
+        chosen = max(able, key=lambda f: step * left[f])
+        out[chosen] += step
+        left[chosen] -= step
+    return {f: n for f, n in out.items() if n}
 
 
 def _faults(family: Family, bench: Bench, rng: np.random.Generator, n: int) -> Iterator[Fault]:

@@ -16,10 +16,11 @@ import numpy as np
 
 from twin import api, spatial
 from twin.errors import TwinError, unknown
+from twin.kinematics import Kinematics
 from twin.mechanism import Joint, Mechanism
 from twin.spatial import Array
 from twin.sweeps.tolerance import Spread, Tolerances
-from twin.sweeps.workspace import Grid, centre, gaps_of, limits_of
+from twin.sweeps.workspace import Grid, centre, gaps_of, limits_of, volume_error
 from twin.units import DEG, MM, UM
 
 OBJECTIVES = {
@@ -30,7 +31,7 @@ OBJECTIVES = {
 }
 """What a design is judged by: unit, whether more (+1) or less (-1) is better, and what it is."""
 
-POSITIONS = 8000
+POSITIONS = 27_000
 """Positions of the tool at which a design is judged: the same for all designs."""
 
 _SPREAD = Spread(10 * UM, 0.001 * DEG, 1 * UM, 0.001 * DEG)
@@ -216,11 +217,16 @@ def judge(work: Job, design: Sequence[float]) -> dict[str, float]:
     return {n: out[n] for n in work.objectives}
 
 
-def _reach(work: Job, robot: api.Robot, parameters: dict[str, float]) -> dict[str, float]:
-    try:
-        kin = robot.kinematics(parameters=parameters)
-    except TwinError:
-        return dict.fromkeys(("volume", "conditioning", "margin"), float("nan"))
+def grid_error(work: Job) -> float:
+    """Return by how much the volume of the drawn design may be wrong because it is counted in cells, in dm3."""
+    _, _, good = _good(work, _robot(work.source, work.protocol).kinematics())
+    nx, ny, nz = work.shape
+    return volume_error(good.reshape(nz, ny, nx), (work.step / 0.1) ** 3)
+
+
+def _good(work: Job, kin: Kinematics) -> tuple[Array, Array, np.ndarray]:
+    """Return the poses (k, 4, 4) of the grid, the joints (k, n) there, and which are reached (k,)."""
+    robot = _robot(work.source, work.protocol)
     grid = Grid(np.array(work.low), work.step, work.shape, np.array(work.R))
     Ts = spatial.pose(np.array(work.R), grid.position(np.arange(grid.positions)))
     with np.errstate(all="ignore"):
@@ -232,7 +238,18 @@ def _reach(work: Job, robot: api.Robot, parameters: dict[str, float]) -> dict[st
         if kin.formula.aspects:
             preferred = np.sign([a.preferred for a in kin.formula.aspects])
             good &= (kin.aspect_signs(Ts, q) == preferred).all(axis=1)
-        span = limits[:, 1] - limits[:, 0]
+    return Ts, q, np.asarray(good)
+
+
+def _reach(work: Job, robot: api.Robot, parameters: dict[str, float]) -> dict[str, float]:
+    try:
+        kin = robot.kinematics(parameters=parameters)
+    except TwinError:
+        return dict.fromkeys(("volume", "conditioning", "margin"), float("nan"))
+    Ts, q, good = _good(work, kin)
+    limits = limits_of(robot)
+    span = limits[:, 1] - limits[:, 0]
+    with np.errstate(all="ignore"):
         near = np.where(np.isfinite(span), 2 * np.minimum(q - limits[:, 0], limits[:, 1] - q) / span, 1.0)
         condition = kin.condition_many(Ts[good], q[good])
     return {

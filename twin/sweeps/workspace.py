@@ -147,6 +147,7 @@ class Workspace:
             "tilt_deg": g.tilt / DEG,
             "step_mm": float(g.step / MM),
             "volume_dm3": float(cell * len(good)),
+            "volume_error_dm3": volume_error(self.cube[..., 0] > 0, cell),
             "volume_every_orientation_dm3": float(cell * (share == 1).sum()),
             "share_of_orientations": float(share.mean()) if len(good) else 0.0,
             "global_conditioning_index": float(np.average(inverse, weights=share)) if inverse.any() else None,
@@ -157,6 +158,20 @@ class Workspace:
             "best_position_mm": (g.position(np.array([best]))[0] / MM).tolist() if len(good) else None,
             **self.facts,
         }
+
+
+def volume_error(cube: np.ndarray, cell: float) -> float:
+    """Return by how much a volume may be wrong because it is counted in cells, about two standard deviations.
+
+    It is the standard deviation of the volumes that the eight interleaved grids of twice the step give, which is
+    about twice the grid's own: measured on SILS at 6 to 32 mm with the grid shifted.
+
+    Args:
+        cube: (nx, ny, nz) which positions are reached.
+        cell: volume of one.
+    """
+    parts = [cube[i::2, j::2, k::2].sum() for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+    return float(8 * cell * np.std(parts))
 
 
 def _quantiles(x: Array) -> dict[str, float]:

@@ -301,7 +301,7 @@ class Panels:
         rows = np.where(np.isfinite(rows), rows, 0.0)  # a plot cannot show what is not there
         low, high = float(rows.min()), float(rows.max())
         now = np.full(len(t), low)  # a line of its own that stands up where the clock is
-        now[k] = high if high > low else low + 1e-3
+        now[k] = max(high, low + LEAST_SPAN)
         data = (t, *rows, now)
         key = (self._what.value, self.front.hand.name, playback)
         if self._plot is not None and not force and key == self._plotted:
@@ -322,12 +322,21 @@ class Panels:
         self._plotted = key
 
 
+LEAST_SPAN = 0.01
+"""Of an axis: the page labels it with three decimals, and ten labels must differ."""
+
+_SMALL = (("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9), ("pm", 1e-12))
+"""Units of a distance that may be anything from rounding to a centimetre, in m."""
+
+
 def curves(playback: Playback, what: str, joints: list[str], angles: list[bool]) -> tuple[list[str], Array]:
     """Return names with units, and values (m, k), of what is to be drawn."""
     if what == "tip":
         return [f"{a} [mm]" for a in "xyz"], playback.tip.T / MM
     if what == "RCM error":
-        return ["shaft to RCM [µm]"], playback.rcm_error[None] * 1e6
+        worst = float(np.nanmax(playback.rcm_error, initial=0.0))
+        unit, scale = next((u for u in _SMALL if worst >= u[1]), _SMALL[-1])
+        return [f"shaft to RCM [{unit}]"], playback.rcm_error[None] / scale
     per = {"displacement": "", "speed": "/s", "acceleration": "/s²"}[what]
     values = {"displacement": playback.q, "speed": playback.qd, "acceleration": playback.qdd}[what]
     scale = np.array([DEG if a else MM for a in angles])

@@ -1,0 +1,55 @@
+"""`twin doctor`: what is installed, and what that allows."""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import shutil
+from importlib.metadata import PackageNotFoundError, version
+
+from twin import assets
+from twin.cli import show
+
+
+def doctor(args: argparse.Namespace) -> int:
+    """Print what is installed and what that allows."""
+    packages = (
+        "numpy",
+        "casadi",
+        "pin",
+        "coal",
+        "usd-core",
+        "cascadio",
+        "trimesh",
+        "toppra",
+        "matplotlib",
+        "scipy",
+        "mujoco",
+        "viser",
+    )
+    extras = {
+        "build123d": "redraw the CAD (make cad-check)",
+    }
+    programs = {"chromium": "pictures of the viewer", "uv": "the locked environment"}
+    rows = [(n, _installed(n) or "MISSING", "needed") for n in packages]
+    rows += [(n, _installed(n) or "-", f"optional: {why}") for n, why in extras.items()]
+    rows += [(n, shutil.which(n) or "-", f"optional: {why}") for n, why in programs.items()]
+    missing = [n for n in packages if _installed(n) is None]
+    if args.json:
+        print(
+            show.as_json({"python": platform.python_version(), "found": {n: v for n, v, _ in rows}, "missing": missing})
+        )
+    else:
+        print(f"  python {platform.python_version()} on {platform.system()} {platform.machine()}")
+        print(f"  data in {assets.data_folder()}\n")
+        print(show.table(rows, ("package", "found", "")))
+        if missing:
+            print(f"\n  missing: {', '.join(missing)}. Install twin again: pip install .")
+    return 2 if missing else 0
+
+
+def _installed(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
