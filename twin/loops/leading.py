@@ -25,6 +25,9 @@ from twin.spatial import Array
 _STEP = 1e-3
 """Length in m of the way of the hand that is walked at once."""
 
+_LAG = 0.05
+"""The same as part of the way that the point lags behind, if that is longer."""
+
 _STRIDE = 4e-3
 """Longest motion (m; rad times `LENGTH_SCALE`) of the active joints at once; of the others ten times as much."""
 
@@ -34,23 +37,23 @@ _THERE, _PASSED = 1e-10, 1e-7
 _GAIN = 1e-3
 """Part of the remaining distance that a step must win for another one to be worth it."""
 
-_DAMPING = 1e-4
-"""Relative to the largest gain, squared: a point at the end of its reach is pulled without wild joints."""
+_DAMPINGS = (1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2)
+"""Relative to the gains: each is tried where a step with less leads no nearer."""
+
+_WEAK = 0.05
+"""Way of the point for the same way of the joints, below which it is not led: they would run for nothing."""
+
+_HALVINGS = 7
+"""How often a step is halved where the loops do not close, or another assembly begins."""
 
 _TRIES, _LAST_TRIES = 4, 25
 """Steps for a goal on the way, and for the last one."""
 
-_HALVINGS = 8
-"""How often a step that is refused is halved."""
-
-_LEFT = 1e-4
+_LEFT = 1e-3
 """Part of a determinant as drawn that must be left: beyond it another assembly begins."""
 
 _STRETCHED = 0.03
 """Part of a determinant as drawn below which a loop that closes no more is called singular."""
-
-_SHRINK = 0.3
-"""Part of a determinant that one step must leave."""
 
 _NEAR = 1e-7
 """A limit (m; rad times `LENGTH_SCALE`) is reached within this."""
@@ -121,6 +124,8 @@ class Leader:
 
     def __init__(self, mechanism: Mechanism, bounds: Sequence[Bound] = ()) -> None:
         """Compile the loops (`AssemblyError`: they do not close as drawn)."""
+        import scipy.optimize  # noqa: F401 - it takes long: now, not in the first drag
+
         self.solver, self.bounds = LoopSolver(mechanism), tuple(bounds)
         angle = np.array([j.is_angle for j in mechanism.active], bool)
         self._scale = np.where(angle, 1 / LENGTH_SCALE, 1.0)  # of a step in m
@@ -135,6 +140,7 @@ class Leader:
         self._kinds = [p.joint.type for p in passive]
         self.look = Sight(self.solver)
         names = self.solver.equations.row_names
+        self.solver.close(self.solver.q, np.concatenate([*self.solver.home, []]))
         self._loops = [" ".join(dict.fromkeys(names[r] for r in b.rows)) for b in self.solver.blocks]
 
     # -- by a point -----------------------------------------------------------------------------------
@@ -155,15 +161,20 @@ class Leader:
         """
         start, target, look = np.asarray(start, float), np.asarray(target, float), self.look(q, u, body, p_body)
         walk = _Walk(self, look, (body, np.asarray(p_body, float)), time.thread_time() + seconds)
-        steps = max(1, int(np.ceil(np.linalg.norm(target - start) / _STEP)))
-        hand = start
-        for s in np.linspace(0, 1, steps + 1)[1:]:
-            walk.to(start + s * (target - start), s == 1)
-            if walk.late:
+        hand, way = start, float(np.linalg.norm(target - start))
+        while True:
+            # A point that lags behind is pulled the same way by a hand that goes a little further.
+            step = max(_STEP, _LAG * float(np.linalg.norm(hand - walk.look.p)))
+            count = int(np.ceil(way / step))
+            goal = target if count <= 1 else hand + (target - hand) / count
+            walk.to(goal, count <= 1)
+            if walk.late or count <= 1:
                 break
-            hand = start + s * (target - start)
+            hand, way = goal, float(np.linalg.norm(target - goal))
         now = walk.look
-        return Led(now.q, now.u, walk.stops(), walk.assembly, walk.open, hand, walk.late)
+        if walk.open and (singular := self._nearly(now)):
+            walk.assembly, walk.open = singular, False
+        return Led(now.q, now.u, walk.stops(), walk.assembly, walk.open, hand if walk.late else target, walk.late)
 
     # -- by the joints --------------------------------------------------------------------------------
 
@@ -265,65 +276,70 @@ class _Walk:
 
     def to(self, goal: Array, last: bool) -> None:
         """Bring the point as near to a goal as it comes."""
-        leader, first = self.leader, self.look
-        scale, total = leader._scale, np.zeros(len(self.look.q))
-        self.assembly, self.open = "", False
-        slack = np.maximum(0.0, np.array([b.slack(first.q) for b in leader.bounds])) / leader._size
-        kept: list[tuple[Array, float]] = []  # determinants that must not vanish: gradient by the step, and what may go
+        first, total = self.look, np.zeros(len(self.look.q))
         for _ in range(_LAST_TRIES if last else _TRIES):
-            now, miss = self.look, goal - self.look.p
-            way = float(np.linalg.norm(miss))
+            way = float(np.linalg.norm(goal - self.look.p))
             if way < (_THERE if last else _PASSED):
                 return
             if time.thread_time() > self.until:
                 self.late = True
                 return
-            # The least motion of the whole step, by the mean of both ends: second order in its length.
-            J = 0.5 * (first.J + now.J) * scale
-            size = float(np.sum(J * J))
-            self._pull = -(now.J * scale).T @ miss
-            if size < 1e-18:
+            y = self._step(first, total, goal)
+            if y is None:
                 return
-            G, h = leader._G, -slack
-            if kept:
-                G = np.vstack([G, *(g for g, _ in kept)])
-                h = np.append(h, [c + g @ total for g, c in kept])
-            y = nearest_step(J, J @ total + miss, _DAMPING**2 * size, G, h) - total
-            y *= min(1.0, _STRIDE / max(np.abs(y).max(initial=0.0), 1e-15))
-            reached, why, t = None, "", 1.0
-            for _ in range(_HALVINGS):
-                reached, why = leader._moved(now, scale * (t * y), self.held)
-                if reached is not None and np.linalg.norm(goal - reached.p) < way:
-                    break
-                refused, reached, t = reached is None, None, t / 2
-                if refused:
-                    self.assembly, self.open = why, not why
-            if reached is None:
-                if self.assembly and len(kept) < 2:
-                    kept.append(self._gradient(now, self.assembly))
-                    continue
-                return
-            if t == 1.0 and not kept:
-                self.assembly, self.open = "", False
-            self.look, total = reached, total + t * y
-            if way - np.linalg.norm(goal - reached.p) < _GAIN * way:
+            total = total + y
+            if way - np.linalg.norm(goal - self.look.p) < _GAIN * min(way, _STEP):
                 return
 
-    def _gradient(self, now: Look, name: str) -> tuple[Array, float]:
-        """Return how a determinant, as part of its value now, answers to each joint (n,), and by how much it may go."""
-        leader, out = self.leader, np.zeros(len(now.q))
-        for i in range(len(out)):
-            for h in (1e-6, -1e-6):
-                dq = np.zeros(len(out))
-                dq[i] = h * leader._scale[i]
-                u = leader.solver.close(now.q + dq, leader._stepped(now.u, now.answers @ dq))
-                if u is None:
-                    continue
-                before, after = leader.determinants(now, leader.look(now.q + dq, u, *self.held), True)[name]
-                out[i] = (after / before - 1) / h if before else 0.0
-                break
-        floor = _LEFT * leader._as_drawn[name] / max(abs(leader.determinants(now, now, True)[name][0]), 1e-300)
-        return out, -max(0.0, 1 - max(_SHRINK, floor))
+    def _step(self, first: Look, total: Array, goal: Array) -> Array | None:
+        """Go on by one step that brings the point nearer, and return it (n,) in m; None if there is none."""
+        leader, now = self.leader, self.look
+        scale, miss = leader._scale, goal - now.p
+        # The least motion of the whole way from `first`, by the mean of both ends: second order in its length.
+        J, here = 0.5 * (first.J + now.J) * scale, now.J * scale
+        U, gains, _ = np.linalg.svd(here)
+        strong = U[:, : int(np.sum(gains > _WEAK))]
+        self.assembly, self.open, self._pull = "", False, -here.T @ miss
+        h = -np.maximum(0.0, np.array([b.slack(now.q) for b in leader.bounds])) / leader._size
+        size = float(np.sum(J * J))
+        if size < _WEAK**2:
+            return None
+        if strong.shape[1] < 3:  # all ways, if they lead to where all are easy; else those that are easy
+            y = nearest_step(J, J @ total + miss, _DAMPINGS[0] * size, leader._G, h + leader._G @ total) - total
+            if self._taken(y, goal, easy=True):
+                return y
+            J, here, miss = strong.T @ J, strong.T @ here, strong.T @ miss
+            self._pull = -here.T @ miss
+            if np.linalg.norm(miss) < _PASSED:
+                return None
+        y = nearest_step(J, J @ total + miss, _DAMPINGS[0] * size, leader._G, h + leader._G @ total) - total
+        for damping in _DAMPINGS[1:]:
+            for _ in range(_HALVINGS):
+                if self._taken(y, goal):
+                    return y
+                if not (self.open or self.assembly):
+                    break  # no nearer: another way is wanted, not a shorter one
+                y = y / 2
+            if self.open or self.assembly:
+                return None
+            y = nearest_step(here, miss, damping * size, leader._G, h)
+        return None
+
+    def _taken(self, y: Array, goal: Array, easy: bool = False) -> bool:
+        """Take a step (n,) in m, made short enough in place, if it leads nearer; `easy`: and to where all ways are."""
+        leader, now = self.leader, self.look
+        y *= min(1.0, _STRIDE / max(np.abs(y).max(initial=0.0), 1e-15))
+        reached, why = leader._moved(now, leader._scale * y, self.held)
+        if reached is None:
+            self.assembly, self.open = why, not why
+            return False
+        self.assembly, self.open = "", False
+        if np.linalg.norm(goal - reached.p) >= np.linalg.norm(goal - now.p):
+            return False
+        if easy and np.linalg.svd(reached.J * leader._scale, compute_uv=False)[-1] <= _WEAK:
+            return False
+        self.look = reached
+        return True
 
     def stops(self) -> tuple[Bound, ...]:
         """Return the bounds that the point is pulled against."""
