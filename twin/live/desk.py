@@ -130,7 +130,7 @@ class Desk:
 
             out = self._try(go)
             if out.good and led[0].more:
-                out = self.moved = replace(out, more=True)
+                out = self.moved = Moved(False, f"{self.joints[joint].name} is on its way", out.seconds, True)
             elif out.good and self.assembly.q[joint] != value:
                 out = self.moved = replace(out, good=False, reason=self._stopped(joint, value, led[0]))
             return out
@@ -266,7 +266,8 @@ class Desk:
             p = (self.assembly.link_poses[body] @ np.append(p_body, 1.0))[:3]
             left = float(np.linalg.norm(p - target))
             if led[0].more:
-                out = self.moved = replace(out, more=True)
+                text = f"{body} is on its way, {left / MM:.1f} mm short of the hand"
+                out = self.moved = Moved(False, text, out.seconds, True)
             elif left > 0.05 * MM:
                 where = " ".join(f"{v:.1f}" for v in p / MM)
                 text = f"{body} stops {left / MM:.1f} mm short of the hand, at [{where}] mm: {self._why(led[0])}"
