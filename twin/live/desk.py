@@ -277,10 +277,8 @@ class Desk:
     def _why(self, led: Led) -> str:
         """Return what is in the way of the hand."""
         reasons = [self._bound(b) for b in led.stops]
-        if led.assembly:
-            reasons.append(f"{led.assembly} becomes singular there, and another assembly begins")
-        elif led.open:
-            reasons.append("its loops cannot be closed beyond")
+        if led.singular:
+            reasons.append(_ended(led.singular))
         return ", ".join(reasons) or "no joint brings it nearer"
 
     def _bound(self, bound: Bound) -> str:
@@ -306,10 +304,8 @@ class Desk:
                 least = f"{bound.least / MM:.3f} mm {side} {other} = {at}"
                 reasons.append(f"{joint.name} = {_shown(joint, value)} must stay {least} ({self._rail(lower, upper)})")
         at = f"{joint.name} stops at {_shown(joint, float(self.assembly.q[number]))}"
-        if led.assembly:
-            reasons.append(f"{at}, where {led.assembly} becomes singular")
-        elif led.open:
-            reasons.append(f"{at}: its loops cannot be closed beyond")
+        if led.singular:
+            reasons.append(f"{at}: {_ended(led.singular)}")
         elif len(reasons) != 1 or low <= value <= high:
             reasons.append(at)
         return "; ".join(reasons)
@@ -336,6 +332,13 @@ def _equations(robot: Robot) -> Kinematics | None:
     if robot.files is None or not robot.files.has_equations:
         return None
     return robot.kinematics()
+
+
+def _ended(singular: str) -> str:
+    """Return what it means that something becomes singular."""
+    if singular == "tool":
+        return "the tool becomes singular there, and another assembly begins"
+    return f"{singular} becomes singular there, and closes no further in this assembly"
 
 
 def _shown(joint: Joint, value: float) -> str:

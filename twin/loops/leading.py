@@ -16,7 +16,6 @@ from functools import cached_property
 import numpy as np
 
 from twin.loops.equations import LENGTH_SCALE, STATES, STEPS
-from twin.loops.nearest import nearest_step
 from twin.loops.sight import Look, Sight
 from twin.loops.solver import LoopSolver
 from twin.mechanism import Mechanism
@@ -52,9 +51,6 @@ _TRIES, _LAST_TRIES = 4, 25
 _LEFT = 1e-3
 """Part of a determinant as drawn that must be left: beyond it another assembly begins."""
 
-_STRETCHED = 0.03
-"""Part of a determinant as drawn below which a loop that closes no more is called singular."""
-
 _NEAR = 1e-7
 """A limit (m; rad times `LENGTH_SCALE`) is reached within this."""
 
@@ -87,8 +83,7 @@ class Led:
     Attributes:
         q, u: active joints (n,) and unknowns.
         stops: bounds that are in the way.
-        assembly: what becomes singular in the way, as "loop r13" or "tool"; empty if nothing does.
-        open: whether the loops cannot be closed any further that way.
+        singular: what ends there, as "loop r13" or "tool": another assembly begins, or none; empty if nothing does.
         hand: (3,) where on its way the hand was followed to, or None of joints.
         more: whether the time was up before the way was.
     """
@@ -96,8 +91,7 @@ class Led:
     q: Array
     u: Array
     stops: tuple[Bound, ...] = ()
-    assembly: str = ""
-    open: bool = False
+    singular: str = ""
     hand: Array | None = None
     more: bool = False
 
@@ -124,8 +118,6 @@ class Leader:
 
     def __init__(self, mechanism: Mechanism, bounds: Sequence[Bound] = ()) -> None:
         """Compile the loops (`AssemblyError`: they do not close as drawn)."""
-        import scipy.optimize  # noqa: F401 - it takes long: now, not in the first drag
-
         self.solver, self.bounds = LoopSolver(mechanism), tuple(bounds)
         angle = np.array([j.is_angle for j in mechanism.active], bool)
         self._scale = np.where(angle, 1 / LENGTH_SCALE, 1.0)  # of a step in m
@@ -172,9 +164,8 @@ class Leader:
                 break
             hand, way = goal, float(np.linalg.norm(target - goal))
         now = walk.look
-        if walk.open and (singular := self._nearly(now)):
-            walk.assembly, walk.open = singular, False
-        return Led(now.q, now.u, walk.stops(), walk.assembly, walk.open, hand if walk.late else target, walk.late)
+        singular = self._least(now) if walk.open else walk.singular
+        return Led(now.q, now.u, walk.stops(), singular, hand if walk.late else target, walk.late)
 
     # -- by the joints --------------------------------------------------------------------------------
 
@@ -197,8 +188,7 @@ class Leader:
                 continue
             step /= 2
             if step < stride / 2**14:
-                why = why or self._nearly(now)
-                return Led(now.q, now.u, assembly=why, open=not why)
+                return Led(now.q, now.u, singular=why or self._least(now))
         return Led(now.q, now.u, tuple(stops))
 
     # -- one step -------------------------------------------------------------------------------------
@@ -236,12 +226,10 @@ class Leader:
             )
         return out
 
-    def _nearly(self, look: Look) -> str:
-        """Return the loop that is singular, or nearly so: it closes no more because it is stretched."""
-        left = self.determinants(look, look, False)
-        parts = {n: abs(v[0]) / max(self._as_drawn[n], 1e-300) for n, v in left.items()}
-        name = min(parts, key=parts.__getitem__, default="")
-        return name if name and parts[name] < _STRETCHED else ""
+    def _least(self, look: Look) -> str:
+        """Return the loop with least left of its determinant: where the loops close no more, it is why."""
+        left = {n: abs(v[0]) / max(self._as_drawn[n], 1e-300) for n, v in self.determinants(look, look, False).items()}
+        return min(left, key=left.__getitem__, default="")
 
     @cached_property
     def _as_drawn(self) -> dict[str, float]:
@@ -271,15 +259,16 @@ class _Walk:
 
     def __init__(self, leader: Leader, look: Look, held: tuple[str, Array], until: float) -> None:
         self.leader, self.look, self.held, self.until = leader, look, held, until
-        self.assembly, self.open, self.late = "", False, False
-        self._pull = np.zeros(len(look.q))
+        self.singular, self.open, self.late = "", False, False
+        self._pull, self._slack = np.zeros(len(look.q)), np.zeros(len(leader.bounds))
+        self._part, self._within = 1.0, _THERE
 
     def to(self, goal: Array, last: bool) -> None:
         """Bring the point as near to a goal as it comes."""
-        first, total = self.look, np.zeros(len(self.look.q))
+        first, total, self._within = self.look, np.zeros(len(self.look.q)), _THERE if last else _PASSED
         for _ in range(_LAST_TRIES if last else _TRIES):
             way = float(np.linalg.norm(goal - self.look.p))
-            if way < (_THERE if last else _PASSED):
+            if way < self._within:
                 return
             if time.thread_time() > self.until:
                 self.late = True
@@ -296,44 +285,54 @@ class _Walk:
         leader, now = self.leader, self.look
         scale, miss = leader._scale, goal - now.p
         # The least motion of the whole way from `first`, by the mean of both ends: second order in its length.
-        J, here = 0.5 * (first.J + now.J) * scale, now.J * scale
-        U, gains, _ = np.linalg.svd(here)
-        strong = U[:, : int(np.sum(gains > _WEAK))]
-        self.assembly, self.open, self._pull = "", False, -here.T @ miss
-        h = -np.maximum(0.0, np.array([b.slack(now.q) for b in leader.bounds])) / leader._size
-        size = float(np.sum(J * J))
-        if size < _WEAK**2:
+        J, here, G = 0.5 * (first.J + now.J) * scale, now.J * scale, leader._G
+        self.singular, self.open, self._pull = "", False, -here.T @ miss
+        self._slack = np.maximum(0.0, np.array([b.slack(now.q) for b in leader.bounds])) / leader._size
+        size, near = float(np.sum(J * J)), self._slack < _NEAR
+        if size < _WEAK**2:  # nothing moves this point, or as good as nothing
             return None
-        if strong.shape[1] < 3:  # all ways, if they lead to where all are easy; else those that are easy
-            y = nearest_step(J, J @ total + miss, _DAMPINGS[0] * size, leader._G, h + leader._G @ total) - total
-            if self._taken(y, goal, easy=True):
-                return y
-            J, here, miss = strong.T @ J, strong.T @ here, strong.T @ miss
-            self._pull = -here.T @ miss
-            if np.linalg.norm(miss) < _PASSED:
-                return None
-        y = nearest_step(J, J @ total + miss, _DAMPINGS[0] * size, leader._G, h + leader._G @ total) - total
+        in_the_way = near & (G @ self._pull > 0)
+        for _ in range(len(G) + 1):
+            P = np.eye(len(total)) - np.linalg.pinv(G[in_the_way]) @ G[in_the_way]
+            U, gains, _ = np.linalg.svd(here @ P)
+            strong = U[:, : int(np.sum(gains > _WEAK))]
+            if strong.shape[1] < 3:  # all ways, if they lead to where all are easy; else those that are easy
+                y = P @ _least_motion(J @ P, miss, total, _DAMPINGS[0] * size)
+                if self._taken(y, goal, easy=True):
+                    return y * self._part
+            y = P @ _least_motion(strong.T @ J @ P, strong.T @ miss, total, _DAMPINGS[0] * size)
+            more = near & ~in_the_way & (G @ y < -1e-9 * np.abs(y).max(initial=0.0))
+            if not more.any():
+                break
+            in_the_way |= more
+        if np.linalg.norm(strong.T @ miss) < self._within:
+            return None
         for damping in _DAMPINGS[1:]:
             for _ in range(_HALVINGS):
                 if self._taken(y, goal):
-                    return y
-                if not (self.open or self.assembly):
+                    return y * self._part
+                if not (self.open or self.singular):
                     break  # no nearer: another way is wanted, not a shorter one
-                y = y / 2
-            if self.open or self.assembly:
+                y = y * self._part / 2
+            if self.open or self.singular:
                 return None
-            y = nearest_step(here, miss, damping * size, leader._G, h)
+            y = P @ _least_motion(strong.T @ here @ P, strong.T @ miss, 0 * total, damping * size)
         return None
 
     def _taken(self, y: Array, goal: Array, easy: bool = False) -> bool:
-        """Take a step (n,) in m, made short enough in place, if it leads nearer; `easy`: and to where all ways are."""
+        """Take a step (n,) in m, or as much of it as is short and within limits, if it leads nearer.
+
+        `easy`: and to where the point can be led in all directions.
+        """
         leader, now = self.leader, self.look
-        y *= min(1.0, _STRIDE / max(np.abs(y).max(initial=0.0), 1e-15))
-        reached, why = leader._moved(now, leader._scale * y, self.held)
+        used = -(leader._G @ y)
+        part = min(1.0, _STRIDE / max(np.abs(y).max(initial=0.0), 1e-15))
+        self._part = float(np.min(self._slack[used > 0] / used[used > 0], initial=part))
+        reached, why = leader._moved(now, leader._scale * (self._part * y), self.held)
         if reached is None:
-            self.assembly, self.open = why, not why
+            self.singular, self.open = why, not why
             return False
-        self.assembly, self.open = "", False
+        self.singular, self.open = "", False
         if np.linalg.norm(goal - reached.p) >= np.linalg.norm(goal - now.p):
             return False
         if easy and np.linalg.svd(reached.J * leader._scale, compute_uv=False)[-1] <= _WEAK:
@@ -348,6 +347,11 @@ class _Walk:
             if b.slack(self.look.q) / size < _NEAR and g @ self._pull > 1e-6 * np.linalg.norm(self._pull):
                 out.append(b)
         return tuple(out)
+
+
+def _least_motion(J: Array, miss: Array, total: Array, damping: float) -> Array:
+    """Return y (n,) that minimises |J y - miss|² + damping |total + y|²."""
+    return np.linalg.solve(J.T @ J + damping * np.eye(J.shape[1]), J.T @ miss - damping * total)
 
 
 def _determinants(A: Array, B: Array) -> tuple[float, float]:
