@@ -46,6 +46,14 @@ def home(desk):
     return desk
 
 
+def to_the_end(move):
+    """Ask for a move until it is there or stopped: what takes long goes on when it is asked for again."""
+    for _ in range(200):
+        if not (moved := move()).more:
+            return moved
+    pytest.fail("the move does not end")
+
+
 # -- moving -------------------------------------------------------------------------------------------
 
 
@@ -69,7 +77,7 @@ def test_out_of_reach_keeps_the_last_good_pose_and_says_why(any_desk):
     before = desk.assembly
     T = before.T_base_tool.copy()
     T[:3, 3] += [3.0, 0, 0]
-    moved = desk.move_tool(T)
+    moved = to_the_end(lambda: desk.move_tool(T))
     assert not moved.good
     assert moved.reason
     assert read(desk).reason == moved.reason
@@ -80,15 +88,16 @@ def test_out_of_reach_keeps_the_last_good_pose_and_says_why(any_desk):
 
 def test_a_joint_stops_at_its_limit_and_names_it(sils):
     high = sils.bounds[1, 1]
-    moved = sils.move_joint(1, high + 0.02)
-    assert "q2 = " in moved.reason or "cannot be assembled" in moved.reason
+    moved = to_the_end(lambda: sils.move_joint(1, high + 0.02))
+    assert "q2 = 600.000 mm is beyond its limit of 580.000 mm" in moved.reason
     assert sils.assembly.q[1] <= high
+    assert sils.assembly.worst_gap < 1e-9
     assert sils.move_joint(0, sils.assembly.q[0] + 2 * MM).good
 
 
 def test_a_limit_that_can_be_reached_is_reached():
     desk = Desk(twin.load("pa10"))
-    moved = desk.move_joint(0, 99.0)
+    moved = to_the_end(lambda: desk.move_joint(0, 99.0))
     assert "q1 = 5672" in moved.reason
     assert "limit of 177.000°" in moved.reason
     assert desk.assembly.q[0] == pytest.approx(desk.bounds[0, 1])
@@ -122,7 +131,7 @@ def test_a_passive_link_leads_its_loop(sils):
 
 def test_a_point_that_nothing_moves_stays(sils):
     before = sils.assembly
-    moved = sils.move_point(sils.mechanism.base, np.zeros(3), np.array([0.5, 0.0, 0.0]))
+    moved = to_the_end(lambda: sils.move_point(sils.mechanism.base, np.zeros(3), np.array([0.5, 0.0, 0.0])))
     assert "no joint brings it nearer" in moved.reason
     assert sils.assembly is before
 

@@ -12,6 +12,7 @@ from twin.api import Robot
 from twin.errors import TwinError
 from twin.headset.protocol import pose_of
 from twin.live.desk import Desk
+from twin.live.instruments import Reading
 from twin.live.timeline import Playback
 from twin.spatial import Array
 
@@ -80,3 +81,20 @@ def apart(shown: Shown, links: tuple[str, ...], tool: Mapping[str, Any]) -> floa
         return None
     T = pose_of(shown.poses[links.index(tool["link"])]) @ pose_of(tool["T_link_tool"])
     return float(np.linalg.norm(T[:3, 3] - shown.ghost[:3]))
+
+
+def measured(reading: Reading | None, ghost: float | None) -> dict[str, Any]:
+    """Return what the instruments read as the state has it; `ghost`: how far the ghost is from the tool, in m.
+
+    Of equations and mechanism the largest difference is given, a length or an angle; the ghost's, if there is one.
+    """
+    residual = None if reading is None or ghost is not None else reading.residual
+    length = ghost if residual is None or residual.is_angle else residual.size
+    return {
+        "gap_m": None if reading is None else number(reading.gap),
+        "residual_m": number(length),
+        "residual_rad": number(residual.size) if residual is not None and residual.is_angle else None,
+        "comparable": ghost is not None or reading is None or reading.comparable,
+        "rcm_error_m": None if reading is None else number(reading.rcm_error),
+        "depth_m": None if reading is None else number(reading.depth),
+    }

@@ -7,6 +7,7 @@ what they find is taken over between two ticks.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from twin.headset.ghost import Ghost
 from twin.headset.hold import Hold, hold_of, lead
 from twin.headset.protocol import RefusedError
 from twin.headset.reach import Reach
-from twin.headset.track import Shown, Track, apart, number, path, protocols_of, rcm_at
+from twin.headset.track import Shown, Track, apart, measured, number, path, protocols_of, rcm_at
 from twin.headset.worker import Worker
 from twin.live import instruments
 from twin.live.desk import Desk, Moved
@@ -69,6 +70,7 @@ class Twin:
         self._told: tuple[Any, ...] = ()
         self._moved, self._wish = -1, None
         self._shown = self._of(self.desk.assembly, None)
+        self._worker.ask("prepare", self.desk.hand.prepare, lambda _: None)
         self.patients = description.patients_of(robot, self.desk, self._protocols)
         self.description = description.describe(robot, self.desk, self._protocols, self.patients)
         first = next((n for n, p in self._protocols.items() if p == protocol), None)
@@ -180,6 +182,8 @@ class Twin:
         """Let go, if it is this client who holds the robot."""
         if self._hold is not None and self._hold.client == client:
             self._hold = None
+            self._shown = replace(self._shown, reason="")
+            self._worker.ask("let go", self.desk.let_go, lambda _: None)
 
     def _time(self, message: wire.Message) -> None:
         if self._track is None:
@@ -253,13 +257,22 @@ class Twin:
             return
         self._moved, self._wish = self._tick, None
 
-        def job() -> Shown:
-            moved = move()
-            return self._of(self.desk.assembly, self._ghost.here(), moved.reason)
+        hold = self._hold
 
-        def done(shown: Shown) -> None:
-            if self._sample is None:
-                self._show(shown)
+        def job() -> tuple[Shown, bool]:
+            moved = move()
+            reason = "" if moved.more else moved.reason
+            return self._of(self.desk.assembly, self._ghost.here(), reason), moved.more
+
+        def done(found: tuple[Shown, bool]) -> None:
+            shown, more = found
+            if self._sample is not None:
+                return
+            if hold is not None and self._hold is not hold:  # let go meanwhile: nobody wants what was refused
+                shown = replace(shown, reason="")
+            elif more and self._wish is None:
+                self._wish = move
+            self._show(shown)
 
         self._worker.ask("move", job, done)
 
@@ -372,9 +385,6 @@ class Twin:
         playback = None if self._track is None else self._track.playback
         reading, shown = self._reading, self._shown
         rcm = None if playback is None else rcm_at(self.desk, playback, self.clock.time)
-        residual = None if reading is None or reading.residual is None else reading.residual[0]
-        if shown.ghost is not None:
-            residual = apart(shown, self.links, self.description["tool"])
         return {
             "type": "state",
             "playing": self.clock.playing,
@@ -388,13 +398,8 @@ class Twin:
             "planning": self._wanted if self._planner is not None else None,
             "holder": self.holder,
             "reason": shown.reason or self._failed or None,
-            "gap_m": None if reading is None else number(reading.gap),
-            "residual_m": number(
-                residual if shown.ghost is None else apart(shown, self.links, self.description["tool"])
-            ),
+            **measured(reading, apart(shown, self.links, self.description["tool"])),
             "rcm": None if rcm is None else [number(v) for v in rcm],
-            "rcm_error_m": None if reading is None else number(reading.rcm_error),
-            "depth_m": None if reading is None else number(reading.depth),
             "variant": self._ghost.name,
             "workspace": self._reach.on,
             "postures": list(self.desk.postures),

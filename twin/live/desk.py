@@ -148,7 +148,7 @@ class Desk:
 
             out = self._try(go)
             if out.good and led[0].more:
-                out = self.moved = replace(out, more=True)
+                out = self.moved = Moved(False, f"{self.joints[joint].name} is on its way", out.seconds, True)
             elif out.good and self.assembly.q[joint] != value:
                 out = self.moved = replace(out, good=False, reason=self._stopped(joint, value, led[0]))
             return out
@@ -284,7 +284,8 @@ class Desk:
             p = (self.assembly.link_poses[body] @ np.append(p_body, 1.0))[:3]
             left = float(np.linalg.norm(p - target))
             if led[0].more:
-                out = self.moved = replace(out, more=True)
+                text = f"{body} is on its way, {left / MM:.1f} mm short of the hand"
+                out = self.moved = Moved(False, text, out.seconds, True)
             elif left > 0.05 * MM:
                 where = " ".join(f"{v:.1f}" for v in p / MM)
                 text = f"{body} stops {left / MM:.1f} mm short of the hand, at [{where}] mm: {self._why(led[0])}"
@@ -294,10 +295,8 @@ class Desk:
     def _why(self, led: Led) -> str:
         """Return what is in the way of the hand."""
         reasons = [self._bound(b) for b in led.stops]
-        if led.assembly:
-            reasons.append(f"{led.assembly} becomes singular there, and another assembly begins")
-        elif led.open:
-            reasons.append("its loops cannot be closed beyond")
+        if led.singular:
+            reasons.append(_ended(led.singular))
         return ", ".join(reasons) or "no joint brings it nearer"
 
     def _bound(self, bound: Bound) -> str:
@@ -323,10 +322,8 @@ class Desk:
                 least = f"{bound.least / MM:.3f} mm {side} {other} = {at}"
                 reasons.append(f"{joint.name} = {_shown(joint, value)} must stay {least} ({self._rail(lower, upper)})")
         at = f"{joint.name} stops at {_shown(joint, float(self.assembly.q[number]))}"
-        if led.assembly:
-            reasons.append(f"{at}, where {led.assembly} becomes singular")
-        elif led.open:
-            reasons.append(f"{at}: its loops cannot be closed beyond")
+        if led.singular:
+            reasons.append(f"{at}: {_ended(led.singular)}")
         elif len(reasons) != 1 or low <= value <= high:
             reasons.append(at)
         return "; ".join(reasons)
@@ -353,6 +350,13 @@ def _equations(robot: Robot) -> Kinematics | None:
     if robot.files is None or not robot.files.has_equations:
         return None
     return robot.kinematics()
+
+
+def _ended(singular: str) -> str:
+    """Return what it means that something becomes singular."""
+    if singular == "tool":
+        return "the tool becomes singular there, and another assembly begins"
+    return f"{singular} becomes singular there, and closes no further in this assembly"
 
 
 def _shown(joint: Joint, value: float) -> str:

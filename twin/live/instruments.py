@@ -88,7 +88,7 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
     with desk.lock:
         kin, now, T = desk.kin, desk.assembly, desk.assembly.T_base_tool
         asked, joints = desk.asked, desk.joints
-        reason = desk.moved.reason
+        reason = "" if desk.moved.more else desk.moved.reason
     limits = []
     for joint, value in zip(joints, now.q, strict=True):
         unit, scale = ("°", DEG) if joint.is_angle else ("mm", MM)

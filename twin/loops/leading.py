@@ -16,7 +16,6 @@ from functools import cached_property
 import numpy as np
 
 from twin.loops.equations import LENGTH_SCALE, STATES, STEPS
-from twin.loops.nearest import nearest_step
 from twin.loops.sight import Look, Sight
 from twin.loops.solver import LoopSolver
 from twin.mechanism import Mechanism
@@ -24,6 +23,9 @@ from twin.spatial import Array
 
 _STEP = 1e-3
 """Length in m of the way of the hand that is walked at once."""
+
+_LAG = 0.05
+"""The same as part of the way that the point lags behind, if that is longer."""
 
 _STRIDE = 4e-3
 """Longest motion (m; rad times `LENGTH_SCALE`) of the active joints at once; of the others ten times as much."""
@@ -34,23 +36,20 @@ _THERE, _PASSED = 1e-10, 1e-7
 _GAIN = 1e-3
 """Part of the remaining distance that a step must win for another one to be worth it."""
 
-_DAMPING = 1e-4
-"""Relative to the largest gain, squared: a point at the end of its reach is pulled without wild joints."""
+_DAMPINGS = (1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2)
+"""Relative to the gains: each is tried where a step with less leads no nearer."""
+
+_WEAK = 0.05
+"""Way of the point for the same way of the joints, below which it is not led: they would run for nothing."""
+
+_HALVINGS = 7
+"""How often a step is halved where the loops do not close, or another assembly begins."""
 
 _TRIES, _LAST_TRIES = 4, 25
 """Steps for a goal on the way, and for the last one."""
 
-_HALVINGS = 8
-"""How often a step that is refused is halved."""
-
-_LEFT = 1e-4
+_LEFT = 1e-3
 """Part of a determinant as drawn that must be left: beyond it another assembly begins."""
-
-_STRETCHED = 0.03
-"""Part of a determinant as drawn below which a loop that closes no more is called singular."""
-
-_SHRINK = 0.3
-"""Part of a determinant that one step must leave."""
 
 _NEAR = 1e-7
 """A limit (m; rad times `LENGTH_SCALE`) is reached within this."""
@@ -84,8 +83,7 @@ class Led:
     Attributes:
         q, u: active joints (n,) and unknowns.
         stops: bounds that are in the way.
-        assembly: what becomes singular in the way, as "loop r13" or "tool"; empty if nothing does.
-        open: whether the loops cannot be closed any further that way.
+        singular: what ends there, as "loop r13" or "tool": another assembly begins, or none; empty if nothing does.
         hand: (3,) where on its way the hand was followed to, or None of joints.
         more: whether the time was up before the way was.
     """
@@ -93,8 +91,7 @@ class Led:
     q: Array
     u: Array
     stops: tuple[Bound, ...] = ()
-    assembly: str = ""
-    open: bool = False
+    singular: str = ""
     hand: Array | None = None
     more: bool = False
 
@@ -135,6 +132,7 @@ class Leader:
         self._kinds = [p.joint.type for p in passive]
         self.look = Sight(self.solver)
         names = self.solver.equations.row_names
+        self.solver.close(self.solver.q, np.concatenate([*self.solver.home, []]))
         self._loops = [" ".join(dict.fromkeys(names[r] for r in b.rows)) for b in self.solver.blocks]
 
     # -- by a point -----------------------------------------------------------------------------------
@@ -155,15 +153,19 @@ class Leader:
         """
         start, target, look = np.asarray(start, float), np.asarray(target, float), self.look(q, u, body, p_body)
         walk = _Walk(self, look, (body, np.asarray(p_body, float)), time.thread_time() + seconds)
-        steps = max(1, int(np.ceil(np.linalg.norm(target - start) / _STEP)))
-        hand = start
-        for s in np.linspace(0, 1, steps + 1)[1:]:
-            walk.to(start + s * (target - start), s == 1)
-            if walk.late:
+        hand, way = start, float(np.linalg.norm(target - start))
+        while True:
+            # A point that lags behind is pulled the same way by a hand that goes a little further.
+            step = max(_STEP, _LAG * float(np.linalg.norm(hand - walk.look.p)))
+            count = int(np.ceil(way / step))
+            goal = target if count <= 1 else hand + (target - hand) / count
+            walk.to(goal, count <= 1)
+            if walk.late or count <= 1:
                 break
-            hand = start + s * (target - start)
+            hand, way = goal, float(np.linalg.norm(target - goal))
         now = walk.look
-        return Led(now.q, now.u, walk.stops(), walk.assembly, walk.open, hand, walk.late)
+        singular = self._least(now) if walk.open else walk.singular
+        return Led(now.q, now.u, walk.stops(), singular, hand if walk.late else target, walk.late)
 
     # -- by the joints --------------------------------------------------------------------------------
 
@@ -186,8 +188,7 @@ class Leader:
                 continue
             step /= 2
             if step < stride / 2**14:
-                why = why or self._nearly(now)
-                return Led(now.q, now.u, assembly=why, open=not why)
+                return Led(now.q, now.u, singular=why or self._least(now))
         return Led(now.q, now.u, tuple(stops))
 
     # -- one step -------------------------------------------------------------------------------------
@@ -225,12 +226,10 @@ class Leader:
             )
         return out
 
-    def _nearly(self, look: Look) -> str:
-        """Return the loop that is singular, or nearly so: it closes no more because it is stretched."""
-        left = self.determinants(look, look, False)
-        parts = {n: abs(v[0]) / max(self._as_drawn[n], 1e-300) for n, v in left.items()}
-        name = min(parts, key=parts.__getitem__, default="")
-        return name if name and parts[name] < _STRETCHED else ""
+    def _least(self, look: Look) -> str:
+        """Return the loop with least left of its determinant: where the loops close no more, it is why."""
+        left = {n: abs(v[0]) / max(self._as_drawn[n], 1e-300) for n, v in self.determinants(look, look, False).items()}
+        return min(left, key=left.__getitem__, default="")
 
     @cached_property
     def _as_drawn(self) -> dict[str, float]:
@@ -260,70 +259,86 @@ class _Walk:
 
     def __init__(self, leader: Leader, look: Look, held: tuple[str, Array], until: float) -> None:
         self.leader, self.look, self.held, self.until = leader, look, held, until
-        self.assembly, self.open, self.late = "", False, False
-        self._pull = np.zeros(len(look.q))
+        self.singular, self.open, self.late = "", False, False
+        self._pull, self._slack = np.zeros(len(look.q)), np.zeros(len(leader.bounds))
+        self._part, self._within = 1.0, _THERE
 
     def to(self, goal: Array, last: bool) -> None:
         """Bring the point as near to a goal as it comes."""
-        leader, first = self.leader, self.look
-        scale, total = leader._scale, np.zeros(len(self.look.q))
-        self.assembly, self.open = "", False
-        slack = np.maximum(0.0, np.array([b.slack(first.q) for b in leader.bounds])) / leader._size
-        kept: list[tuple[Array, float]] = []  # determinants that must not vanish: gradient by the step, and what may go
+        first, total, self._within = self.look, np.zeros(len(self.look.q)), _THERE if last else _PASSED
         for _ in range(_LAST_TRIES if last else _TRIES):
-            now, miss = self.look, goal - self.look.p
-            way = float(np.linalg.norm(miss))
-            if way < (_THERE if last else _PASSED):
+            way = float(np.linalg.norm(goal - self.look.p))
+            if way < self._within:
                 return
             if time.thread_time() > self.until:
                 self.late = True
                 return
-            # The least motion of the whole step, by the mean of both ends: second order in its length.
-            J = 0.5 * (first.J + now.J) * scale
-            size = float(np.sum(J * J))
-            self._pull = -(now.J * scale).T @ miss
-            if size < 1e-18:
+            y = self._step(first, total, goal)
+            if y is None:
                 return
-            G, h = leader._G, -slack
-            if kept:
-                G = np.vstack([G, *(g for g, _ in kept)])
-                h = np.append(h, [c + g @ total for g, c in kept])
-            y = nearest_step(J, J @ total + miss, _DAMPING**2 * size, G, h) - total
-            y *= min(1.0, _STRIDE / max(np.abs(y).max(initial=0.0), 1e-15))
-            reached, why, t = None, "", 1.0
-            for _ in range(_HALVINGS):
-                reached, why = leader._moved(now, scale * (t * y), self.held)
-                if reached is not None and np.linalg.norm(goal - reached.p) < way:
-                    break
-                refused, reached, t = reached is None, None, t / 2
-                if refused:
-                    self.assembly, self.open = why, not why
-            if reached is None:
-                if self.assembly and len(kept) < 2:
-                    kept.append(self._gradient(now, self.assembly))
-                    continue
-                return
-            if t == 1.0 and not kept:
-                self.assembly, self.open = "", False
-            self.look, total = reached, total + t * y
-            if way - np.linalg.norm(goal - reached.p) < _GAIN * way:
+            total = total + y
+            if way - np.linalg.norm(goal - self.look.p) < _GAIN * min(way, _STEP):
                 return
 
-    def _gradient(self, now: Look, name: str) -> tuple[Array, float]:
-        """Return how a determinant, as part of its value now, answers to each joint (n,), and by how much it may go."""
-        leader, out = self.leader, np.zeros(len(now.q))
-        for i in range(len(out)):
-            for h in (1e-6, -1e-6):
-                dq = np.zeros(len(out))
-                dq[i] = h * leader._scale[i]
-                u = leader.solver.close(now.q + dq, leader._stepped(now.u, now.answers @ dq))
-                if u is None:
-                    continue
-                before, after = leader.determinants(now, leader.look(now.q + dq, u, *self.held), True)[name]
-                out[i] = (after / before - 1) / h if before else 0.0
+    def _step(self, first: Look, total: Array, goal: Array) -> Array | None:
+        """Go on by one step that brings the point nearer, and return it (n,) in m; None if there is none."""
+        leader, now = self.leader, self.look
+        scale, miss = leader._scale, goal - now.p
+        # The least motion of the whole way from `first`, by the mean of both ends: second order in its length.
+        J, here, G = 0.5 * (first.J + now.J) * scale, now.J * scale, leader._G
+        self.singular, self.open, self._pull = "", False, -here.T @ miss
+        self._slack = np.maximum(0.0, np.array([b.slack(now.q) for b in leader.bounds])) / leader._size
+        size, near = float(np.sum(J * J)), self._slack < _NEAR
+        if size < _WEAK**2:  # nothing moves this point, or as good as nothing
+            return None
+        in_the_way = near & (G @ self._pull > 0)
+        for _ in range(len(G) + 1):
+            P = np.eye(len(total)) - np.linalg.pinv(G[in_the_way]) @ G[in_the_way]
+            U, gains, _ = np.linalg.svd(here @ P)
+            strong = U[:, : int(np.sum(gains > _WEAK))]
+            if strong.shape[1] < 3:  # all ways, if they lead to where all are easy; else those that are easy
+                y = P @ _least_motion(J @ P, miss, total, _DAMPINGS[0] * size)
+                if self._taken(y, goal, easy=True):
+                    return y * self._part
+            y = P @ _least_motion(strong.T @ J @ P, strong.T @ miss, total, _DAMPINGS[0] * size)
+            more = near & ~in_the_way & (G @ y < -1e-9 * np.abs(y).max(initial=0.0))
+            if not more.any():
                 break
-        floor = _LEFT * leader._as_drawn[name] / max(abs(leader.determinants(now, now, True)[name][0]), 1e-300)
-        return out, -max(0.0, 1 - max(_SHRINK, floor))
+            in_the_way |= more
+        if np.linalg.norm(strong.T @ miss) < self._within:
+            return None
+        for damping in _DAMPINGS[1:]:
+            for _ in range(_HALVINGS):
+                if self._taken(y, goal):
+                    return y * self._part
+                if not (self.open or self.singular):
+                    break  # no nearer: another way is wanted, not a shorter one
+                y = y * self._part / 2
+            if self.open or self.singular:
+                return None
+            y = P @ _least_motion(strong.T @ here @ P, strong.T @ miss, 0 * total, damping * size)
+        return None
+
+    def _taken(self, y: Array, goal: Array, easy: bool = False) -> bool:
+        """Take a step (n,) in m, or as much of it as is short and within limits, if it leads nearer.
+
+        `easy`: and to where the point can be led in all directions.
+        """
+        leader, now = self.leader, self.look
+        used = -(leader._G @ y)
+        part = min(1.0, _STRIDE / max(np.abs(y).max(initial=0.0), 1e-15))
+        self._part = float(np.min(self._slack[used > 0] / used[used > 0], initial=part))
+        reached, why = leader._moved(now, leader._scale * (self._part * y), self.held)
+        if reached is None:
+            self.singular, self.open = why, not why
+            return False
+        self.singular, self.open = "", False
+        if np.linalg.norm(goal - reached.p) >= np.linalg.norm(goal - now.p):
+            return False
+        if easy and np.linalg.svd(reached.J * leader._scale, compute_uv=False)[-1] <= _WEAK:
+            return False
+        self.look = reached
+        return True
 
     def stops(self) -> tuple[Bound, ...]:
         """Return the bounds that the point is pulled against."""
@@ -332,6 +347,11 @@ class _Walk:
             if b.slack(self.look.q) / size < _NEAR and g @ self._pull > 1e-6 * np.linalg.norm(self._pull):
                 out.append(b)
         return tuple(out)
+
+
+def _least_motion(J: Array, miss: Array, total: Array, damping: float) -> Array:
+    """Return y (n,) that minimises |J y - miss|² + damping |total + y|²."""
+    return np.linalg.solve(J.T @ J + damping * np.eye(J.shape[1]), J.T @ miss - damping * total)
 
 
 def _determinants(A: Array, B: Array) -> tuple[float, float]:

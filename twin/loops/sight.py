@@ -99,4 +99,4 @@ def _solved(A: Array, B: Array, square: bool) -> Array:
             return np.linalg.solve(A, B)
         except np.linalg.LinAlgError:
             pass
-    return np.linalg.pinv(A, rcond=_FLAT) @ B
+    return np.asarray(np.linalg.pinv(A, rcond=_FLAT) @ B, float)

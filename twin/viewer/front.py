@@ -18,7 +18,7 @@ import viser
 from twin import spatial
 from twin.errors import TwinError
 from twin.live import instruments, timeline
-from twin.live.desk import Desk
+from twin.live.desk import Desk, Moved
 from twin.live.planner import Planner
 from twin.live.timeline import Clock, Playback
 from twin.mechanism import Mechanism
@@ -111,6 +111,16 @@ class Front:
         with self._lock:
             self._wishes.pop(kind, None)
             self._wishes[kind] = wish
+
+    def go_on(self, kind: str, move: Callable[[], Moved]) -> None:
+        """Leave the wish for a move; one that ran out of time goes on in the next frame, unless another came."""
+
+        def wish() -> None:
+            if move().more:
+                with self._lock:
+                    self._wishes.setdefault(kind, wish)
+
+        self.ask(kind, wish)
 
     def wished(self, kind: str) -> bool:
         """Return whether a wish of a kind waits: its slider must not be moved from here."""
@@ -301,18 +311,18 @@ class Front:
             if event.phase == "start":
                 self.dragging, self.clock.playing = True, False
             wxyz, position = np.array(event.target.wxyz), np.array(event.target.position)
-            self.ask("tool", lambda: self._tool_to(wxyz, position))
+            self.go_on("tool", lambda: self._tool_to(wxyz, position))
             if event.phase == "end":
                 self.dragging = False
-                self.ask("settle", lambda: None)
+                self.ask("settle", self.hand.desk.let_go)
 
         return gizmo
 
-    def _tool_to(self, wxyz: Array, position: Array) -> None:
+    def _tool_to(self, wxyz: Array, position: Array) -> Moved:
         node = self.nodes[self.hand.name]
         R = spatial.matrix_from_quat_wxyz(np.asarray(node.root.wxyz)).T @ spatial.matrix_from_quat_wxyz(wxyz)
         u, _, vt = np.linalg.svd(R)  # a page sends four decimals of single precision
-        self.hand.desk.move_tool(spatial.pose(u @ vt, node.to_base(position)))
+        return self.hand.desk.move_tool(spatial.pose(u @ vt, node.to_base(position)))
 
     def _gizmo_to_tool(self) -> None:
         node, T = self.nodes[self.hand.name], self.hand.desk.assembly.T_base_tool
@@ -337,6 +347,8 @@ class Front:
                 self.clock.playing = False
             elif event.phase == "update" and body in held:
                 target, p = node.to_base(np.array(event.end_position)), held[body]
-                self.ask("point", lambda: a.desk.move_point(body, p, target))
+                self.go_on("point", lambda: a.desk.move_point(body, p, target))
+            elif event.phase == "end":
+                self.ask("settle", a.desk.let_go)
 
         return lead

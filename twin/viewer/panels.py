@@ -224,7 +224,7 @@ class Panels:
                 return
             front.clock.playing = False
             value, desk = slider.value * scale, front.hand.desk
-            front.ask(f"joint {i}", lambda: desk.move_joint(i, value))
+            front.go_on(f"joint {i}", lambda: desk.move_joint(i, value))
 
         return moved
 

@@ -3,7 +3,7 @@
 import { Box3, Vector3 } from 'three';
 import { Connection } from './connection';
 import type { Sheet } from './controls';
-import { parseFrame } from './frame';
+import { parseFrame, sameFrame } from './frame';
 import { Grab } from './grab';
 import { Hands } from './hands';
 import { Header } from './header';
@@ -205,7 +205,6 @@ export class App {
     this.grab.onChange = () => this.refresh();
     this.place.onChange = () => this.refresh();
     this.line.onMessage = (message) => this.hear(message);
-    this.line.onFrame = () => (this.world.dirty = true);
     this.line.onLine = (line) => {
       this.model.line = line;
       if (line !== 'open' && this.grab.held) this.grab.drop('The connection was lost: the robot was let go.');
@@ -259,12 +258,16 @@ export class App {
 
   private takeFrame(buffer: ArrayBuffer): void {
     const { model, robot } = this;
+    let same: boolean;
     try {
-      model.take(parseFrame(buffer));
+      const frame = parseFrame(buffer);
+      same = sameFrame(frame, model.frame);
+      model.take(frame);
     } catch (error) {
       model.say((error as Error).message);
       return;
     }
+    if (same) return; // a robot that stands still needs no new picture
     if (robot && model.info && model.frame) {
       robot.apply(model.frame, model.info.links);
       this.overlays.update(model, robot);

@@ -23,7 +23,6 @@ export class Connection {
   frames = 0;
   reconnects = 0;
   onMessage: (message: Message) => void = () => undefined;
-  onFrame: () => void = () => undefined;
   onLine: (line: Line) => void = () => undefined;
 
   private socket: WebSocket | null = null;
@@ -55,7 +54,6 @@ export class Connection {
       if (typeof event.data !== 'string') {
         this.newest = event.data;
         this.frames++;
-        this.onFrame();
       } else this.hear(JSON.parse(event.data) as Message);
     };
     socket.onclose = () => {

@@ -21,6 +21,13 @@ export interface Frame {
   ghost: Float32Array | null;
 }
 
+/** Whether two frames look the same: poses, joints, ghost, flags and time in the protocol. */
+export function sameFrame(a: Frame, b: Frame | null): boolean {
+  if (b === null || a.flags !== b.flags || a.clipTime !== b.clipTime) return false;
+  const [x, y] = [new Uint8Array(a.poses.buffer, HEAD), new Uint8Array(b.poses.buffer, HEAD)];
+  return x.length === y.length && x.every((value, i) => value === y[i]);
+}
+
 /** Return the frame in a message. Throws an Error that says what is wrong with it. */
 export function parseFrame(buffer: ArrayBuffer): Frame {
   const view = new DataView(buffer);

@@ -61,6 +61,10 @@ export interface State {
   reason: string | null;
   gap_m: number | null;
   residual_m: number | null;
+  /** Instead of residual_m, if what differs most is an angle. */
+  residual_rad: number | null;
+  /** Whether equations and mechanism speak of the same assembly. */
+  comparable: boolean;
   rcm: Numbers | null;
   rcm_error_m: number | null;
   depth_m: number | null;
@@ -94,6 +98,8 @@ export const FIRST_STATE: State = {
   reason: '',
   gap_m: null,
   residual_m: null,
+  residual_rad: null,
+  comparable: true,
   rcm: null,
   rcm_error_m: null,
   depth_m: null,

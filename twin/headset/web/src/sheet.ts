@@ -1,9 +1,10 @@
 /** The controls of this page: simulation, interaction, scene, robot. */
 
 import type { App } from './app';
-import type { Button, Control, Sheet, Slider, Tab } from './controls';
+import type { Button, Control, Sheet, Slider, Tab, Tone } from './controls';
 import type { Mode } from './grab';
 import { isAngle, jointValue, length } from './model';
+import type { State } from './protocol';
 import { robot, scene } from './sheet_scene';
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
@@ -136,7 +137,7 @@ function simulation(app: App): Tab {
         },
       ],
     },
-    { kind: 'text', id: 'measures', text: () => measures(app) },
+    ...measures(app),
   );
   if (m.state.recording !== undefined)
     controls.push({
@@ -164,14 +165,39 @@ function phaseText(app: App): string {
     : 'Not on the protocol: press Play to return to it.';
 }
 
-function measures(app: App): string {
-  const s = app.model.state;
-  const lines: string[] = [];
-  if (s.gap_m !== null) lines.push(`Gap of the loops  ${length(s.gap_m)}`);
-  if (s.residual_m !== null) lines.push(`Equations ↔ mechanism  ${length(s.residual_m)}`);
-  if (s.rcm_error_m !== null) lines.push(`Shaft misses the RCM by  ${length(s.rcm_error_m)}`);
-  if (s.depth_m !== null) lines.push(`Insertion depth  ${length(s.depth_m)}`);
-  return lines.join('\n');
+/** Difference of equations and mechanism in m or rad that is no longer rounding. */
+const AGREE = 1e-6;
+/** Distance in m by which the shaft may miss the RCM. */
+const RCM = 1e-4;
+
+/** What is measured; what must not be is red. */
+function measures(app: App): Control[] {
+  const line = (id: string, text: (s: State) => string, tone: (s: State) => Tone = () => 'plain'): Control => ({
+    kind: 'text',
+    id: `measure-${id}`,
+    text: () => text(app.model.state),
+    tone: () => tone(app.model.state),
+  });
+  const over = (value: number | null, limit: number): Tone => (value !== null && Math.abs(value) > limit ? 'bad' : 'plain');
+  const apart = (s: State): number | null => s.residual_m ?? s.residual_rad;
+  return [
+    line('gap', (s) => (s.gap_m === null ? '' : `Gap of the loops  ${length(s.gap_m)}`), (s) => over(s.gap_m, AGREE)),
+    line(
+      'residual',
+      (s) => {
+        if (!s.comparable) return 'Equations ↔ mechanism  other assembly: not comparable';
+        if (s.residual_rad !== null) return `Equations ↔ mechanism  ${jointValue(s.residual_rad, true)}`;
+        return s.residual_m === null ? '' : `Equations ↔ mechanism  ${length(s.residual_m)}`;
+      },
+      (s) => (s.comparable ? over(apart(s), AGREE) : 'warn'),
+    ),
+    line(
+      'rcm',
+      (s) => (s.rcm_error_m === null ? '' : `Shaft misses the RCM by  ${length(s.rcm_error_m)}`),
+      (s) => over(s.rcm_error_m, RCM),
+    ),
+    line('depth', (s) => (s.depth_m === null ? '' : `Insertion depth  ${length(s.depth_m)}`)),
+  ];
 }
 
 function interaction(app: App): Tab {
