@@ -231,7 +231,7 @@ class Search:
         if left:
             deadline = time.monotonic() + budget
             for k in left:
-                pairs, complete = self._pairs(k, singles, deadline)
+                pairs, complete = self._pairs(k, singles, deadline) if budget > 0 else ([], False)
                 exact = [c for c in pairs if not c.broken and c.over([k], self.base) <= 1]
                 f = self._found([k], exact or singles, [*singles, *pairs])
                 f.complete = complete
