@@ -58,8 +58,12 @@ def drawn(robot: api.Robot, *offs: Off) -> CadModel:
     assert robot.files is not None
     moves: list[Callable[[StepModel], StepModel]] = []
     for off in offs:
-        m = robot.cad.measured[off.body][off.feature]
-        moves.append(lambda step, m=m, T=off.T_drawn: replace(step, parts=tuple(_part(p, m, T) for p in step.parts)))
+        m, node = robot.cad.measured[off.body][off.feature], robot.cad.description.body[off.body].node or off.body
+        moves.append(
+            lambda step, m=m, node=node, T=off.T_drawn: replace(
+                step, parts=tuple(_part(p, m, T) if node in (p.name, *p.path) else p for p in step.parts)
+            )
+        )
 
     def read(path, *args):
         step = read_step(path, *args)
@@ -76,13 +80,11 @@ def drawn(robot: api.Robot, *offs: Off) -> CadModel:
 
 def _part(part: Part, m: Measured, T: np.ndarray) -> Part:
     """Return a part with those of its faces moved that are the same axis, plane or centre."""
-    if part.name != m.part:
-        return part
     return replace(part, faces=tuple(_face(f, T) if _alike(f, m.face) else f for f in part.faces))
 
 
 def _alike(a: Face, b: Face) -> bool:
-    if a.kind != b.kind or abs(a.radius - b.radius) > 1e-9:
+    if a.kind != b.kind:
         return False
     if a.kind == "sphere":
         return bool(np.linalg.norm(a.point - b.point) < 1e-9)

@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -16,6 +18,7 @@ import pytest
 import twin
 from twin import api
 from twin.cad.faulty import faults
+from twin.cli import main
 from twin.explaining.explain import explain
 from twin.reference import ReferenceModel
 from twin.units import DEG, MM
@@ -94,3 +97,23 @@ def test_two_faults_are_told_apart():
 def test_nothing_is_said_where_all_meets():
     for name in twin.names():
         assert faults(api.load(name).cad) == []
+
+
+def test_info_with_a_disagreement_on_the_screen_does_not_exit_0(tmp_path, capsys):
+    """A number typed for the port, 0.1 mm off: `info` and `explain` say so with exit code 1, and name both sides."""
+    root = Path(__file__).parents[1]
+    (tmp_path / "cad").mkdir()
+    text = (root / "cad/lapbot/lapbot.toml").read_text(encoding="utf-8")
+    wrong = text.replace("on_parent = { position_mm = [400, 0, 300]", "on_parent = { position_mm = [400, 0, 300.1]")
+    assert wrong != text
+    (tmp_path / "cad/lapbot.toml").write_text(wrong, encoding="utf-8")
+    shutil.copy(root / "cad/lapbot/lapbot.step", tmp_path / "cad")
+    shutil.copy(root / "twin/robots/lapbot.py", tmp_path / "formula.py")
+    assert main(["info", str(tmp_path), "--quiet"]) == 1
+    assert "✖ joint 'port': the faces on 'base' and 'cannula' are 0.1 mm apart as drawn" in capsys.readouterr().out
+    assert main(["explain", str(tmp_path), "--json"]) == 1
+    x = json.loads(capsys.readouterr().out)
+    (part,) = x["parts"]
+    assert (part["joints"], part["part"], part["told_by"], part["others"]) == (["port"], "base", "rows", [])
+    assert "the numbers that place port on it" in part["message"]
+    assert [f["code"] for f in x["findings"]] == ["cad.meeting"]
