@@ -32,6 +32,10 @@ _PARALLEL = 0.02
 """Sine of the angle up to which two directions are compared as parallel."""
 
 
+_COAXIAL = 1e-7
+"""Metres, and sine of the angle, up to which two cylinders are on one axis."""
+
+
 @dataclass(frozen=True, eq=False)
 class Suspect:
     """A part that may be off.
@@ -78,7 +82,7 @@ def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fa
     """
     d = cad.description
     bad = _apart(d, drawn(d, cad.measured))
-    found = [s for c in _candidates(d, bad) if (s := _suspect(cad, *c, bad)) is not None]
+    found = [s for c in _candidates(cad, bad) if (s := _suspect(cad, *c, bad)) is not None]
     out, left = [], list(bad)
     while left:
         best = max((s.joints for s in found if set(s.joints) <= set(left)), key=len, default=(left[0],))
@@ -114,18 +118,33 @@ def _names(spec: FrameSpec) -> list[str]:
     return list(dict.fromkeys(out))
 
 
-def _candidates(d: Description, bad: list[str]) -> Iterator[tuple[str, tuple[str, ...], str]]:
-    """Yield parts with features (each alone, those of one joint together, none for the whole part) or a typed joint."""
+def _candidates(cad: CadModel, bad: list[str]) -> Iterator[tuple[str, tuple[str, ...], str]]:
+    """Yield parts and features (alone, of one axis, of one joint; none for the whole part) or a typed joint."""
+    d = cad.description
     seen: set[tuple[str, tuple[str, ...]]] = set()
     for joint in (j for j in d.joint if j.name in bad):
         for body, spec in _sides(joint):
             if spec.position_mm is not None:
                 yield body, (), joint.name
             located = [n for v in (spec.origin, spec.at) for n in (v if isinstance(v, list) else [v] if v else [])]
-            for names in (*((n,) for n in _names(spec)), tuple(dict.fromkeys(located)), ()):
+            own = cad.measured.get(body, {})
+            axes = (_on_axis(own, n) for n in _names(spec))
+            for names in (*((n,) for n in _names(spec)), *axes, tuple(dict.fromkeys(located)), ()):
                 if (body, names) not in seen and not (names == () and body == d.base):
                     seen.add((body, names))
                     yield body, names, ""
+
+
+def _on_axis(own: Mapping[str, Measured], name: str) -> tuple[str, ...]:
+    """Return the cylinders of a part that are on the axis of one: they may be off together."""
+    a = own[name].face
+    return tuple(
+        n
+        for n, m in own.items()
+        if m.face.kind == a.kind == "cylinder"
+        and np.linalg.norm(np.cross(m.face.direction, a.direction)) < _COAXIAL
+        and spatial.point_to_line(m.face.point, a.point, a.direction) < _COAXIAL
+    ) or (name,)
 
 
 def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, bad: list[str]) -> Suspect | None:
