@@ -7,7 +7,7 @@ drawing can often tell the one: by lengths that several parts share, and by part
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from twin.cad import features, meeting
 from twin.cad.build import CadModel
 from twin.cad.description import Description, FrameSpec, JointSpec
 from twin.cad.features import Measured
-from twin.cad.frames import Drawn, Faces, drawn
+from twin.cad.frames import Drawn, Faces, Given, drawn
 from twin.cad.lengths import measure
 from twin.errors import CadError
 from twin.spatial import Array
@@ -32,6 +32,10 @@ _PARALLEL = 0.02
 """Sine of the angle up to which two directions are compared as parallel."""
 
 
+_COAXIAL = 1e-7
+"""Metres, and sine of the angle, up to which two cylinders are on one axis."""
+
+
 @dataclass(frozen=True, eq=False)
 class Suspect:
     """A part that may be off.
@@ -41,6 +45,7 @@ class Suspect:
         joints: those that meet once it is put right.
         offset, tilt: by how much the features are off, m and rad.
         faces: every feature of every part with these put right.
+        given: the corrected frame of a joint on the part, by joint and part, if numbers are what is off.
         for_it, against_it: what in the drawing tells that it is this part, or that it is not.
     """
 
@@ -52,6 +57,7 @@ class Suspect:
     faces: Faces
     for_it: tuple[str, ...] = ()
     against_it: tuple[str, ...] = ()
+    given: Given = field(default_factory=dict)
 
     @property
     def score(self) -> int:
@@ -76,7 +82,7 @@ def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fa
     """
     d = cad.description
     bad = _apart(d, drawn(d, cad.measured))
-    found = [s for body, names in _candidates(d, bad) if (s := _suspect(cad, body, names, bad)) is not None]
+    found = [s for c in _candidates(cad, bad) if (s := _suspect(cad, *c, bad)) is not None]
     out, left = [], list(bad)
     while left:
         best = max((s.joints for s in found if set(s.joints) <= set(left)), key=len, default=(left[0],))
@@ -112,39 +118,70 @@ def _names(spec: FrameSpec) -> list[str]:
     return list(dict.fromkeys(out))
 
 
-def _candidates(d: Description, bad: list[str]) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield parts and features: each feature alone, those of one joint together, and the whole part."""
+def _candidates(cad: CadModel, bad: list[str]) -> Iterator[tuple[str, tuple[str, ...], str]]:
+    """Yield parts and features (alone, of one axis, of one joint; none for the whole part) or a typed joint."""
+    d = cad.description
     seen: set[tuple[str, tuple[str, ...]]] = set()
     for joint in (j for j in d.joint if j.name in bad):
         for body, spec in _sides(joint):
+            if spec.position_mm is not None:
+                yield body, (), joint.name
             located = [n for v in (spec.origin, spec.at) for n in (v if isinstance(v, list) else [v] if v else [])]
-            for names in (*((n,) for n in _names(spec)), tuple(dict.fromkeys(located)), ()):
+            own = cad.measured.get(body, {})
+            axes = (_on_axis(own, n) for n in _names(spec))
+            for names in (*((n,) for n in _names(spec)), *axes, tuple(dict.fromkeys(located)), ()):
                 if (body, names) not in seen and not (names == () and body == d.base):
                     seen.add((body, names))
-                    yield body, names
+                    yield body, names, ""
 
 
-def _suspect(cad: CadModel, body: str, names: tuple[str, ...], bad: list[str]) -> Suspect | None:
-    """Return the part with these features put right, or None if its joints do not meet wherever they are."""
-    d = cad.description
+def _on_axis(own: Mapping[str, Measured], name: str) -> tuple[str, ...]:
+    """Return the cylinders of a part that are on the axis of one: they may be off together."""
+    a = own[name].face
+    return tuple(
+        n
+        for n, m in own.items()
+        if m.face.kind == a.kind == "cylinder"
+        and np.linalg.norm(np.cross(m.face.direction, a.direction)) < _COAXIAL
+        and spatial.point_to_line(m.face.point, a.point, a.direction) < _COAXIAL
+    ) or (name,)
+
+
+def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, bad: list[str]) -> Suspect | None:
+    """Return the part with these features corrected, or None if its joints do not meet wherever they are.
+
+    Args:
+        cad: the drawing.
+        body: the part.
+        names: its features; none for all.
+        typed: the joint whose frame on the part is given by numbers, if these are what is corrected.
+        bad: joints that do not meet.
+    """
+    d, still = cad.description, drawn(cad.description, cad.measured).on
     own = cad.measured.get(body, {})
-    moving = names or tuple(own)
-    users = [j for j in d.joint for b, spec in _sides(j) if b == body and (not names or set(names) & set(_names(spec)))]
-    if not own or not users or not any(j.name in bad for j in users):
+    moving = () if typed else names or tuple(own)
+    sides = [(j, s) for j in d.joint for b, s in _sides(j) if b == body]
+    users = [j for j, s in sides if (j.name == typed if typed else not names or set(names) & set(_names(s)))]
+    if not (moving or typed) or not any(j.name in bad for j in users):
         return None
-    centre = np.mean([own[n].face.point for n in moving], axis=0)
-    still = drawn(d, cad.measured).on
+    given = still[typed][0 if users[0].parent == body else 1] if typed else np.eye(4)
+    centre = np.mean([own[n].face.point for n in moving], axis=0) if moving else given[:3, 3]
 
-    def put(twist: Array) -> dict[str, Measured]:
+    def put(twist: Array) -> tuple[dict[str, Measured], dict[tuple[str, str], Array]]:
         T = spatial.pose(spatial.exp_so3(twist[3:] / _LEVER), twist[:3])
-        return {n: _moved(m, T, centre) if n in moving else m for n, m in own.items()}
+        T[:3, 3] += centre - T[:3, :3] @ centre
+        faces = {n: _moved(m, T) if n in moving else m for n, m in own.items()}
+        return faces, {(typed, body): T @ given} if typed else {}
 
     def misfit(twist: Array) -> Array:
-        faces, parts = put(twist), []
+        faces, other = put(twist)
+        parts = []
         for j in users:
-            a = features.frame(j.on_parent, faces) if j.parent == body else still[j.name][0]
-            b = features.frame(j.on_child, faces) if j.child == body else still[j.name][1]
-            offset, turn = meeting.locked(spatial.inverse(a) @ b, j.type)
+            on = [
+                other.get((j.name, b), features.frame(s, faces)) if b == body else still[j.name][i]
+                for i, (b, s) in enumerate(_sides(j))
+            ]
+            offset, turn = meeting.locked(spatial.inverse(on[0]) @ on[1], j.type)
             parts += [offset, _LEVER * turn]
         return np.concatenate(parts)
 
@@ -154,20 +191,22 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], bad: list[str]) -
             r = misfit(x)
             J = np.stack([(misfit(x + h) - misfit(x - h)) / 2e-6 for h in 1e-6 * np.eye(6)], axis=1)
             x = x - np.linalg.pinv(J, rcond=1e-5) @ r
-        right = {**cad.measured, body: put(x)}
-        apart = _apart(d, drawn(d, right))
+        faces, other = put(x)
+        right = {**cad.measured, body: faces}
+        apart = _apart(d, drawn(d, right, other))
     except (CadError, np.linalg.LinAlgError):
         return None
     if any(j.name in apart for j in users):
         return None
     joints = tuple(j for j in bad if any(j == u.name for u in users))
-    return Suspect(body, names, joints, float(np.linalg.norm(x[:3])), float(np.linalg.norm(x[3:]) / _LEVER), right)
+    offset, tilt = float(np.linalg.norm(x[:3])), float(np.linalg.norm(x[3:]) / _LEVER)
+    return Suspect(body, names, joints, offset, tilt, right, given=other)
 
 
-def _moved(m: Measured, T: Array, centre: Array) -> Measured:
-    R, p = T[:3, :3], T[:3, 3]
-    face = replace(m.face, point=centre + R @ (m.face.point - centre) + p, direction=R @ m.face.direction)
-    return replace(m, face=face, direction=R @ m.direction)
+def _moved(m: Measured, T: Array) -> Measured:
+    R = T[:3, :3]
+    return replace(m, face=replace(m.face, point=R @ m.face.point + T[:3, 3], direction=R @ m.face.direction),
+                   direction=R @ m.direction)  # fmt: skip
 
 
 # -- what the drawing tells ------------------------------------------------------------------------------------------

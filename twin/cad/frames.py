@@ -42,7 +42,11 @@ class Drawn:
         return spatial.inverse(self.bodies[body]) @ self.on[joint][1]
 
 
-def drawn(d: Description, faces: Faces) -> Drawn:
+Given = Mapping[tuple[str, str], Array]
+"""Frames (4, 4) in drawn coordinates by joint and body, instead of those that the description gives by numbers."""
+
+
+def drawn(d: Description, faces: Faces, given: Given | None = None) -> Drawn:
     """Return the frames that the description defines on the measured faces.
 
     Raises:
@@ -51,7 +55,9 @@ def drawn(d: Description, faces: Faces) -> Drawn:
     on: dict[str, tuple[Array, Array]] = {}
     for j in d.joint:
         parent = _frame(d, faces, j.parent, j.on_parent, f"joint '{j.name}' on body '{j.parent}'")
-        on[j.name] = parent, _frame(d, faces, j.child, j.on_child, f"joint '{j.name}' on body '{j.child}'")
+        child = _frame(d, faces, j.child, j.on_child, f"joint '{j.name}' on body '{j.child}'")
+        other = given or {}
+        on[j.name] = other.get((j.name, j.parent), parent), other.get((j.name, j.child), child)
     named = {n: _frame(d, faces, f.body, f.at, f"frame '{n}' on body '{f.body}'") for n, f in d.frame.items()}
     return Drawn(on, named, {name: _body(d, name, spec, on, named) for name, spec in d.body.items()})
 
@@ -74,13 +80,13 @@ def rest(d: Description, at: Drawn) -> dict[str, Array]:
     return {n: T_base_drawn @ T for n, T in at.bodies.items()}
 
 
-def moved(mechanism: Mechanism, d: Description, faces: Faces) -> Mechanism:
+def moved(mechanism: Mechanism, d: Description, faces: Faces, given: Given | None = None) -> Mechanism:
     """Return the mechanism with its joints, frames and points on other faces; without shapes and masses.
 
     Raises:
         CadError: the faces span no frame.
     """
-    at = drawn(d, faces)
+    at = drawn(d, faces, given)
     joints = tuple(
         replace(j, T_parent_joint=at.on_parent(j.name, j.parent), T_child_joint=at.on_child(j.name, j.child))
         for j in mechanism.joints

@@ -109,24 +109,24 @@ def mend(
     top = max((t for t in tried if t.agrees), default=None, key=lambda t: t.rank)
     top = top or max(tried, default=_Tried(()), key=lambda t: t.rank)
     sides = dict(zip((f.joints for f in told), top.chosen, strict=False))
-    parts = tuple(_part(cad, f, findings, sides.get(f.joints), top, tried) for f in found)
+    parts = tuple(_part(f, findings, sides.get(f.joints), top, tried) for f in found)
     return Mended(findings, parts, top.model, top.judge, top.agrees and len(told) == len(found))
 
 
 def _put_right(cad: CadModel, chosen: Sequence[Suspect], judged: Callable[[ReferenceModel], Judge]) -> _Tried:
     faces = dict(cad.measured)
+    given = {k: T for s in chosen for k, T in s.given.items()}
     for s in chosen:
         mine = {n: m for n, m in s.faces[s.body].items() if n in (s.features or s.faces[s.body])}
         faces[s.body] = {**faces[s.body], **mine}
     try:
-        model = ReferenceModel(frames.moved(cad.mechanism, cad.description, faces))
+        model = ReferenceModel(frames.moved(cad.mechanism, cad.description, faces, given))
         return _Tried(tuple(chosen), model, judged(model))
     except TwinError:  # it cannot be assembled, or hardly moves
         return _Tried(tuple(chosen))
 
 
 def _part(
-    cad: CadModel,
     fault: Fault,
     findings: Sequence[Finding],
     chosen: Suspect | None,
@@ -141,9 +141,8 @@ def _part(
         text = f"{head}: no single part explains it"
         return PartOff(fault.joints, "", (), "", (), (), text)
     others = [s for s in fault.suspects if s is not chosen]
-    typed = _typed(cad, fault)
-    by, why, left = _told(chosen, others, top, tried)
-    left = [*(_name(s) for s in left), *typed]
+    by, why, rest = _told(chosen, others, top, tried)
+    left = [_name(s) for s in rest]
     what = _name(chosen)
     if left:
         text = f"{head}: {what} is off, or {', or '.join(left)}; neither the drawing nor the rows tell which"
@@ -171,14 +170,9 @@ def _told(
     return "", why, [s for s in others if any(t.agrees for t in same[s]) or not same[s]]
 
 
-def _typed(cad: CadModel, fault: Fault) -> list[str]:
-    """Return the sides of the joints that are numbers in the description and no faces: they may be wrong as well."""
-    joints = [j for j in cad.description.joint if j.name in fault.joints]
-    sides = [(j.name, b, s) for j in joints for b, s in ((j.parent, j.on_parent), (j.child, j.on_child))]
-    return [f"the numbers that place {name} on '{body}'" for name, body, s in sides if s.position_mm is not None]
-
-
 def _name(s: Suspect) -> str:
+    if s.given:
+        return f"'{s.body}' (the numbers that place {', '.join(joint for joint, _ in s.given)} on it)"
     if not s.features:
         return f"'{s.body}' is out of its place in the drawing"
     return f"'{s.body}' at its {' and '.join(s.features)}"

@@ -19,6 +19,7 @@ from twin.explaining.judge import Judge, Place, Tolerance, worst
 from twin.explaining.repair import Search
 from twin.explaining.result import Change, Explanation, Reading, Repair, Row
 from twin.explaining.source import Edit, apply, diff
+from twin.explaining.suspects import shared
 from twin.explaining.truth import Truth, gather, sample
 from twin.explaining.weigh import weigh
 from twin.findings import Verdict
@@ -131,8 +132,10 @@ def explain(
     identified = identify(judge, lambda f: progress("identify parameters", f), alone=True)
     lap("identify")
     search = Search(judge, lambda f: progress("try edits", f))
-    # Where one number explains everything, two edits are no better: only single ones are compared with it.
-    found, lost = search.run(budget if identified is None else 0.0)
+    if identified is None:
+        found, lost = search.run(budget)
+    else:  # one number explains everything: only a single edit would be as good
+        found, lost = search.run(0.0) if shared(judge, search.targets) else ([], search.failing)
     lap("repair")
     if identified is None and (lost or not found):
         identified = identify(judge, lambda f: progress("identify parameters", f))

@@ -177,7 +177,7 @@ class Search:
             deadline = time.monotonic() + budget
             while left:
                 k = left[0]
-                pairs, complete = self._pairs(k, singles, deadline)
+                pairs, complete = self._pairs(k, singles, deadline) if budget > 0 else ([], False)
                 # What cures this row may cure others as well.
                 group = next((g for g in self._cover(pairs, left) if k in g), [])
                 f = self._found(group or [k], pairs if group else [], [*singles, *pairs])

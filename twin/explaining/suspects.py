@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from twin.explaining.judge import Judge
 from twin.explaining.rows import Place, Step
 from twin.kinematics.contract import POSE_SYMBOL
@@ -12,6 +14,14 @@ def suspects(judge: Judge, place: Place) -> dict[str, set[int]]:
     out: dict[str, set[int]] = {}
     _trace(judge, judge.step(place.equation), place.statement, place.position, out, set())
     return out
+
+
+def shared(judge: Judge, places: Sequence[Place]) -> bool:
+    """Return whether one statement, or one function that is called, could be what is wrong in all of several rows."""
+    every = [suspects(judge, place) for place in places]
+    statements = [{(equation, i) for equation, indices in s.items() for i in indices} for s in every]
+    called = [{h.source.name for equation in s for h in judge.helpers(judge.step(equation))} for s in every]
+    return bool(set.intersection(*statements) or set.intersection(*called)) if every else False
 
 
 def available(judge: Judge, step: Step) -> set[str]:

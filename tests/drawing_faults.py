@@ -1,0 +1,99 @@
+"""Drawings with one part off: faces of a STEP moved before they are measured, as a wrong drawing would have them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin import api, spatial
+from twin.cad import build
+from twin.cad.build import CadModel
+from twin.cad.features import Measured
+from twin.cad.step import Face, Part, StepModel, read_step
+from twin.units import DEG, MM
+
+
+@dataclass(frozen=True)
+class Off:
+    """One feature of one part that is off: offset in m or tilt in rad, as the joint must show it."""
+
+    joint: str
+    body: str
+    feature: str
+    unit: str
+    size: float
+    T_drawn: np.ndarray
+
+    def __str__(self) -> str:
+        shown = f"{self.size / MM:.3f} mm" if self.unit == "mm" else f"{self.size / DEG:.3f} deg"
+        return f"{self.body}.{self.feature} at {self.joint}, {shown}"
+
+
+def some(robot: api.Robot, rng: np.random.Generator) -> Off:
+    """Return a random fault of 0.05 to 0.5 mm or degrees in a direction that its joint locks."""
+    cad = robot.cad
+    joints = [j for j in cad.description.joint if j.on_parent.origin and j.on_child.origin]
+    while True:
+        joint = joints[rng.integers(len(joints))]
+        body, spec = ((joint.parent, joint.on_parent), (joint.child, joint.on_child))[rng.integers(2)]
+        size = rng.uniform(0.05, 0.5)
+        if not isinstance(spec.origin, str):
+            continue
+        face = cad.measured[body][spec.origin].face
+        u = rng.normal(size=3)
+        if face.kind == "cylinder":
+            u -= face.direction * (face.direction @ u)
+        u /= np.linalg.norm(u)
+        if rng.integers(2) and face.kind == "cylinder" and spec.z == spec.origin:
+            origin = cad.measured[body][spec.origin].face.point
+            R = spatial.exp_so3(size * DEG * u)
+            return Off(joint.name, body, spec.origin, "deg", size * DEG, spatial.pose(R, origin - R @ origin))
+        return Off(joint.name, body, spec.origin, "mm", size * MM, spatial.pose(p=size * MM * u))
+
+
+def drawn(robot: api.Robot, *offs: Off) -> CadModel:
+    """Return the robot's drawing with parts off, as the reader of the CAD has it."""
+    assert robot.files is not None
+    moves: list[Callable[[StepModel], StepModel]] = []
+    for off in offs:
+        m, node = robot.cad.measured[off.body][off.feature], robot.cad.description.body[off.body].node or off.body
+        moves.append(
+            lambda step, m=m, node=node, T=off.T_drawn: replace(
+                step, parts=tuple(_part(p, m, T) if node in (p.name, *p.path) else p for p in step.parts)
+            )
+        )
+
+    def read(path, *args):
+        step = read_step(path, *args)
+        for move in moves:
+            step = move(step)
+        return step
+
+    real, build.read_step = build.read_step, read
+    try:
+        return build.read_mechanism(robot.files.description, with_mass=False)
+    finally:
+        build.read_step = real
+
+
+def _part(part: Part, m: Measured, T: np.ndarray) -> Part:
+    """Return a part with those of its faces moved that are the same axis, plane or centre."""
+    return replace(part, faces=tuple(_face(f, T) if _alike(f, m.face) else f for f in part.faces))
+
+
+def _alike(a: Face, b: Face) -> bool:
+    if a.kind != b.kind:
+        return False
+    if a.kind == "sphere":
+        return bool(np.linalg.norm(a.point - b.point) < 1e-9)
+    if np.linalg.norm(np.cross(a.direction, b.direction)) > 1e-9:
+        return False
+    if a.kind == "plane":
+        return abs(float((a.point - b.point) @ a.direction)) < 1e-9
+    return float(spatial.point_to_line(b.point, a.point, a.direction)) < 1e-9
+
+
+def _face(f: Face, T: np.ndarray) -> Face:
+    return replace(f, point=T[:3, :3] @ f.point + T[:3, 3], direction=T[:3, :3] @ f.direction)
