@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.explaining.conventions import conventions
+from twin.explaining.coverage import coverage, margins
 from twin.explaining.identify import identify
 from twin.explaining.invariants import invariants, unit
 from twin.explaining.judge import Judge, Place, Tolerance, worst
@@ -21,6 +22,7 @@ from twin.kinematics import compile_formula
 from twin.kinematics.contract import Formula
 from twin.kinematics.flow import choose
 from twin.reference import ReferenceModel
+from twin.reference.boundary import Judged
 
 Progress = Callable[[str, float], None]
 
@@ -90,9 +92,16 @@ def explain(
     chosen = choose(formula, variants)
     skipped = [s for s in judge.steps if s.missing and s.stage != "helper"]
     if not judge.failing():
-        verdict: Verdict = "unchecked" if skipped or not judge.residuals else "agree"
+        progress("reach and singularity measures", 0.0)
+        measured = margins(judge, model, dict(parameters or {}))
+        lap("margins")
+        covered = coverage(judge, measured)
+        off = tuple(_margin(judge, m, root) for m in measured if m.status == "disagrees")
+        verdict: Verdict = "unchecked" if skipped or not judge.residuals else "disagree" if off else "agree"
+        notes = (*_notes(judge), *judge.notes, *(f"not judged: {text}" for text in covered.left))
+        done = covered.rows - len(covered.left)
         return Explanation(
-            robot, chosen, verdict, True, truth.k, (), (), notes=(*_notes(judge), *judge.notes), seconds=seconds
+            robot, chosen, verdict, not off, truth.k, (), off, (), None, (), notes, seconds, done, covered.rows
         )
     progress("invariants", 0.0)
     found_invariants = tuple(invariants(judge, model))
@@ -176,6 +185,34 @@ def _row(judge: Judge, place: Place, found: list[Found], root: Path | None) -> R
         truth.pose_text(top),
         truth.pose_text(int(np.argmin(np.where(np.isfinite(size), size, np.inf)))),
         _term(best) if best is not None and best.edits[0].statement == place.statement else "",
+    )
+
+
+def _margin(judge: Judge, m: Judged, root: Path | None) -> Row:
+    """Return the row of a margin that the mechanism contradicts."""
+    kind = {"reach": f"margin of reach '{m.name}'", "aspect": "aspect"}.get(m.kind, f"singularity measure '{m.name}'")
+    size = m.size if m.size is not None and m.unit else float("nan")
+    step = next((s for s in judge.steps if s.equation.name == m.equation), None)
+    if step is None:
+        return Row(m.equation, "", m.symbol, "", 0, "", kind, size, m.unit, 0.0, m.at, "", why=m.why)
+    source, last = step.source, step.source.statements[-1]
+    writing = [s for s in source.statements if m.symbol in s.writes] or [last]
+    line = step.lines[step.equation.outputs.index(m.symbol)] if writing == [last] else writing[-1].line
+    text = source.text(writing[-1].start, writing[-1].end)
+    return Row(
+        m.equation,
+        step.variant,
+        m.symbol,
+        _shown(source.path, root),
+        line,
+        _short(text, 400),
+        kind,
+        size,
+        m.unit,
+        0.0,
+        m.at,
+        "",
+        why=m.why,
     )
 
 
