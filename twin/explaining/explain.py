@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.errors import TwinError
 from twin.explaining.conventions import conventions
 from twin.explaining.coverage import coverage, margins
 from twin.explaining.identify import identify
@@ -35,16 +36,27 @@ def known(
     model: ReferenceModel,
     parameters: Mapping[str, float] | None = None,
     progress: Progress = lambda label, fraction: None,
+    variants: Mapping[str, str] | str | None = None,
 ) -> Truth:
     """Return the mechanism's values at sampled poses.
 
-    A mechanism with freedoms to spare takes a pose in many ways; it then takes each near the formula's own joints.
+    A mechanism with freedoms to spare takes a pose in many ways. It takes each near the formula's own joints if the
+    formula agrees there; else as it was sampled, if fewer rows are off there: a wrong row leads the joints astray.
     """
     run = sample(model, progress=lambda f: progress("sample the mechanism", f))
-    if model.redundant and formula.has("inverse"):
-        q = compile_formula(formula, None, parameters).inverse_many(run.Ts_base_tool)
-        run = model.run_poses(run.Ts_base_tool, near=np.where(np.isfinite(q), q, run.q))
-    return gather(formula, run, model, parameters)
+    if not (model.redundant and formula.has("inverse")):
+        return gather(formula, run, model, parameters)
+    sampled = gather(formula, sample(model, regular=True), model, parameters)
+    try:
+        q = compile_formula(formula, variants, parameters).inverse_many(run.Ts_base_tool)
+        near = model.run_poses(run.Ts_base_tool, near=np.where(np.isfinite(q), q, run.q))
+    except TwinError:  # equations that lead out of reach are off where the mechanism is, which is said row by row
+        return sampled
+    led = gather(formula, near, model, parameters)
+    off = len(Judge(formula, variants, led).failing())
+    if not off:
+        return led
+    return led if off < len(Judge(formula, variants, sampled).failing()) else sampled
 
 
 def explain(
@@ -84,7 +96,7 @@ def explain(
         now = time.perf_counter()
         seconds[name], clock = round(now - clock, 3), now
 
-    truth = truth or known(formula, model, parameters, progress)
+    truth = truth or known(formula, model, parameters, progress, variants)
     lap("sample")
     progress("judge rows", 0.0)
     judge = Judge(formula, variants, truth, tolerance)
