@@ -11,6 +11,7 @@ import numpy as np
 from twin.errors import TwinError
 from twin.explaining.conventions import conventions
 from twin.explaining.coverage import coverage, margins
+from twin.explaining.heldout import held_out
 from twin.explaining.identify import identify
 from twin.explaining.invariants import invariants, unit
 from twin.explaining.judge import Judge, Place, Tolerance, worst
@@ -119,7 +120,7 @@ def explain(
     found_invariants = tuple(invariants(judge, model))
     lap("invariants")
     search = Search(judge, lambda f: progress("try edits", f))
-    found, lost = search.run(budget)
+    found, lost = held_out(judge, model, *search.run(budget))
     lap("repair")
     identified, conventional = None, ()
     if lost or not found:
