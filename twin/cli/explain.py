@@ -79,7 +79,8 @@ def lines(x: Explanation) -> Iterator[tuple[str, str]]:
     yield f"{x.robot} · {', '.join(f'{k} {v}' for k, v in x.variants.items())} · {x.samples} poses of the mechanism", ""
     yield "", ""
     if x.verdict == "agree":
-        yield "  AGREE: every row holds at every pose; there is nothing to explain", "bold green"
+        count = f"{x.judged} of {x.rows_of_formula} rows judged"
+        yield f"  AGREE: {count}, and each holds at every pose; there is nothing to explain", "bold green"
     elif x.lead == "drawing":
         yield f"  {x.verdict.upper()}: {_drawn(x)}", "bold red" if x.verdict == "disagree" else "bold yellow"
     elif not x.rows:
@@ -99,6 +100,11 @@ def lines(x: Explanation) -> Iterator[tuple[str, str]]:
         yield "", ""
         yield "what is off", "bold"
         for r in x.rows:
+            if r.why:
+                yield f"  {r.equation} ({r.variant}), {r.symbol} = {r.means}: {r.why}", ""
+                yield f"      {r.file}:{r.line}   {r.text}", "dim"
+                yield f"      at {r.worst_at}", "dim"
+                continue
             much = (
                 f"{r.off:.4g} {'°' if r.unit == 'deg' else r.unit}".replace(" °", "°") if r.off == r.off else "no value"
             )

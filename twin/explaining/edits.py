@@ -166,9 +166,9 @@ def kind_of_name(old: str, new: str, parameters: frozenset[str], aliases: dict[s
 def _names(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     choices = sorted(w.pool.names | set(w.pool.aliases))
     for node in _expressions(root):
-        if not isinstance(node, ast.Name) or _is_called(w, node) or isinstance(w.parent(node), ast.Attribute):
+        if not isinstance(node, ast.Name) or _is_called(w, node):
             continue
-        old = node.id
+        old = node.id  # a module, as in symbolic.pose, is no name of the flow
         if old not in w.pool.names | w.pool.arguments | w.pool.unknown:
             continue
         for new in choices:

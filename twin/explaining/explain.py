@@ -12,7 +12,9 @@ from twin.cad.build import CadModel
 from twin.errors import TwinError
 from twin.explaining.candidate import TOKENS, Candidate, Found, Key, key
 from twin.explaining.conventions import conventions
+from twin.explaining.coverage import coverage, margins
 from twin.explaining.drawing import mend
+from twin.explaining.heldout import held_out
 from twin.explaining.identify import identify
 from twin.explaining.invariants import invariants, unit
 from twin.explaining.judge import Judge, Place, Tolerance, worst
@@ -27,6 +29,7 @@ from twin.kinematics import compile_formula
 from twin.kinematics.contract import Formula
 from twin.kinematics.flow import choose
 from twin.reference import ReferenceModel
+from twin.reference.boundary import Judged
 
 Progress = Callable[[str, float], None]
 
@@ -39,16 +42,27 @@ def known(
     model: ReferenceModel,
     parameters: Mapping[str, float] | None = None,
     progress: Progress = lambda label, fraction: None,
+    variants: Mapping[str, str] | str | None = None,
 ) -> Truth:
     """Return the mechanism's values at sampled poses.
 
-    A mechanism with freedoms to spare takes a pose in many ways; it then takes each near the formula's own joints.
+    A mechanism with freedoms to spare takes a pose in many ways. It takes each near the formula's own joints if the
+    formula agrees there; else as it was sampled, if fewer rows are off there: a wrong row leads the joints astray.
     """
     run = sample(model, progress=lambda f: progress("sample the mechanism", f))
-    if model.redundant and formula.has("inverse"):
-        q = compile_formula(formula, None, parameters).inverse_many(run.Ts_base_tool)
-        run = model.run_poses(run.Ts_base_tool, near=np.where(np.isfinite(q), q, run.q))
-    return gather(formula, run, model, parameters)
+    if not (model.redundant and formula.has("inverse")):
+        return gather(formula, run, model, parameters)
+    sampled = gather(formula, sample(model, regular=True), model, parameters)
+    try:
+        q = compile_formula(formula, variants, parameters).inverse_many(run.Ts_base_tool)
+        near = model.run_poses(run.Ts_base_tool, near=np.where(np.isfinite(q), q, run.q))
+    except TwinError:  # equations that lead out of reach are off where the mechanism is, which is said row by row
+        return sampled
+    led = gather(formula, near, model, parameters)
+    off = len(Judge(formula, variants, led).failing())
+    if not off:
+        return led
+    return led if off < len(Judge(formula, variants, sampled).failing()) else sampled
 
 
 def explain(
@@ -91,14 +105,14 @@ def explain(
         seconds[name], clock = round(now - clock, 3), now
 
     def judged(model: ReferenceModel) -> Judge:
-        return Judge(formula, variants, known(formula, model, parameters), tolerance)
+        return Judge(formula, variants, known(formula, model, parameters, variants=variants), tolerance)
 
     chosen = choose(formula, variants)
     mended = mend(formula, cad, judged, lambda f: progress("correct the drawing", f)) if cad is not None else None
     lap("drawing")
     drawn: Judge | None = None
     try:
-        truth = truth or known(formula, model, parameters, progress)
+        truth = truth or known(formula, model, parameters, progress, variants)
         lap("sample")
         progress("judge rows", 0.0)
         drawn = Judge(formula, variants, truth, tolerance)
@@ -123,8 +137,18 @@ def explain(
         judge, model = mended.judge, mended.model
         notes.append("the corrected drawing does not explain every row; the rows below were judged against it")
     if not judge.failing():
-        verdict = "unchecked" if skipped or not judge.residuals else "agree"
-        return Explanation(robot, chosen, verdict, True, judge.truth.k, (), (), notes=tuple(notes), seconds=seconds)
+        progress("reach and singularity measures", 0.0)
+        measured = margins(judge, model, dict(parameters or {}))
+        lap("margins")
+        covered = coverage(judge, measured)
+        off = tuple(_margin(judge, m, root) for m in measured if m.status == "disagrees")
+        verdict = "unchecked" if skipped or not judge.residuals else "disagree" if off else "agree"
+        notes += [f"not judged: {text}" for text in covered.left]
+        done = covered.rows - len(covered.left)
+        return Explanation(
+            robot, chosen, verdict, not off, judge.truth.k, (), off, notes=tuple(notes), seconds=seconds,
+            judged=done, rows_of_formula=covered.rows,
+        )  # fmt: skip
     progress("invariants", 0.0)
     found_invariants = tuple(invariants(judge, model))
     lap("invariants")
@@ -133,9 +157,10 @@ def explain(
     lap("identify")
     search = Search(judge, lambda f: progress("try edits", f))
     if identified is None:
-        found, lost = search.run(budget)
+        found, lost = held_out(judge, model, *search.run(budget))
     else:  # one number explains everything: only a single edit would be as good
-        found, lost = search.run(0.0) if shared(judge, search.targets) else ([], search.failing)
+        single = search.run(0.0) if shared(judge, search.targets) else ([], search.failing)
+        found, lost = held_out(judge, model, *single)
     lap("repair")
     if identified is None and (lost or not found):
         identified = identify(judge, lambda f: progress("identify parameters", f))
@@ -223,6 +248,34 @@ def _row(judge: Judge, place: Place, found: list[Found], root: Path | None) -> R
         truth.pose_text(top),
         truth.pose_text(int(np.argmin(np.where(np.isfinite(size), size, np.inf)))),
         _term(best) if best is not None and best.edits[0].statement == place.statement else "",
+    )
+
+
+def _margin(judge: Judge, m: Judged, root: Path | None) -> Row:
+    """Return the row of a margin that the mechanism contradicts."""
+    kind = {"reach": f"margin of reach '{m.name}'", "aspect": "aspect"}.get(m.kind, f"singularity measure '{m.name}'")
+    size = m.size if m.size is not None and m.unit else float("nan")
+    step = next((s for s in judge.steps if s.equation.name == m.equation), None)
+    if step is None:
+        return Row(m.equation, "", m.symbol, "", 0, "", kind, size, m.unit, 0.0, m.at, "", why=m.why)
+    source, last = step.source, step.source.statements[-1]
+    writing = [s for s in source.statements if m.symbol in s.writes] or [last]
+    line = step.lines[step.equation.outputs.index(m.symbol)] if writing == [last] else writing[-1].line
+    text = source.text(writing[-1].start, writing[-1].end)
+    return Row(
+        m.equation,
+        step.variant,
+        m.symbol,
+        _shown(source.path, root),
+        line,
+        _short(text, 400),
+        kind,
+        size,
+        m.unit,
+        0.0,
+        m.at,
+        "",
+        why=m.why,
     )
 
 

@@ -7,6 +7,7 @@ computed and passed on; then all rows between two known symbols are suspects tog
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import inspect
 from collections.abc import Collection, Iterable, Mapping
@@ -20,6 +21,7 @@ from twin.explaining import numeric, plain
 from twin.explaining.numeric import Matrix, Rebuilder, to_array
 from twin.explaining.rows import Helper, Place, Step, Tolerance
 from twin.explaining.source import OUT, Edit, Source, Statement
+from twin.explaining.swivel import fitted
 from twin.explaining.truth import Truth
 from twin.formula.rows import PlainRows
 from twin.kinematics.contract import Equation, Formula, Rows, Stage, arguments
@@ -140,6 +142,8 @@ class Judge:
                 step.missing = ", ".join(lost)
                 self.notes.append(f"{step.equation.name} ({step.variant}) was not judged: {step.missing} not known")
                 continue
+            if self.truth.free in step.inputs:
+                self._place(step)
             env = self._environment(step, computed)
             found: Residuals = {}
             s = step.source.statements[0]
@@ -177,8 +181,18 @@ class Judge:
     def _has(self, name: str, computed: Mapping[str, Any]) -> bool:
         return name in self.truth.symbols or name in computed
 
+    def _place(self, step: Step, edits: list[Edit] | None = None, extra: Mapping[str, Any] | None = None) -> None:
+        """Give each state the angle of its own at which the rows that read it come nearest to the mechanism."""
+
+        def rows(angle: Array) -> Residuals:
+            step.free = {self.truth.free: angle}
+            return self._retry(step, edits or [], extra or {}, True, onwards=False)
+
+        with contextlib.suppress(Exception):  # what the rows raise, they raise again where it is caught
+            step.free = {self.truth.free: fitted(rows, self.truth.k)}
+
     def _environment(self, step: Step, computed: Mapping[str, Any]) -> dict[str, Any]:
-        known = {**computed, **self.truth.symbols}
+        known = {**computed, **self.truth.symbols, **step.free}
         if step.plain is not None:
             return {**step.scope, **plain.arguments(step.plain, known)}
         return {**step.scope, **{n: known[n] for n in step.inputs if n in known}}
@@ -243,11 +257,30 @@ class Judge:
         own = [e for e in edits if e.function == step.source.name and e.path == step.source.path]
         foreign = [e for e in edits if e not in own]
         undo = self._patch(step, foreign) if foreign else []
+        free = step.free
         try:
-            return self._retry(step, own, extra or {}, bool(foreign))
+            if free:
+                self._place(step, own, extra)
+            found = self._retry(step, own, extra or {}, bool(foreign) or bool(free))
+            if foreign:
+                found |= self._from_before(step, foreign)
+            return found
         finally:
+            step.free = free
             for scope, name, old in undo:
                 scope[name] = old
+
+    def _from_before(self, step: Step, edits: list[Edit]) -> Residuals:
+        """Return the residuals of a step whose inputs are made by the same edited helper, in a step before it."""
+        for earlier in self.steps[: self.steps.index(step)]:
+            passes = set(earlier.equation.outputs) - set(self.truth.kinds)
+            calls = any(h.source.name == edits[0].function for h in self.helpers(earlier))
+            if earlier.stage == step.stage and not earlier.missing and calls and passes:
+                found = self._retry(earlier, [], {}, True)
+                mine = {p: r for p, r in found.items() if p.equation == step.equation.name}
+                if mine:
+                    return mine
+        return {}
 
     def _patch(self, step: Step, edits: list[Edit]) -> list[tuple[dict[str, Any], str, Any]]:
         """Put an edited helper where the old one was; return what undoes it."""
@@ -257,14 +290,17 @@ class Judge:
         made = scope[helper.source.name]
         new = FunctionType(made.__code__, helper.function.__globals__, made.__name__, helper.function.__defaults__)
         undo = []
-        for other in (step.scope, helper.function.__globals__, *(h.function.__globals__ for h in self.helpers(step))):
+        scopes = (*(s.scope for s in self.steps), *(h.function.__globals__ for h in self.helpers(step)))
+        for other in (helper.function.__globals__, *scopes):
             for name, value in list(other.items()):
                 if value is helper.function:
                     undo.append((other, name, value))
                     other[name] = new
         return undo
 
-    def _retry(self, step: Step, edits: list[Edit], extra: Mapping[str, Any], anew: bool) -> Residuals:
+    def _retry(
+        self, step: Step, edits: list[Edit], extra: Mapping[str, Any], anew: bool, onwards: bool = True
+    ) -> Residuals:
         source = step.source
         first = 0 if anew else min(e.statement for e in edits)
         codes = list(step.codes)
@@ -301,7 +337,7 @@ class Judge:
             dirty |= {n for n in mine if n not in step.held}
         gave = self._outputs(step, env, found)
         changed = {n for n in gave if n not in self.truth.kinds}
-        if changed:
+        if changed and onwards:
             self._downstream(step, gave, changed, found)
         return found
 
@@ -313,7 +349,8 @@ class Judge:
             if not changed & set(later.inputs):
                 computed = {**later.gave, **computed}
                 continue
-            env = plain.copied(later.before[0])
+            # Not as it was: a helper that it calls may be edited.
+            env = {**plain.copied(later.before[0]), **later.scope}
             if later.plain is not None:
                 env |= plain.arguments(later.plain, {**self.truth.symbols, **computed})
             else:

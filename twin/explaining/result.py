@@ -21,6 +21,7 @@ class Row:
         off: worst difference; unit "mm" or "deg".
         share: part of the judged poses where it is off.
         worst_at, least_at: poses where it is off most and least.
+        why: instead of a difference, for a row that is judged by where it vanishes (`off` is NaN, or in `unit`).
     """
 
     equation: str
@@ -36,6 +37,7 @@ class Row:
     worst_at: str
     least_at: str
     term: str = ""
+    why: str = ""
 
 
 @dataclass(frozen=True)
@@ -184,6 +186,7 @@ class Explanation:
         rows: the rows that are off.
         repairs, identified, conventions: what would make them agree.
         notes: what was not judged, and why.
+        judged, rows_of_formula: how many rows were judged, of how many.
         seconds: how long it took, by step.
         lead: what explains it: "drawing", "edits", "numbers", "edits or numbers" (as well the one as the other),
             "conventions", or "" if there is nothing to explain or no explanation.
@@ -206,6 +209,8 @@ class Explanation:
     lead: str = ""
     drawing: tuple[Finding, ...] = ()
     parts: tuple[PartOff, ...] = ()
+    judged: int = 0
+    rows_of_formula: int = 0
 
     @property
     def exit_code(self) -> int:

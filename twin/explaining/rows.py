@@ -35,7 +35,8 @@ class Place:
 class Step:
     """One equation, ready to be run statement by statement.
 
-    `known` are its outputs that the mechanism knows, `held` those of them that a statement may be judged by.
+    `known` are its outputs that the mechanism knows, `held` those of them that a statement may be judged by, `free` the
+    values (k,) of a parameter that each state has its own of.
     """
 
     equation: Equation
@@ -55,6 +56,7 @@ class Step:
     plain: PlainRows | None = None
     lines: tuple[int, ...] = ()
     places: dict[tuple[int, int, str], Place] = field(default_factory=dict)
+    free: dict[str, Any] = field(default_factory=dict)
 
     def place(self, statement: int, position: int, symbol: str, line: int) -> Place:
         """Return the place of a row."""

@@ -24,6 +24,20 @@ def shared(judge: Judge, places: Sequence[Place]) -> bool:
     return bool(set.intersection(*statements) or set.intersection(*called)) if every else False
 
 
+def passed(judge: Judge, rows: set[tuple[str, str]]) -> set[tuple[str, str]]:
+    """Return the outputs (equation, symbol) that rows of equations are made of: they are judged with them."""
+    seen: set[str] = set()
+    for equation, symbol in sorted(rows):
+        step = next((s for s in judge.steps if s.equation.name == equation), None)
+        if step is None or symbol not in step.equation.outputs or not step.source.statements:
+            continue
+        for place in [p for p in judge.residuals if (p.equation, p.symbol) == (equation, symbol)]:
+            _trace(judge, step, place.statement, place.position, {}, seen)
+        last = step.source.statements[-1]
+        _trace(judge, step, last.index, step.equation.outputs.index(symbol), {}, seen)
+    return {(s.equation.name, n) for s in judge.steps for n in s.equation.outputs if n in seen}
+
+
 def available(judge: Judge, step: Step) -> set[str]:
     """Return the symbols that the flow has when it comes to an equation."""
     names = {p.name for p in judge.formula.parameters}

@@ -13,8 +13,10 @@ import numpy as np
 from twin.errors import AssemblyError, TwinError
 from twin.explaining.numeric import Matrix, Rebuilder
 from twin.explaining.source import Source
-from twin.kinematics.contract import POSE_SYMBOL, Formula
+from twin.kinematics.contract import POSE_SYMBOL, Formula, arguments
 from twin.reference import Assembly, ReferenceModel, Run
+from twin.reference.conditioning import conditioning
+from twin.reference.loops import LENGTH_SCALE
 from twin.spatial import Array
 
 SAMPLES = 24
@@ -22,6 +24,9 @@ SAMPLES = 24
 
 _SPREAD = 0.06
 """Half width of the box around each posture that is sampled, as a part of each joint's range."""
+
+_REGULAR = 0.1
+"""Conditioning of a posture, as a part of the best one's, below which it is near a singularity."""
 
 Kind = Literal["length", "angle", "pose"]
 
@@ -38,6 +43,8 @@ class Truth:
         run: the states of the mechanism.
         coordinates: names and units of the pose coordinates, for messages.
         borrowed: symbols without a named point of their own that a helper equates with one.
+        free: the parameter that says how a redundant mechanism takes a pose (its swivel), or "". Each state has its
+            own, and nothing but the rows that read it tells which.
     """
 
     symbols: Mapping[str, Any]
@@ -47,6 +54,7 @@ class Truth:
     run: Run | None
     coordinates: tuple[tuple[str, str], ...]
     borrowed: Mapping[str, str]
+    free: str = ""
 
     def with_parameters(self, values: Mapping[str, Any]) -> Truth:
         """Return the truth with other parameters."""
@@ -74,9 +82,15 @@ class Truth:
 
 
 def sample(
-    model: ReferenceModel, samples: int = SAMPLES, seed: int = 7, progress: Callable[[float], None] = lambda f: None
+    model: ReferenceModel,
+    samples: int = SAMPLES,
+    seed: int = 7,
+    progress: Callable[[float], None] = lambda f: None,
+    regular: bool = False,
 ) -> Run:
     """Return states of the mechanism around its postures (without any: around what is drawn).
+
+    With `regular`, only around those that are not near a singularity, where a state belongs to several branches.
 
     Raises:
         TwinError: the mechanism cannot be moved at all.
@@ -93,6 +107,9 @@ def sample(
         except AssemblyError:
             continue
     starts = starts or [model.home()]
+    if regular:
+        stands = conditioning(model, np.array([s.x for s in starts]), LENGTH_SCALE).stands
+        starts = [s for s, value in zip(starts, stands, strict=True) if value >= _REGULAR * stands.max()]
     states: list[Array] = []
     for shrink in (1.0, 0.5, 0.2, 0.05):
         for i, start in enumerate(starts):
@@ -155,7 +172,21 @@ def gather(formula: Formula, run: Run, model: ReferenceModel, parameters: Mappin
                 symbols[source] = Matrix(p[:, :, None]) if component is None else p[:, component]
                 kinds[source], borrowed[source] = "length", name
     coordinates = tuple(zip(formula.coordinates.names, formula.coordinates.units, strict=True))
-    return Truth(symbols, kinds, k, run.Ts_base_tool, run, coordinates, borrowed)
+    return Truth(symbols, kinds, k, run.Ts_base_tool, run, coordinates, borrowed, _free(formula, model))
+
+
+def _free(formula: Formula, model: ReferenceModel) -> str:
+    """Return the angle that inverse rows read and forward rows do not, if the mechanism is redundant; else ""."""
+    if not (model.redundant and formula.has("inverse") and formula.has("forward")):
+        return ""
+    read: dict[str, set[str]] = {"inverse": set(), "forward": set()}
+    for equation in formula.equations:
+        if equation.stage != "helper":
+            required, optional = arguments(equation.variants[equation.default])
+            read[equation.stage] |= {*required, *optional}
+    names = [p.name for p in formula.parameters if p.unit in ("deg", "rad")]
+    found = [n for n in names if n in read["inverse"] and n not in read["forward"]]
+    return found[0] if len(found) == 1 else ""
 
 
 def _passed_on(formula: Formula) -> dict[str, list[tuple[str, int | None]]]:

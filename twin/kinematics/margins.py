@@ -96,7 +96,8 @@ class Margins:
                 return np.ones(len(s.q), bool)
         for name in self._passive if turns else ():
             off = turns[name] - s.q_passive[name]
-            good &= np.abs(np.sin(off / 2) * 2 if self._passive[name] else off) < 100 * _CLOSE
+            size = np.abs(np.sin(off / 2) * 2 if self._passive[name] else off)
+            good = np.logical_and(good, size < 100 * _CLOSE)
         return np.asarray(good, bool)
 
     def refuses(self, Ts_base_tool: Array) -> Array:

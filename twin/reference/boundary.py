@@ -13,6 +13,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from twin import spatial
+from twin.findings import Finding
 from twin.reference.degeneracy import Degeneracy
 from twin.reference.model import ReferenceModel
 from twin.reference.seeking import NEARLY, Mask, Valid, Walks, seek, wander
@@ -157,10 +158,8 @@ class Boundary:
         k = int(np.argmax(off))
         if off[k] > 1e-6 * np.abs(v).max() and s.homogeneous(self._given, _LARGER):
             what = "length" if s.kinds[i] == "reach" else "number without a dimension"
-            text = (
-                f"it is no {what}: with all lengths {_LARGER:g} times as long it is {large[k] / scale:.4g} {unit}".rstrip()
-                + f" for {v[k] / scale:.4g} {unit}".rstrip()
-            )
+            much, usual = (f"{x / scale:.4g} {unit}".rstrip() for x in (large[k], v[k]))
+            text = f"it is no {what}: with all lengths {_LARGER:g} times as long it is {much} for {usual}"
             return self._row(i, "disagrees", text, self._pool[k], float(off[k] / scale), unit)
         return None
 
@@ -289,6 +288,34 @@ class Boundary:
         for joint, q in zip(self.model.mechanism.active, run.q[0], strict=True):
             out.append(f"{joint.name} {q / DEG:.2f}°" if joint.is_angle else f"{joint.name} {q / MM:.2f} mm")
         return ", ".join(out)
+
+
+def summary(rows: list[Judged]) -> str:
+    """Return how many rows were judged, and which were not, because of what."""
+    left = [r for r in rows if r.status == "not judged"]
+    text = f"{len(rows) - len(left)} of {len(rows)}"
+    return text + (f"; not judged: {'; '.join(f'{r.name}: {r.why}' for r in left)}" if left else "")
+
+
+_WHAT = {"reach": "margin of reach", "aspect": "aspect"}
+
+
+def disagreements(rows: list[Judged]) -> list[Finding]:
+    """Return a finding for each row that the mechanism contradicts."""
+    return [
+        Finding(
+            f"margin.{r.kind if r.kind in _WHAT else 'singularity'}",
+            "disagreement",
+            f"{_WHAT.get(r.kind, 'singularity measure')} '{r.name}' (row {r.symbol}): {r.why}",
+            where=f"{r.equation}.{r.symbol}" if r.equation else r.symbol,
+            when=r.at,
+            size=r.size,
+            unit=r.unit,
+            suggestion="see where the row is written with `twin explain`",
+        )
+        for r in rows
+        if r.status == "disagrees"
+    ]
 
 
 def _anywhere(states: Array) -> Mask:

@@ -22,6 +22,7 @@ from twin.validation.compare import Comparison, angles_zyx, compare
 from twin.validation.content import content
 from twin.validation.fulcrum import fulcrum
 from twin.validation.lengths import lengths, put_down
+from twin.validation.measures import measures
 from twin.validation.motion import Measured, Samples, baked_rows, clearance_facts, measure, samples, written_rows
 from twin.validation.passage import about_rcm, of_protocol, passage, passive_limits
 from twin.validation.plausible import apart
@@ -78,6 +79,8 @@ def judge(
                 about_rcm(case, out, clock)
                 passive_limits(model, out, clock)
                 passage(case, model, out, clock)
+                progress("reach and singularity measures", 0.0)
+                measures(case.kinematics, model, out)
             if "stage" in parts:
                 _stage(case, model, out, clock, progress)
             if "motion" in parts:

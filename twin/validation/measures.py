@@ -1,0 +1,30 @@
+"""Reach, singularity measures and aspects of the equations against the mechanism; see `twin.reference.boundary`."""
+
+from __future__ import annotations
+
+from twin.findings import Finding
+from twin.kinematics import Kinematics
+from twin.kinematics.margins import Margins
+from twin.reference import ReferenceModel
+from twin.reference.boundary import Boundary, disagreements, summary
+from twin.validation.compare import Comparison
+
+
+def measures(kin: Kinematics, model: ReferenceModel, out: Comparison) -> None:
+    """Judge the rows that no joint, point or pose can be held against; nothing where the others disagree already."""
+    run = out.posed
+    formula = kin.formula
+    if run is None or not (formula.reach or formula.measures or formula.aspects):
+        return
+    heading = "reach, singularity measures, aspects"
+    if any(r.pair == "A-B" and not r.agrees for r in out.residuals) or _off(out.findings):
+        out.facts[heading] = {"rows judged": "none: rows that they follow from disagree"}
+        return
+    turns = {j.name: j.is_angle for j in model.mechanism.joints}
+    rows = Boundary(model, Margins(kin, turns, tuple(run.points)), run.x).judge()
+    out.facts[heading] = {"rows judged": summary(rows)}
+    out.findings += disagreements(rows)
+
+
+def _off(findings: list[Finding]) -> bool:
+    return any(f.code.startswith("driven.") and f.severity == "disagreement" for f in findings)
