@@ -301,6 +301,8 @@ def empty(case, judge, faulty, candidate, rows, folder):
                 was[n] = max(was.get(n, 0.0), x)
         lost = {n for n, x in was.items() if x > 1e-9 and max(now.get(n, 0.0), far.get(n, 0.0)) < 1e-12}
         lost -= set(candidate.dropped)
+        for output in set(candidate.dropped) & set(step.equation.outputs):  # and all that was read only through it
+            lost -= {n for n, x in Slopes(faulty, place.equation, on).of(output).items() if x}
         if lost or max(*now.values(), *far.values()) < 1e-12:
             return f"{place.symbol} lost {sorted(lost)}: " + "; ".join(e.text for e in candidate.edits)
         unknown = [n for n in step.equation.outputs if n in now]

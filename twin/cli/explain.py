@@ -137,11 +137,11 @@ def _repair(r: Repair) -> Iterator[tuple[str, str]]:
                 f"    {i + 1}. " if len(r.ways) > 1 else "    or " if len(way) > 1 and reading is not way[0] else "    "
             )
             yield mark + " and ".join(f"{c.edit}   ({c.kind}, {c.file}:{c.line})" for c in reading.changes), "bold"
-            shown: list[str] = []
-            for c in reading.changes:
-                shown += [line for line in c.diff.splitlines()[2:] if line not in shown]
-            for line in shown:
-                yield f"        {line}", "red" if line[0] == "-" else "green" if line[0] == "+" else "dim"
+            for line in reading.diff.splitlines():
+                if not line.startswith(("---", "+++")):
+                    yield f"        {line}", "red" if line[0] == "-" else "green" if line[0] == "+" else "dim"
+            if reading.dropped:
+                yield f"        the row then depends no more on {', '.join(reading.dropped)}", "dim"
             if reading.note:
                 yield f"        {reading.note}", "dim"
     if r.tie:
