@@ -127,7 +127,7 @@ def _repair(r: Repair) -> Iterator[tuple[str, str]]:
     rows = ", ".join(r.rows)
     if not r.ways:
         yield f"  {rows}: {r.note}", "red"
-        yield f"      {r.tried} edits tried", "dim"
+        yield f"      {_tried(r)}", "dim"
         return
     margin = "nothing else comes near" if r.margin == float("inf") else f"the next best is {r.margin:.1g} times worse"
     yield f"  {rows}" + (" (TIE)" if r.tie else ""), "yellow" if r.tie else "green"
@@ -146,7 +146,14 @@ def _repair(r: Repair) -> Iterator[tuple[str, str]]:
                 yield f"        {reading.note}", "dim"
     if r.tie:
         yield f"      tie: {r.tie}", "yellow"
-    yield f"      {margin}: {r.runner_up}; {r.tried} edits tried" + ("" if r.complete else ", not all pairs"), "dim"
+    yield f"      {margin}: {r.runner_up}; {_tried(r)}", "dim"
+
+
+def _tried(r: Repair) -> str:
+    if not r.seconds:
+        return f"{r.tried} edits tried"
+    most = "every pair of tokens" if r.complete else "not every pair (--seconds gives more time)"
+    return f"{r.tried} edits and pairs tried, pairs for {r.seconds:.1f} s, {most}"
 
 
 def _identified(x: Identified) -> Iterator[tuple[str, str]]:

@@ -17,6 +17,7 @@ from twin.explaining.repair import Search
 from twin.explaining.result import Change, Explanation, Reading, Repair, Row
 from twin.explaining.source import Edit, diff, patched
 from twin.explaining.truth import Truth, gather, sample
+from twin.explaining.unvalued import unvalued
 from twin.findings import Verdict
 from twin.kinematics import compile_formula
 from twin.kinematics.contract import Formula
@@ -92,11 +93,12 @@ def explain(
     skipped = [s for s in judge.steps if s.missing and s.stage != "helper"]
     if not judge.failing():
         verdict: Verdict = "unchecked" if skipped or not judge.residuals else "agree"
+        missing = tuple(unvalued(judge))
         return Explanation(
-            robot, chosen, verdict, True, truth.k, (), (), notes=(*_notes(judge), *judge.notes), seconds=seconds
+            robot, chosen, verdict, True, truth.k, missing, (), notes=(*_notes(judge), *judge.notes), seconds=seconds
         )
     progress("invariants", 0.0)
-    found_invariants = tuple(invariants(judge, model))
+    found_invariants = (*unvalued(judge), *invariants(judge, model))
     lap("invariants")
     search = Search(judge, lambda f: progress("try edits", f))
     found, lost = search.run(budget)
@@ -261,6 +263,7 @@ def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair
         search.tried,
         f.complete,
         note,
+        round(f.seconds, 2),
     )
 
 

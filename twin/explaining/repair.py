@@ -193,13 +193,13 @@ class Search:
         if left:
             deadline = time.monotonic() + budget
             while left:
-                k = left[0]
+                k, began = left[0], time.monotonic()
                 shared = [c for g in groups for c in self._exact(g, singles)[:_SHARED]]
                 pairs, complete = self._pairs(k, singles, shared, deadline)
                 # What cures this row may cure others as well.
                 group = next((g for g in self._cover(pairs, left) if k in g), [])
                 f = self._found(group or [k], pairs if group else [], [*singles, *pairs])
-                f.complete = complete
+                f.complete, f.seconds = complete, time.monotonic() - began
                 out.append(f)
                 lost += [] if group else [k]
                 left = [x for x in left if x not in f.rows]

@@ -81,6 +81,7 @@ class Repair:
         tie: why the paper or the data do not settle which, or "".
         tried: how many edits.
         complete: whether every edit of the kinds known here was tried.
+        seconds: how long pairs of edits were searched; 0 where one edit serves.
         note: what else is to be said, above all if there is no repair.
     """
 
@@ -94,6 +95,7 @@ class Repair:
     tried: int
     complete: bool
     note: str = ""
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True)
