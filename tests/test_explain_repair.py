@@ -51,7 +51,7 @@ def test_eq1_printed_has_four_rows_off_and_one_repair_each(printed1):
         assert change.edit == "c_theta -> c_phi"
         assert change.line == row.line
         assert repair.margin > 1e6
-        assert f"+    {change.after}" in change.diff
+        assert f"+    {change.after}" in reading.diff
         assert row.term.endswith("c_theta")
         assert row.means.endswith(f"of point s{row.symbol[-1]}")
 

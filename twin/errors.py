@@ -75,10 +75,30 @@ class OutputError(TwinError):
     """A result cannot be written; nothing half-written is left behind."""
 
 
-def unknown(kind: str, name: str, known: Iterable[str]) -> str:
-    """Return a message for a name that does not exist: the nearest known name, then all of them."""
-    names = sorted(known)
-    folded = {n.casefold(): n for n in names}
-    close = get_close_matches(name, names, n=1) or get_close_matches(name.casefold(), folded, n=1)
-    hint = f" Did you mean '{folded.get(close[0], close[0])}'?" if close else ""
+def unknown(kind: str, name: str, known: Iterable[str], unread: Iterable[str] = ()) -> str:
+    """Return a message for a name that does not exist: the name that is probably meant, then all of them.
+
+    Args:
+        kind: what the name is to be.
+        name: the name.
+        known: names that exist.
+        unread: those of them that have a value and that nothing reads: one of them is meant rather than any other.
+    """
+    names, waiting = sorted(known), sorted(unread)
+    close = get_close_matches(name, waiting, n=1, cutoff=0.3) or (waiting if len(waiting) == 1 else [])
+    if close:
+        hint = f" '{close[0]}' has a value and nothing reads it: is '{name}' meant to be '{close[0]}'?"
+    else:
+        folded = {n.casefold(): n for n in names}
+        close = get_close_matches(name, names, n=1) or get_close_matches(name.casefold(), folded, n=1)
+        hint = f" Did you mean '{folded.get(close[0], close[0])}'?" if close else ""
     return f"there is no {kind} '{name}'.{hint} Known: {', '.join(names) or 'none'}."
+
+
+def no_inverse(rows: int, columns: int) -> str:
+    """Return a message for the inverse of a matrix that is not square, with what to write instead."""
+    way = "J.T @ inv(J @ J.T)" if rows < columns else "inv(J.T @ J) @ J.T"
+    return (
+        f"a {rows} × {columns} matrix has no inverse, only a square one has; write its least-squares inverse, "
+        f"{way} (pinv), or solve for as many unknowns as there are joints"
+    )

@@ -150,7 +150,7 @@ def _repair(r: Repair) -> Iterator[tuple[str, str]]:
     rows = ", ".join(r.rows)
     if not r.ways:
         yield f"  {rows}: {r.note}", "red"
-        yield f"      {r.tried} edits tried", "dim"
+        yield f"      {_tried(r)}", "dim"
         return
     margin = "nothing else comes near" if r.margin == float("inf") else f"the next best is {r.margin:.1g} times worse"
     yield f"  {rows}" + (" (TIE)" if r.tie else ""), "yellow" if r.tie else "green"
@@ -160,16 +160,23 @@ def _repair(r: Repair) -> Iterator[tuple[str, str]]:
                 f"    {i + 1}. " if len(r.ways) > 1 else "    or " if len(way) > 1 and reading is not way[0] else "    "
             )
             yield mark + " and ".join(f"{c.edit}   ({c.kind}, {c.file}:{c.line})" for c in reading.changes), "bold"
-            shown: list[str] = []
-            for c in reading.changes:
-                shown += [line for line in c.diff.splitlines()[2:] if line not in shown]
-            for line in shown:
-                yield f"        {line}", "red" if line[0] == "-" else "green" if line[0] == "+" else "dim"
+            for line in reading.diff.splitlines():
+                if not line.startswith(("---", "+++")):
+                    yield f"        {line}", "red" if line[0] == "-" else "green" if line[0] == "+" else "dim"
+            if reading.dropped:
+                yield f"        the row then depends no more on {', '.join(reading.dropped)}", "dim"
             if reading.note:
                 yield f"        {reading.note}", "dim"
     if r.tie:
         yield f"      tie: {r.tie}", "yellow"
-    yield f"      {margin}: {r.runner_up}; {r.tried} edits tried" + ("" if r.complete else ", not all pairs"), "dim"
+    yield f"      {margin}: {r.runner_up}; {_tried(r)}", "dim"
+
+
+def _tried(r: Repair) -> str:
+    if not r.seconds:
+        return f"{r.tried} edits tried"
+    most = "every pair of tokens" if r.complete else "not every pair (--seconds gives more time)"
+    return f"{r.tried} edits and pairs tried, pairs for {r.seconds:.1f} s, {most}"
 
 
 def _numbers(x: Explanation) -> Iterator[tuple[str, str]]:

@@ -74,6 +74,7 @@ class Found:
         rows: the group. ways: functions that cure it, each in all its readings.
         runner_up: the edit that comes next. after, next: worst residual of the best edit, of the runner-up.
         tried: edits evaluated. complete: whether every edit, and every pair where no single one serves, was tried.
+        seconds: how long pairs were searched.
     """
 
     rows: list[Key]
@@ -83,6 +84,7 @@ class Found:
     next: float
     tried: int
     complete: bool = True
+    seconds: float = 0.0
 
     @property
     def credible(self) -> bool:

@@ -42,6 +42,7 @@ class Dependence:
         self.bases = (judge, shaken)
         self._stirred: dict[tuple[int, str, frozenset[str], str], Judge] = {}
         self._stepped: dict[tuple[str, str, int], Judge] = {}
+        self._symbol = {key(p): p.symbol for p in judge.residuals}
         self._read: dict[tuple[str, Key], set[str]] = {}
 
     def judged(self, c: Candidate, rows: Collection[Key]) -> None:
@@ -83,7 +84,8 @@ class Dependence:
             at = residuals(base, name, change)
             if at is None:
                 continue
-            for symbol in step.inputs:
+            # An output that a later row reads is a symbol of that row, with the mechanism's value.
+            for symbol in (*step.inputs, *(n for n in step.equation.outputs if n in step.held - set(step.inputs))):
                 moved = self._moved(i, step, equations, symbol)
                 if moved is None:
                     continue
@@ -91,6 +93,8 @@ class Dependence:
                 if there is None:
                     continue
                 for k in rows:
+                    if symbol == self._symbol[k] and symbol not in step.inputs:
+                        continue  # it is the left side
                     if symbol not in out[k] and k in at and k in there and _differ(at[k], there[k]):
                         out[k].add(symbol)
         return out

@@ -20,9 +20,10 @@ from twin.explaining.invariants import invariants, unit
 from twin.explaining.judge import Judge, Place, Tolerance, worst
 from twin.explaining.repair import Search
 from twin.explaining.result import Change, Explanation, Reading, Repair, Row
-from twin.explaining.source import Edit, apply, diff
+from twin.explaining.source import Edit, diff, patched
 from twin.explaining.suspects import shared
 from twin.explaining.truth import Truth, gather, sample
+from twin.explaining.unvalued import unvalued
 from twin.explaining.weigh import weigh
 from twin.findings import Verdict
 from twin.kinematics import compile_formula
@@ -146,11 +147,11 @@ def explain(
         notes += [f"not judged: {text}" for text in covered.left]
         done = covered.rows - len(covered.left)
         return Explanation(
-            robot, chosen, verdict, not off, judge.truth.k, (), off, notes=tuple(notes), seconds=seconds,
+            robot, chosen, verdict, not off, judge.truth.k, tuple(unvalued(judge)), off, notes=tuple(notes), seconds=seconds,
             judged=done, rows_of_formula=covered.rows,
         )  # fmt: skip
     progress("invariants", 0.0)
-    found_invariants = tuple(invariants(judge, model))
+    found_invariants = (*unvalued(judge), *invariants(judge, model))
     lap("invariants")
     progress("identify parameters", 0.0)
     identified = identify(judge, lambda f: progress("identify parameters", f), alone=True)
@@ -360,6 +361,7 @@ def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair
         search.tried,
         f.complete,
         note,
+        round(f.seconds, 2),
     )
 
 
@@ -377,31 +379,36 @@ def _phrase(e: Edit) -> str:
 
 
 def _reading(search: Search, c: Candidate, root: Path | None) -> Reading:
-    changes = []
+    shown = _shown(c.edits[0].path, root)
+    files = {e.path for e in c.edits}
     note = ""
     for e in c.edits:
-        data = e.path.read_bytes()
-        start = data.rfind(b"\n", 0, e.start) + 1
-        end = data.find(b"\n", e.end)
-        end = len(data) if end < 0 else end
-        before, after = apply(data, [], start, end), apply(data, [e], start, end)
+        if e.kind == "left side":
+            note = (
+                f"the row is then one for {e.new}; in Python it must still be assigned to {e.old}: "
+                f"{e.old} = {e.old} - {e.new} + ..."
+            )
+    diffs, lines = [], {}
+    for path in sorted(files):
+        mine = [e for e in c.edits if e.path == path]
+        diffs.append(diff(mine, shown if path == c.edits[0].path else _shown(path, root)))
+        lines[path] = path.read_text(encoding="utf-8").splitlines(), patched(mine).splitlines()
+    changes = []
+    for e in c.edits:
+        before, after = lines[e.path]
+        last = e.line + e.old.count("\n")
+        grown = len(after) - len(before)
         changes.append(
             Change(
                 _shown(e.path, root),
                 e.line,
                 _phrase(e),
                 e.kind,
-                before.strip(),
-                after.strip(),
-                diff([e], _shown(e.path, root)),
+                "\n".join(before[e.line - 1 : last]).strip(),
+                "\n".join(after[e.line - 1 : last + grown]).strip(),
             )
         )
-        if e.kind == "left side":
-            note = (
-                f"the row is then one for {e.new}; in Python it must still be assigned to {e.old}: "
-                f"{e.old} = {e.old} - {e.new} + ..."
-            )
-    return Reading(tuple(changes), note)
+    return Reading(tuple(changes), "\n".join(diffs), note, c.dropped)
 
 
 __all__ = ["explain", "known", "worst"]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from twin.errors import TwinError
-from twin.explaining.judge import Judge, evaluate, worst
 from twin.explaining.candidate import Candidate, Found, Key, key
+from twin.explaining.judge import Judge, evaluate, worst
 from twin.explaining.truth import gather, sample
 from twin.reference import ReferenceModel
 

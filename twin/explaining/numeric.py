@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.errors import KinematicsError
+from twin.errors import KinematicsError, no_inverse
 from twin.spatial import Array
 
 _SYMBOLIC = "twin.kinematics.symbolic"
@@ -168,6 +168,13 @@ def _norm(x: Any) -> Array:
     return np.sqrt(np.sum(_column(x) ** 2, axis=1))
 
 
+def _inv(A: Any) -> Matrix:
+    a = _as(A).a
+    if a.shape[1] != a.shape[2]:
+        raise ValueError(no_inverse(*a.shape[1:]))
+    return Matrix(np.asarray(np.linalg.inv(a), np.float64))
+
+
 class _SX:
     """`casadi.SX` and `casadi.DM` as far as equations use them."""
 
@@ -211,6 +218,9 @@ _FUNCTIONS: dict[str, Any] = {
     "logic_not": _one(np.logical_not),
     "densify": lambda x: x,
     "vec": lambda x: Matrix(_column(x)[:, :, None]),
+    "inv": _inv,
+    "pinv": lambda x: Matrix(np.linalg.pinv(x.a)),
+    "solve": lambda A, b: _inv(A) @ b,
     "trace": lambda x: np.trace(x.a, axis1=1, axis2=2),
     "SX": _SX(),
     "DM": _SX(),

@@ -28,6 +28,9 @@ from twin.spatial import Array
 _WHOLE = 12
 """Repairs of a kind that are tried in the whole formula, when there is a choice."""
 
+_SHARED = 3
+"""Edits of each group of rows that are tried beside a second one in the rows that are left."""
+
 _SAME = 1e-7
 """Relative difference below which two edited rows are the same function, off the mechanism's poses as well."""
 
@@ -45,6 +48,7 @@ class Search:
         self.targets = [p for p in bad if judge.step(p.equation).stage != "helper"] or bad
         self.failing = [key(p) for p in self.targets]
         self.tried = 0
+        self.senseless: list[tuple[Step, Edit]] = []  # give no number by themselves; beside another edit they may
         self.parameters = {p.name for p in judge.formula.parameters}
 
     # -- one edit ------------------------------------------------------------------------------------------
@@ -72,6 +76,8 @@ class Search:
                 candidate = self._everywhere([step, *others] if not edit.define else [step], [edit])
                 if candidate is not None:
                     out.append(candidate)
+                else:
+                    self.senseless.append((step, edit))
         return out
 
     def _calls(self, step: Step, source: Source) -> bool:
@@ -96,23 +102,34 @@ class Search:
                     candidate = self._everywhere(every, [edit])
                     if candidate is not None:
                         out.append(candidate)
+                    else:
+                        self.senseless.append((every[0], edit))
         return out
 
     def _everywhere(self, steps: list[Step], change: list[Edit]) -> Candidate | None:
         """Return the candidate of an edited helper, judged in every equation that calls it."""
-        first = self.attempt(steps[0], change)
-        if first is None:
-            return None
-        for step in steps[1:]:
+        first: Candidate | None = None
+        passed: set[str] = set()  # equations judged already, with all that led to them edited too
+        for step in sorted(steps, key=self.judge.steps.index):
+            if step.equation.name in passed:
+                continue
             c = self.attempt(step, change)
             if c is None:
-                first.broken = True
+                if first is not None:
+                    first.broken = True
                 return first
+            if step.source.name != change[0].function:
+                passed |= {k[0] for k in c.scores}
+            if first is None:
+                first = c
+                continue
             first.hollow |= c.hollow
             first.dropped = tuple(sorted({*first.dropped, *c.dropped}))
             first.scores |= {k: max(v, first.scores.get(k, 0.0)) for k, v in c.scores.items()}
             first.changed |= c.changed
             first.broken |= c.broken
+        if first is not None:
+            first.step = steps[0]
         return first
 
     def attempt(self, step: Step, change: list[Edit]) -> Candidate | None:
@@ -176,12 +193,13 @@ class Search:
         if left:
             deadline = time.monotonic() + budget
             while left:
-                k = left[0]
-                pairs, complete = self._pairs(k, singles, deadline) if budget > 0 else ([], False)
+                k, began = left[0], time.monotonic()
+                shared = [c for g in groups for c in self._exact(g, singles)[:_SHARED]]
+                pairs, complete = self._pairs(k, singles, shared, deadline) if budget > 0 else ([], False)
                 # What cures this row may cure others as well.
                 group = next((g for g in self._cover(pairs, left) if k in g), [])
                 f = self._found(group or [k], pairs if group else [], [*singles, *pairs])
-                f.complete = complete
+                f.complete, f.seconds = complete, time.monotonic() - began
                 out.append(f)
                 lost += [] if group else [k]
                 left = [x for x in left if x not in f.rows]
@@ -257,15 +275,16 @@ class Search:
 
     def _text(self, c: Candidate) -> str:
         parts = []
-        for i in sorted({e.statement for e in c.edits}):
-            source = self._source(c)
-            parts.append(f"{source.name}:{i}:{canonical(source, source.statements[i], c.edits)}")
+        for path, name, i in sorted({(e.path, e.function, e.statement) for e in c.edits}):
+            source = self._source(c, path, name)
+            mine = [e for e in c.edits if (e.path, e.function) == (path, name)]
+            parts.append(f"{name}:{i}:{canonical(source, source.statements[i], mine)}")
         return "; ".join(parts)
 
-    def _source(self, c: Candidate) -> Source:
-        if c.edits[0].function == c.step.source.name:
+    def _source(self, c: Candidate, path: Path, name: str) -> Source:
+        if (path, name) == (c.step.source.path, c.step.source.name):
             return c.step.source
-        return next(h.source for h in self.judge.helpers(c.step) if h.source.name == c.edits[0].function)
+        return next(h.source for h in self.judge.helpers(c.step) if (h.source.path, h.source.name) == (path, name))
 
     def _off_the_mechanism(self, c: Candidate, rows: list[Key]) -> dict[Key, Array] | None:
         """Return the residuals of a candidate where no mechanism is: they tell functions apart."""
@@ -277,7 +296,9 @@ class Search:
 
     # -- two edits --------------------------------------------------------------------------------------------
 
-    def _pairs(self, k: Key, singles: list[Candidate], deadline: float) -> tuple[list[Candidate], bool]:
+    def _pairs(
+        self, k: Key, singles: list[Candidate], shared: list[Candidate], deadline: float
+    ) -> tuple[list[Candidate], bool]:
         """Return pairs of edits near or at agreement: sums of effects of any kind, then all pairs of tokens."""
         mine = [c for c in singles if k in c.changed and c.changed[k].shape == self.raw[k].shape]
         mine = [c for c in mine if np.isfinite(c.changed[k]).all()]
@@ -306,6 +327,12 @@ class Search:
                 lo, hi = np.searchsorted(effect[order], [target - effect[i] - 20, target - effect[i] + 20])
                 for j in order[lo : min(hi, lo + 50)]:
                     add(c, mine[j])
+        for a in shared:  # what cures other rows already may be half of what cures this one
+            for b in singles:
+                if k in b.scores and time.monotonic() < deadline:
+                    add(a, b)
+        if any(c.serves and c.over([k], self.base) <= 1 for c in out):
+            return out, True
         complete = True
         for step, some in self._moving(k, singles):
             pairs = Pairs(self.judge, self.shaken, step, k, some)
@@ -321,19 +348,19 @@ class Search:
         """Return the edits of one token that move a row, by the equation that they are tried in."""
         mine = self.judge.step(k[0])
         called = {(h.source.path, h.source.name) for h in self.judge.helpers(mine)}
+        blind = not np.isfinite(self.raw[k]).all()  # then one edit alone may well move nothing
+        some = [(c.step, c.edits[0]) for c in singles if blind or _moves(c, k, self.raw[k])]
         out: dict[str, tuple[Step, list[Edit]]] = {}
-        for c in singles:
-            e, after = c.edits[0], c.changed.get(k)
-            if (
-                e.kind not in TOKENS
-                or e.kind == "left side"
-                or after is None
-                or np.array_equal(after, self.raw[k], equal_nan=True)
-            ):
-                continue
-            step = mine if (e.path, e.function) in called else c.step
-            out.setdefault(step.equation.name, (step, []))[1].append(e)
+        for first, e in [*some, *(self.senseless if mine.stuck else ())]:
+            if e.kind in TOKENS and e.kind != "left side":
+                step = mine if (e.path, e.function) in called else first
+                out.setdefault(step.equation.name, (step, []))[1].append(e)
         return sorted(out.values(), key=lambda x: x[0] is not mine)
+
+
+def _moves(c: Candidate, k: Key, raw: Array) -> bool:
+    after = c.changed.get(k)
+    return after is not None and not np.array_equal(after, raw)
 
 
 def _same(a: dict[Key, Array], b: dict[Key, Array]) -> bool:

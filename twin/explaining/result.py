@@ -42,7 +42,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Change:
-    """One edit of one line, as people and tools need it."""
+    """One edit, as people and tools need it: the line before, and as it reads when all is done."""
 
     file: str
     line: int
@@ -50,15 +50,23 @@ class Change:
     kind: str
     before: str
     after: str
-    diff: str
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Edits that, together, make the rows agree. `changes` has one entry, or two."""
+    """Edits that, together, make the rows agree.
+
+    Attributes:
+        changes: one, or two; `after` of each is its line with all of them made.
+        diff: all of them as one unified diff, with what they need defined.
+        note: what else is to be done by hand, or "".
+        dropped: symbols that a row depended on and does not after the edits.
+    """
 
     changes: tuple[Change, ...]
+    diff: str
     note: str = ""
+    dropped: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -75,6 +83,7 @@ class Repair:
         tie: why the paper or the data do not settle which, or "".
         tried: how many edits.
         complete: whether every edit of the kinds known here was tried.
+        seconds: how long pairs of edits were searched; 0 where one edit serves.
         note: what else is to be said, above all if there is no repair.
     """
 
@@ -88,6 +97,7 @@ class Repair:
     tried: int
     complete: bool
     note: str = ""
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True)

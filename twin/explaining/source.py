@@ -6,13 +6,14 @@ import ast
 import difflib
 import inspect
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from types import CodeType
 from typing import Any
 
 from twin.errors import KinematicsError
+from twin.explaining.tidy import tidy
 
 OUT = "_out_"
 """Name under which a run function leaves what it would return."""
@@ -81,10 +82,7 @@ class Statement:
 @lru_cache(maxsize=64)
 def _parsed(path: str, stamp: tuple[int, int]) -> tuple[bytes, ast.Module, tuple[int, ...]]:
     data = Path(path).read_bytes()
-    starts = [0]
-    for line in data.splitlines(keepends=True):
-        starts.append(starts[-1] + len(line))
-    return data, ast.parse(data, path), tuple(starts)
+    return data, ast.parse(data, path), tuple(_starts(data))
 
 
 class Source:
@@ -197,10 +195,51 @@ def apply(data: bytes, edits: Iterable[Edit], start: int, end: int) -> str:
 
 def patched(edits: Iterable[Edit]) -> str:
     """Return the whole file after edits of it; what they need is defined as well."""
-    edits = list(edits)
+    edits = list(dict.fromkeys(edits))
     data = edits[0].path.read_bytes()
     extra = {d for e in edits if e.define for d in definitions(data, e)}
-    return apply(data, [*dict.fromkeys(edits), *extra], 0, len(data))
+    return apply(data, [*finished(data, edits), *extra], 0, len(data))
+
+
+def finished(data: bytes, edits: list[Edit]) -> list[Edit]:
+    """Return edits of a file that lead to the same statements, tidied."""
+    tree = _tree(data)
+    starts = _starts(data)
+
+    def span(node: ast.stmt) -> tuple[int, int]:
+        assert node.end_lineno is not None
+        assert node.end_col_offset is not None
+        return starts[node.lineno - 1] + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
+
+    simple = [s for s in ast.walk(tree) if isinstance(s, ast.Assign | ast.AugAssign | ast.Return | ast.Expr)]
+    out, left = [], list(edits)
+    for statement in simple:
+        start, end = span(statement)
+        mine = [e for e in left if start <= e.start and e.end <= end]
+        if not mine:
+            continue
+        left = [e for e in left if e not in mine]
+        text, made, shift = apply(data, mine, start, end).encode(), [], 0
+        for e in sorted(mine, key=lambda e: (e.start, e.end)):
+            new = len(e.new.encode())
+            made.append((e.start - start + shift, e.start - start + shift + new))
+            shift += new - (e.end - e.start)
+        new = tidy(text, made)
+        whole = replace(mine[0], start=start, end=end, old=data[start:end].decode(), new=new.decode(), define=None)
+        out += mine if new == text else [whole]
+    return out + left
+
+
+@lru_cache(maxsize=8)
+def _tree(data: bytes) -> ast.Module:
+    return ast.parse(data)
+
+
+def _starts(data: bytes) -> list[int]:
+    out = [0]
+    for line in data.splitlines(keepends=True):
+        out.append(out[-1] + len(line))
+    return out
 
 
 def diff(edits: Iterable[Edit], shown: str | None = None) -> str:
@@ -219,10 +258,8 @@ def definitions(data: bytes, edit: Edit) -> list[Edit]:
     """Return the edits that define what an edit needs: an alias beside its like, or one more argument."""
     assert edit.define is not None
     name, expression = edit.define
-    tree = ast.parse(data)
-    starts = [0]
-    for line in data.splitlines(keepends=True):
-        starts.append(starts[-1] + len(line))
+    tree = _tree(data)
+    starts = _starts(data)
 
     def end(node: ast.AST) -> int:
         return starts[node.end_lineno - 1] + node.end_col_offset  # type: ignore[attr-defined]

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from twin.errors import no_inverse
 from twin.formula.functions import if_else, plain
 from twin.formula.scalar import Scalar
 
@@ -174,12 +175,21 @@ def _det(A: Any) -> Any:
 
 def _inv(A: Any) -> Any:
     A = np.asarray(A)
+    if A.ndim == 2 and A.shape[0] != A.shape[1]:
+        raise ValueError(no_inverse(*A.shape))
     kind = _kind(A)
     if kind is None:
         return np.linalg.inv(_numbers(A))
     n, det = len(A), _det(A)
     rows = [[(-1.0) ** (i + j) * _det(_without(A, j, i)) / det for j in range(n)] for i in range(n)]
     return _boxed(rows, kind)
+
+
+def _pinv(A: Any) -> Any:
+    A = np.asarray(A)
+    if _kind(A) is None:
+        return np.linalg.pinv(_numbers(A))
+    return A.T @ _inv(A @ A.T) if A.shape[0] < A.shape[1] else _inv(A.T @ A) @ A.T
 
 
 def _solve(A: Any, b: Any) -> Any:
@@ -190,7 +200,7 @@ def _without(A: np.ndarray, i: int, j: int) -> np.ndarray:
     return np.delete(np.delete(A, i, 0), j, 1)
 
 
-_LINALG = _Space(np.linalg, det=_det, inv=_inv, solve=_solve)
+_LINALG = _Space(np.linalg, det=_det, inv=_inv, pinv=_pinv, solve=_solve)
 _NUMPY = _Space(
     np,
     **{n: _filled_later(getattr(np, n)) for n in _MAKE},

@@ -42,8 +42,11 @@ class PlainRows(ABC):
         known: Iterable[str],
         pose: str,
         casadi: bool,
+        unread: Iterable[str] = (),
     ) -> None:
         """Check the arguments of a function against the symbols that it may ask for.
+
+        `unread` are those that have a value and that no function asks for: where one is missing, they are meant.
 
         Raises:
             KinematicsError: an argument is not known; with file and line.
@@ -60,7 +63,7 @@ class PlainRows(ABC):
             if p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD, p.POSITIONAL_ONLY):
                 raise self.error(f"{name}() takes its arguments by name: replace '{p}' by names", self.line)
             if p.name not in known:
-                raise self.error(f"{name}() asks for '{p.name}'; {unknown('symbol', p.name, known)}", self.line)
+                raise self.error(f"{name}() asks for '{p.name}'; {unknown('symbol', p.name, known, unread)}", self.line)
             self.asked.append(p.name)
         wanted: list[str] = []
         for n in self.asked:

@@ -229,6 +229,13 @@ def arguments(function: Rows) -> tuple[list[str], list[str]]:
     return required, optional
 
 
+def unread(formula: Formula, chosen: Mapping[str, str]) -> list[str]:
+    """Return the parameters that no equation asks for, in the chosen variants: given, and of no use."""
+    functions = [e.variants[chosen.get(e.name, e.default)] for e in formula.equations]
+    read = {n for f in (*functions, formula.characteristic_length) for names in arguments(f) for n in names}
+    return [p.name for p in formula.parameters if p.name not in read]
+
+
 def _check_coordinates(formula: Formula, fail: Callable[[str], None]) -> None:
     c = formula.coordinates
     _unique(fail, "coordinate", c.names)
@@ -258,8 +265,13 @@ def _check_equations(formula: Formula, fail: Callable[[str], None]) -> None:
 
 
 def _unique(fail: Callable[[str], None], kind: str, names: Iterable[str]) -> None:
-    seen: set[str] = set()
-    for name in names:
+    seen: dict[str, int] = {}
+    names = list(names)
+    for i, name in enumerate(names, 1):
         if name in seen:
-            fail(f"two {kind} entries are named '{name}'.")
-        seen.add(name)
+            count = len(set(names))
+            fail(
+                f"two {kind} entries are named '{name}', number {seen[name]} and number {i}: {len(names)} entries have "
+                f"{count} names. Each needs one of its own."
+            )
+        seen[name] = i

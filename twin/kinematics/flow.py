@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
-from twin.errors import KinematicsError, unknown
+from twin.errors import KinematicsError, no_inverse, unknown
 from twin.kinematics import symbolic
-from twin.kinematics.contract import POSE_SYMBOL, Equation, Formula, Rows, Stage, arguments
+from twin.kinematics.contract import POSE_SYMBOL, Equation, Formula, Rows, Stage, arguments, unread
 from twin.spatial import Array
 
 if TYPE_CHECKING:
     from twin.compiled import Kernel
+
+_SQUARE = re.compile(r"not square but (\d+)x(\d+)")
+"""How CasADi refuses to invert a matrix."""
 
 _MANY = 20_000
 """Rows from which a kernel is worth compiling."""
@@ -59,8 +63,8 @@ def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[s
     return chosen
 
 
-def call(function: Rows, symbols: Mapping[str, Any], what: str) -> Any:
-    """Call a function of symbols by name.
+def call(function: Rows, symbols: Mapping[str, Any], what: str, unread: Sequence[str] = ()) -> Any:
+    """Call a function of symbols by name; `unread` are names of which one is probably meant where a symbol is missing.
 
     Raises:
         KinematicsError: if it needs a symbol that is not there, or fails; with its file and line.
@@ -69,13 +73,19 @@ def call(function: Rows, symbols: Mapping[str, Any], what: str) -> Any:
     required, optional = arguments(function)
     for name in required:
         if name not in symbols:
-            raise KinematicsError(f"{what} needs {unknown('symbol', name, symbols).removeprefix('there is no ')}")
+            text = unknown("symbol", name, symbols, unread).removeprefix("there is no ")
+            raise KinematicsError(f"{what} needs {text}")
     try:
         return function(**{n: symbols[n] for n in (*required, *optional) if n in symbols})
     except KinematicsError:
         raise
     except Exception as error:
-        raise KinematicsError(f"{what} fails at {_where(error, function)}: {error}") from error
+        raise KinematicsError(f"{what} fails at {_where(error, function)}: {_told(error)}") from error
+
+
+def _told(error: Exception) -> str:
+    square = _SQUARE.search(str(error))
+    return no_inverse(int(square[1]), int(square[2])) if square else str(error)
 
 
 def run(formula: Formula, chosen: Mapping[str, str], symbols: Mapping[str, Any], stage: Stage) -> dict[str, Any]:
@@ -151,7 +161,8 @@ def _outputs(formula: Formula, equation: Equation, function: Rows, symbols: Mapp
     required, _ = arguments(function)
     implicit = [n for n in equation.outputs if n in required and n not in symbols]
     unknowns = {n: ca.SX.sym(n) for n in implicit}
-    values = call(function, {**symbols, **unknowns}, what)
+    given = {**symbols, **unknowns}
+    values = call(function, given, what, () if given.keys() >= set(required) else unread(formula, {}))
     values = list(values) if isinstance(values, tuple | list) else [values]
     if len(values) != len(equation.outputs):
         raise KinematicsError(

@@ -73,6 +73,7 @@ def plain_formula(
     asked = {n for f in FUNCTIONS if isinstance(functions.get(f), FunctionType) for n in _arguments(functions[f])}
     coordinates = _coordinates({*names, *(p.name for p in parameters)}, asked)
     known = [*coordinates.names, *(p.name for p in parameters)]
+    unread = [p.name for p in parameters if p.name not in asked]
 
     def rows(which: str, more: Sequence[str] = ()) -> _Rows | None:
         f = values.get(which)
@@ -82,7 +83,7 @@ def plain_formula(
             raise KinematicsError(
                 f"{path}:{_line_of(path, which)}: {which} must be a function, not {type(f).__name__}."
             )
-        return _Rows(which, path, functions[which], names, [*known, *more], POSE_SYMBOL, casadi)
+        return _Rows(which, path, functions[which], names, [*known, *more], POSE_SYMBOL, casadi, unread)
 
     points = rows("points")
     if points is not None:

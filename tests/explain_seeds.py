@@ -1,0 +1,311 @@
+"""Faults for `twin explain`: which robots, how tokens of their equations are changed, and what counts as undone."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import importlib.util
+import inspect
+import io
+import re
+import tokenize
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+SWAPS = {"sin": "cos", "cos": "sin", "acos": "asin", "asin": "acos", "+": "-", "-": "+", "*": "/", "/": "*"}
+STRANGERS = Path(__file__).parent / "data/strangers"
+
+
+@dataclasses.dataclass
+class Case:
+    """A formula that is right, what its mechanism knows, and how another file of it is loaded."""
+
+    name: str
+    path: Path
+    formula: object
+    truth: object
+
+    def load(self, path):
+        from twin.robots import load_formula
+
+        joints = [(j.name, j.kind == "revolute") for j in self.formula.joints]
+        return load_formula(path, self.name, lambda: (joints, np.eye(4), None), trial=True)
+
+    def changed(self, **by):
+        """The case with parameters changed: the mechanism has other dimensions than the formula."""
+        symbols = self.truth.symbols
+        return self.truth.with_parameters({n: symbols[n] + d for n, d in by.items()})
+
+
+def built_in(name):
+    from twin import api
+    from twin.explaining.explain import known
+    from twin.robots import load_formula
+
+    formula = load_formula(name)
+    path = Path(inspect.getfile(inspect.unwrap(formula.equations[0].variants[formula.equations[0].default])))
+    return Case(name, path, formula, known(formula, api.load(name).reference()))
+
+
+def stranger(path):
+    """A plain formula of another robot; its mechanism is the formula itself, run as ordinary Python on numbers."""
+    from twin.explaining.numeric import Matrix, Rebuilder
+    from twin.explaining.truth import SAMPLES, Truth
+
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    poses, joints = POSES[path.stem]
+    case = Case(path.stem, path, _Joints(joints), None)
+    formula = case.load(path)
+    values = {p.name: float(p.value) for p in formula.parameters}
+    Ts = poses(np.random.default_rng(3), SAMPLES)
+    q = np.array([module.inverse(T, **values) for T in Ts])
+    assert np.isfinite(q).all()
+    symbols = {**values, "T_base_tool": Matrix(Ts)}
+    kinds = {"T_base_tool": "pose"}
+    c = formula.coordinates
+    for name, unit, x in zip(c.names, c.units, Rebuilder().function(c.from_pose)(Matrix(Ts)), strict=True):
+        symbols[name], kinds[name] = x, "angle" if unit == "rad" else "length"
+    for i, (name, angle) in enumerate(joints):
+        symbols[name], kinds[name] = q[:, i], "angle" if angle else "length"
+    truth = Truth(symbols, kinds, SAMPLES, Ts, None, tuple(zip(c.names, c.units, strict=True)), {})
+    return Case(path.stem, path, formula, truth)
+
+
+class _Joints:
+    """Just enough of a formula to load another one with the same joints."""
+
+    def __init__(self, joints):
+        from twin.kinematics.contract import ActiveJoint
+
+        self.joints = [ActiveJoint(n, "revolute" if angle else "prismatic") for n, angle in joints]
+
+
+def _poses(centre, spread, tilt=0.0):
+    def draw(rng, k):
+        from scipy.spatial.transform import Rotation
+
+        T = np.tile(np.eye(4), (k, 1, 1))
+        T[:, :3, 3] = np.array(centre) + np.array(spread) * rng.uniform(-1, 1, (k, 3))
+        T[:, :3, :3] = Rotation.from_rotvec(tilt * rng.uniform(-1, 1, (k, 3))).as_matrix()
+        return T
+
+    return draw
+
+
+POSES = {
+    "delta": (_poses((0, 0, -0.45), (0.08, 0.08, 0.05)), [(f"q{i}", True) for i in (1, 2, 3)]),
+    "five_bar": (_poses((0.02, 0.2, 0), (0.05, 0.04, 0)), [("q1", True), ("q2", True)]),
+    "stewart": (_poses((0, 0, 0.6), (0.05, 0.05, 0.05), 0.2), [(f"q{i}", False) for i in range(1, 7)]),
+}
+
+
+# ------------------------------------------------------------------------------------------------------ faults
+
+
+def functions(formula):
+    """The functions of a formula's file that its equations, in their default variants, are made of."""
+    found, todo = [], [inspect.unwrap(e.variants[e.default]) for e in formula.equations if e.stage != "helper"]
+    home = todo[0].__globals__
+    while todo:
+        f = todo.pop(0)
+        if f not in found and f.__globals__ is home:
+            found.append(f)
+            todo += [home[n] for n in f.__code__.co_names if inspect.isfunction(home.get(n))]
+    return found
+
+
+def faults(f, rng, count):
+    """So many tokens of a function changed: [(line, column, old, new)], or None for a draw that changes nothing."""
+    source, first = inspect.getsourcelines(f)
+    tree = ast.parse("".join(source)).body[0]
+    start = tree.body[1].lineno if isinstance(tree.body[0], ast.Expr) else tree.body[0].lineno
+    arguments = f.__code__.co_varnames[: f.__code__.co_argcount]
+    names = sorted({*arguments, *re.findall(r"\b([A-Za-z_]\w*) = ", "".join(source))})
+    tokens = [
+        t
+        for t in tokenize.generate_tokens(io.StringIO("".join(source)).readline)
+        if t.start[0] >= start and t.type in (tokenize.NAME, tokenize.OP, tokenize.NUMBER)
+    ]
+    stored = (n for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store))
+    assigned = {(n.lineno, n.col_offset) for n in stored}
+    usable = []
+    for i, t in enumerate(tokens):
+        s = t.string
+        if t.start in assigned:
+            continue
+        if s in SWAPS:
+            if not (s in "+-" and tokens[i - 1].string in ("(", ",", "=", "return", "*", "/", "[")):
+                usable.append((t, [SWAPS[s]]))
+            else:
+                usable.append((t, [" "]))  # a sign lost
+        elif t.type == tokenize.NUMBER:
+            n = ast.literal_eval(s)
+            usable.append((t, [str(x) for x in (n + 1, 2 * n, max(n - 1, 0)) if x != n]))
+        elif s in names and tokens[min(i + 1, len(tokens) - 1)].string != "(":
+            alike = [n for n in names if n != s and re.sub(r"\d", "", n) == re.sub(r"\d", "", s)]
+            usable.append((t, alike or [n for n in names if n != s]))
+    if len(usable) < count:
+        return None
+    out = []
+    for i in rng.choice(len(usable), count, replace=False):
+        t, news = usable[i]
+        if not news:
+            return None
+        out.append((first + t.start[0] - 1, t.start[1], t.string, news[rng.integers(len(news))]))
+    return sorted(out)
+
+
+def seeded(case, path, rng, count=1):
+    """A file with faults in one function of it, what was done; None for a draw that changes nothing."""
+    choices = functions(case.formula)
+    f = choices[rng.integers(len(choices))]
+    done = faults(f, rng, count)
+    if done is None:
+        return None
+    text = Path(f.__code__.co_filename).read_text(encoding="utf-8")
+    lines = text.splitlines(keepends=True)
+    for line, column, old, new in reversed(done):
+        row = lines[line - 1]
+        lines[line - 1] = row[:column] + new + row[column + len(old) :]
+    path.write_text("".join(lines), encoding="utf-8")
+    return "; ".join(f"{f.__name__}:{line}: {old} -> {new.strip() or '(nothing)'}" for line, _, old, new in done)
+
+
+# ------------------------------------------------------------------------------------------------------ verdicts
+
+
+def same_function(formula, other, truth):
+    """Whether two formulas say the same, also where no mechanism is."""
+    from twin.explaining.judge import Judge, worst
+
+    shaken = truth.perturbed(5)
+    a, b = (
+        {(p.equation, p.symbol): r for p, r in Judge(x, None, shaken).residuals.items() if worst(r) != 0}
+        for x in (formula, other)
+    )
+    if a.keys() != b.keys():
+        return False
+    for k in a:
+        if not np.array_equal(np.isfinite(a[k]), np.isfinite(b[k])):
+            return False
+        size = np.nanmax(np.abs(a[k]), initial=1.0)
+        if not np.nanmax(np.abs(a[k] - b[k]), initial=0.0) <= 1e-7 * size:
+            return False
+    return True
+
+
+def outcome(case, faulty, folder, budget):
+    """How a fault was explained: "rank 1", "tie", or why it was not; "no fault", "no formula" if there is none."""
+    from twin.explaining.judge import Judge
+    from twin.explaining.repair import Search
+    from twin.explaining.source import patched
+
+    truth = case.truth
+    judge, whole = Judge(faulty, None, truth), Judge(case.formula, None, truth)
+    if {s.equation.name for s in judge.steps if s.missing} != {s.equation.name for s in whole.steps if s.missing}:
+        return "no formula"  # it does not even run: Python says so by itself
+    if not judge.failing():
+        return "no fault"
+    found, lost = Search(judge).run(budget)
+    if lost:
+        return f"nothing exact found for {lost}"
+
+    def repaired(pick, name):
+        chosen = [c.edits for f, c in pick]
+        edits = [e for change in chosen for e in change if e.kind != "left side"]
+        if not edits:
+            return False
+        path = folder / f"{name}.py"
+        path.write_text(patched(edits), encoding="utf-8")
+        return same_function(case.formula, case.load(path), truth)
+
+    best = [(f, f.ways[0][0]) for f in found]
+    single = all(len(f.ways) == 1 for f in found)
+    if repaired(best, "best"):
+        return "rank 1" if single else "tie"
+    if single:
+        return "another function fits: " + "; ".join(e.text for _, c in best for e in c.edits)
+    for i in range(1, max(len(f.ways) for f in found)):
+        if repaired([(f, f.ways[min(i, len(f.ways) - 1)][0]) for f in found], f"way{i}"):
+            return "tie"
+    return "a tie without the truth in it: " + "; ".join(e.text for _, c in best for e in c.edits)
+
+
+# ------------------------------------------------------------------------------------------------------ tautologies
+
+
+class Slopes:
+    """Derivatives of one row by all that it reads, by CasADi: it shares nothing with the search."""
+
+    def __init__(self, formula, equation, values):
+        """Take the equation, and values of its arguments (k, ...) to evaluate at."""
+        e = next(e for e in formula.equations if e.name == equation)
+        f = e.variants[e.default]
+        self.outputs = list(e.outputs)
+        self.symbols, self.at = {}, {}
+        for name in inspect.signature(f).parameters:
+            if name in values:
+                a = np.atleast_1d(np.asarray(getattr(values[name], "a", values[name]), float))
+                self.symbols[name] = ca.SX.sym(name, *a.shape[1:])
+                self.at[name] = a
+        self.values = f(**self.symbols)
+        if not isinstance(self.values, tuple | list):
+            self.values = [self.values]
+
+    def of(self, output, left=""):
+        """Return {symbol: largest slope} of a row: its value, less the symbol on its left if that is read too."""
+        row = ca.vec(ca.SX(self.values[self.outputs.index(output)]))
+        unknown = left or output
+        if unknown in self.symbols:
+            row = row - ca.vec(self.symbols[unknown])
+        names = list(self.symbols)
+        J = [ca.densify(ca.jacobian(row, ca.vec(self.symbols[n]))) for n in names]
+        fun = ca.Function("J", [self.symbols[n] for n in names], J)
+        out = dict.fromkeys(names, 0.0)
+        k = max(len(a) for a in self.at.values())
+        for i in range(0, k, max(k // 6, 1)):
+            got = fun(*(self.at[n][min(i, len(self.at[n]) - 1)] for n in names))
+            for n, g in zip(names, got if isinstance(got, tuple | list) else [got], strict=True):
+                g = np.abs(np.array(g))
+                g = g[np.isfinite(g)]
+                out[n] = max(out[n], float(g.max(initial=0.0)))
+        return out
+
+
+def empty(case, judge, faulty, candidate, rows, folder):
+    """Return what a cure has lost without saying so: a symbol that a row read, or its own unknown; "" if nothing."""
+    from twin.explaining.source import patched
+
+    edits = [e for e in candidate.edits if e.kind != "left side"]
+    path = folder / "cure.py"
+    path.write_text(patched(edits) if edits else candidate.edits[0].path.read_text(encoding="utf-8"), encoding="utf-8")
+    cured = case.load(path)
+    left = {(e.statement, e.old): e.new for e in candidate.edits if e.kind == "left side"}
+    for place in judge.residuals:
+        if (place.equation, place.statement, place.position) not in rows:
+            continue
+        step = judge.step(place.equation)
+        if not step.before:
+            continue
+        on, off = ({**step.computed, **t.symbols} for t in (judge.truth, judge.truth.perturbed(11)))
+        was, now, far = {}, {}, {}
+        for values, into in ((on, now), (off, far)):
+            into.update(
+                Slopes(cured, place.equation, values).of(place.symbol, left.get((place.statement, place.symbol), ""))
+            )
+            for n, x in Slopes(faulty, place.equation, values).of(place.symbol).items():
+                was[n] = max(was.get(n, 0.0), x)
+        lost = {n for n, x in was.items() if x > 1e-9 and max(now.get(n, 0.0), far.get(n, 0.0)) < 1e-12}
+        lost -= set(candidate.dropped)
+        for output in set(candidate.dropped) & set(step.equation.outputs):  # and all that was read only through it
+            lost -= {n for n, x in Slopes(faulty, place.equation, on).of(output).items() if x}
+        if lost or max(*now.values(), *far.values()) < 1e-12:
+            return f"{place.symbol} lost {sorted(lost)}: " + "; ".join(e.text for e in candidate.edits)
+        unknown = [n for n in step.equation.outputs if n in now]
+        if place.symbol in unknown and max(now[n] for n in unknown) < 1e-9:
+            return f"{place.symbol} does not settle {unknown}: " + "; ".join(e.text for e in candidate.edits)
+    return ""
