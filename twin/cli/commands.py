@@ -57,7 +57,8 @@ def list_robots(args: argparse.Namespace) -> int:
 
 def info(args: argparse.Namespace) -> int:
     """Print joints, limits, frames, degrees of freedom and parameters."""
-    robot = api.load(args.robot)
+    robot = api.load(args.robot, tool=args.tool)
+    show.told(robot, args.quiet)
     if args.inertia:
         from twin.cli.inertia import run as run_inertia
 

@@ -6,13 +6,16 @@ import contextlib
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from twin.findings import Finding, by_severity
 from twin.units import DEG, MM
 from twin.validation.result import Report, as_json
 
-__all__ = ["as_json", "finding", "info", "progress", "report", "table"]
+if TYPE_CHECKING:
+    from twin.api import Robot
+
+__all__ = ["as_json", "finding", "info", "progress", "report", "table", "told"]
 
 _MARKS = {"error": "✖", "disagreement": "✖", "warning": "▲", "info": "·"}
 _VERDICTS = {
@@ -20,6 +23,12 @@ _VERDICTS = {
     "disagree": "DISAGREE",
     "unchecked": "UNCHECKED: something could not be judged",
 }
+
+
+def told(robot: Robot, quiet: bool) -> None:
+    """Print what was taken for the tool of a stage that names none, beside what the command prints."""
+    if not quiet and robot.told:
+        print(f"  {robot.told} Choose another with --tool.", file=sys.stderr)
 
 
 @contextlib.contextmanager

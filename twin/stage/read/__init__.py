@@ -4,6 +4,7 @@
     bodies     meshes, colours, masses, named frames and points
     joints     joints, limits, drives, the base
     motion     baked poses, at their own time codes
+    tool       the tool of a stage that names none
 
 Nothing here imports the writer: what comes back is what any reader would see, joint frames in single
 precision included.
