@@ -27,12 +27,14 @@ class Imported:
         findings: see above.
         efforts: largest effort in N or N m that the file gives a joint without saying its gains.
         assumed: joints whose drives are nobody's numbers.
+        posed: whether the file says where the bodies rest; a URDF gives joints alone.
     """
 
     mechanism: Mechanism
     findings: list[Finding] = field(default_factory=list)
     efforts: dict[str, float] = field(default_factory=dict)
     assumed: frozenset[str] = frozenset()
+    posed: bool = True
 
 
 class Names:
