@@ -139,7 +139,8 @@ def test_command_takes_a_file_alone_and_tells_json(tmp_path, capsys, monkeypatch
         (["arm", "--from", "nowhere.urdf"], "there is no such file"),
         (["arm", "--from", "robot.txt"], "'.txt' is not read"),
         (["arm", "--from", str(MODELS / "fourbar.xml"), "--closures", "x.yaml"], "a closure YAML belongs to a URDF"),
-        (["arm", "--from", str(MODELS / "fourbar.xml"), "--root", "/a"], "a root prim is chosen on a USD stage only"),
+        (["arm", "--from", str(MODELS / "fourbar.xml"), "--root", "/a"], "--root: there is no body '/a'"),
+        (["arm", "--from", str(MODELS / "fourbar.urdf"), "--root", "a"], "a URDF holds one robot: there is no root"),
         (["arm", "--from", str(DATA.parent / "cad/crank.step"), "--root", "/a"], "neither a closure YAML nor prims"),
     ],
 )

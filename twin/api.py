@@ -57,9 +57,10 @@ class Robot:
         stage: Path | None = None,
         variants: Mapping[str, str] | str | None = None,
         parameters: Mapping[str, float] | None = None,
+        tool: str | None = None,
     ) -> None:
         self.files = files
-        self._stage = stage
+        self._stage, self._tool = stage, tool
         self._variants, self._parameters = variants, parameters
         self._trocar: Array | None = None
         self._is_weighed = False
@@ -84,11 +85,20 @@ class Robot:
     @cached_property
     def mechanism(self) -> Mechanism:
         """Bodies, joints and loops, from the CAD or from the stage."""
-        if self._stage is not None:
-            from twin.stage.read import read_stage
+        return self._staged[0] if self._stage is not None else self.cad.mechanism
 
-            return read_stage(self._stage)
-        return self.cad.mechanism
+    @cached_property
+    def _staged(self) -> tuple[Mechanism, str]:
+        from twin.stage.read import read_stage
+        from twin.stage.read.tool import with_tool
+
+        assert self._stage is not None
+        return with_tool(read_stage(self._stage), self._tool)
+
+    @property
+    def told(self) -> str:
+        """What was taken for the tool of a stage that names none; empty for any other robot."""
+        return self._staged[1] if self._stage is not None else ""
 
     def kinematics(
         self, variants: Mapping[str, str] | str | None = None, parameters: Mapping[str, float] | None = None
@@ -226,7 +236,7 @@ class Robot:
                 "its RCM is where an insertion begins; leave trocar_mm out"
             )
         at = dict(zip(("trocar_x", "trocar_y", "trocar_z"), map(float, protocol.trocar), strict=True))
-        out = Robot(self.files, self._stage, self._variants, {**(self._parameters or {}), **at})
+        out = Robot(self.files, self._stage, self._variants, {**(self._parameters or {}), **at}, self._tool)
         out._trocar, out._is_weighed = protocol.trocar, self._is_weighed
         mechanism = self.mechanism.with_trocar(protocol.trocar)
         if self.files is not None:
@@ -289,6 +299,7 @@ def load(
     *,
     variants: Mapping[str, str] | str | None = None,
     parameters: Mapping[str, float] | None = None,
+    tool: str | None = None,
 ) -> Robot:
     """Return a robot.
 
@@ -296,15 +307,18 @@ def load(
         robot: the name of a built-in robot, the path of a robot folder, or of a USD stage (mechanism only).
         variants: variant by equation, or one name for all; default: each equation's own.
         parameters: values in SI that replace published ones in the equations.
+        tool: frame or body of a stage that is its tool; default what the stage says, else the end of its longest chain.
 
     Raises:
-        TwinError: there is no such robot.
+        TwinError: there is no such robot, or it is no stage and says itself what its tool is.
     """
     path = Path(robot)
     if path.suffix in STAGE_SUFFIXES:
         if not path.is_file():
             raise TwinError(f"{path}: there is no such stage")
-        return Robot(None, path, variants, parameters)
+        return Robot(None, path, variants, parameters, tool)
+    if tool is not None:
+        raise TwinError(f"{robot} is no USD stage: its description says what its tool is")
     return Robot(assets.files(robot), None, variants, parameters)
 
 

@@ -69,7 +69,8 @@ def info(args: argparse.Namespace) -> int:
         if args.inertia:
             raise TwinError(f"--inertia judges one robot: {args.robot} is a scene")
         return scene.info(file, args)
-    robot = api.load(args.robot)
+    robot = api.load(args.robot, tool=args.tool)
+    show.told(robot, args.quiet)
     if args.inertia:
         from twin.cli.inertia import run as run_inertia
 

@@ -31,7 +31,8 @@ def export(args: argparse.Namespace) -> int:
         budget = Budget(
             args.budget_um * UM, budget.rotation * args.budget_um * UM / budget.position, args.budget_um * UM
         )
-    robot = api.load(args.robot)
+    robot = api.load(args.robot, tool=args.tool)
+    show.told(robot, args.quiet)
     with show.progress(args.quiet or args.json) as progress:
         bundle = api.export(
             robot,

@@ -89,6 +89,13 @@ def parser() -> argparse.ArgumentParser:
     def robot(sub: argparse.ArgumentParser) -> None:
         sub.add_argument("robot", help="a built-in robot (see `twin list`), or the path of a robot folder")
 
+    def tool(sub: argparse.ArgumentParser) -> None:
+        sub.add_argument(
+            "--tool",
+            metavar="NAME",
+            help="frame or body that is the tool of a USD stage (default: its own, or its end)",
+        )
+
     def out(sub: argparse.ArgumentParser, default: str) -> None:
         sub.add_argument("--out", metavar="FOLDER", help=f"where to write (default {default})")
 
@@ -116,6 +123,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin info pa10 --inertia        can bodies have the masses that are stated of them?",
     )
     robot(sub)
+    tool(sub)
     sub.add_argument("--inertia", action="store_true", help="judge masses and inertias instead: CAD, stage, tables")
 
     sub = add(
@@ -210,6 +218,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--port", type=_port, default=8080, help="where the page is served (default 8080; 0 takes any)")
     sub.add_argument("--host", default="127.0.0.1", help="address to serve on (default 127.0.0.1: this machine alone)")
     sub.add_argument("--no-browser", action="store_true", help="open no browser")
+    tool(sub)
     sub.add_argument("--html", metavar="FILE", help="write a recording of the protocol instead, and end")
 
     sub = add(
@@ -307,7 +316,9 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("name", help="of the robot: lower-case letters, digits and _; or the file itself")
     sub.add_argument("--from", dest="source", metavar="FILE", help=".urdf, .xml (MJCF), .sdf, .usd* or .step")
     sub.add_argument("--closures", metavar="FILE", help="closure YAML of a URDF (default: the .yaml beside it)")
-    sub.add_argument("--root", metavar="PRIM", help="prim path of the robot on a stage that holds several")
+    sub.add_argument(
+        "--root", metavar="NAME", help="which robot of several: a prim path (USD), model (SDF) or body (MJCF)"
+    )
     sub.add_argument("--force", action="store_true", help="write over a robot folder; equations and protocols stay")
     out(sub, "./<name>/")
 
@@ -321,6 +332,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin export usd/pa10/pa10_circle.usda         a stage, with the motion that is baked in it",
     )
     sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or of a USD stage")
+    tool(sub)
     out(sub, "./twin-out/<robot>/export/")
     sub.add_argument(
         "--to", metavar="FORMATS", help="of usd, usdz, glb, unity, tracks, mjcf, urdf; by commas (default all of them)"

@@ -6,14 +6,17 @@ import contextlib
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from twin.findings import Finding, by_severity
 from twin.units import DEG, MM
 from twin.validation.cause import SIDES, Cause
 from twin.validation.result import Report, as_json, headline
 
-__all__ = ["as_json", "finding", "info", "progress", "report", "table", "verdict_line", "way_out"]
+if TYPE_CHECKING:
+    from twin.api import Robot
+
+__all__ = ["as_json", "finding", "info", "progress", "report", "table", "told", "verdict_line", "way_out"]
 
 _MARKS = {"error": "✖", "disagreement": "✖", "warning": "▲", "info": "·"}
 _VERDICTS = {
@@ -24,6 +27,12 @@ _VERDICTS = {
 
 
 _WITHOUT = "AGREE: mechanism and stage tell the same story; there are no equations yet to judge"
+
+
+def told(robot: Robot, quiet: bool) -> None:
+    """Print what was taken for the tool of a stage that names none, beside what the command prints."""
+    if not quiet and robot.told:
+        print(f"  {robot.told} Choose another with --tool.", file=sys.stderr)
 
 
 @contextlib.contextmanager

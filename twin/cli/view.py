@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from twin import api, assets
 from twin.cli import scene as scenes
+from twin.cli import show
 from twin.errors import TwinError
 
 if TYPE_CHECKING:
@@ -92,7 +93,8 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor]
     """Return what is to be shown, and how it is loaded; a wrong name is told here, before anything opens."""
     file = scenes.find(args.robot)
     if file is None:
-        robot = api.load(args.robot)
+        robot = api.load(args.robot, tool=args.tool)
+        show.told(robot, args.quiet)
         if args.protocol is not None:
             robot.protocol(args.protocol)
 
@@ -103,6 +105,8 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor]
             return [Actor(robot.name, str(args.robot), Desk(robot), protocol=args.protocol)], None
 
         return robot.name, load_robot
+    if args.tool is not None:
+        raise TwinError(f"{args.robot} is a scene: its robots say what their tools are")
     if args.protocol is not None:
         raise TwinError(f"{args.robot} is a scene: its file says what each robot plays; leave the protocol out")
     from twin.scene.load import load_scene
@@ -121,7 +125,6 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor]
 
 
 def _page(front: Front, path: Path, quiet: bool) -> int:
-    from twin.cli import show
     from twin.viewer import recording
 
     with show.progress(quiet) as progress:

@@ -147,8 +147,8 @@ def explain(
         notes += [f"not judged: {text}" for text in covered.left]
         done = covered.rows - len(covered.left)
         return Explanation(
-            robot, chosen, verdict, not off, judge.truth.k, tuple(unvalued(judge)), off, notes=tuple(notes), seconds=seconds,
-            judged=done, rows_of_formula=covered.rows,
+            robot, chosen, verdict, not off, judge.truth.k, tuple(unvalued(judge)), off, notes=tuple(notes),
+            seconds=seconds, judged=done, rows_of_formula=covered.rows,
         )  # fmt: skip
     progress("invariants", 0.0)
     found_invariants = (*unvalued(judge), *invariants(judge, model))

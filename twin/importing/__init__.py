@@ -4,8 +4,8 @@
     xml        XML that names file and element when it is wrong
     shapes     boxes, cylinders, spheres and mesh files as meshes of a body
     urdf       URDF, with loops from a closure YAML beside it (closures)
-    mjcf       MJCF with equality constraints, as MuJoCo compiles it
-    sdf        SDF
+    mjcf       MJCF with equality constraints, as MuJoCo compiles it; mjcf_robots: one of several
+    sdf        SDF; sdf_world: one model of several, includes and nested models written out
     usd        UsdPhysics stages
     guard      native parsers tried in a process of their own first
     closing    the loops closed, and what stays open
@@ -57,7 +57,7 @@ def read(path: Path, closures: Path | None = None, root: str | None = None, guar
     Args:
         path: the file.
         closures: the closure YAML of a URDF; None: the .yaml of the same name beside it, if there is one.
-        root: prim path of the robot on a USD stage that holds several.
+        root: which robot of several: its prim path (USD), model (SDF) or a body of it (MJCF).
         guarded: let the native parsers of MJCF and USD try the file in a process of their own first, so that one that
             crashes or hangs is an error. It takes about half a second.
 
@@ -68,8 +68,8 @@ def read(path: Path, closures: Path | None = None, root: str | None = None, guar
     kind = kind_of(path)
     if closures is not None and kind != "URDF":
         raise SourceError(f"{path}: {kind} holds its loops itself; a closure YAML belongs to a URDF")
-    if root is not None and kind != "USD":
-        raise SourceError(f"{path}: a root prim is chosen on a USD stage only")
+    if root is not None and kind not in ("USD", "SDF", "MJCF"):
+        raise SourceError(f"{path}: a {kind} holds one robot: there is no root to choose")
     if kind == "STEP":
         raise SourceError(f"{path}: a STEP has no joints: it becomes a skeleton (twin new), not a mechanism")
     if kind == "URDF":
@@ -80,7 +80,7 @@ def read(path: Path, closures: Path | None = None, root: str | None = None, guar
     if kind == "SDF":
         from twin.importing.sdf import read_sdf
 
-        return read_sdf(path)
+        return read_sdf(path, root)
     if kind == "MJCF":
         from twin.importing.mjcf import refuse_nan
 
@@ -92,7 +92,7 @@ def read(path: Path, closures: Path | None = None, root: str | None = None, guar
     if kind == "MJCF":
         from twin.importing.mjcf import read_mjcf
 
-        return read_mjcf(path)
+        return read_mjcf(path, root)
     from twin.importing.usd import read_usd
 
     return read_usd(path, root)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from twin.cad.build import locked_error
 from twin.findings import Finding
 from twin.importing.drives import with_drives
+from twin.importing.proposals import MEETING
 from twin.importing.source import Imported, note, warning
 from twin.mechanism import Mechanism
 from twin.reference import ReferenceModel
@@ -26,6 +28,7 @@ def close(imported: Imported) -> Imported:
     not close alone is the model's own gap, if nothing of the file is unread.
     """
     mechanism, findings = imported.mechanism, list(imported.findings)
+    findings += _authored_open(imported)
     model = ReferenceModel(mechanism)
     home = assemble(model)
     unread = [f for f in findings if f.severity == "warning" and f.code in _UNREAD]
@@ -50,6 +53,21 @@ def close(imported: Imported) -> Imported:
     others = {n: v for n, v in mechanism.postures.items() if n != "home"}  # the first posture is the drawn one
     mechanism = replace(mechanism, rest=home.link_poses, postures={"home": q, **others})
     return with_drives(replace(imported, mechanism=mechanism, findings=findings))
+
+
+def _authored_open(imported: Imported) -> Iterator[Finding]:
+    """Yield the joints whose two sides are apart where the file puts the bodies."""
+    m = imported.mechanism
+    for joint in m.joints:
+        T = joint.relative(m.rest[joint.parent], m.rest[joint.child])
+        offset, tilt = locked_error(T, joint.type)
+        if offset > MEETING[0] or tilt > MEETING[1]:
+            text = (
+                f"joint '{joint.name}' is open by {offset / MM:.4g} mm and {tilt / DEG:.4g}° where the file puts its "
+                f"bodies{'' if imported.posed else ', every coordinate zero'}: home is where it closes, or nearly does."
+            )
+            severity = "warning" if imported.posed else "info"
+            yield Finding("import.open", severity, text, joint.name, size=offset, unit="m", limit=MEETING[0])
 
 
 def _open(offset: float, tilt: float) -> bool:

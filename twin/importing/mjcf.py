@@ -17,7 +17,9 @@ import numpy as np
 from twin import spatial
 from twin.errors import SourceError
 from twin.findings import Finding
+from twin.importing.mjcf_assets import without_missing
 from twin.importing.mjcf_left import left_out
+from twin.importing.mjcf_robots import chosen, tied_by
 from twin.importing.mjcf_shapes import shown
 from twin.importing.source import Imported, Names, along, assemble, note, possible, warning
 from twin.importing.xml import LARGEST
@@ -31,23 +33,31 @@ _FREE, _BALL, _SLIDE, _HINGE = range(4)
 _TYPES: tuple[JointType, ...] = ("free", "spherical", "prismatic", "revolute")
 
 
-def read_mjcf(path: Path) -> Imported:
+def read_mjcf(path: Path, root: str | None = None) -> Imported:
     """Read an MJCF file.
 
+    Args:
+        path: the file.
+        root: a body of the robot, if several stand in the world; "world" for all of them as one.
+
     Raises:
-        SourceError: MuJoCo refuses it, or it holds a constraint that a mechanism here cannot express.
+        SourceError: MuJoCo refuses it, it holds a constraint that a mechanism here cannot express, or several robots.
     """
     import mujoco
 
     if path.stat().st_size > LARGEST:
         raise SourceError(f"{path}: larger than {LARGEST // 1_000_000} MB; that is no description of a robot")
+    missing: list[Finding] = []
     try:
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
-            model = mujoco.MjSpec.from_file(str(path)).compile()
+            spec = mujoco.MjSpec.from_file(str(path))
+            weightless = without_missing(spec, path, missing)
+            model = spec.compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise SourceError(f"{path}: MuJoCo refuses it: {' '.join(str(error).split())}") from error
-    reader = _Mjcf(path, model)
+    reader = _Mjcf(path, model, weightless, root)
+    reader.findings += missing
     reader.findings += [warning("mujoco", f"MuJoCo: {' '.join(str(w.message).split())}", path.name) for w in told]
     return reader.read()
 
@@ -73,10 +83,11 @@ def _pose(p: Array, q_wxyz: Array) -> Array:
 
 
 class _Mjcf:
-    def __init__(self, path: Path, model) -> None:
+    def __init__(self, path: Path, model, weightless: set[str], root: str | None) -> None:
         import mujoco
 
         self.path, self.m, self.mujoco = path, model, mujoco
+        self.weightless, self.root = weightless, root
         self.findings: list[Finding] = []
         self.efforts: dict[str, float] = {}
 
@@ -96,19 +107,21 @@ class _Mjcf:
         self.bodies = [names[self._name("BODY", i)] for i in range(m.nbody)]
         joint_names = Names("joint", (self._name("JOINT", i) for i in range(m.njnt)), self.findings)
         self.joints = [joint_names[self._name("JOINT", i)] for i in range(m.njnt)]
+        kept = chosen(m, self.path, self.root, self._name, self.findings)
         self.drives = dict(self._actuators())
         extra: list[Body] = []
         joints: list[Joint] = []
-        for i in range(1, m.nbody):
+        for i in kept[1:]:
             if m.body_mocapid[i] >= 0:
                 raise SourceError(f"{self.path}: body '{self.bodies[i]}' is a mocap body: it has no mechanism")
             joints += self._hang(i, extra)
         meshes = shown(m, self.bodies, self._name, self.findings)
-        bodies = [Body(n, tuple(meshes[i]), self._inertia(i)) for i, n in enumerate(self.bodies)] + extra
+        bodies = [Body(self.bodies[i], tuple(meshes[i]), self._inertia(i)) for i in kept] + extra
         used = {j.name for j in joints}
         couplings: list[Coupling] = []
         for i in range(m.neq):
-            self._equality(i, joints, couplings, used)
+            if tied_by(m, i) <= set(kept):
+                self._equality(i, joints, couplings, used)
         self.findings += left_out(m, self._name)
         site_names = Names("site", (self._name("SITE", i) for i in range(m.nsite)), self.findings)
         frames = [
@@ -118,21 +131,25 @@ class _Mjcf:
                 _pose(m.site_pos[i], m.site_quat[i]),
             )
             for i in range(m.nsite)
+            if m.site_bodyid[i] in kept
         ]
         name = (m.names[: m.names.index(b"\0")] or b"").decode("utf-8", "replace") or self.path.stem
+        efforts = {n: e for n, e in self.efforts.items() if n in {j.name for j in joints}}
         out = assemble(
-            self.path, name, self.bodies[0], bodies, joints, frames, couplings, self.findings, efforts=self.efforts
+            self.path, name, self.bodies[0], bodies, joints, frames, couplings, self.findings, efforts=efforts
         )
-        return replace(out, mechanism=replace(out.mechanism, postures=self._postures()))
+        return replace(out, mechanism=replace(out.mechanism, postures=self._postures(kept)))
 
-    def _postures(self) -> dict[str, dict[str, float]]:
+    def _postures(self, kept: list[int]) -> dict[str, dict[str, float]]:
         """Return the key frames as values of the driven joints; `home` is where the loops close."""
         m, out = self.m, {}
         for i in range(m.nkey):
             label = identifier(self._name("KEY", i))
             label = label if label not in ("home", *out) else f"{label}_key{i}"
             out[label] = {
-                self.joints[k]: float(m.key_qpos[i, m.jnt_qposadr[k]]) for k in range(m.njnt) if k in self.drives
+                self.joints[k]: float(m.key_qpos[i, m.jnt_qposadr[k]])
+                for k in range(m.njnt)
+                if k in self.drives and m.jnt_bodyid[k] in kept
             }
             self.findings.append(note("key", f"key '{self._name('KEY', i)}' is posture '{label}'.", label))
         return out
@@ -289,7 +306,7 @@ class _Mjcf:
 
     def _inertia(self, i: int) -> Inertia | None:
         m = self.m
-        if i == 0 or not m.body_mass[i]:
+        if i == 0 or not m.body_mass[i] or self._name("BODY", i) in self.weightless:
             return None
         R = spatial.matrix_from_quat_wxyz(m.body_iquat[i])
         tensor = R @ np.diag(m.body_inertia[i]) @ R.T

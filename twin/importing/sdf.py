@@ -1,6 +1,6 @@
-"""Read one model of an SDF file. Two joints that hold one link close a loop.
+"""Read one model of an SDF file or world. Two joints that hold one link close a loop.
 
-Poses are resolved from `relative_to` and the frames of the model. Nested models and includes are errors.
+Poses are resolved from `relative_to` and the frames of the model. Nested models and includes are its parts.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from twin import spatial
 from twin.errors import MechanismError, SourceError, unknown
 from twin.findings import Finding
 from twin.importing.sdf_left import left_out
+from twin.importing.sdf_world import robot_of
 from twin.importing.shapes import SIZES, Color, mesh_file, placed, primitive, size
 from twin.importing.source import Imported, Names, along, assemble, limits, possible, rpy, warning
 from twin.importing.xml import Xml
@@ -36,27 +37,25 @@ _ENDLESS = 1e16
 """SDF's word for no limit is a bound of this size."""
 
 
-def read_sdf(path: Path) -> Imported:
-    """Read an SDF file that holds one model.
+def read_sdf(path: Path, root: str | None = None) -> Imported:
+    """Read an SDF file.
+
+    Args:
+        path: the file.
+        root: name of the model, if several have joints.
 
     Raises:
         SourceError: file and element, and what is wrong with it.
     """
-    return _Sdf(path).read()
+    return _Sdf(path, root).read()
 
 
 class _Sdf:
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, root: str | None) -> None:
         self.xml, self.path = Xml(path, "sdf"), path
         self.findings: list[Finding] = []
         self.efforts: dict[str, float] = {}
-        models = [*self.xml.root.findall("model"), *self.xml.root.findall("world/model")]
-        if len(models) != 1:
-            raise SourceError(f"{path}: expected one model, found {len(models)}; write one model to a file")
-        self.model = models[0]
-        for tag in ("model", "include"):
-            if self.model.find(tag) is not None:
-                raise SourceError(f"{path}: a nested <{tag}> is not read; flatten it first (gz sdf -p)")
+        self.model = robot_of(self.xml, root, self.findings)
 
     def read(self) -> Imported:
         links, joints, marks = (self._named(k) for k in ("link", "joint", "frame"))
@@ -74,7 +73,8 @@ class _Sdf:
         bodies = [Body("world")] if grounded else []
         bodies += [Body(body_names[n], tuple(self._meshes(n, e)), self._inertia(n, e)) for n, e in links.items()]
         frames = []
-        for old, new in Names("frame", marks, self.findings).items():
+        shown = (n for n, e in marks.items() if not e.get("hidden"))
+        for old, new in Names("frame", shown, self.findings).items():
             link = self._attached(old)
             frames.append(Frame(new, body_names[link], spatial.inverse(self._at(link)) @ self._at(old)))
         name = self.model.get("name") or self.path.stem
@@ -195,9 +195,9 @@ class _Sdf:
         ends = []
         for end in ("parent", "child"):
             link = (joint.findtext(end) or "").strip()
-            if link != "world" and link not in self.links:
+            if link != "world" and link not in self.elements:
                 self.xml.fail(f"{where}, {end}", unknown("link", link, self.links))
-            ends.append(link)
+            ends.append(link if link == "world" else self._attached(link))
         if ends[1] == "world":
             self.xml.fail(where, "its child is the world: swap parent and child")
         T = self._at(name)

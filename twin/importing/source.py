@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from twin.findings import Finding
 from twin.mechanism import Body, Coupling, Frame, Inertia, Joint, Mechanism
 from twin.spatial import Array
 from twin.stage.read.names import identifier, unique
+from twin.stage.read.tool import with_tool
 
 
 @dataclass
@@ -26,12 +27,14 @@ class Imported:
         findings: see above.
         efforts: largest effort in N or N m that the file gives a joint without saying its gains.
         assumed: joints whose drives are nobody's numbers.
+        posed: whether the file says where the bodies rest; a URDF gives joints alone.
     """
 
     mechanism: Mechanism
     findings: list[Finding] = field(default_factory=list)
     efforts: dict[str, float] = field(default_factory=dict)
     assumed: frozenset[str] = frozenset()
+    posed: bool = True
 
 
 class Names:
@@ -118,12 +121,11 @@ def assemble(
     frames: Sequence[Frame],
     couplings: Sequence[Coupling],
     findings: list[Finding],
-    tool: str | None = None,
     efforts: dict[str, float] | None = None,
 ) -> Imported:
     """Return the mechanism with every body where its joints' zero puts it, and a tool.
 
-    The tool is the frame that is named, else the last body that hangs on nothing else: named in a finding.
+    The tool is the frame of that name, else the end of the longest chain: named in a finding.
 
     Raises:
         SourceError: the parts form no mechanism.
@@ -132,20 +134,10 @@ def assemble(
         raise SourceError(f"{path}: no joints, so there is no mechanism")
     try:
         bare = Mechanism(identifier(name), base, tuple(bodies), tuple(joints), tuple(frames), source=path.name)
-        rest = rest_poses(bare)
-        if tool is None:
-            tool, frames = with_tool(bare, findings)
-        mechanism = Mechanism(
-            bare.name,
-            base,
-            bare.bodies,
-            bare.joints,
-            tuple(frames),
-            rest=rest,
-            tool=tool,
-            couplings=tuple(couplings),
-            source=path.name,
-        )
+        mechanism = replace(bare, rest=rest_poses(bare), couplings=tuple(couplings))
+        mechanism, said = with_tool(mechanism)
+        if said:
+            findings.append(warning("tool", f"{said} Move [frame.tool] where it belongs.", mechanism.base))
     except MechanismError as error:
         raise SourceError(f"{path}: {error}") from error
     return Imported(mechanism, findings, efforts or {})
@@ -157,25 +149,6 @@ def rest_poses(mechanism: Mechanism) -> dict[str, Array]:
     for joint in mechanism.tree:
         rest[joint.child] = rest[joint.parent] @ joint.T_parent_joint @ spatial.inverse(joint.T_child_joint)
     return rest
-
-
-def with_tool(mechanism: Mechanism, findings: list[Finding]) -> tuple[str, tuple[Frame, ...]]:
-    """Return the tool's name and all frames: `tool`, the only one, or one made on the last body that holds nothing."""
-    if any(f.name == "tool" for f in mechanism.frames):
-        return "tool", mechanism.frames
-    if len(mechanism.frames) == 1:
-        only = mechanism.frames[0].name
-        findings.append(note("tool", f"the only named frame, '{only}', is the tool.", only))
-        return only, mechanism.frames
-    inner = {j.parent for j in mechanism.joints} | {j.child for j in mechanism.loops} | {mechanism.base}
-    outer = [b.name for b in mechanism.bodies if b.name not in inner]
-    body = (outer or [mechanism.tree[-1].child])[-1]
-    findings.append(
-        warning(
-            "tool", f"the file names no tool: it is put at body '{body}'. Move [frame.tool] where it belongs.", body
-        )
-    )
-    return "tool", (*mechanism.frames, Frame("tool", body, np.eye(4)))
 
 
 def missing(path: Path, kind: str, name: str, known: Iterable[str], where: str) -> SourceError:

@@ -8,6 +8,7 @@ frame on its parent. What a mechanism here has no word for is an error (planar j
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -110,7 +111,8 @@ class _Urdf:
         made += self._loops(links, ends, joint_names)
         efforts = {joint_names[n]: e for n, e in self.efforts.items() if ends[n][1] not in self.marks}
         label = root.get("name") or self.path.stem
-        return assemble(self.path, label, body_names[base], bodies, made, frames, couplings, found, efforts=efforts)
+        out = assemble(self.path, label, body_names[base], bodies, made, frames, couplings, found, efforts=efforts)
+        return replace(out, posed=False)
 
     # -- structure ------------------------------------------------------------------------------------
 

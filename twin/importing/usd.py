@@ -8,7 +8,7 @@ from typing import Any
 
 from twin.errors import SourceError, TwinError
 from twin.findings import Finding
-from twin.importing.source import Imported, warning, with_tool
+from twin.importing.source import Imported, warning
 
 _READ = (
     "PhysicsRigidBodyAPI",
@@ -36,6 +36,7 @@ def read_usd(path: Path, root: str | None) -> Imported:
         TwinError: a stage that is wrong.
     """
     from twin.stage.read import inspect_stage
+    from twin.stage.read.tool import with_tool
 
     try:
         mechanism, findings = inspect_stage(path, root)
@@ -51,9 +52,9 @@ def read_usd(path: Path, root: str | None) -> Imported:
         mechanism = replace(mechanism, joints=joints, postures={})
         text = f"no joint has a drive: all of the tree are driven, {', '.join(sorted(moving))}."
         findings.append(warning("driven", text, mechanism.base))
-    if all(f.name != mechanism.tool for f in mechanism.frames):
-        tool, frames = with_tool(mechanism, findings)
-        mechanism = replace(mechanism, tool=tool, frames=frames)
+    mechanism, said = with_tool(mechanism)
+    if said:
+        findings.append(warning("tool", f"{said} Move [frame.tool] where it belongs.", mechanism.base))
     return Imported(mechanism, findings)
 
 

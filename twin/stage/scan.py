@@ -33,6 +33,10 @@ TURNS = {"X": SYMMETRIC, "Y": SYMMETRIC @ SYMMETRIC, "Z": np.eye(3)}
 """Rotation R_joint_turned (3, 3) for each axis token: the z column is the joint's axis."""
 
 
+SCALE_TOL = 1e-5
+"""Largest relative deviation from unit scale that may still be rounding of a single precision transform."""
+
+
 @dataclass(frozen=True)
 class End:
     """One side of a joint: the body's prim path ("" is the world) and T_body_joint (4, 4), axis along z.
@@ -175,8 +179,13 @@ class Scene:
             T = spatial.pose(self.R_world_stage) @ T
         return T
 
+    def size(self, prim: Usd.Prim) -> float:
+        """Return how many units of the stage are one unit of a prim that is scaled alike in all directions."""
+        size = float(np.cbrt(abs(np.linalg.det(self.raw_transform(prim)[:3, :3]))))
+        return 1.0 if abs(size - 1) <= SCALE_TOL else size
+
     def relative(self, prim: Usd.Prim, body: Usd.Prim) -> Array:
-        """Return the map (4, 4) from a prim below a body to the body, in units of the stage, scale kept.
+        """Return the map (4, 4) from a prim below a body to the body, in units of the body, scale kept.
 
         It multiplies only what lies between the two, so no precision is lost on the way to the world.
         """
@@ -224,19 +233,19 @@ class Scene:
             R = np.eye(3) if q is None else gf.rotation(q)
         except ValueError as error:
             return End("", np.eye(4), f"{rot.GetName()}: {error}")
-        local = spatial.pose(R @ turn, p * self.meters)
         if not targets:
-            return End("", spatial.pose(self.R_world_stage) @ local)
+            return End("", spatial.pose(self.R_world_stage) @ spatial.pose(R @ turn, p * self.meters))
         target = self.stage.GetPrimAtPath(targets[0])
         if len(targets) > 1 or not target:
             return End("", np.eye(4), f"{rel.GetName()} points to {', '.join(map(str, targets))}, not to one prim")
         owner = self.owner(target)
+        local = spatial.pose(R @ turn, p * self.meters * self.size(target))
         if owner is None:  # a prim that is no rigid body stands for the world
             return End("", self.poses([target])[0, 0] @ local)
         if owner == target:
             return End(str(owner.GetPath()), local)
         T = rigid(self.relative(target, owner))
-        T[:3, 3] *= self.meters
+        T[:3, 3] *= self.meters * self.size(owner)
         return End(str(owner.GetPath()), T @ local)
 
 

@@ -4,6 +4,7 @@
     bodies     meshes, colours, masses, named frames and points
     joints     joints, limits, drives, the base
     motion     baked poses, at their own time codes
+    tool       the tool of a stage that names none
 
 Nothing here imports the writer: what comes back is what any reader would see, joint frames in single
 precision included.
@@ -23,7 +24,7 @@ from twin.findings import Finding
 from twin.mechanism import Body, Coupling, Frame, Mechanism, Point
 from twin.provenance import Parameter
 from twin.spatial import Array
-from twin.stage.read.bodies import below, original_name, read_inertia, read_marks, read_meshes, refuse_scale
+from twin.stage.read.bodies import bake_scale, below, original_name, read_inertia, read_marks, read_meshes
 from twin.stage.read.joints import WORLD, Selection, convert, select
 from twin.stage.read.motion import read_motion
 from twin.stage.read.names import identifier, unique
@@ -61,7 +62,7 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
 
     Raises:
         StageError: if the file is missing or no USD, holds no bodies or joints, more than one robot or an
-            ambiguous base, a scaled or mirrored body, a joint that has no counterpart here or is broken, or a
+            ambiguous base, an unevenly scaled or mirrored body, a joint that has no counterpart here or is broken, or a
             mesh that points to missing vertices.
 
     """
@@ -78,7 +79,7 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
     chosen = select(scene, root, notes)
     prims = [scene.bodies[p] for p in chosen.bodies]
     for prim in prims:
-        refuse_scale(scene, prim)
+        bake_scale(scene, prim, notes)
     made_up = [] if chosen.base else [("", WORLD)]
     names = unique([*made_up, *((p, original_name(scene.bodies[p])) for p in chosen.bodies)])
     joint_names = unique((j.path, j.prim.GetName()) for j in chosen.joints)

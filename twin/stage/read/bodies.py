@@ -12,23 +12,46 @@ from twin.findings import Finding
 from twin.mechanism import Inertia, Mesh
 from twin.spatial import Array
 from twin.stage import gf
-from twin.stage.scan import Scene, rigid
-
-SCALE_TOL = 1e-5
-"""Largest relative deviation from unit scale that may still be rounding of a single precision transform."""
+from twin.stage.scan import SCALE_TOL, Scene, rigid
 
 
-def refuse_scale(scene: Scene, body: Usd.Prim) -> None:
-    """Raise `StageError` if a body is scaled or mirrored: its frames and masses would mean nothing clear."""
+def bake_scale(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> None:
+    """Note the scale of a body that is scaled alike in all directions: lengths below it are read in true size.
+
+    Raises:
+        StageError: it, or a prim above it, is mirrored or scaled otherwise: frames and masses would mean nothing clear.
+    """
     axes = scene.raw_transform(body)[:3, :3]
-    size = np.linalg.norm(axes, axis=0)
-    if np.any(np.abs(size - 1) > SCALE_TOL) or np.linalg.det(axes) < 0:
-        shown = ", ".join(f"{s:.6g}" for s in size)
-        mirrored = ", mirrored" if np.linalg.det(axes) < 0 else ""
-        raise StageError(
-            f"{scene.path}: rigid body {body.GetPath()} is scaled by ({shown}){mirrored}. Scale the meshes "
-            "below it instead, or write the stage in its final unit."
+    size = scene.size(body)
+    if np.linalg.det(axes) > 0 and np.abs(axes.T @ axes - size**2 * np.eye(3)).max() <= 2 * SCALE_TOL * size**2:
+        if size != 1.0:
+            where = str(body.GetPath())
+            text = f"{where} is scaled by {size:.6g}, with what is above it: its lengths are read in true size."
+            notes.append(Finding("stage.read.scaled", "info", text, where))
+        return
+    prim, scale = _culprit(body)
+    shown = f"({', '.join(f'{s:.6g}' for s in scale)}){', mirrored' if np.linalg.det(axes) < 0 else ''}"
+    above = "" if prim == body else f", by {prim.GetPath()} above it"
+    raise StageError(
+        f"{scene.path}: rigid body {body.GetPath()} is scaled by {shown}{above}. Scale the meshes "
+        "below it instead, or write the stage in its final unit."
+    )
+
+
+def _culprit(body: Usd.Prim) -> tuple[Usd.Prim, Array]:
+    """Return the prim, a body or one above it, that does not scale alike in all directions, and its scale (3,)."""
+    prim = body
+    while prim and not prim.IsPseudoRoot():
+        own = (
+            gf.affine(UsdGeom.Xformable(prim).GetLocalTransformation())[:3, :3]
+            if UsdGeom.Xformable(prim)
+            else np.eye(3)
         )
+        size = np.linalg.norm(own, axis=0)
+        if np.ptp(size) > SCALE_TOL * size.max() or np.linalg.det(own) < 0:
+            return prim, size
+        prim = prim.GetParent()
+    return body, np.linalg.norm(gf.affine(UsdGeom.XformCache().GetLocalToWorldTransform(body))[:3, :3], axis=0)
 
 
 def below(scene: Scene, body: Usd.Prim) -> Iterator[Usd.Prim]:
@@ -118,7 +141,7 @@ def _mesh(scene: Scene, body: Usd.Prim, mesh: UsdGeom.Mesh, name: str) -> Mesh |
         triangles = triangles[:, ::-1].copy()
     if not np.array_equal(M, np.eye(4)):
         points = points @ M[:3, :3].T + M[:3, 3]
-    return Mesh(name, points * scene.meters, triangles, _color(mesh))
+    return Mesh(name, points * scene.meters * scene.size(body), triangles, _color(mesh))
 
 
 def _color(mesh: UsdGeom.Mesh) -> tuple[float, float, float, float]:
@@ -171,7 +194,9 @@ def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia 
     except ValueError as error:
         raise StageError(f"{scene.path}: {body.GetPath()}, principal axes: {error}") from error
     unit = scene.kilograms * scene.meters**2
-    return Inertia(float(kilograms) * scene.kilograms, center * scene.meters, R @ np.diag(diagonal) @ R.T * unit)
+    return Inertia(
+        float(kilograms) * scene.kilograms, center * scene.meters * scene.size(body), R @ np.diag(diagonal) @ R.T * unit
+    )
 
 
 def read_marks(scene: Scene, body: Usd.Prim) -> Iterator[tuple[str, str, Array]]:
@@ -180,5 +205,5 @@ def read_marks(scene: Scene, body: Usd.Prim) -> Iterator[tuple[str, str, Array]]
         kind = prim.GetAttribute("twin:kind")
         if kind and kind.Get() in ("frame", "point"):
             T = rigid(scene.relative(prim, body))
-            T[:3, 3] *= scene.meters
+            T[:3, 3] *= scene.meters * scene.size(body)
             yield str(kind.Get()), original_name(prim), T

@@ -72,7 +72,10 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
         robots = [[p for g in robots for p in g]]  # limbs that stand on the world side by side are one robot
     if len(robots) > 1:
         firsts = ", ".join(g[0] for g in robots)
-        raise StageError(f"{place}: {len(robots)} robots, with {firsts}. Choose one by its root prim.")
+        raise StageError(
+            f"{place}: {len(robots)} robots, with {firsts}. Choose one by its root prim: "
+            "twin new NAME --from FILE --root PRIM."
+        )
     members = [p for p in bodies if p in set(robots[0])]
     notes.extend(
         Finding("stage.read.prop", "info", f"body {p} hangs on no joint of the robot: left out.", p)
