@@ -71,6 +71,20 @@ def test_sdf_limits_and_base_survive():
     np.testing.assert_allclose(m.rest["upper"][:3, 3], [0, 0, 0.1])
 
 
+@pytest.mark.parametrize(
+    ("soft", "kept"),
+    [((-0.5, 0.5), (-0.5, 0.5)), ((-9.0, 0.5), (-1.0, 0.5)), ((-0.5, 9.0), (-0.5, 2.0)), ((2.0, 3.0), None)],
+)
+def test_soft_limits_end_at_the_hard_ones(tmp_path, soft, kept):
+    text = (DATA / "good.urdf").read_text()
+    assert 'lower="-1" upper="2"' in text
+    safety = f'<safety_controller soft_lower_limit="{soft[0]}" soft_upper_limit="{soft[1]}" k_velocity="1"/>'
+    (tmp_path / "arm.urdf").write_text(text.replace("</joint>", f"{safety}</joint>", 1))
+    found = read(tmp_path / "arm.urdf")
+    assert found.mechanism.joint("q1").soft_limits == kept
+    assert ("import.soft_limits" in {f.code for f in found.findings}) == (kept != soft)
+
+
 def test_missing_mesh_is_a_warning_that_names_it(tmp_path):
     text = (DATA / "good.urdf").read_text().replace('<box size="0.1 0.1 0.1"/>', '<mesh filename="package://a/b.stl"/>')
     (tmp_path / "arm.urdf").write_text(text)

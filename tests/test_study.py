@@ -75,17 +75,31 @@ def test_a_study_that_fits_agrees(tmp_path, capsys):
         "simulation = [2.0, 3.0, 5.0]\nprinted_mean = [2.0, 3.33]\nprinted_p = 0.06\n"
     )
     assert main(["study", str(file)]) == 0
-    assert "paired t" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "paired t" in printed
+    assert printed.rstrip().endswith("follow from what stands beside them (exit code 0)")
 
 
 def test_command(capsys):
     assert main(["study", "sher"]) == 1
     printed = capsys.readouterr().out
     assert "reproduces the print" in printed
+    verdict, way = (line.strip() for line in printed.rstrip().splitlines()[-2:])
     assert main(["study", "sher", "--json"]) == 1
     data = json.loads(capsys.readouterr().out)
     assert data["verdict"] == "disagree"
+    wrong = sum(f["severity"] == "disagreement" for f in data["findings"])
+    assert verdict.startswith(f"DISAGREE: {wrong} of the printed means, p-values and claims do not follow")
+    assert verdict.endswith("(exit code 1)")
+    assert way == f"what to do: {data['what_to_do']}"
     assert len(data["studies"][0]["rows"]) == 9
+
+
+def test_inertia_tables_end_with_a_verdict(capsys):
+    assert main(["study", "pa10"]) == 1
+    verdict, way = (line.strip() for line in capsys.readouterr().out.rstrip().splitlines()[-2:])
+    assert verdict.startswith("DISAGREE: 1 of the printed masses and inertias does not follow")
+    assert way.startswith("what to do: ")
 
 
 def test_bad_files_are_told_with_their_line(tmp_path, capsys):

@@ -191,6 +191,20 @@ def test_one_fault_has_one_number_everywhere(printed):
     assert {f["cause"] for f in data["findings"] if f["severity"] == "disagreement"} == {"eq1 (printed)"}
 
 
+def test_what_to_do_is_the_last_line_on_the_terminal_and_on_the_first_screen_of_the_page(printed, capsys):
+    from twin.cli.commands import _finish
+    from twin.report import render_html
+
+    assert _finish([(printed, Path("here"))], SimpleNamespace(json=False)) == 1
+    said = capsys.readouterr().out
+    assert "DISAGREE: equations (A) and CAD (B) differ" in said
+    assert said.rstrip().splitlines()[-1].strip() == f"what to do: {printed.what_to_do}"
+    assert f"look for the edit that makes them agree: {printed.commands['explain']}" == printed.what_to_do
+    page = render_html(printed, {})
+    first_screen = page[page.index('<div class="verdict') : page.index('<dl class="strip"')]
+    assert f"<code>{printed.commands['explain']}</code>" in first_screen
+
+
 def test_the_cure_is_found_in_seconds_or_the_command_is_given(short, printed):
     seen = []
     cures = Cures(short[0], 60)

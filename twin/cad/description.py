@@ -139,6 +139,21 @@ class LimitSpec(Table):
     provenance: Provenance
     note: str = Field(min_length=1)
 
+    @model_validator(mode="after")
+    def _soft_within_hard(self) -> LimitSpec:
+        for unit, hard, soft in (
+            ("mm", self.limits_mm, self.soft_limits_mm),
+            ("deg", self.limits_deg, self.soft_limits_deg),
+        ):
+            if hard and soft and (soft[0] < hard[0] or soft[1] > hard[1]):
+                raise at(
+                    f"soft_limits_{unit}",
+                    f"{soft[0]:g} .. {soft[1]:g} {unit} goes beyond the hard limits {hard[0]:g} .. {hard[1]:g} {unit}, "
+                    f"where it can never warn; write [{max(soft[0], hard[0]):g}, {min(soft[1], hard[1]):g}], or leave "
+                    "it out",
+                )
+        return self
+
 
 class DriveSpec(Table):
     """A position drive shared by the joints that are named, in SI (N/m or N m/rad)."""

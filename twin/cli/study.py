@@ -8,7 +8,9 @@ from pathlib import Path
 from twin import api
 from twin.cli import show
 from twin.errors import TwinError
-from twin.findings import EXIT_CODES, by_severity, verdict
+from twin.findings import EXIT_CODES, Finding, by_severity, verdict
+
+_NEXT = "compare the numbers above with the document; if it prints them so, cite the recomputed ones beside them"
 
 
 def study(args: argparse.Namespace) -> int:
@@ -43,10 +45,10 @@ def study(args: argparse.Namespace) -> int:
         print(show.table(lines, ("", "printed p", "p", "test", "")), "\n")
     if args.json:
         said = [f.as_dict() for f in findings]
-        print(show.as_json({"verdict": verdict(findings), "studies": data, "findings": said}))
+        summary = {"verdict": verdict(findings), "what_to_do": _what_to_do(findings)}
+        print(show.as_json({**summary, "studies": data, "findings": said}))
     else:
-        for f in by_severity(findings):
-            print(show.finding(f))
+        _conclude(findings, "the printed means, p-values and claims")
     return EXIT_CODES[verdict(findings)]
 
 
@@ -59,7 +61,8 @@ def _inertias(robot: api.Robot, args: argparse.Namespace) -> int:
         raise TwinError(f"{robot.name} has no exhibit")
     if args.json:
         said = [f.as_dict() for f in findings]
-        data = {"verdict": verdict(findings), "title": exhibit.title, "source": exhibit.source}
+        data = {"verdict": verdict(findings), "what_to_do": _what_to_do(findings)}
+        data |= {"title": exhibit.title, "source": exhibit.source}
         print(show.as_json({**data, "rows": [r.as_dict() for r in rows], "findings": said}))
         return EXIT_CODES[verdict(findings)]
     print(f"{exhibit.title}\n  {exhibit.source}\n")
@@ -77,6 +80,26 @@ def _inertias(robot: api.Robot, args: argparse.Namespace) -> int:
     lines.append(("sum", "", "", f"{plain:.2f}", f"{negated:.2f}"))
     head = ("row", "positive definite", "triangle slack", "least mass, as printed [kg]", "products negated [kg]")
     print(show.table(lines, head), "\n")
+    _conclude(findings, "the printed masses and inertias")
+    return EXIT_CODES[verdict(findings)]
+
+
+def _conclude(findings: list[Finding], what: str) -> None:
+    """Print the findings, the verdict in one line, and what to do."""
     for f in by_severity(findings):
         print(show.finding(f))
-    return EXIT_CODES[verdict(findings)]
+    state = verdict(findings)
+    n = sum(f.severity == "disagreement" for f in findings)
+    count = f"{n} of {what} {'do' if n > 1 else 'does'} not follow from what stands beside them"
+    words = {
+        "agree": f"AGREE: {what} follow from what stands beside them",
+        "disagree": f"DISAGREE: {count}",
+        "unchecked": f"UNCHECKED: {what} could not all be judged",
+    }
+    print(f"\n  {words[state]} (exit code {EXIT_CODES[state]})")
+    if way := _what_to_do(findings):
+        print(f"  what to do: {way}")
+
+
+def _what_to_do(findings: list[Finding]) -> str:
+    return _NEXT if verdict(findings) == "disagree" else ""

@@ -323,7 +323,21 @@ class _Urdf:
             low, high = value(safety, "soft_lower_limit"), value(safety, "soft_upper_limit")
             if low is not None and high is not None:
                 out["soft_limits"] = limits(low, high, name, self.findings)
+                self._within(out, name)
         return out
+
+    def _within(self, out: dict, name: str) -> None:
+        """Cut soft limits off at the hard ones, beyond which they can never warn."""
+        if out.get("limits") is None or out["soft_limits"] is None:
+            return
+        (low, high), (first, last) = out["limits"], out["soft_limits"]
+        if low <= first and last <= high:
+            return
+        out["soft_limits"] = (max(low, first), min(high, last))
+        if not out["soft_limits"][0] < out["soft_limits"][1]:
+            del out["soft_limits"]
+        text = f"its soft limits {first:g} .. {last:g} go beyond its limits {low:g} .. {high:g}, where they never warn"
+        self.findings.append(note("soft_limits", f"joint '{name}': {text}; they end there.", name))
 
     def _mimic(self, name: str, names: Names, joints: dict[str, Element]) -> Coupling:
         where, mimic = f"joint '{name}', mimic", joints[name].find("mimic")

@@ -23,7 +23,7 @@ from twin.spatial import Array, Index
 from twin.trajectory.model import Trajectory
 from twin.units import DEG, MM
 from twin.validation.forward import forward
-from twin.validation.result import Quantity, Residual
+from twin.validation.result import Quantity, Residual, headline
 from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
 
 COARSE = 10
@@ -158,7 +158,8 @@ def _points(
         out.series[f"residual_point.{name}"] = np.linalg.norm(difference, axis=1)
         rows[name] = row("A-B", "point", name, "m", difference, tolerances.position, clock, note=equations[name])
     off = {n: equations[n] for n, r in rows.items() if not r.agrees and equations[n]}
-    first = next(iter(off), next((n for n, r in rows.items() if not r.agrees), ""))
+    wrong = [rows[n] for n in off] or [r for r in rows.values() if not r.agrees]
+    first = headline(wrong).name if wrong else ""
     blame = _Blame(first, off.get(first, first), off)
     for name, r in rows.items():
         # A point that no equation yields (an apex) follows from those that one does.
@@ -243,7 +244,7 @@ def _driven(
         names = [n for n, s in kin.formula.points.items() if _equation_of(kin, (s,) if isinstance(s, str) else s)]
         if names and all(n in posed.points for n in names):
             alone = kin.joints_from_points({n: posed.points[n] for n in names})
-    first = _Blame()
+    wrong: dict[str, tuple[Residual, str]] = {}
     for i, joint in enumerate(kin.joints):
         equation = _equation_of(kin, (kin.mode.order[i],))
         if not np.isfinite(q[:, i]).any():
@@ -258,7 +259,7 @@ def _driven(
         out.residuals.append(r)
         if not r.agrees:
             cause = blamed.cause if because else equation or _equation_of(kin, tuple(kin.joints)) or joint
-            first = first or _Blame(joint, cause)
+            wrong[joint] = r, cause
             by = f", because {because} is off," if because else f" by {equation}" if equation else ""
             away = f"{text(r.worst, unit)} {'from where the mechanism has it' if unit == 'm' else 'off'}"
             _add(out, r, f"joint {joint}{by} is {away}", cause)
@@ -266,7 +267,10 @@ def _driven(
         out.facts.setdefault("equations by themselves", {})[_equation_of(kin, kin.joints)] = (
             f"given the CAD's own points it yields the joints to {text(float(np.abs(alone - posed.q).max()), 'm')}"
         )
-    return first
+    if not wrong:
+        return _Blame()
+    first = headline([r for r, _ in wrong.values()]).name
+    return _Blame(first, wrong[first][1])
 
 
 def _passive(
