@@ -26,12 +26,14 @@ class Imported:
         findings: see above.
         efforts: largest effort in N or N m that the file gives a joint without saying its gains.
         assumed: joints whose drives are nobody's numbers.
+        keys: states that the file names: value in m or rad by joint of the tree, driven or not.
     """
 
     mechanism: Mechanism
     findings: list[Finding] = field(default_factory=list)
     efforts: dict[str, float] = field(default_factory=dict)
     assumed: frozenset[str] = frozenset()
+    keys: dict[str, dict[str, float]] = field(default_factory=dict)
 
 
 class Names:
