@@ -265,10 +265,7 @@ class Robot:
         return out
 
     def path_kinematics(self) -> PathKinematics:
-        """Return what planning needs: the equations, the limits that the description owns, and the mechanism.
-
-        Without equations yet, the mechanism leads through every phase.
-        """
+        """Return what planning needs: limits, equations, and the mechanism, which leads alone while there are none."""
         from twin.reference.leading import Leader
         from twin.trajectory.model import without_equations
 

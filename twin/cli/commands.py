@@ -64,6 +64,7 @@ def list_robots(args: argparse.Namespace) -> int:
 def info(args: argparse.Namespace) -> int:
     """Print joints, limits, frames, degrees of freedom and parameters."""
     from twin.cli import scene
+    from twin.reference.regular import singular_home
 
     if (file := scene.find(args.robot)) is not None:
         if args.inertia:
@@ -79,7 +80,8 @@ def info(args: argparse.Namespace) -> int:
         progress("read CAD", 0.0)
         mechanism = robot.mechanism
         model = robot.reference()
-        mobility = model.mobility(model.home().x)
+        home = model.home().x
+        mobility = model.mobility(home)
     formula, chosen = None, {}
     if robot.files is not None and robot.files.has_equations:
         kin = robot.kinematics()
@@ -106,7 +108,7 @@ def info(args: argparse.Namespace) -> int:
                 *(cad.dimensions if cad else ()),
             )
         ],
-        "findings": [f.as_dict() for f in (cad.findings if cad else ())],
+        "findings": [f.as_dict() for f in (*(cad.findings if cad else ()), *singular_home(model, home))],
     }
     print(show.as_json(data) if args.json else show.info(data, len(mechanism.bodies)))
     return EXIT_CODES[verdict(cad.findings if cad else ())]

@@ -3,34 +3,44 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from twin.cad.build import locked_error
+from twin.cad.meeting import locked_error
 from twin.findings import Finding
 from twin.importing.drives import with_drives
 from twin.importing.proposals import MEETING
 from twin.importing.source import Imported, note, warning
 from twin.mechanism import Mechanism
 from twin.reference import ReferenceModel
-from twin.reference.assembling import CLOSED, assemble, closes_alone
+from twin.reference.assembling import CLOSED, assemble, closes_alone, is_closed, settle
+from twin.reference.departing import breach
+from twin.reference.regular import SINGULAR, Regularity, closed_beside, regularity
 from twin.reference.states import Assembly
 from twin.units import DEG, MM
 
 _UNREAD = ("import.unread", "import.schema", "import.plugin", "import.inactive")
 """Findings of what a file says that is not read, and might have let a loop close."""
 
+_ROUNDS = 6
+"""How often a more regular state is looked for beside the best so far."""
+
+_IN = 1e-6
+"""Breach of limits (m, rad) that is none."""
+
 
 def close(imported: Imported) -> Imported:
     """Return the mechanism resting with its loops closed, posture `home` of where it rests, and a drive where driven.
 
     A loop that stays open is a finding with its size, and with what it leaves when all others are open: what does
-    not close alone is the model's own gap, if nothing of the file is unread.
+    not close alone is the model's own gap, if nothing of the file is unread. Where the mechanism would rest singular, or
+    open, a key frame of the file is its home, or else the most regular state beside it within the limits.
     """
     mechanism, findings = imported.mechanism, list(imported.findings)
     findings += _authored_open(imported)
     model = ReferenceModel(mechanism)
-    home = assemble(model)
+    home, said = _home(model, imported.keys)
+    findings += said
     unread = [f for f in findings if f.severity == "warning" and f.code in _UNREAD]
     findings += [_gap(mechanism, name, *home.gap[name], unread) for name in home.gap if _open(*home.gap[name])]
     moved = [j for j in mechanism.active if abs(home.q_full.get(j.name, 0.0) - _drawn(mechanism, j.name)) > 1e-9]
@@ -68,6 +78,38 @@ def _authored_open(imported: Imported) -> Iterator[Finding]:
             )
             severity = "warning" if imported.posed else "info"
             yield Finding("import.open", severity, text, joint.name, size=offset, unit="m", limit=MEETING[0])
+
+
+def _home(model: ReferenceModel, keys: Mapping[str, Mapping[str, float]]) -> tuple[Assembly, list[Finding]]:
+    """Return the state to rest in, and what is to be said of the choice."""
+    drawn = assemble(model)
+    name = model.mechanism.name
+    there = regularity(model, [drawn.x])[0] if is_closed(drawn) else None
+    if there is not None and not there.singular:
+        return drawn, []
+    why = "the loops do not close as drawn" if there is None else f"as drawn {_lost(there)}"
+    for key, values in keys.items():
+        found = settle(model, values)
+        if found is not None and breach(model.tree, found.x) < _IN and not regularity(model, [found.x])[0].singular:
+            return found, [note("home", f"{why}: home is the key frame '{key}', its loops closed.", key)]
+    if there is None:
+        return drawn, []
+    best, margin = drawn.x, there.margin
+    for _ in range(_ROUNDS):
+        inside = [x for x in closed_beside(model, best) if breach(model.tree, x) < _IN]
+        graded = regularity(model, [best, *inside])[1:]
+        better = max(zip(graded, inside, strict=True), key=lambda pair: pair[0].margin, default=None)
+        if better is None or better[0].margin <= margin:
+            break
+        best, margin = better[1], better[0].margin
+    if margin < SINGULAR:
+        text = f"{why}, and no better state is found beside it: small moves may fail from there."
+        return drawn, [warning("singular", text, name)]
+    return model.state(best), [warning("home", f"{why}: home is a more regular state beside it.", name)]
+
+
+def _lost(r: Regularity) -> str:
+    return f"the mechanism is singular (rank of its loops {r.rank}, beside it {r.usual}), as with knees stretched"
 
 
 def _open(offset: float, tilt: float) -> bool:

@@ -138,10 +138,13 @@ class _Mjcf:
         out = assemble(
             self.path, name, self.bodies[0], bodies, joints, frames, couplings, self.findings, efforts=efforts
         )
-        return replace(out, mechanism=replace(out.mechanism, postures=self._postures(kept)))
+        keys = self._keys(kept)
+        driven = {self.joints[k] for k in self.drives}
+        postures = {n: {j: q for j, q in key.items() if j in driven} for n, key in keys.items()}
+        return replace(out, mechanism=replace(out.mechanism, postures=postures), keys=keys)
 
-    def _postures(self, kept: list[int]) -> dict[str, dict[str, float]]:
-        """Return the key frames as values of the driven joints; `home` is where the loops close."""
+    def _keys(self, kept: list[int]) -> dict[str, dict[str, float]]:
+        """Return the key frames as values of the joints with one coordinate; `home` is where the loops close."""
         m, out = self.m, {}
         for i in range(m.nkey):
             label = identifier(self._name("KEY", i))
@@ -149,7 +152,7 @@ class _Mjcf:
             out[label] = {
                 self.joints[k]: float(m.key_qpos[i, m.jnt_qposadr[k]])
                 for k in range(m.njnt)
-                if k in self.drives and m.jnt_bodyid[k] in kept
+                if m.jnt_type[k] in (_SLIDE, _HINGE) and m.jnt_bodyid[k] in kept
             }
             self.findings.append(note("key", f"key '{self._name('KEY', i)}' is posture '{label}'.", label))
         return out

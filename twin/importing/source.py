@@ -28,6 +28,7 @@ class Imported:
         efforts: largest effort in N or N m that the file gives a joint without saying its gains.
         assumed: joints whose drives are nobody's numbers.
         posed: whether the file says where the bodies rest; a URDF gives joints alone.
+        keys: states that the file names: value in m or rad by joint of the tree, driven or not.
     """
 
     mechanism: Mechanism
@@ -35,6 +36,7 @@ class Imported:
     efforts: dict[str, float] = field(default_factory=dict)
     assumed: frozenset[str] = frozenset()
     posed: bool = True
+    keys: dict[str, dict[str, float]] = field(default_factory=dict)
 
 
 class Names:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -48,6 +49,19 @@ def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
     drawn = model.tree.start(mechanism.rest)
     starts = np.concatenate([drawn[None], scattered(model.tree, drawn, every, _SPREADS, _TRIES)])
     return _nearest(model, starts, every, drawn).gap[loop]
+
+
+def settle(model: ReferenceModel, values: Mapping[str, float]) -> Assembly | None:
+    """Return the closed state nearest to values of the tree's joints, by name; None if the loops do not close there."""
+    start = model.tree.start(model.mechanism.rest)
+    for name, value in values.items():
+        if name in model.tree.configuration:
+            start[model.tree.configuration[name]] = value
+    for columns in (model.tree.passive, np.arange(model.tree.model.nv)):
+        found = _nearest(model, start[None], columns, start)
+        if is_closed(found):
+            return found
+    return None
 
 
 def is_closed(state: Assembly) -> bool:

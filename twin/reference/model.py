@@ -55,7 +55,6 @@ _STRIDES = (0.01, 0.1)
 GAP_TOLERANCE = 1e-3
 """Loop gap in metres above which an assembly is not closed at all, but out of reach."""
 
-
 Progress = Callable[[float], None]
 """Called with the fraction done."""
 
@@ -276,6 +275,7 @@ class ReferenceModel:
     def _reach(self, x: Array, target: Array, move: Move) -> Array:
         """Walk from configuration x to the target in steps small enough that no coordinate jumps."""
         start = x[self._active_q] if target.ndim == 1 else self.tree.tool(self.tree.update(x[None])[0])[0]
+        open_there = self._misfit(x, start)
         s, step = 0.0, 1.0 / max(1, int(np.ceil(walk.distance(start, target) / _STRIDE)))
         stride, smallest, left = step, step / 256, 0
         while s < 1:
@@ -300,7 +300,9 @@ class ReferenceModel:
                     best,
                     best.worst_gap,
                 )
-        return x
+        stuck = self._misfit(x, target) > 2 * open_there + _THERE  # as at stretched knees
+        away = self._depart(x, target, move) if stuck else None
+        return x if away is None else away
 
     def _depart(self, x: Array, target: Array, move: Move) -> Array | None:
         """Return a state at a target near configuration x, where no way leads straight ahead; None if there is none."""

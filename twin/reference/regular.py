@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.findings import Finding
 from twin.reference.departing import scattered
 from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
@@ -60,6 +61,17 @@ def regularity(model: ReferenceModel, states: Sequence[Array]) -> list[Regularit
     return out
 
 
+def singular_home(model: ReferenceModel, home: Array) -> list[Finding]:
+    """Return the warning for a mechanism that is singular where it rests (nq,), if it is."""
+    r = regularity(model, [home])[0]
+    if not r.singular:
+        return []
+    text = f"as drawn the mechanism is singular: its loops have rank {r.rank} there and {r.usual} beside it"
+    hint = "small moves may fail or go either way: draw it elsewhere, as with knees bent"
+    name = model.mechanism.name
+    return [Finding("home.singular", "warning", text, name, size=r.margin, limit=SINGULAR, suggestion=hint)]
+
+
 def closed_beside(model: ReferenceModel, x: Array) -> list[Array]:
     """Return closed states beside a configuration (nq,), driven joints moved as well; always the same ones."""
     if not model.mechanism.loops and not model.mechanism.couplings:
@@ -74,4 +86,4 @@ def closed_beside(model: ReferenceModel, x: Array) -> list[Array]:
 
 def _values(model: ReferenceModel, x: Array) -> Array:
     A = model.loop_jacobian(x)[:, model.tree.passive]
-    return np.linalg.svd(A, compute_uv=False) if A.size else np.zeros(0)
+    return np.asarray(np.linalg.svd(A, compute_uv=False) if A.size else np.zeros(0), np.float64)
