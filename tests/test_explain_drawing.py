@@ -72,6 +72,20 @@ def test_a_random_fault_is_named_exactly(robot, rng):
 
 
 @pytest.mark.slow
+def test_a_misprint_beside_a_fault_of_the_drawing_is_explained_as_well():
+    """A socket of the platform off, and eq. (1) as printed: the part is named, then the four edits, and no number."""
+    robot = twin.load("sils")
+    T = np.eye(4)
+    T[:3, 3] = [0.1 * MM, 0.0, 0.0]
+    cad = drawn(robot, Off("s2", "platform", "s2", "mm", 0.1 * MM, T))
+    x = explain("sils", robot.formula, ReferenceModel(cad.mechanism), {"eq1": "printed"}, cad=cad)
+    assert [p.part for p in x.parts] == ["platform"]
+    assert (x.lead, x.explained, x.identified) == ("edits", True, None)
+    assert {r.rows[0] for r in x.repairs} == {"eq1.X_S1", "eq1.Y_S1", "eq1.X_S3", "eq1.Y_S3"}
+    assert all(r.ways[0][0].changes[0].edit == "c_theta -> c_phi" for r in x.repairs)
+
+
+@pytest.mark.slow
 def test_random_faults_are_named_exactly(rng):
     names = twin.names()
     told = []

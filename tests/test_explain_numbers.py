@@ -95,3 +95,17 @@ def test_a_wrong_form_is_not_explained_by_numbers(sils):
     found = identify(Judge(formula, {"eq1": "printed"}, truth))
     assert not found.exact
     assert found.moved == ()
+
+
+def test_rows_without_a_value_are_not_explained_by_numbers(sils):
+    """A root that has no value somewhere: what is left of the rows says nothing of it."""
+    judge = wrong(sils, l_1=-0.1)
+    assert not Numbers(judge).complete
+    assert identify(judge, alone=True) is None
+
+
+def test_no_number_is_named_where_every_row_holds(sils):
+    formula, truth = sils
+    judge = Judge(formula, None, truth)
+    found = identify(judge, alone=True)
+    assert found is None

@@ -36,13 +36,18 @@ class Fit:
 
 
 class Numbers:
-    """The rows of a formula as functions of its parameters."""
+    """The rows of a formula as functions of its parameters; `complete` if every row that is off has a value."""
 
     def __init__(self, judge: Judge, noise: float = 0.0, seed: int = 0) -> None:
         """Take the rows; `noise` (in units of the tolerance) is added to the mechanism's values."""
         self.judge = judge
         self.start = {n: float(np.asarray(judge.truth.symbols[n])) for n in (p.name for p in judge.formula.parameters)}
-        self.rows = [p for p, r in judge.residuals.items() if np.isfinite(r).all() and self._printed(p.equation)]
+        bad = judge.failing()
+        # Helpers often only repeat the error of a printed row: they count where the printed rows agree.
+        printed = any(self._printed(p.equation) for p in bad)
+        mine = [p for p in judge.residuals if not printed or self._printed(p.equation)]
+        self.rows = [p for p in mine if np.isfinite(judge.residuals[p]).all()]
+        self.complete = all(p in self.rows for p in bad if p in mine)
         size = sum(judge.residuals[p].size for p in self.rows)
         self.noise = noise * np.random.default_rng(seed).standard_normal(size) if noise else np.zeros(size)
 
@@ -114,6 +119,8 @@ def identify(
         alone: try single parameters only; None if none serves.
     """
     numbers = Numbers(judge, noise)
+    if alone and not (numbers.complete and judge.failing()):
+        return None
     parameters = numbers.used()
     if not parameters:
         return None
@@ -123,7 +130,7 @@ def identify(
     for i, p in enumerate(parameters):
         progress(i / len(parameters))
         fit = numbers.fit((p.name,))
-        if fit.worst <= limit:
+        if fit.worst <= limit and numbers.complete:
             serve.append((p, fit))
     if alone and not serve:
         return None
@@ -138,7 +145,7 @@ def identify(
     start = np.array([numbers.start[n] for n in everything.names])
     covariance = _covariance(everything, noise)
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
-    exact = everything.worst <= limit
+    exact = everything.worst <= limit and numbers.complete
     moved = tuple(
         _moved(p, numbers, everything, i, noise)
         for i, p in enumerate(parameters)
