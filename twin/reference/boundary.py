@@ -117,7 +117,8 @@ class Boundary:
             far = wander(self.motions, self._valid, self._drawn)
             self._pool = np.concatenate([self._drawn, far])
             self._values = self._at(self._pool)
-            self._size = np.nanmedian(np.abs(self._values), axis=0)
+            known = [np.abs(v[np.isfinite(v)]) for v in self._values.T]
+            self._size = np.array([float(np.median(v)) if len(v) else 1.0 for v in known])
 
     def judge(self) -> list[Judged]:
         """Return what became of each row."""
