@@ -5,10 +5,13 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
+import inspect
 import os
 import warnings
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -138,7 +141,6 @@ def test_a_measure_of_the_formulas_own_angles_is_named_and_not_accused():
 def seeded(name, rng):
     """Yield formulas with one edit in a helper that gives margins, the rows that it changes, and what was done."""
     import tempfile
-    from pathlib import Path
 
     from twin.errors import TwinError
     from twin.explaining.edits import edits, pool
@@ -203,6 +205,35 @@ def test_seeded_faults_are_caught_or_named(capsys):
     assert counts["missed"] <= 0.15 * sum(counts.values())
 
 
+class _Rewritten(ast.NodeTransformer):
+    """Sums and products the other way round, squares as products: the same functions, with other rounding."""
+
+    def visit_BinOp(self, node):
+        self.generic_visit(node)
+        if isinstance(node.op, ast.Add | ast.Mult):
+            return ast.BinOp(node.right, node.op, node.left)
+        if isinstance(node.op, ast.Pow) and isinstance(node.right, ast.Constant) and node.right.value == 2:
+            return ast.BinOp(node.left, ast.Mult(), node.left)
+        return node
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", names())
+def test_the_same_rows_written_otherwise_are_not_accused(name, tmp_path):
+    from twin.robots import load_formula
+
+    formula, model, run = setting(name)
+    source = Path(inspect.unwrap(formula.equations[0].variants[formula.equations[0].default]).__code__.co_filename)
+    tree = ast.parse(source.read_text(encoding="utf-8"))
+    makers = {"margins", "limbs", "type2", "scope", "tilt_angles"}
+    tree.body = [_Rewritten().visit(n) if isinstance(n, ast.FunctionDef) and n.name in makers else n for n in tree.body]
+    path = tmp_path / "formula.py"
+    path.write_text(ast.unparse(ast.fix_missing_locations(tree)), encoding="utf-8")
+    found = judged(load_formula(path), model, run)
+    assert [r for r in found.values() if r.status == "disagrees"] == []
+    assert sum(r.status == "agrees" for r in found.values()) >= 0.7 * len(found)
+
+
 # -- what people are told ----------------------------------------------------------------------------------
 
 
@@ -228,8 +259,6 @@ def test_validate_reports_a_wrong_measure_with_row_pose_and_size(tmp_path):
 
 
 def test_explain_counts_what_was_judged_and_locates_a_wrong_measure(tmp_path):
-    from pathlib import Path
-
     from twin.cli.explain import lines
     from twin.explaining.explain import explain
     from twin.robots import load_formula, pa10

@@ -106,7 +106,7 @@ def explain(
     skipped = [s for s in judge.steps if s.missing and s.stage != "helper"]
     if not judge.failing():
         progress("reach and singularity measures", 0.0)
-        measured = margins(judge, model, dict(parameters or {}))
+        measured = [] if skipped else margins(judge, model, dict(parameters or {}))
         lap("margins")
         covered = coverage(judge, measured)
         off = tuple(_margin(judge, m, root) for m in measured if m.status == "disagrees")
