@@ -139,7 +139,7 @@ def explain(
         notes.append("the corrected drawing does not explain every row; the rows below were judged against it")
     if not judge.failing():
         progress("reach and singularity measures", 0.0)
-        measured = margins(judge, model, dict(parameters or {}))
+        measured = [] if skipped else margins(judge, model, dict(parameters or {}))
         lap("margins")
         covered = coverage(judge, measured)
         off = tuple(_margin(judge, m, root) for m in measured if m.status == "disagrees")

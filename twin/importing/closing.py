@@ -33,8 +33,8 @@ def close(imported: Imported) -> Imported:
     """Return the mechanism resting with its loops closed, posture `home` of where it rests, and a drive where driven.
 
     A loop that stays open is a finding with its size, and with what it leaves when all others are open: what does
-    not close alone is the model's own gap, if nothing of the file is unread. Where the mechanism would rest singular, or
-    open, a key frame of the file is its home, or else the most regular state beside it within the limits.
+    not close alone is the model's own gap, if nothing of the file is unread. Where the mechanism would rest singular,
+    or open, a key frame of the file is its home, or else the most regular state beside it within the limits.
     """
     mechanism, findings = imported.mechanism, list(imported.findings)
     findings += _authored_open(imported)

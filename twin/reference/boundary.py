@@ -35,6 +35,10 @@ _FLAT = 1e-2
 _ENDS = 0.05
 """Part of its usual size below which another row tells why the mechanism goes no further."""
 
+_MOSTLY = 0.3
+"""Sum of an aspect's values of the preferred sign, as a part of the others', from which it counts as preferred: some
+states may lie in another assembly, or about a singularity."""
+
 _NEGATIVE = 1e-9
 """Margin in m below which a state is called out of reach."""
 
@@ -113,7 +117,8 @@ class Boundary:
             far = wander(self.motions, self._valid, self._drawn)
             self._pool = np.concatenate([self._drawn, far])
             self._values = self._at(self._pool)
-            self._size = np.nanmedian(np.abs(self._values), axis=0)
+            known = [np.abs(v[np.isfinite(v)]) for v in self._values.T]
+            self._size = np.array([float(np.median(v)) if len(v) else 1.0 for v in known])
 
     def judge(self) -> list[Judged]:
         """Return what became of each row."""
@@ -140,12 +145,11 @@ class Boundary:
             return self._row(i, "disagrees", "it has no value at a state that the mechanism takes", self._pool[k])
         drawn = v[: len(self._drawn)]
         if s.kinds[i] == "aspect":
-            if (np.sign(drawn) == s.preferred[i]).any():
+            signed = drawn * s.preferred[i]
+            if np.sum(np.maximum(signed, 0)) >= _MOSTLY * np.sum(np.maximum(-signed, 0)):
                 return self._row(i, "agrees", "it has the preferred sign where the robot works")
-            k = int(np.argmax(np.abs(drawn)))
-            text = (
-                f"it has the other sign than preferred wherever the robot works, {drawn[k]:.4g} for {s.preferred[i]:+d}"
-            )
+            k = int(np.argmin(signed))
+            text = f"it has not the preferred sign where the robot works: {drawn[k]:.4g} for {s.preferred[i]:+d}"
             return self._row(i, "disagrees", text, self._pool[k], float(abs(drawn[k])))
         if s.kinds[i] == "reach" and v.min() < -_NEGATIVE:
             k = int(np.argmin(v))
@@ -260,10 +264,10 @@ class Boundary:
         least = f"{value / MM:.4g} mm" if reach else f"{value:.4g}"
         flat = slope < _FLAT * max(value, self._size[i])
         if reach and flat and self.motions.of(x[None])[0, 2] < _DEGENERATE:
-            others = [j for j, kind in enumerate(s.kinds) if kind != "aspect" and j != i]
+            others = [j for j, kind in enumerate(s.kinds) if kind == "reach" and j != i]
             near = np.abs(self._at(x[None])[0]) < _ENDS * self._size
             if not near[others].any():
-                text = f"the mechanism's reach ends where it leaves {least}, and no other row ends there"
+                text = f"the mechanism's reach ends where it leaves {least}, and no other margin does"
                 return self._row(i, "disagrees", text, x, value / MM, "mm")
         text = f"it vanishes nowhere that the mechanism was led to; its least size was {least}"
         return self._row(i, "not judged", text, x)
