@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import dataclasses
 import importlib.util
 import inspect
 import io
@@ -18,14 +17,11 @@ SWAPS = {"sin": "cos", "cos": "sin", "acos": "asin", "asin": "acos", "+": "-", "
 STRANGERS = Path(__file__).parent / "data/strangers"
 
 
-@dataclasses.dataclass
 class Case:
     """A formula that is right, what its mechanism knows, and how another file of it is loaded."""
 
-    name: str
-    path: Path
-    formula: object
-    truth: object
+    def __init__(self, name, path, formula, truth):
+        self.name, self.path, self.formula, self.truth = name, path, formula, truth
 
     def load(self, path):
         from twin.robots import load_formula
