@@ -44,36 +44,36 @@ def edit(search, row, old, new, nth=0, kind="name"):
 
 
 TAUTOLOGIES = (
-    ("q1", [("Z_S1", "q1"), ("q2", "q1")], "the difference is taken from itself"),
-    ("q1", [("Z_S1", "q2"), ("q1 =", "q2 =", "left side"), ("(l_2 - l_1)", "(l_2 - l_2)")], "times zero"),
-    ("q2", [("* q1", "* q2"), ("2 * l_1 * sqrt", "0 * l_1 * sqrt")], "content times zero, then itself"),
-    ("q4", [("(l_1 + l_2) * q3 - ", "(l_1 + l_2) * q4 - 0 * ")], "one edit that does both"),
-    ("q2", [("1 / (l_1 + l_2)", "0 / (l_1 + l_2)"), ("(l_1 + l_2)) * ", "q2 + (l_1 + l_2)) * ")], ""),
-    ("q4", [("q4 = ", "q4 = q3 + 2 * l_1 / (l_2 - l_1) * (q3 - Y_S2) + 0 * ")], "the row of q3 once more"),
+    ("q1", [("Z_S1", "q1"), ("q2", "q1")]),  # a difference taken from itself
+    ("q1", [("Z_S1", "q1"), ("(l_2 - l_1)", "(l_2 - l_2)")]),  # the same, by a factor of zero
+    ("q2", [("* q1", "* q2"), ("2 * l_1 * sqrt", "0 * l_1 * sqrt")]),  # content times zero, then itself
+    ("q4", [("(l_1 + l_2) * q3 - 2 *", "(l_1 + l_2) * q4 - 0 *")]),  # one edit that does both
+    ("q2", [("2 * l_1 * sqrt", "0 * l_1 * sqrt"), ("q2", "q1", "left side")]),  # by way of the left side
+    ("q4", [("1 / (l_1 + l_2)", "q3 + 2 * l_1 / (l_2 - l_1) * (q3 - Y_S2) + 0 / (l_1 + l_2)")]),  # the row of q3 again
 )
 
 
-@pytest.mark.parametrize(("row", "changes", "why"), TAUTOLOGIES[:4] + TAUTOLOGIES[5:])
-def test_a_row_that_says_nothing_is_no_cure(row, changes, why, sils):
+@pytest.mark.parametrize(("row", "changes"), TAUTOLOGIES)
+def test_a_row_that_says_nothing_is_no_cure(row, changes, sils):
+    """It agrees at every pose, whatever the dimensions are, and is refused all the same."""
     formula, truth = sils
-    search = Search(Judge(formula, None, truth.with_parameters({n: truth.symbols[n] * 1.001 for n in ("l_0", "l_2")})))
-    made = [
-        edit(search, row, old.removesuffix(" ="), new.removesuffix(" ="), kind=k[0] if k else "name")
-        for old, new, *k in changes
-    ]
+    search = Search(Judge(formula, None, truth.with_parameters({"l_0": truth.symbols["l_0"] + 1e-4})))
+    k = next(
+        (p.equation, p.statement, p.position) for p in search.judge.residuals if (p.equation, p.symbol) == ("eq2", row)
+    )
+    search.failing = [k]
+    made = [edit(search, row, old, new, kind=kind[0] if kind else "name") for old, new, *kind in changes]
     with np.errstate(all="ignore"):
         c = search.attempt(search.judge.step("eq2"), made)
     assert c is not None
-    assert c.over([k for k in search.failing if k in c.scores], search.base) >= 0
-    cured = [k for k in search.failing if c.scores.get(k, np.inf) <= 1]
-    if cured:  # it agrees at every pose, and must not be offered all the same
-        assert c.hollow
-    assert not (c.serves and cured)
+    assert c.scores[k] <= 1
+    assert c.hollow
+    assert not c.serves
 
 
 def test_a_changed_dimension_is_not_explained_by_edits(sils):
     formula, truth = sils
-    for name, d in (("L_V", 2e-4), ("l_0", 1e-4), ("l_2", 3e-4)):
+    for name, d in (("L_V", 2e-4), ("l_2", 3e-4)):
         search = Search(Judge(formula, None, truth.with_parameters({name: truth.symbols[name] + d})))
         search.targets, search.failing = search.targets[-1:], search.failing[-1:]
         found, lost = search.run(budget=0.3)
