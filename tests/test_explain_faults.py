@@ -147,11 +147,14 @@ def test_no_rewrite_of_any_robot_is_a_fault(cases, tmp_path):
 
 
 def test_a_slip_of_a_stranger_is_undone(strangers, tmp_path):
-    case = strangers[1]
-    text = case.path.read_text(encoding="utf-8")
-    for i, (right, wrong) in enumerate(
-        (("2 * upper * rho", "2 * fore * rho"), ("x - d, y, m_1, m_2", "x - d, y, m_2, m_1"))
-    ):
+    slips = (
+        ("delta", "np.cos(phi)", "np.cos(r)"),  # what a line before it in the loop assigns
+        ("five_bar", "2 * upper * rho", "2 * fore * rho"),
+        ("five_bar", "x - d, y, m_1, m_2", "x - d, y, m_2, m_1"),
+    )
+    for i, (name, right, wrong) in enumerate(slips):
+        case = next(c for c in strangers if c.name == name)
+        text = case.path.read_text(encoding="utf-8")
         folder = tmp_path / str(i)
         folder.mkdir()
         assert text.count(right) == 1
