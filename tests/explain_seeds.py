@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import dataclasses
 import importlib.util
 import inspect
 import io
@@ -18,14 +17,11 @@ SWAPS = {"sin": "cos", "cos": "sin", "acos": "asin", "asin": "acos", "+": "-", "
 STRANGERS = Path(__file__).parent / "data/strangers"
 
 
-@dataclasses.dataclass
 class Case:
     """A formula that is right, what its mechanism knows, and how another file of it is loaded."""
 
-    name: str
-    path: Path
-    formula: object
-    truth: object
+    def __init__(self, name, path, formula, truth):
+        self.name, self.path, self.formula, self.truth = name, path, formula, truth
 
     def load(self, path):
         from twin.robots import load_formula
@@ -160,18 +156,33 @@ def faults(f, rng, count):
 
 
 def seeded(case, path, rng, count=1):
-    """A file with faults in one function of it, what was done; None for a draw that changes nothing."""
+    """A file with faults in one function of it, what was done; None for a draw in which one of them changes nothing."""
+    from twin.errors import TwinError
+    from twin.explaining.judge import Judge
+
     choices = functions(case.formula)
     f = choices[rng.integers(len(choices))]
     done = faults(f, rng, count)
     if done is None:
         return None
     text = Path(f.__code__.co_filename).read_text(encoding="utf-8")
-    lines = text.splitlines(keepends=True)
-    for line, column, old, new in reversed(done):
-        row = lines[line - 1]
-        lines[line - 1] = row[:column] + new + row[column + len(old) :]
-    path.write_text("".join(lines), encoding="utf-8")
+
+    def write(some):
+        lines = text.splitlines(keepends=True)
+        for line, column, old, new in reversed(some):
+            row = lines[line - 1]
+            lines[line - 1] = row[:column] + new + row[column + len(old) :]
+        return "".join(lines)
+
+    for i, one in enumerate(done if count > 1 else ()):  # of two, each shows by itself
+        alone = path.with_name(f"alone{i}_{path.name}")
+        alone.write_text(write([one]), encoding="utf-8")
+        try:
+            if not Judge(case.load(alone), None, case.truth).failing():
+                return None
+        except TwinError:
+            return None
+    path.write_text(write(done), encoding="utf-8")
     return "; ".join(f"{f.__name__}:{line}: {old} -> {new.strip() or '(nothing)'}" for line, _, old, new in done)
 
 

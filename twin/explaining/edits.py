@@ -51,6 +51,8 @@ def pool(
 ) -> Pool:
     """Return the names that a statement could use: symbols of the flow, locals so far, aliases in the file's style."""
     local = {w for s in source.statements[: statement.index] for w in s.writes}
+    if isinstance(statement.node, ast.For):  # its lines read what lines before them in the loop assign
+        local |= set(statement.writes)
     names = {n for n in available if n.isidentifier()} | local | set(source.arguments)
     aliases: dict[str, str] = {}
     angles: set[str] = set()
@@ -106,7 +108,7 @@ def edits(source: Source, statement: Statement, pool: Pool, kinds: Container[str
 class _Writer:
     def __init__(self, source: Source, statement: Statement, pool: Pool) -> None:
         self.source, self.statement, self.pool = source, statement, pool
-        self.parents = {c: p for p in ast.walk(statement.node) for c in ast.iter_child_nodes(p)}
+        self.parent = {c: p for p in ast.walk(statement.node) for c in ast.iter_child_nodes(p)}.get
 
     def replace(self, node: ast.AST, new: str, kind: str, define: tuple[str, str] | None = None) -> Edit:
         return self.between(*self.source.span(node), new, kind, define)
@@ -128,9 +130,6 @@ class _Writer:
 
     def text(self, node: ast.AST) -> str:
         return self.source.text(*self.source.span(node))
-
-    def parent(self, node: ast.AST) -> ast.AST | None:
-        return self.parents.get(node)
 
     def need(self, name: str) -> tuple[str, str] | None:
         """Return what a name needs to be defined by."""

@@ -115,6 +115,13 @@ class Pairs:
         for group in together.values():
             position = _Position(tuple(group), True)
             done = self._residual([self._choice(position, 0)], position.edits, (len(group), 1))
+            if done is None:  # a name that is not there yet, say
+                alone += [_Position((e,), False) for e in group if self._residual([e], [e], (1, 1)) is None]
+                group = [e for e in group if all(p.edits[0] is not e for p in alone)]
+                if not group:
+                    continue
+                position = _Position(tuple(group), True)
+                done = self._residual([self._choice(position, 0)], position.edits, (len(group), 1))
             odd = set(range(len(group))) if done is None else self._pick[0].odd  # matrices, lists: one by one
             alone += [_Position((e,), False) for i, e in enumerate(group) if i in odd]
             scalar = tuple(e for i, e in enumerate(group) if i not in odd)

@@ -1,0 +1,140 @@
+"""No cure may empty a row: the search never offers q1 = q1, a copy of the row beside it, or content times zero."""
+
+from __future__ import annotations
+
+import os
+import runpy
+import shutil
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from twin.errors import TwinError
+from twin.explaining.judge import Judge
+from twin.explaining.repair import Search
+from twin.explaining.source import Edit
+
+seeds = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("explain_seeds.py"))))
+SEARCHES = int(os.environ.get("TWIN_SEARCHES", "12"))
+"""Searches whose cures are checked; `TWIN_SEARCHES=2000` takes an hour."""
+
+
+@pytest.fixture(scope="module")
+def sils(sils_model):
+    from twin.explaining.explain import known
+    from twin.robots import load_formula
+
+    formula = load_formula("sils")
+    return formula, known(formula, sils_model)
+
+
+def edit(search, row, old, new, nth=0, kind="name"):
+    """An edit of the statement that assigns a symbol of eq. (2)."""
+    place = next(p for p in search.judge.residuals if p.equation == "eq2" and p.symbol == row)
+    source = search.judge.step("eq2").source
+    s = source.statements[place.statement]
+    text = source.text(s.start, s.end)
+    at = -1
+    for _ in range(nth + 1):
+        at = text.index(old, at + 1)
+    return Edit(source.path, s.line, s.start + at, s.start + at + len(old), old, new, kind, s.index, source.name)
+
+
+TAUTOLOGIES = (
+    ("q1", [("Z_S1", "q1"), ("q2", "q1")]),  # a difference taken from itself
+    ("q1", [("Z_S1", "q1"), ("(l_2 - l_1)", "(l_2 - l_2)")]),  # the same, by a factor of zero
+    ("q2", [("* q1", "* q2"), ("2 * l_1 * sqrt", "0 * l_1 * sqrt")]),  # content times zero, then itself
+    ("q4", [("(l_1 + l_2) * q3 - 2 *", "(l_1 + l_2) * q4 - 0 *")]),  # one edit that does both
+    ("q2", [("2 * l_1 * sqrt", "0 * l_1 * sqrt"), ("q2", "q1", "left side")]),  # by way of the left side
+    ("q4", [("1 / (l_1 + l_2)", "q3 + 2 * l_1 / (l_2 - l_1) * (q3 - Y_S2) + 0 / (l_1 + l_2)")]),  # the row of q3 again
+)
+
+
+@pytest.mark.parametrize(("row", "changes"), TAUTOLOGIES)
+def test_a_row_that_says_nothing_is_no_cure(row, changes, sils):
+    """It agrees at every pose, whatever the dimensions are, and is refused all the same."""
+    formula, truth = sils
+    search = Search(Judge(formula, None, truth.with_parameters({"l_0": truth.symbols["l_0"] + 1e-4})))
+    k = next(
+        (p.equation, p.statement, p.position) for p in search.judge.residuals if (p.equation, p.symbol) == ("eq2", row)
+    )
+    search.failing = [k]
+    made = [edit(search, row, old, new, kind=kind[0] if kind else "name") for old, new, *kind in changes]
+    with np.errstate(all="ignore"):
+        c = search.attempt(search.judge.step("eq2"), made)
+    assert c is not None
+    assert c.scores[k] <= 1
+    assert c.hollow
+    assert not c.serves
+
+
+def test_a_changed_dimension_is_not_explained_by_edits(sils):
+    formula, truth = sils
+    for name, d in (("L_V", 2e-4), ("l_2", 3e-4)):
+        search = Search(Judge(formula, None, truth.with_parameters({name: truth.symbols[name] + d})))
+        search.targets, search.failing = search.targets[-1:], search.failing[-1:]
+        found, lost = search.run(budget=0.3)
+        assert lost == search.failing
+        assert not any(f.credible for f in found)
+
+
+def test_what_a_repair_drops_is_said(sils, tmp_path):
+    """A row with a name too many: the cure names the symbol that it takes out."""
+    import inspect
+
+    from twin.robots import load_formula
+
+    formula, truth = sils
+    text = inspect.getsource(inspect.getmodule(formula.equations[0].variants["corrected"]))
+    head, rest = text.split("def eq2_corrected", 1)
+    right = "(l_2 - l_1) * (q2 - q1) + Z_S1"
+    (tmp_path / "formula.py").write_text(head + "def eq2_corrected" + rest.replace(right, right.replace("q1", "X_S2")))
+    (found,), lost = Search(Judge(load_formula(tmp_path / "formula.py", trial=True), None, truth)).run()
+    assert not lost
+    assert found.ways[0][0].edits[0].text == "X_S2 -> q1"
+    assert found.ways[0][0].dropped == ("X_S2",)
+    assert not found.credible
+
+
+@pytest.mark.slow
+def test_no_search_offers_a_tautology(tmp_path, capsys, monkeypatch):
+    """Slips of one and of two tokens, and changed dimensions, over all robots; derivatives are CasADi's own."""
+    from twin.robots import names
+
+    monkeypatch.setattr(time, "monotonic", time.process_time)  # the budget does not depend on what else runs
+    cases = [*map(seeds.built_in, names()), *map(seeds.stranger, sorted(seeds.STRANGERS.glob("*.py")))]
+    rng, done, checked = np.random.default_rng(1), 0, 0
+    while done < SEARCHES:
+        case, kind = cases[done % len(cases)], int(rng.integers(4))
+        folder = tmp_path / "one"
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        faulty, truth, what = case.formula, case.truth, ""
+        if kind == 0:
+            p = case.formula.parameters[rng.integers(len(case.formula.parameters))].name
+            truth = case.changed(**{p: float(rng.uniform(5e-5, 5e-4))})
+        else:
+            path = tmp_path / f"formula{rng.integers(10**9)}.py"
+            what = seeds.seeded(case, path, rng, 2 if kind == 3 else 1)
+            try:
+                faulty = case.load(path) if what else None
+            except TwinError:
+                continue
+        judge = Judge(faulty, None, truth) if faulty is not None else None
+        if judge is None or not judge.failing():
+            continue
+        search = Search(judge)
+        i = int(rng.integers(len(search.failing)))
+        search.targets, search.failing = [search.targets[i]], [search.failing[i]]
+        done += 1
+        found, _ = search.run(budget=0.7)
+        for f in found:
+            for c in (c for way in f.ways for c in way):
+                checked += 1
+                assert not seeds.empty(case, judge, faulty, c, f.rows, folder), f"{case.name}: {what}"
+    with capsys.disabled():
+        print(f"\n{done} searches, {checked} cures, none of them empty")
+    assert checked
