@@ -122,3 +122,13 @@ def test_a_gap_is_the_models_own_only_if_all_of_the_file_was_read(tmp_path):
     said = [f.message for f in made(tmp_path, "partly", partly, yaml).findings if f.code == "import.gap"]
     assert "the model's own gap" not in said[0]
     assert "<loop_joint> is not read" in said[0]
+
+
+def test_ends_of_loops_that_nothing_closes_are_told(tmp_path):
+    urdf = linkage([("s", "continuous", "1 0 0")]).replace("end_A", "loop1_A").replace("end_B", "loop1_B")
+    (tmp_path / "tree.urdf").write_text(urdf)
+    told = [f for f in read(tmp_path / "tree.urdf").findings if f.code == "import.closures"]
+    assert ["'loop1_A' and 'loop1_B'" in f.message for f in told] == [True]
+    yaml = "closed_loop: [[loop1_A, loop1_B]]\ntype: [3d]\nname_mot: [q]\n"
+    closed = made(tmp_path, "closed", urdf, yaml)
+    assert not [f for f in closed.findings if f.code == "import.closures"]

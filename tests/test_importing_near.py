@@ -89,6 +89,21 @@ def test_what_is_further_off_than_the_gross_tolerance_or_solid_on_both_sides_is_
     assert not find_pairs({"a": [rod], "b": near})
 
 
+def test_a_second_bore_that_the_pin_misses_is_named_and_changes_no_joint(pa10):
+    own = [p for p in pa10["base"] if p.name == "base_seat1"]
+    aside = moved(own, spatial.pose(p=[0.0003, 0, 0]))
+    parts = {"base": [*pa10["base"], *aside], "link1": pa10["link1"]}
+    ((found,), left) = propose(parts, find_pairs(parts), "base")
+    assert (found.type, found.misses) == ("revolute", False)
+    assert [round(p.offset / MM, 6) for p in left] == [0.3]
+
+
+def test_bodies_that_nothing_joins_to_the_base_get_their_joints_too(pa10):
+    parts = {n: pa10[n] for n in ("base", "link2", "link3")}
+    ((found,), _) = propose(parts, find_pairs(parts), "base")
+    assert {found.parent, found.child} == {"link2", "link3"}
+
+
 def cylinder(radius, length):
     from trimesh import creation
 

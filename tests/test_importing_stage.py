@@ -95,8 +95,8 @@ def test_any_other_scale_is_refused_with_the_prim_that_has_it(scale, shown, turn
 def test_a_stage_without_a_tool_is_shown_exported_and_told(tmp_path, capsys):
     source = MODELS / "slider.usda"
     robot = api.load(source)
-    assert "the file names no tool" in robot.told
     tool = robot.mechanism.frame(robot.mechanism.tool)
+    assert "the file names no tool" in robot.told
     depth = {robot.mechanism.base: 0}
     for joint in robot.mechanism.tree:
         depth[joint.child] = depth[joint.parent] + 1

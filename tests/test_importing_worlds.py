@@ -187,3 +187,17 @@ def test_missing_meshes_and_textures_of_an_mjcf_are_warnings(tmp_path):
     assert imported.mechanism.body("a").inertia is None
     assert imported.mechanism.body("b").inertia.mass == 2
     assert len(imported.mechanism.body("b").meshes) == 1
+
+
+def test_a_leg_with_springs_balls_and_two_loops_is_read_whole():
+    imported = close(read(WORLDS / "cassie.xml", guarded=False))
+    m = imported.mechanism
+    assert [j.name for j in m.loops] == ["equality0", "equality1"]
+    assert [j.name for j in m.active] == ["hip", "knee", "foot_crank"]
+    types = {j.name: j.type for j in m.joints}
+    assert (types["joint0"], types["rod_ball"], types["shin_spring"]) == ("free", "spherical", "revolute")
+    assert max(g[0] for g in ReferenceModel(m).home().gap.values()) < 1e-9
+    told = [f.message for f in imported.findings if f.code == "import.friction"]
+    assert any("shin_spring" in t and "stiffness 1500" in t for t in told)
+    assert any(f.code == "import.free" for f in imported.findings)
+    assert {"hip", "knee", "foot_crank"} == set(next(v for k, v in m.postures.items() if k != "home"))

@@ -60,7 +60,7 @@ class Robot:
         tool: str | None = None,
     ) -> None:
         self.files = files
-        self._stage, self._tool = stage, tool
+        self._stage, self._tool, self.told = stage, tool, ""  # told: what `mechanism` took for a tool that is not named
         self._variants, self._parameters = variants, parameters
         self._trocar: Array | None = None
         self._is_weighed = False
@@ -85,20 +85,12 @@ class Robot:
     @cached_property
     def mechanism(self) -> Mechanism:
         """Bodies, joints and loops, from the CAD or from the stage."""
-        return self._staged[0] if self._stage is not None else self.cad.mechanism
+        if self._stage is None:
+            return self.cad.mechanism
+        from twin.stage.read import read_stage, with_tool
 
-    @cached_property
-    def _staged(self) -> tuple[Mechanism, str]:
-        from twin.stage.read import read_stage
-        from twin.stage.read.tool import with_tool
-
-        assert self._stage is not None
-        return with_tool(read_stage(self._stage), self._tool)
-
-    @property
-    def told(self) -> str:
-        """What was taken for the tool of a stage that names none; empty for any other robot."""
-        return self._staged[1] if self._stage is not None else ""
+        mechanism, self.told = with_tool(read_stage(self._stage), self._tool)
+        return mechanism
 
     def kinematics(
         self, variants: Mapping[str, str] | str | None = None, parameters: Mapping[str, float] | None = None

@@ -31,7 +31,7 @@ _WITHOUT = "AGREE: mechanism and stage tell the same story; there are no equatio
 
 def told(robot: Robot, quiet: bool) -> None:
     """Print what was taken for the tool of a stage that names none, beside what the command prints."""
-    if not quiet and robot.told:
+    if not quiet and robot.files is None and robot.mechanism and robot.told:
         print(f"  {robot.told} Choose another with --tool.", file=sys.stderr)
 
 

@@ -34,7 +34,7 @@ _ONE_AXIS = (0.1 * MM, 0.1 * DEG)
 """Faces of one body that are nearer lie on one axis."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays do not compare
 class Round:
     """A cylinder or sphere of a body: its face, its part, and how far it reaches along its axis in m (0, 0: a ball)."""
 
@@ -58,7 +58,7 @@ class Round:
         return int(np.sign(np.sum(normal * away[on].mean(axis=1))))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pair:
     """Two round faces of two bodies that fit.
 

@@ -74,7 +74,7 @@ class Proposal:
     @property
     def miss(self) -> str:
         """How far the sides are apart, in words."""
-        return f"{self.offset / MM:.4g} mm and {self.tilt / DEG:.4g}°"
+        return f"{round(self.offset / MM, 6):.4g} mm and {round(self.tilt / DEG, 6):.4g}°"
 
 
 def propose(parts: Mapping[str, Sequence[Part]], pairs: Sequence[Pair], base: str) -> tuple[list[Proposal], list[Pair]]:

@@ -137,9 +137,7 @@ def assemble(
     try:
         bare = Mechanism(identifier(name), base, tuple(bodies), tuple(joints), tuple(frames), source=path.name)
         mechanism = replace(bare, rest=rest_poses(bare), couplings=tuple(couplings))
-        mechanism, said = with_tool(mechanism)
-        if said:
-            findings.append(warning("tool", f"{said} Move [frame.tool] where it belongs.", mechanism.base))
+        mechanism = tooled(mechanism, findings)
     except MechanismError as error:
         raise SourceError(f"{path}: {error}") from error
     return Imported(mechanism, findings, efforts or {})
@@ -151,6 +149,16 @@ def rest_poses(mechanism: Mechanism) -> dict[str, Array]:
     for joint in mechanism.tree:
         rest[joint.child] = rest[joint.parent] @ joint.T_parent_joint @ spatial.inverse(joint.T_child_joint)
     return rest
+
+
+def tooled(mechanism: Mechanism, findings: list[Finding]) -> Mechanism:
+    """Return the mechanism with a tool; one that had to be made is a warning."""
+    out, said = with_tool(mechanism)
+    if out.frames != mechanism.frames:
+        findings.append(warning("tool", f"{said} Move [frame.tool] where it belongs.", out.frame(out.tool).body))
+    elif said:
+        findings.append(note("tool", said, out.tool))
+    return out
 
 
 def missing(path: Path, kind: str, name: str, known: Iterable[str], where: str) -> SourceError:

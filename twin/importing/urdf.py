@@ -86,6 +86,8 @@ class _Urdf:
                 if ends[j][0] in self.home:
                     body, T = self.home[ends[j][0]]
                     self.home[n] = (body, T @ origin(self.xml, joints[j], f"joint '{j}'"))
+        if self.closures is None:
+            self._unclosed([*joints, *links])
         driven = self._driven(root, joints)
         self.crosses: list[Body] = []
         made = [
@@ -191,6 +193,18 @@ class _Urdf:
         value = mass.get("value") if mass is not None else "0"
         heavy = self.xml.number(f"link '{name}'", "mass", value, 0.0) > _LIGHT
         return heavy or link.find("visual") is not None or link.find("collision") is not None
+
+    def _unclosed(self, names: list[str]) -> None:
+        """Tell names that come in pairs as the ends of loops do, where no closure YAML says so."""
+        ends = [
+            n[:-1] for n in dict.fromkeys(names) if n.endswith("A") and f"{n[:-1]}B" in names and "loop" in n.lower()
+        ]
+        if ends:
+            text = (
+                f"{len(ends)} pairs such as '{ends[0]}A' and '{ends[0]}B' look like ends of loops, but no closure YAML "
+            )
+            text += "says so: the robot is a tree here. Put the YAML beside the URDF, or name it with --closures."
+            self.findings.append(warning("closures", text, ends[0]))
 
     def _retyped(self, joints: dict[str, Element]) -> dict[str, str]:
         """Return the joints that the closure YAML makes another type of."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from twin.errors import SourceError, TwinError
 from twin.findings import Finding
-from twin.importing.source import Imported, warning
+from twin.importing.source import Imported, tooled, warning
 
 _READ = (
     "PhysicsRigidBodyAPI",
@@ -36,7 +36,6 @@ def read_usd(path: Path, root: str | None) -> Imported:
         TwinError: a stage that is wrong.
     """
     from twin.stage.read import inspect_stage
-    from twin.stage.read.tool import with_tool
 
     try:
         mechanism, findings = inspect_stage(path, root)
@@ -52,10 +51,7 @@ def read_usd(path: Path, root: str | None) -> Imported:
         mechanism = replace(mechanism, joints=joints, postures={})
         text = f"no joint has a drive: all of the tree are driven, {', '.join(sorted(moving))}."
         findings.append(warning("driven", text, mechanism.base))
-    mechanism, said = with_tool(mechanism)
-    if said:
-        findings.append(warning("tool", f"{said} Move [frame.tool] where it belongs.", mechanism.base))
-    return Imported(mechanism, findings)
+    return Imported(tooled(mechanism, findings), findings)
 
 
 def _left_out(path: Path, root: str | None) -> list[Finding]:

@@ -28,9 +28,10 @@ from twin.stage.read.bodies import bake_scale, below, original_name, read_inerti
 from twin.stage.read.joints import WORLD, Selection, convert, select
 from twin.stage.read.motion import read_motion
 from twin.stage.read.names import identifier, unique
+from twin.stage.read.tool import with_tool
 from twin.stage.scan import Scene, said
 
-__all__ = ["inspect_stage", "made_from", "read_motion", "read_stage"]
+__all__ = ["inspect_stage", "made_from", "read_motion", "read_stage", "with_tool"]
 
 
 def made_from(path: str | Path) -> str:
