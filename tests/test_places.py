@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,12 +24,20 @@ SAMPLES = 16
 CLOSE = 1.5 * MM
 """Parts nearer than this lean on each other: facets of round shapes stand off their neighbours by less."""
 
-CASES = [
-    (name, protocol)
+CASES = {
+    name: [p for p, path in assets.files(name).protocols().items() if "\n[patient]" in path.read_text("utf-8")]
     for name in twin.names()
-    for protocol, path in assets.files(name).protocols().items()
-    if "\n[patient]" in path.read_text("utf-8")
-]
+}
+"""Protocols with a patient, by robot."""
+
+
+def cases() -> list:
+    """Return the first protocol of each robot, and the others for the slow suite."""
+    return [
+        pytest.param((name, p), id=f"{name}-{p}", marks=[pytest.mark.slow] if k else [])
+        for name, protocols in CASES.items()
+        for k, p in enumerate(protocols)
+    ]
 
 
 @dataclass
@@ -91,9 +100,8 @@ def inside(mesh: Mesh, points: np.ndarray) -> np.ndarray:
     return np.all(np.einsum("fi,nfi->nf", np.cross(b - a, c - a), points[:, None] - a) < 0, axis=1)
 
 
-def faults(p: Played) -> list[str]:
-    """Return what is sunk in what, and where; empty if patient and robot are well placed."""
-    out = []
+def faults(p: Played) -> Iterator[str]:
+    """Yield what is sunk in what, and where; nothing if patient and robot are well placed."""
     parts = {b.name: b.meshes[0] for b in p.patient.mechanism.bodies}
     whole = {name: _Shape(name, name, [mesh]) for name, mesh in parts.items()}
     opened = {
@@ -115,29 +123,28 @@ def faults(p: Played) -> list[str]:
             for k in np.flatnonzero(near):
                 is_open = name in p.patient.access or (name in p.patient.opens and p.inside[k])
                 if _distance(shape, (opened if is_open else whole)[name], Ts[k], np.eye(4)) <= 0:
-                    out.append(f"{body.name} runs through {name} at sample {k}")
+                    yield f"{body.name} runs through {name} at sample {k}"
                 elif not is_open and inside(mesh, firsts @ Ts[k][:3, :3].T + Ts[k][:3, 3]).any():
-                    out.append(f"{body.name} is inside {name} at sample {k}")
-    return out
+                    yield f"{body.name} is inside {name} at sample {k}"
 
 
-@pytest.fixture(scope="module", params=CASES, ids=lambda c: f"{c[0]}-{c[1]}")
+@pytest.fixture(scope="module", params=cases())
 def played(request) -> Played:
     return play(*request.param)
 
 
 def test_nothing_is_sunk(played):
     """Before the insertion nothing is in the patient; after it only what goes through the port, and never the table."""
-    assert not faults(played)
+    assert not list(faults(played))
 
 
-@pytest.mark.parametrize("by_mm", [(0, 0, 40), (40, 0, 0), (0, -40, 0)])
+@pytest.mark.parametrize("by_mm", [(0, 0, 120), (40, 0, 0)])
 def test_a_patient_elsewhere_is_caught(played, by_mm):
     """Of each played protocol: the same patient beside its port, or above it, is run through."""
     moved = spatial.pose(p=np.array(by_mm) * MM)
     # The robot in the patient's old place is the robot displaced by the opposite.
     links = {n: spatial.inverse(moved) @ T for n, T in played.links.items()}
-    assert faults(replace(played, links=links))
+    assert next(faults(replace(played, links=links)), None)
 
 
 def test_nothing_floats(played):
@@ -184,12 +191,14 @@ def test_the_endoscope_sees_the_inside(played):
         np.testing.assert_allclose((ahead - eye) / np.linalg.norm(ahead - eye), T[:3, 2], atol=1e-12)
 
 
-def test_the_left_eye_stands_where_the_phantom_does():
-    p = play("sher", "sclerotomy")
-    frame = p.mechanism.frame("eye")
-    T = p.links[frame.body][0] @ frame.T_body_frame
-    eye = next(b.meshes[0] for b in p.patient.mechanism.bodies if b.name == "eye")
-    np.testing.assert_allclose(eye.vertices.mean(axis=0), T[:3, 3], atol=2e-6)
+def test_an_eye_stands_where_the_phantom_does(played):
+    eyes = [b.meshes[0] for b in played.patient.mechanism.bodies if b.name == "eye"]
+    frames = [f for f in played.mechanism.frames if f.name == "eye"]
+    if not frames:
+        assert not eyes
+        return
+    T = played.links[frames[0].body][0] @ frames[0].T_body_frame
+    np.testing.assert_allclose(eyes[0].vertices.mean(axis=0), T[:3, 3], atol=2e-6)
 
 
 @pytest.mark.parametrize("name", twin.names())

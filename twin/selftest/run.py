@@ -80,8 +80,8 @@ def bench_of(robot: str, protocol: str | None) -> Iterator[Bench]:
 def drawn(bench: Bench, families: Sequence[Family], count: int, seed: int) -> list[Fault]:
     """Return the faults of a draw; every family has its own chance, so that one alone is drawn as among others."""
     out: list[Fault] = []
-    shares = shared_out(count, {f: n for f, n in SHARES.items() if f in families})
-    for family, n in shares.items():
+    asked: dict[Family, int] = {f: SHARES[f] for f in FAMILIES if f in families}
+    for family, n in shared_out(count, asked).items():
         rng = np.random.default_rng([seed, FAMILIES.index(family)])
         out += _faults(family, bench, rng, n)
     return out
@@ -95,14 +95,16 @@ def shared_out(count: int, shares: Mapping[Family, int]) -> dict[Family, int]:
     whole = sum(shares.values())
     least = 1 if count >= len(shares) else 0
     out: dict[Family, int] = {f: max(least, count * s // whole) for f, s in shares.items()}
-    left = {f: count * s / whole - out[f] for f, s in shares.items()}
+    left: dict[Family, float] = {f: count * s / whole - out[f] for f, s in shares.items()}
     while sum(out.values()) != count:
         step = 1 if sum(out.values()) < count else -1
-        able = [f for f in out if step > 0 or out[f] > least]
+        able: list[Family] = [f for f in out if step > 0 or out[f] > least]
         chosen = max(able, key=lambda f: step * left[f])
         out[chosen] += step
         left[chosen] -= step
-    return {f: n for f, n in out.items() if n}
+    for family in [f for f, n in out.items() if not n]:
+        del out[family]
+    return out
 
 
 def _faults(family: Family, bench: Bench, rng: np.random.Generator, n: int) -> Iterator[Fault]:

@@ -327,7 +327,9 @@ function tube(points: Numbers, radius: number): InstancedMesh {
 function partsOf(scene: Group): Object3D[] {
   const root = scene.children.length === 1 && scene.children[0] ? scene.children[0] : scene;
   const parts = [...root.children].filter((o) => !o.name.startsWith('frame_'));
-  for (const part of parts)
+  for (const part of parts) {
+    const own: unknown = part.userData['link']; // the loader renames what is called like the root
+    if (typeof own === 'string') part.name = own;
     part.traverse((o) => {
       if (!(o instanceof Mesh)) return;
       const skin = o.material as MeshStandardMaterial;
@@ -337,6 +339,7 @@ function partsOf(scene: Group): Object3D[] {
       }
       o.receiveShadow = o.castShadow = !skin.transparent;
     });
+  }
   return parts;
 }
 
