@@ -55,7 +55,8 @@ class Twin:
         self.desk = Desk(robot)
         self.links = tuple(b.name for b in self.desk.mechanism.bodies)
         self.clock = Clock()
-        self._worker = Worker(self._broken)
+        broken = "internal error, {}: {}. Please report it."
+        self._worker = Worker(lambda error: self._failure(broken.format(type(error).__name__, error)))
         self._ghost, self._reach = Ghost(robot, self.desk), Reach(self.desk, source)
         self._hold: Hold | None = None
         self._protocols = protocols_of(robot, protocol)
@@ -72,7 +73,7 @@ class Twin:
         self._worker.ask("prepare", self.desk.hand.prepare, lambda _: None)
         self.description = description.describe(robot, self.desk, self._protocols)
         first = next((n for n, p in self._protocols.items() if p == protocol), None)
-        if first is None and self._protocols:
+        if first is None:
             first = next((p["name"] for p in self.description["protocols"] if p["is_default"]), None)
         if first is not None and plans:
             self._plan(first)
@@ -237,13 +238,12 @@ class Twin:
         def done(error: str) -> None:
             if error and self._ghost.name == name:
                 self._ghost.name = None
-                self.send({"type": "error", "code": "failed", "message": error})
+                self._failure(error)
             self._again()
 
         self._worker.ask("variant", lambda: self._ghost.choose(name), done)
 
-    def _broken(self, error: Exception) -> None:
-        text = f"internal error, {type(error).__name__}: {error}. Please report it."
+    def _failure(self, text: str) -> None:
         self.send({"type": "error", "code": "failed", "message": text[:500]})
 
     # -- jobs and what they find ----------------------------------------------------------------------
@@ -254,7 +254,6 @@ class Twin:
             self._wish = move
             return
         self._moved, self._wish = self._tick, None
-
         hold = self._hold
 
         def job() -> tuple[Shown, bool]:
@@ -264,13 +263,12 @@ class Twin:
 
         def done(found: tuple[Shown, bool]) -> None:
             shown, more = found
-            if self._sample is not None:
-                return
             if hold is not None and self._hold is not hold:  # let go meanwhile: nobody wants what was refused
                 shown = replace(shown, reason="")
-            elif more and self._wish is None:
+            elif more and self._wish is None and self._sample is None:
                 self._wish = move
-            self._show(shown)
+            if self._sample is None:
+                self._show(shown)
 
         self._worker.ask("move", job, done)
 
@@ -328,7 +326,7 @@ class Twin:
             self._worker.ask("ghost", self._ghost.more, self._more_ghost)
         elif self._ghost.nowhere:
             text = f"{self._ghost.name}: these equations have no tool pose at the joints of the protocol: no ghost"
-            self.send({"type": "error", "code": "failed", "message": text})
+            self._failure(text)
         if self._sample is not None:
             self._stand()
 
@@ -348,7 +346,7 @@ class Twin:
         self._planner = None
         if not isinstance(answer, Playback):
             self._failed = str(answer)
-            self.send({"type": "error", "code": "failed", "message": f"{self._wanted}: {answer}"[:500]})
+            self._failure(f"{self._wanted}: {answer}")
             return
         playback, desk = answer, self.desk
 
@@ -379,7 +377,7 @@ class Twin:
     def state(self) -> dict[str, Any]:
         """Return everything that is shown besides the robot itself."""
         playback = None if self._track is None else self._track.playback
-        reading, shown = self._reading, self._shown
+        shown = self._shown
         rcm = None if playback is None else rcm_at(self.desk, playback, self.clock.time)
         return {
             "type": "state",
@@ -394,7 +392,7 @@ class Twin:
             "planning": self._wanted if self._planner is not None else None,
             "holder": self.holder,
             "reason": shown.reason or self._failed or None,
-            **measured(reading, apart(shown, self.links, self.description["tool"])),
+            **measured(self._reading, apart(shown, self.links, self.description["tool"])),
             "rcm": None if rcm is None else [number(v) for v in rcm],
             "variant": self._ghost.name,
             "workspace": self._reach.on,
