@@ -55,8 +55,8 @@ class Twin:
         self.desk = Desk(robot)
         self.links = tuple(b.name for b in self.desk.mechanism.bodies)
         self.clock = Clock()
-        broken = "internal error, {}: {}. Please report it."
-        self._worker = Worker(lambda error: self._failure(broken.format(type(error).__name__, error)))
+        told = "internal error, {}: {}. Please report it."
+        self._worker = Worker(lambda error: self._failure(told.format(type(error).__name__, error)))
         self._ghost, self._reach = Ghost(robot, self.desk), Reach(self.desk, source)
         self._hold: Hold | None = None
         self._protocols = protocols_of(robot, protocol)
@@ -70,7 +70,6 @@ class Twin:
         self._told: tuple[Any, ...] = ()
         self._moved, self._wish = -1, None
         self._shown = self._of(self.desk.assembly, None)
-        self._worker.ask("prepare", self.desk.hand.prepare, lambda _: None)
         self.description = description.describe(robot, self.desk, self._protocols)
         first = next((n for n, p in self._protocols.items() if p == protocol), None)
         if first is None:
@@ -200,6 +199,8 @@ class Twin:
     def _grab(self, client: str, message: wire.Grab) -> None:
         hold = hold_of(client, message, self.desk)
         self._leave_track()
+        if hold.target != "tool":
+            self._worker.ask("prepare", self.desk.hand.prepare, lambda _: None)
         self._hold = hold
 
     def _leave_track(self) -> None:
