@@ -55,8 +55,7 @@ class Twin:
         self.desk = Desk(robot)
         self.links = tuple(b.name for b in self.desk.mechanism.bodies)
         self.clock = Clock()
-        told = "internal error, {}: {}. Please report it."
-        self._worker = Worker(lambda error: self._failure(told.format(type(error).__name__, error)))
+        self._worker = Worker(lambda e: self._failure(f"internal error, {type(e).__name__}: {e}. Please report it."))
         self._ghost, self._reach = Ghost(robot, self.desk), Reach(self.desk, source)
         self._hold: Hold | None = None
         self._protocols = protocols_of(robot, protocol)
