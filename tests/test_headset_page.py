@@ -135,6 +135,70 @@ def test_what_cannot_be_reached_is_said_and_coloured(desk, robot):
     assert ((q >= limits[:, 0] - 1e-6) & (q <= limits[:, 1] + 1e-6)).all()
     desk.page.mouse.up()
     desk.until("twin.app.grab.held === null", "it is let go")
+    desk.until("!twin.app.model.refused && !twin.app.model.state.reason", "the refusal ends with the hand")
+    desk.until("!twin.app.model.status().text.startsWith('Not reached')", "the sentence too")
+
+
+def test_what_is_wrong_is_red(desk, robot):
+    """A shaft that misses its RCM is the alarm of this page; what is right is not red."""
+    desk("twin.app.ask('seek', {t: 0.6 * twin.app.model.state.duration})")
+    desk.until("twin.app.model.state.rcm_error_m !== null", "the RCM")
+    assert desk.id("measure-rcm").get_attribute("data-tone") == "plain"
+    assert desk.id("measure-residual").get_attribute("data-tone") == "plain"
+    assert desk.id("measure-gap").get_attribute("data-tone") == "plain"
+    before = desk.tool()
+    start = desk.pixel(desk.to_scene(before[:3, 3]))
+    desk.drag(start, desk.pixel(desk.to_scene(before[:3, 3] + np.array([0.0, 25 * MM, 0.0]))))
+    desk.settled()
+    desk.until("twin.app.model.state.rcm_error_m > 1e-3", "the RCM is missed")
+    desk.until("document.querySelector('[data-id=measure-rcm]').dataset.tone === 'bad'", "the alarm")
+    colour = desk("getComputedStyle(document.querySelector('[data-id=measure-rcm]')).color")
+    assert colour == "rgb(179, 16, 30)"
+    assert desk.id("measure-residual").get_attribute("data-tone") == "plain"  # it goes where it is led: they agree
+
+
+def test_nothing_is_drawn_while_nothing_moves(desk, robot):
+    time.sleep(7.0)  # a sentence that is said goes after six seconds
+    first, frames = desk("twin.app.world.renderer.info.render.frame"), desk("twin.app.line.frames")
+    time.sleep(5.0)
+    assert desk("twin.app.line.frames") > frames + 10  # the stream goes on
+    assert desk("twin.app.world.renderer.info.render.frame") <= first + 2
+    desk("twin.app.ask('posture', {name: 'insertion'})")
+    desk.until(f"twin.app.world.renderer.info.render.frame > {first} + 2", "a picture of what has moved")
+
+
+CONTRAST = """(() => {
+  const light = (text) => {
+    const [r, g, b] = text.match(/[\\d.]+/g).slice(0, 3).map((v) => v / 255)
+      .map((v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const found = {};
+  for (const node of document.querySelectorAll('button:hover')) {
+    const style = getComputedStyle(node);
+    const solid = !style.backgroundColor.startsWith('rgba(0, 0, 0, 0');
+    const [a, b] = [light(style.color), solid ? light(style.backgroundColor) : 1].sort((x, y) => x - y);
+    found[node.dataset.id ?? node.textContent] = (b + 0.05) / (a + 0.05);
+  }
+  return found;
+})()"""
+
+
+def test_every_button_can_be_read_under_the_mouse(desk):
+    """WCAG 2.2, 1.4.3: 4.5 to 1, whether pressed or not."""
+    desk.page.mouse.move(5, 400)
+    looked = {}
+    for tab in ("Simulation", "Interaction", "Scene", "Robot"):
+        desk.tab(tab)
+        for button in desk.page.locator("button:visible:enabled").all():
+            button.hover()
+            looked |= desk(CONTRAST)
+    desk.id("play").click()  # the mouse rests on what is now Pause
+    desk.until("twin.app.model.state.playing", "it plays")
+    time.sleep(0.5)
+    looked |= {f"{name}, pressed": value for name, value in desk(CONTRAST).items()}
+    assert "play, pressed" in looked
+    assert {name: value for name, value in looked.items() if value < 4.5} == {}
 
 
 def test_a_joint_is_led_by_its_slider_and_by_its_link(desk, robot):

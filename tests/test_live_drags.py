@@ -146,6 +146,12 @@ def judged(desk, robot, drags, speeds):
     return out
 
 
+def test_a_drag_ends_where_it_ends_in_one_step_and_in_many(robot, rng):
+    desk = Desk(robot)
+    found = judged(desk, robot, drags(desk, rng, 1), SPEEDS[:2])
+    assert not found.flips + found.accused + found.opened + found.apart
+
+
 @pytest.mark.slow
 def test_the_speed_of_the_hand_does_not_matter_and_the_assembly_stays(robot, rng):
     desk = Desk(robot)

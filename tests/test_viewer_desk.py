@@ -19,6 +19,7 @@ import twin
 from twin import spatial
 from twin.cli import main
 from twin.errors import KinematicsError, MechanismError, TwinError
+from twin.headset.track import measured
 from twin.live.desk import Desk
 from twin.live.instruments import read
 from twin.live.shapes import CREASE, behind, creased, looks
@@ -26,7 +27,11 @@ from twin.live.timeline import Clock, Playback
 from twin.units import MM
 from twin.viewer import readout
 from twin.viewer.design import with_distance
+<<<<<<< HEAD
 from twin.viewer.panels import LEAST_SPAN, curves
+=======
+from twin.viewer.design_panel import differs, refused
+>>>>>>> pages
 
 ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")
 
@@ -337,6 +342,7 @@ def test_the_desk_of_a_robot_with_its_trocar_elsewhere():
     assert desk.edited
 
 
+<<<<<<< HEAD
 @pytest.mark.parametrize("worst", [0.0, 1e-16, 3e-13, 2e-11, 4e-9, 7e-7, 5e-5, 2e-3, 0.12])
 def test_the_axis_of_an_rcm_error_has_labels_that_differ(worst):
     """The page labels an axis with three decimals: the unit is chosen so that ten labels of the range differ."""
@@ -349,3 +355,131 @@ def test_the_axis_of_an_rcm_error_has_labels_that_differ(worst):
     shown = np.linspace(0, max(np.nanmax(values), LEAST_SPAN), 8)
     assert len({f"{v:.3f}" for v in shown}) == 8
     assert worst < 1e-12 or 1 <= np.nanmax(values) < 1000
+=======
+# -- nobody is accused who is innocent ----------------------------------------------------------------
+
+
+def turning(desk):
+    """Return the active angles that have more than half a turn, with both ends of their way."""
+    for i, (joint, (low, high)) in enumerate(zip(desk.joints, desk.bounds, strict=True)):
+        if joint.is_angle and high - low > np.pi:
+            yield i, low, high
+
+
+def test_a_joint_is_the_same_after_a_whole_turn(any_desk):
+    """Also beyond half a turn equations and mechanism agree; what differs by an angle is told in degrees."""
+    desk = home(any_desk)
+    for i, low, high in turning(desk):
+        for value in (0.97 * low, 0.97 * high):
+            home(desk)
+            to_the_end(lambda: desk.move_joint(i, value))  # noqa: B023
+            reading = read(desk)
+            assert reading.agrees, (desk.joints[i].name, value, reading.residual)
+            assert "DISAGREE" not in readout.table(reading)
+
+
+def test_every_residual_is_told_in_its_own_unit(any_desk):
+    """Joint by joint, equations that are off by a known amount: millimetres of a slide, degrees of a turn."""
+    from types import SimpleNamespace
+
+    from twin.live.instruments import _joints_apart
+
+    q = any_desk.assembly.q
+    for i, joint in enumerate(any_desk.joints):
+        off = q.copy()
+        off[i] += 0.25
+        found = _joints_apart(any_desk, off, q)
+        assert (found.what, found.is_angle) == (f"joint {joint.name}", joint.is_angle)
+        assert readout.amount(found) == ("14.324°" if joint.is_angle else "250.000 mm")
+        reading = replace(read(any_desk), residual=found, scope="")
+        assert readout.amount(found) in readout.table(reading)
+        assert readout.amount(found) in differs(reading)
+        state = measured(reading, None)
+        assert (state["residual_m"] is None, state["residual_rad"] is None) == (joint.is_angle, not joint.is_angle)
+    assert measured(SimpleNamespace(gap=0.0, residual=found, scope="", rcm_error=None, depth=None), 0.5)[
+        "residual_m"
+    ] == pytest.approx(0.5)
+
+
+def mirrored_assembly(desk, rng):
+    """Return another assembly with the tool where it is: by Newton's method on the pose from elsewhere, or None."""
+    T, now = desk.assembly.T_base_tool, desk.assembly
+    for _ in range(60):
+        x = desk.model.tree.integrate(now.x[None], rng.normal(0, 0.6, (1, desk.model.tree.model.nv)))[0]
+        found = desk.model._move_posed(x[None], T[None])
+        state = desk.model.state(found[0][0])
+        closed = found[1][0] and state.worst_gap < 1e-9 and max(g[1] for g in state.gap.values()) < 1e-8
+        inside = all(low <= v <= high for v, (low, high) in zip(state.q, desk.bounds, strict=True))
+        if closed and inside and np.abs(state.T_base_tool - T).max() < 1e-9 and np.abs(state.q - now.q).max() > 0.02:
+            return state
+    return None
+
+
+def test_another_assembly_is_not_a_disagreement(sils, rng):
+    """The same tool pose with other joints: the equations are not written for it, and nobody is accused of it."""
+    home(sils)
+    other = mirrored_assembly(sils, rng)
+    assert other is not None
+    sils.show(other)
+    reading = read(sils)
+    assert not reading.comparable
+    assert reading.agrees
+    table = readout.table(reading)
+    assert "other assembly: equations not comparable" in table
+    assert "DISAGREE" not in table
+    assert differs(reading).startswith("other assembly")
+    assert measured(reading, None)["scope"] == reading.scope
+    sils.change(parameters={"l_p": sils.kin.parameters["l_p"] + 0.6 * MM})  # what is wrong stays wrong there
+    assert not read(sils).agrees
+    assert "DISAGREE" in readout.table(read(sils))
+
+
+def test_design_b_that_cannot_take_the_pose_says_so(sils):
+    T = home(sils).assembly.T_base_tool.copy()
+    assert refused(sils.move_tool(T)) == ""
+    T[0, 3] += 2.0
+    text = refused(sils.move_tool(T))
+    assert "B cannot take A" in text
+    assert "out of reach" in text
+
+
+def test_what_was_refused_is_forgotten_when_the_hand_lets_go(sils):
+    home(sils)
+    T = sils.assembly.T_base_tool.copy()
+    T[0, 3] += 2.0
+    assert not sils.move_tool(T).good
+    assert "data-reason" in readout.table(read(sils))
+    sils.let_go()
+    assert "data-reason" not in readout.table(read(sils))
+    assert read(sils).agrees
+
+
+def test_a_joint_that_would_pass_another_on_its_rail_says_which(sils):
+    for lower, upper, least in sils.robot.cad.gaps:
+        names = [j.name for j in sils.joints]
+        i, k = names.index(lower), names.index(upper)
+        home(sils)
+        other = sils.assembly.q[k]
+        moved = to_the_end(lambda i=i, at=other: sils.move_joint(i, at + 5 * MM))
+        assert not moved.good
+        assert f"must stay {least / MM:.3f} mm below {upper}" in moved.reason
+        assert "open" not in moved.reason
+        assert sils.assembly.q[k] == other
+        assert sils.assembly.q[k] - sils.assembly.q[i] >= least - 1e-9
+
+
+def test_a_slider_ends_where_the_loops_end_whatever_its_speed(any_desk):
+    """Each joint towards its limits, in one step and in eight: the same end, and closed."""
+    for i, (low, high) in enumerate(any_desk.bounds):
+        for value in (low, high):
+            ends = []
+            for count in (1, 8):
+                q = home(any_desk).assembly.q[i]
+                for k in range(1, count + 1):
+                    moved = to_the_end(lambda k=k, q=q: any_desk.move_joint(i, q + (value - q) * k / count))  # noqa: B023
+                ends.append((any_desk.assembly.q[i], moved.reason.partition(" mm: ")[2]))
+                assert any_desk.assembly.worst_gap < 1e-9
+                assert moved.good == (abs(any_desk.assembly.q[i] - value) < 1e-12)
+            assert ends[0][0] == pytest.approx(ends[1][0], abs=0.1 * MM)
+            assert ends[0][1] == ends[1][1]
+>>>>>>> pages

@@ -94,7 +94,7 @@ def measured(reading: Reading | None, ghost: float | None) -> dict[str, Any]:
         "gap_m": None if reading is None else number(reading.gap),
         "residual_m": number(length),
         "residual_rad": number(residual.size) if residual is not None and residual.is_angle else None,
-        "comparable": ghost is not None or reading is None or reading.comparable,
+        "scope": None if ghost is not None or reading is None else reading.scope or None,
         "rcm_error_m": None if reading is None else number(reading.rcm_error),
         "depth_m": None if reading is None else number(reading.depth),
     }

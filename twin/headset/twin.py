@@ -56,7 +56,7 @@ class Twin:
         self.desk = Desk(robot)
         self.links = tuple(b.name for b in self.desk.mechanism.bodies)
         self.clock = Clock()
-        self._worker = Worker(self._broken)
+        self._worker = Worker(lambda e: self._failure(f"internal error, {type(e).__name__}: {e}. Please report it."))
         self._ghost, self._reach = Ghost(robot, self.desk), Reach(self.desk, source)
         self._hold: Hold | None = None
         self._protocols = protocols_of(robot, protocol)
@@ -70,11 +70,15 @@ class Twin:
         self._told: tuple[Any, ...] = ()
         self._moved, self._wish = -1, None
         self._shown = self._of(self.desk.assembly, None)
+<<<<<<< HEAD
         self._worker.ask("prepare", self.desk.hand.prepare, lambda _: None)
         self.patients = description.patients_of(robot, self.desk, self._protocols)
         self.description = description.describe(robot, self.desk, self._protocols, self.patients)
+=======
+        self.description = description.describe(robot, self.desk, self._protocols)
+>>>>>>> pages
         first = next((n for n, p in self._protocols.items() if p == protocol), None)
-        if first is None and self._protocols:
+        if first is None:
             first = next((p["name"] for p in self.description["protocols"] if p["is_default"]), None)
         if first is not None and plans:
             self._plan(first)
@@ -201,6 +205,8 @@ class Twin:
     def _grab(self, client: str, message: wire.Grab) -> None:
         hold = hold_of(client, message, self.desk)
         self._leave_track()
+        if hold.target != "tool":
+            self._worker.ask("prepare", self.desk.hand.prepare, lambda _: None)
         self._hold = hold
 
     def _leave_track(self) -> None:
@@ -239,13 +245,12 @@ class Twin:
         def done(error: str) -> None:
             if error and self._ghost.name == name:
                 self._ghost.name = None
-                self.send({"type": "error", "code": "failed", "message": error})
+                self._failure(error)
             self._again()
 
         self._worker.ask("variant", lambda: self._ghost.choose(name), done)
 
-    def _broken(self, error: Exception) -> None:
-        text = f"internal error, {type(error).__name__}: {error}. Please report it."
+    def _failure(self, text: str) -> None:
         self.send({"type": "error", "code": "failed", "message": text[:500]})
 
     # -- jobs and what they find ----------------------------------------------------------------------
@@ -256,7 +261,6 @@ class Twin:
             self._wish = move
             return
         self._moved, self._wish = self._tick, None
-
         hold = self._hold
 
         def job() -> tuple[Shown, bool]:
@@ -266,13 +270,12 @@ class Twin:
 
         def done(found: tuple[Shown, bool]) -> None:
             shown, more = found
-            if self._sample is not None:
-                return
             if hold is not None and self._hold is not hold:  # let go meanwhile: nobody wants what was refused
                 shown = replace(shown, reason="")
-            elif more and self._wish is None:
+            elif more and self._wish is None and self._sample is None:
                 self._wish = move
-            self._show(shown)
+            if self._sample is None:
+                self._show(shown)
 
         self._worker.ask("move", job, done)
 
@@ -330,7 +333,7 @@ class Twin:
             self._worker.ask("ghost", self._ghost.more, self._more_ghost)
         elif self._ghost.nowhere:
             text = f"{self._ghost.name}: these equations have no tool pose at the joints of the protocol: no ghost"
-            self.send({"type": "error", "code": "failed", "message": text})
+            self._failure(text)
         if self._sample is not None:
             self._stand()
 
@@ -350,7 +353,7 @@ class Twin:
         self._planner = None
         if not isinstance(answer, Playback):
             self._failed = str(answer)
-            self.send({"type": "error", "code": "failed", "message": f"{self._wanted}: {answer}"[:500]})
+            self._failure(f"{self._wanted}: {answer}")
             return
         playback, desk = answer, self.desk
 
@@ -383,7 +386,7 @@ class Twin:
     def state(self) -> dict[str, Any]:
         """Return everything that is shown besides the robot itself."""
         playback = None if self._track is None else self._track.playback
-        reading, shown = self._reading, self._shown
+        shown = self._shown
         rcm = None if playback is None else rcm_at(self.desk, playback, self.clock.time)
         return {
             "type": "state",
@@ -398,7 +401,7 @@ class Twin:
             "planning": self._wanted if self._planner is not None else None,
             "holder": self.holder,
             "reason": shown.reason or self._failed or None,
-            **measured(reading, apart(shown, self.links, self.description["tool"])),
+            **measured(self._reading, apart(shown, self.links, self.description["tool"])),
             "rcm": None if rcm is None else [number(v) for v in rcm],
             "variant": self._ghost.name,
             "workspace": self._reach.on,

@@ -149,7 +149,7 @@ class Desk:
             out = self._try(go)
             if out.good and led[0].more:
                 out = self.moved = Moved(False, f"{self.joints[joint].name} is on its way", out.seconds, True)
-            elif out.good and self.assembly.q[joint] != value:
+            elif out.good and abs(self.assembly.q[joint] - value) > 1e-12:
                 out = self.moved = replace(out, good=False, reason=self._stopped(joint, value, led[0]))
             return out
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from twin import spatial
 from twin.errors import KinematicsError
+from twin.kinematics import Kinematics
 from twin.live.desk import Desk
 from twin.reference.states import Assembly
 from twin.spatial import Array
@@ -25,6 +26,10 @@ class Residual(NamedTuple):
 
 AGREE = 1e-6
 """Difference of equations and mechanism in m or rad above which the readout turns red; the report is far stricter."""
+
+
+OTHER = "other assembly: equations not comparable"
+BEYOND = "beyond the reach of the equations: not comparable"
 
 
 @dataclass(frozen=True)
@@ -57,8 +62,8 @@ class Reading:
         singular: name, kind (type1, type2), value over alarm; 1 and below is too near.
         depth, rcm_error: m; None without an RCM.
         residual: largest difference of equations and mechanism.
-        comparable: whether equations and mechanism speak of the same assembly; if not, the residual is how far the
-            equations' joints bring the tool from where it is, in an assembly of their own.
+        scope: why equations and mechanism cannot be compared here, empty if they can: in another assembly the
+            residual is how far the equations' joints bring the tool from where it is, in an assembly of their own.
         points: (k, 3) named points of the equations, in base; `actual` where the mechanism has them.
         reason: why the last request was refused.
     """
@@ -72,10 +77,15 @@ class Reading:
     depth: float | None = None
     rcm_error: float | None = None
     residual: Residual | None = None
-    comparable: bool = True
+    scope: str = ""
     points: dict[str, Array] = field(default_factory=dict)
     actual: dict[str, Array] = field(default_factory=dict)
     reason: str = ""
+
+    @property
+    def comparable(self) -> bool:
+        """Whether equations and mechanism speak of the same assembly, within the reach of both."""
+        return not self.scope
 
     @property
     def agrees(self) -> bool:
@@ -124,8 +134,8 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
     actual = {n: now.points[n] for n in points if n in now.points}
     if len(joints) > 6:  # the arm of a robot with a freedom to spare is a choice, not an answer
         points = actual = {}
-    residual, comparable = _residual(desk, now, points, actual, asked)
-    if not comparable:
+    residual, scope = _residual(desk, now, points, actual, asked)
+    if scope:
         points = actual = {}
     return Reading(
         coordinates,
@@ -137,7 +147,7 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
         depth,
         error,
         residual,
-        comparable,
+        scope,
         points,
         actual,
         reason,
@@ -146,8 +156,8 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
 
 def _residual(
     desk: Desk, now: Assembly, points: dict[str, Array], actual: dict[str, Array], asked: Array | None
-) -> tuple[Residual, bool]:
-    """Return the largest difference of equations and mechanism: joints, named points, tool; and whether it is one.
+) -> tuple[Residual, str]:
+    """Return the largest difference of equations and mechanism: joints, named points, tool; and its scope.
 
     A tool pose is taken in several assemblies, and equations that are written for one of them cannot be compared in
     another. They are right all the same if their joints, put into the mechanism, bring the tool to the same pose;
@@ -168,17 +178,27 @@ def _residual(
         if kin.closed_forward:
             there = kin.forward(q)
             found.append(Residual(float(np.linalg.norm(there[:3, 3] - T[:3, 3])), "tool of these joints"))
-        return _largest(found + of_pose), True
+        return _largest(found + of_pose), ""
     try:
         theirs = kin.inverse(T, q)
     except KinematicsError:
-        return _largest(found + of_pose), True
+        return _largest(found + of_pose), ""
     found.append(_joints_apart(desk, theirs, q))
     if _largest(found).size > AGREE and _agree_as_drawn(desk):
         away = min((_poses_apart(A, T) for A in desk.hand.tools(now, theirs)), key=lambda r: r.size, default=None)
         if away is not None and away.size <= AGREE:
-            return _largest([away, *of_pose]), False
-    return _largest(found + of_pose), True
+            return _largest([away, *of_pose]), OTHER
+        if not _has_value(kin, q):
+            return _largest(of_pose), BEYOND
+    return _largest(found + of_pose), ""
+
+
+def _has_value(kin: Kinematics, q: Array) -> bool:
+    """Return whether equations that go forward have a tool pose at these joints (n,)."""
+    try:
+        return not kin.closed_forward or bool(np.isfinite(kin.forward(q)).all())
+    except KinematicsError:
+        return False
 
 
 def _largest(found: list[Residual]) -> Residual:

@@ -182,7 +182,8 @@ class Leader:
             if time.thread_time() > until:
                 return Led(now.q, now.u, more=True)
             ahead = min(s + step, part)
-            further, why = self._moved(now, q + ahead * way - now.q, held, tool=False)
+            goal = np.asarray(target, float) if ahead == 1 else q + ahead * way
+            further, why = self._moved(now, goal - now.q, held, tool=False)
             if further is not None:
                 now, s, step = further, ahead, min(stride, 2 * step)
                 continue

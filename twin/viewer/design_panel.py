@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ import viser
 
 from twin import spatial
 from twin.errors import AssemblyError, MechanismError
-from twin.live.desk import Desk
+from twin.live.desk import Desk, Moved
 from twin.live.instruments import Reading, read
 from twin.live.workspace import Chunk, Cloud, Job
 from twin.spatial import Array
@@ -222,17 +223,17 @@ class DesignPanel:
         if self._other is None or self._other_nodes is None:
             return
         desk = self.front.hand.desk
-        self._other.move_tool(desk.asked if desk.asked is not None else desk.assembly.T_base_tool)
+        moved = self._other.move_tool(desk.asked if desk.asked is not None else desk.assembly.T_base_tool)
         self._other_nodes.write(self._other.assembly.link_poses)
         b = read(self._other)
         rows: list[tuple[str, ...]] = [("", "A (in hand)", "B (orange)")]
         rows.append(("condition", *(f"{r.condition:.2f}" if r.condition else "-" for r in (reading, b))))
-        rows.append(("differs by", *(readout.length(r.residual[0]) if r.residual else "-" for r in (reading, b))))
+        rows.append(("differs by", *(differs(r) for r in (reading, b))))
         for i, limit in enumerate(reading.limits):
             rows.append((limit.joint, *(f"{r.limits[i].value:.3f} {r.limits[i].unit}" for r in (reading, b))))
         lines = ("".join(f"<td style='padding:0 .6em 0 0'>{cell}</td>" for cell in row) for row in rows)
         cells = "".join(f"<tr>{line}</tr>" for line in lines)
-        self._table.content = f"<table style='font-size:12px;margin:0 .8em'>{cells}</table>"
+        self._table.content = f"<table style='font-size:12px;margin:0 .8em'>{cells}</table>{refused(moved)}"
 
     # -- workspace ------------------------------------------------------------------------------------
 
@@ -303,6 +304,24 @@ class DesignPanel:
         asked = a.desk.asked if a.desk.asked is not None else a.desk.assembly.T_base_tool
         a.desk.move_tool(asked)
         self.front.rebuilt(a)
+
+
+def differs(reading: Reading) -> str:
+    """Return by how much the equations differ from a design, with its unit and of what."""
+    if reading.residual is None:
+        return "-"
+    if not reading.comparable:
+        return escape(reading.scope)
+    what = f" ({escape(reading.residual.what)})" if reading.residual.what else ""
+    return readout.amount(reading.residual) + what
+
+
+def refused(moved: Moved) -> str:
+    """Return, as HTML, why design B is not where A is; empty if it is."""
+    if moved.good:
+        return ""
+    text = f"B cannot take A's pose and stands where it came nearest: {moved.reason}"
+    return f"<div style='color:#d62f2f;font-size:12px;margin:.4em .8em' data-b-refused>{escape(text)}</div>"
 
 
 def conditioned(condition: np.ndarray) -> np.ndarray:

@@ -345,6 +345,7 @@ class Front:
                 T = a.desk.assembly.link_poses[body]
                 held[body] = (spatial.inverse(T) @ np.append(node.to_base(np.array(event.start_position)), 1.0))[:3]
                 self.clock.playing = False
+                self.ask("prepare", a.desk.hand.prepare)
             elif event.phase == "update" and body in held:
                 target, p = node.to_base(np.array(event.end_position)), held[body]
                 self.go_on("point", lambda: a.desk.move_point(body, p, target))

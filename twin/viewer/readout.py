@@ -46,7 +46,7 @@ def table(reading: Reading, variants: str = "") -> str:
         if not reading.agrees:
             color = _BAD
         elif not reading.comparable:
-            text, color = "other assembly: equations not comparable", _WARN
+            text, color = reading.scope, _WARN
         rows.append(_line("formula ↔ mechanism", text, color))
     rows.append(_line("loop gap", length(reading.gap), _GOOD if reading.gap < AGREE else _BAD))
     if reading.rcm_error is not None and reading.depth is not None:

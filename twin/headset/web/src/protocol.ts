@@ -63,8 +63,8 @@ export interface State {
   residual_m: number | null;
   /** Instead of residual_m, if what differs most is an angle. */
   residual_rad: number | null;
-  /** Whether equations and mechanism speak of the same assembly. */
-  comparable: boolean;
+  /** Why equations and mechanism cannot be compared here. */
+  scope: string | null;
   rcm: Numbers | null;
   rcm_error_m: number | null;
   depth_m: number | null;
@@ -99,7 +99,7 @@ export const FIRST_STATE: State = {
   gap_m: null,
   residual_m: null,
   residual_rad: null,
-  comparable: true,
+  scope: null,
   rcm: null,
   rcm_error_m: null,
   depth_m: null,

@@ -185,11 +185,11 @@ function measures(app: App): Control[] {
     line(
       'residual',
       (s) => {
-        if (!s.comparable) return 'Equations ↔ mechanism  other assembly: not comparable';
+        if (s.scope !== null) return `Equations ↔ mechanism  ${s.scope}`;
         if (s.residual_rad !== null) return `Equations ↔ mechanism  ${jointValue(s.residual_rad, true)}`;
         return s.residual_m === null ? '' : `Equations ↔ mechanism  ${length(s.residual_m)}`;
       },
-      (s) => (s.comparable ? over(apart(s), AGREE) : 'warn'),
+      (s) => (s.scope === null ? over(apart(s), AGREE) : 'warn'),
     ),
     line(
       'rcm',
