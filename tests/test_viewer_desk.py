@@ -27,11 +27,8 @@ from twin.live.timeline import Clock, Playback
 from twin.units import MM
 from twin.viewer import readout
 from twin.viewer.design import with_distance
-<<<<<<< HEAD
-from twin.viewer.panels import LEAST_SPAN, curves
-=======
 from twin.viewer.design_panel import differs, refused
->>>>>>> pages
+from twin.viewer.panels import LEAST_SPAN, curves
 
 ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")
 
@@ -342,7 +339,6 @@ def test_the_desk_of_a_robot_with_its_trocar_elsewhere():
     assert desk.edited
 
 
-<<<<<<< HEAD
 @pytest.mark.parametrize("worst", [0.0, 1e-16, 3e-13, 2e-11, 4e-9, 7e-7, 5e-5, 2e-3, 0.12])
 def test_the_axis_of_an_rcm_error_has_labels_that_differ(worst):
     """The page labels an axis with three decimals: the unit is chosen so that ten labels of the range differ."""
@@ -355,7 +351,8 @@ def test_the_axis_of_an_rcm_error_has_labels_that_differ(worst):
     shown = np.linspace(0, max(np.nanmax(values), LEAST_SPAN), 8)
     assert len({f"{v:.3f}" for v in shown}) == 8
     assert worst < 1e-12 or 1 <= np.nanmax(values) < 1000
-=======
+
+
 # -- nobody is accused who is innocent ----------------------------------------------------------------
 
 
@@ -482,4 +479,3 @@ def test_a_slider_ends_where_the_loops_end_whatever_its_speed(any_desk):
                 assert moved.good == (abs(any_desk.assembly.q[i] - value) < 1e-12)
             assert ends[0][0] == pytest.approx(ends[1][0], abs=0.1 * MM)
             assert ends[0][1] == ends[1][1]
->>>>>>> pages

@@ -70,13 +70,8 @@ class Twin:
         self._told: tuple[Any, ...] = ()
         self._moved, self._wish = -1, None
         self._shown = self._of(self.desk.assembly, None)
-<<<<<<< HEAD
-        self._worker.ask("prepare", self.desk.hand.prepare, lambda _: None)
         self.patients = description.patients_of(robot, self.desk, self._protocols)
         self.description = description.describe(robot, self.desk, self._protocols, self.patients)
-=======
-        self.description = description.describe(robot, self.desk, self._protocols)
->>>>>>> pages
         first = next((n for n, p in self._protocols.items() if p == protocol), None)
         if first is None:
             first = next((p["name"] for p in self.description["protocols"] if p["is_default"]), None)
