@@ -353,10 +353,8 @@ class Twin:
         playback, desk = answer, self.desk
 
         def job() -> Track:
-            robot = self.robot
-            protocol = robot.protocol(self._protocols[playback.protocol])
-            bound = robot.bound(protocol)
-            if bound is not desk.robot:
+            protocol = (robot := self.robot).protocol(self._protocols[playback.protocol])
+            if (bound := robot.bound(protocol)) is not desk.robot:
                 desk.bind(bound)
             desk.speak_of(protocol)
             links = desk.model.link_poses(playback.x)

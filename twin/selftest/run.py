@@ -102,7 +102,8 @@ def shared_out(count: int, shares: Mapping[Family, int]) -> dict[Family, int]:
         chosen = max(able, key=lambda f: step * left[f])
         out[chosen] += step
         left[chosen] -= step
-    for family in [f for f, n in out.items() if not n]:
+    none: list[Family] = [f for f, n in out.items() if not n]
+    for family in none:
         del out[family]
     return out
 
