@@ -352,7 +352,8 @@ class _Walk:
 
 def _least_motion(J: Array, miss: Array, total: Array, damping: float) -> Array:
     """Return y (n,) that minimises |J y - miss|² + damping |total + y|²."""
-    return np.linalg.solve(J.T @ J + damping * np.eye(J.shape[1]), J.T @ miss - damping * total)
+    H = J.T @ J + damping * np.eye(J.shape[1])
+    return np.asarray(np.linalg.solve(H, J.T @ miss - damping * total), float)
 
 
 def _determinants(A: Array, B: Array) -> tuple[float, float]:

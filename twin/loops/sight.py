@@ -96,7 +96,7 @@ class Sight:
 def _solved(A: Array, B: Array, square: bool) -> Array:
     if square:
         try:
-            return np.linalg.solve(A, B)
+            return np.asarray(np.linalg.solve(A, B), float)
         except np.linalg.LinAlgError:
             pass
     return np.asarray(np.linalg.pinv(A, rcond=_FLAT) @ B, float)
