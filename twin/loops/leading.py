@@ -292,16 +292,16 @@ class _Walk:
         size, near = float(np.sum(J * J)), self._slack < _NEAR
         if size < _WEAK**2:  # nothing moves this point, or as good as nothing
             return None
-        in_the_way = near & (G @ self._pull > 0)
+        in_the_way, y = near & (G @ self._pull > 0), np.zeros(len(total))
         for _ in range(len(G) + 1):
             P = np.eye(len(total)) - np.linalg.pinv(G[in_the_way]) @ G[in_the_way]
             U, gains, _ = np.linalg.svd(here @ P)
             strong = U[:, : int(np.sum(gains > _WEAK))]
             if strong.shape[1] < 3:  # all ways, if they lead to where all are easy; else those that are easy
-                y = P @ _least_motion(J @ P, miss, total, _DAMPINGS[0] * size)
+                y = np.asarray(P @ _least_motion(J @ P, miss, total, _DAMPINGS[0] * size), float)
                 if self._taken(y, goal, easy=True):
                     return y * self._part
-            y = P @ _least_motion(strong.T @ J @ P, strong.T @ miss, total, _DAMPINGS[0] * size)
+            y = np.asarray(P @ _least_motion(strong.T @ J @ P, strong.T @ miss, total, _DAMPINGS[0] * size), float)
             more = near & ~in_the_way & (G @ y < -1e-9 * np.abs(y).max(initial=0.0))
             if not more.any():
                 break

@@ -79,8 +79,9 @@ def judge(
                 about_rcm(case, out, clock)
                 passive_limits(model, out, clock)
                 passage(case, model, out, clock)
-                progress("reach and singularity measures", 0.0)
-                measures(case.kinematics, model, out)
+                if case.kinematics is not None:
+                    progress("reach and singularity measures", 0.0)
+                    measures(case.kinematics, model, out)
             if "stage" in parts:
                 _stage(case, model, out, clock, progress)
             if "motion" in parts:
