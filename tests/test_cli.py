@@ -19,7 +19,7 @@ import pytest
 
 import twin
 from twin import api, assets
-from twin.cli import commands, main, show
+from twin.cli import commands, doctor, main, show
 from twin.cli import scene as scenes
 from twin.cli.parser import NAMES, parser
 from twin.errors import TwinError
@@ -449,8 +449,8 @@ def test_doctor(run):
 
 
 def test_doctor_names_what_is_missing(run, monkeypatch):
-    installed = commands._installed
-    monkeypatch.setattr(commands, "_installed", lambda n: None if n == "toppra" else installed(n))
+    installed = doctor._installed
+    monkeypatch.setattr(doctor, "_installed", lambda n: None if n == "toppra" else installed(n))
     text = run("doctor")
     assert text.code == 2
     assert re.search(r"toppra +MISSING +needed", text.out)

@@ -25,7 +25,7 @@ SIT = '<keyframe><key name="sit" qpos="-0.1 0.505 -1.011 -0.2 0.72 -1.44"/></key
 @pytest.fixture(scope="module")
 def drawn():
     """Knees stretched, as the file has them."""
-    return ReferenceModel(read(KNEES, guarded=False).mechanism)
+    return ReferenceModel(read(KNEES, root="world", guarded=False).mechanism)
 
 
 def with_key(tmp_path, text=SIT):
@@ -61,7 +61,7 @@ def test_what_no_way_leads_to_is_still_refused(drawn):
 
 
 def test_home_is_a_regular_state_beside_a_singular_one(drawn):
-    imported = close(read(KNEES, guarded=False))
+    imported = close(read(KNEES, root="world", guarded=False))
     assert [f.code for f in imported.findings if f.code in ("import.home", "import.singular")] == ["import.home"]
     model = ReferenceModel(imported.mechanism)
     home = model.home()
@@ -75,7 +75,7 @@ def test_home_is_a_regular_state_beside_a_singular_one(drawn):
 
 def test_a_key_frame_is_preferred_and_every_key_frame_is_reached(drawn, tmp_path):
     keys = SIT.replace("</keyframe>", '<key name="squat" qpos="-0.3 0.9 -1.8 -0.3 0.9 -1.8"/></keyframe>')
-    imported = close(read(with_key(tmp_path, keys), guarded=False))
+    imported = close(read(with_key(tmp_path, keys), root="world", guarded=False))
     (said,) = [f.message for f in imported.findings if f.code == "import.home"]
     assert "key frame 'sit'" in said
     model = ReferenceModel(imported.mechanism)
@@ -86,12 +86,12 @@ def test_a_key_frame_is_preferred_and_every_key_frame_is_reached(drawn, tmp_path
 
 def test_a_regular_robot_rests_as_it_is_drawn():
     path = KNEES.with_name("fourbar.xml")
-    assert not [f for f in close(read(path, guarded=False)).findings if f.code == "import.home"]
+    assert not [f for f in close(read(path, root="world", guarded=False)).findings if f.code == "import.home"]
 
 
 def test_info_warns_of_a_singular_home_and_new_does_not_pick_it(drawn, tmp_path, capsys):
     folder = tmp_path / "own"
-    assert cli.main(["new", "own", "--from", str(KNEES), "--out", str(folder), "--quiet"]) == 0
+    assert cli.main(["new", "own", "--from", str(KNEES), "--root", "world", "--out", str(folder), "--quiet"]) == 0
     capsys.readouterr()
     assert cli.main(["info", str(folder), "--json"]) == 0
     assert "home.singular" not in capsys.readouterr().out

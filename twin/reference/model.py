@@ -275,7 +275,7 @@ class ReferenceModel:
     def _reach(self, x: Array, target: Array, move: Move) -> Array:
         """Walk from configuration x to the target in steps small enough that no coordinate jumps."""
         start = x[self._active_q] if target.ndim == 1 else self.tree.tool(self.tree.update(x[None])[0])[0]
-        open_there = self._misfit(x, start)
+        open_there = self._misfits(x[None], start[None])[0]
         s, step = 0.0, 1.0 / max(1, int(np.ceil(walk.distance(start, target) / _STRIDE)))
         stride, smallest, left = step, step / 256, 0
         while s < 1:
@@ -300,7 +300,7 @@ class ReferenceModel:
                     best,
                     best.worst_gap,
                 )
-        stuck = self._misfit(x, target) > 2 * open_there + _THERE  # as at stretched knees
+        stuck = self._misfits(x[None], target[None])[0] > 2 * open_there + _THERE  # as at stretched knees
         away = self._depart(x, target, move) if stuck else None
         return x if away is None else away
 
