@@ -85,6 +85,7 @@ TWICE = {
     "names": lambda r, T: twin.names(),
     "joints": lambda r, T: r.joints,
     "variants": lambda r, T: r.variants,
+    "unwritten": lambda r, T: r.unwritten,
     "frames": lambda r, T: r.frames,
     "inverse": lambda r, T: r.inverse(T),
     "inverse of many": lambda r, T: r.inverse(np.array([T, T])),

@@ -145,7 +145,8 @@ class LimitSpec(Table):
             ("mm", self.limits_mm, self.soft_limits_mm),
             ("deg", self.limits_deg, self.soft_limits_deg),
         ):
-            if hard and soft and (soft[0] < hard[0] or soft[1] > hard[1]):
+            # Limits that passed through single precision (a USD stage) may differ in the last digits.
+            if hard and soft and max(hard[0] - soft[0], soft[1] - hard[1]) > 1e-6 * max(map(abs, hard)):
                 raise at(
                     f"soft_limits_{unit}",
                     f"{soft[0]:g} .. {soft[1]:g} {unit} goes beyond the hard limits {hard[0]:g} .. {hard[1]:g} {unit}, "
