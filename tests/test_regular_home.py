@@ -85,8 +85,8 @@ def test_a_key_frame_is_preferred_and_every_key_frame_is_reached(drawn, tmp_path
 
 
 def test_a_regular_robot_rests_as_it_is_drawn():
-    path = KNEES.with_name("fourbar.xml")
-    assert not [f for f in close(read(path, root="world", guarded=False)).findings if f.code == "import.home"]
+    path = Path(__file__).parent / "data/importing/models/fourbar.xml"
+    assert not [f for f in close(read(path, guarded=False)).findings if f.code == "import.home"]
 
 
 def test_info_warns_of_a_singular_home_and_new_does_not_pick_it(drawn, tmp_path, capsys):
