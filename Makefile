@@ -6,6 +6,8 @@ PYTHON ?= python3
 UV := $(shell command -v uv 2>/dev/null || echo .venv-uv/bin/uv)
 RUN := $(UV) run --frozen --no-sync
 export UV_PYTHON_DOWNLOADS ?= never
+# Where it is set, every process compiles all that it imports anew, and the suites start hundreds.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-slow test-pages witnesses check cad-check usd-check bench bench-check lock-check clean
 

@@ -289,7 +289,8 @@ def test_start_out_of_reach(robot, refused):
 
 
 def test_limit_is_broken(robot, refused):
-    robot.change(robot.description, "limits_mm = [20.0, 580.0]", "limits_mm = [320.0, 580.0]")
+    both = "limits_mm = [{0}, 580.0]\nsoft_limits_mm = [{0}, 580.0]"
+    robot.change(robot.description, both.format("20.0"), both.format("320.0"))
     message = refused("plan")
     assert re.search(r"joint q1 would go [\d.]+ mm below its lower limit of 320\.00 mm, already at its start", message)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from twin.errors import TwinError
 from twin.explaining.candidate import Candidate, Found, Key, key
 from twin.explaining.judge import Judge, evaluate, worst
@@ -28,7 +30,7 @@ def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list
         ways = [kept for way in f.ways if (kept := [c for c in way if _holds(fresh, c, f.rows, here)])]
         if f.ways and not ways:
             gone += [k for k in f.rows if k not in gone]
-        out.append(Found(f.rows, ways, f.runner_up, f.after, f.next, f.tried, f.complete))
+        out.append(replace(f, ways=ways))
     return out, gone
 
 

@@ -19,6 +19,11 @@ from typing import Any
 
 from twin.errors import TwinError
 
+_PROGRAM = "import sys; sys.path.append(sys.argv.pop(1)); from twin.validation.beside import serve; serve()"
+"""What the child runs. Of the parent's path it gets the folder of twin alone, not that of the user's script."""
+
+_PARENT = Path(__file__).parents[2]
+
 
 class Beside:
     """A call in a child process; `result` waits for it, leaving the `with` block ends it.
@@ -36,8 +41,7 @@ class Beside:
         self._log = Path(self._folder.name) / "log"
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", "from twin.validation.beside import serve; serve()", task, self._answer],
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+                [sys.executable, "-P", "-c", _PROGRAM, _PARENT, task, self._answer],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
