@@ -98,7 +98,7 @@ def test_a_wrong_form_is_not_explained_by_numbers(sils):
 
 
 def test_rows_without_a_value_are_not_explained_by_numbers(sils):
-    """A root that has no value somewhere: what is left of the rows says nothing of it."""
+    """A root that has no value somewhere: the other rows do not determine it."""
     judge = wrong(sils, l_1=-0.1)
     assert not Numbers(judge).complete
     assert identify(judge, alone=True) is None

@@ -119,7 +119,7 @@ def flips(model, states):
 def judged(desk, robot, drags, speeds):
     """Lead every drag at every speed; return counts, and what was wrong."""
     out = SimpleNamespace(
-        drags=0, apart=[], flips=[], accused=[], opened=[], refused=[], solved=[], stopped=0, worst=0.0
+        drags=0, apart=[], flips=[], disagreeing=[], opened=[], refused=[], solved=[], stopped=0, worst=0.0
     )
     for body, p, way in drags:
         ends = [led(desk, body, p, way, speed) for speed in speeds]
@@ -142,14 +142,14 @@ def judged(desk, robot, drags, speeds):
             desk.show(e.end)
             reading = read(desk)
             if not reading.agrees or not reading.comparable:
-                out.accused.append(f"{where}: {reading.residual}")
+                out.disagreeing.append(f"{where}: {reading.residual}")
     return out
 
 
 def test_a_drag_ends_where_it_ends_in_one_step_and_in_many(robot, rng):
     desk = Desk(robot)
     found = judged(desk, robot, drags(desk, rng, 1), SPEEDS[:2])
-    assert not found.flips + found.accused + found.opened + found.apart
+    assert not found.flips + found.disagreeing + found.opened + found.apart
 
 
 @pytest.mark.slow
@@ -161,14 +161,14 @@ def test_the_speed_of_the_hand_does_not_matter_and_the_assembly_stays(robot, rng
     good = np.array(found.solved or [0.0]) * 1e3
     print(
         f"\n{robot.name}: {found.drags} drags, {found.stopped} stopped; ends apart {len(found.apart)}, assemblies left "
-        f"{len(found.flips)}, accused {len(found.accused)}, open {len(found.opened)}; same ends within "
+        f"{len(found.flips)}, disagreeing {len(found.disagreeing)}, open {len(found.opened)}; same ends within "
         f"{found.worst / MM:.2g} mm; refused p50 {np.median(times):.1f} p95 {np.quantile(times, 0.95):.1f} max "
         f"{times.max():.1f} ms of {len(found.refused)}, solved p95 {np.quantile(good, 0.95):.1f} ms"
     )
-    for what in (found.flips, found.accused, found.opened, found.apart):
+    for what in (found.flips, found.disagreeing, found.opened, found.apart):
         print("\n".join(what))
     assert not found.flips
-    assert not found.accused
+    assert not found.disagreeing
     assert not found.opened
     assert not found.apart
     assert np.quantile(times, 0.95) < 20.0

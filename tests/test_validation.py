@@ -11,6 +11,9 @@ import twin
 from twin.units import DEG, MM
 
 
+PROTOCOLS = ["table2", pytest.param("lowered_patient", marks=pytest.mark.slow)]
+
+
 @pytest.fixture(scope="module")
 def robot():
     return twin.load("sils")
@@ -44,7 +47,7 @@ def found(report, code, severity=None):
     return [f for f in report.findings if f.code == code and severity in (None, f.severity)]
 
 
-@pytest.mark.parametrize("protocol", ["table2", "lowered_patient"])
+@pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_corrected_equations_agree_with_the_mechanism(judged, protocol):
     report = judged(protocol)
     assert report.verdict == "agree"
@@ -64,7 +67,7 @@ def test_corrected_equations_agree_with_the_mechanism(judged, protocol):
     assert worst(report, "A-B", "acceleration", "m/s2") <= 1e-7
 
 
-@pytest.mark.parametrize("protocol", ["table2", "lowered_patient"])
+@pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_the_stage_read_back_and_the_baked_motion_are_the_mechanism(judged, protocol):
     report = judged(protocol)
     assert 0 < worst(report, "B-C", "tool", "m") <= 5e-7  # not zero: the frames really were single precision
@@ -77,7 +80,7 @@ def test_the_stage_read_back_and_the_baked_motion_are_the_mechanism(judged, prot
     assert "single precision explains" in report.facts["stage"]["float32 joint frames"]
 
 
-@pytest.mark.parametrize("protocol", ["table2", "lowered_patient"])
+@pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_the_rcm_is_kept_from_registration_to_withdrawal(judged, protocol):
     report = judged(protocol)
     about = rows(report, "B", "rcm", "m")
@@ -86,20 +89,21 @@ def test_the_rcm_is_kept_from_registration_to_withdrawal(judged, protocol):
     assert max(r.worst for r in about) <= 1e-9
 
 
-def test_no_part_runs_through_another(judged):
-    for protocol in ("table2", "lowered_patient"):
-        report = judged(protocol)
-        assert not found(report, "clearance.contact")
-        assert report.series["clearance"].min() > 2.0 * MM
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_no_part_runs_through_another_and_passive_joints_stay_in_their_limits(judged, protocol):
+    report = judged(protocol)
+    assert not found(report, "clearance.contact")
+    assert report.series["clearance"].min() > 2.0 * MM
+    assert not found(report, "limit.passive")
+    assert set(report.facts["limits of passive joints"]) == {"s1", "s2", "s3"}
+
+
+def test_the_closest_parts_are_named(judged):
     # bars 1 and 2 pass each other at B: centre lines 15.6 mm apart, less two radii and the eye
     assert "bar1 and bar2" in judged("table2").facts["clearance"]["least distance"]
 
 
-def test_passive_joints_stay_in_their_limits(judged, robot):
-    for protocol in ("table2", "lowered_patient"):
-        report = judged(protocol)
-        assert not found(report, "limit.passive")
-        assert set(report.facts["limits of passive joints"]) == {"s1", "s2", "s3"}
+def test_passive_joints_beyond_their_limits_are_told(robot):
     # a cone of 70 degrees is too narrow for s1 and s3 at C, and wide enough for s2
     other = twin.load("sils")
     joints = (replace(j, cone=70 * DEG) if j.cone else j for j in other.mechanism.joints)

@@ -353,7 +353,7 @@ def test_the_axis_of_an_rcm_error_has_labels_that_differ(worst):
     assert worst < 1e-12 or 1 <= np.nanmax(values) < 1000
 
 
-# -- nobody is accused who is innocent ----------------------------------------------------------------
+# -- no disagreement on a correct robot ---------------------------------------------------------------
 
 
 def turning(desk):
@@ -413,7 +413,7 @@ def mirrored_assembly(desk, rng):
 
 
 def test_another_assembly_is_not_a_disagreement(sils, rng):
-    """The same tool pose with other joints: the equations are not written for it, and nobody is accused of it."""
+    """The same tool pose with other joints: the equations are not written for it; no disagreement is shown."""
     home(sils)
     other = mirrored_assembly(sils, rng)
     assert other is not None

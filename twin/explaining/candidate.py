@@ -33,7 +33,7 @@ class Candidate:
         step: the equation. edits: one or two. extra: values of the aliases that they use.
         scores: worst residual by row, of the rows that it changes.
         broken: whether it harms a row that agreed.
-        hollow: whether a row that it cures says nothing any more: it is true whatever its symbols are.
+        hollow: whether a row that it cures is left empty: true whatever its symbols are.
         dropped: symbols that a cured row depended on and does not any more.
         changed: residuals of the rows that were judged before.
     """

@@ -78,7 +78,7 @@ class _Tried:
         return sum(s.score for s in self.chosen), self.closes, self.agrees, -off
 
 
-def mend(
+def correct(
     formula: Formula,
     cad: CadModel,
     judged: Callable[[ReferenceModel], Judge],

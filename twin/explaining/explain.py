@@ -13,7 +13,7 @@ from twin.errors import TwinError
 from twin.explaining.candidate import TOKENS, Candidate, Found, Key, key
 from twin.explaining.conventions import conventions
 from twin.explaining.coverage import coverage, margins
-from twin.explaining.drawing import mend
+from twin.explaining.drawing import correct
 from twin.explaining.heldout import held_out
 from twin.explaining.identify import identify
 from twin.explaining.invariants import invariants, unit
@@ -47,7 +47,7 @@ def known(
 ) -> Truth:
     """Return the mechanism's values at sampled poses.
 
-    A mechanism with freedoms to spare takes a pose in many ways. It takes each near the formula's own joints if the
+    A redundant mechanism takes a pose in many ways. It takes each near the formula's own joints if the
     formula agrees there; else as it was sampled, if fewer rows are off there: a wrong row leads the joints astray.
     """
     run = sample(model, progress=lambda f: progress("sample the mechanism", f))
@@ -109,7 +109,7 @@ def explain(
         return Judge(formula, variants, known(formula, model, parameters, variants=variants), tolerance)
 
     chosen = choose(formula, variants)
-    mended = mend(formula, cad, judged, lambda f: progress("correct the drawing", f)) if cad is not None else None
+    corrected = correct(formula, cad, judged, lambda f: progress("correct the drawing", f)) if cad is not None else None
     lap("drawing")
     drawn: Judge | None = None
     try:
@@ -119,23 +119,23 @@ def explain(
         drawn = Judge(formula, variants, truth, tolerance)
         lap("judge")
     except TwinError:
-        if mended is None or mended.judge is None:  # as drawn it cannot be posed: what is put right is judged
+        if corrected is None or corrected.judge is None:  # as drawn it cannot be posed: the corrected drawing is judged
             raise
-    judge = drawn or (mended.judge if mended is not None else None)
+    judge = drawn or (corrected.judge if corrected is not None else None)
     assert judge is not None
     skipped = [s for s in judge.steps if s.missing and s.stage != "helper"]
     notes = [*_notes(judge), *judge.notes]
-    if mended is not None and (mended.agrees or not judge.failing()):
+    if corrected is not None and (corrected.agrees or not judge.failing()):
         rows = tuple(_row(judge, p, [], root) for p in judge.failing())
         if not drawn:
             notes.append("as drawn the mechanism cannot be moved; the rows were judged against the corrected drawing")
         verdict: Verdict = "unchecked" if skipped or not judge.residuals else "disagree"
         return Explanation(
             robot, chosen, verdict, True, judge.truth.k, (), rows, notes=tuple(notes), seconds=seconds, lead="drawing",
-            drawing=mended.findings, parts=mended.parts,
+            drawing=corrected.findings, parts=corrected.parts,
         )  # fmt: skip
-    if mended is not None and mended.judge is not None and mended.model is not None:
-        judge, model = mended.judge, mended.model
+    if corrected is not None and corrected.judge is not None and corrected.model is not None:
+        judge, model = corrected.judge, corrected.model
         notes.append("the corrected drawing does not explain every row; the rows below were judged against it")
     if not judge.failing():
         progress("reach and singularity measures", 0.0)
@@ -198,8 +198,8 @@ def explain(
         tuple(notes),
         seconds,
         lead,
-        mended.findings if mended is not None else (),
-        mended.parts if mended is not None else (),
+        corrected.findings if corrected is not None else (),
+        corrected.parts if corrected is not None else (),
     )
 
 

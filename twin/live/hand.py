@@ -27,7 +27,7 @@ class Hand:
     """Leads one mechanism; what it needs is compiled when it first does, or by `prepare`.
 
     Attributes:
-        gaps: lower joint, upper joint, least distance in m, of joints that share a rail.
+        gaps: lower joint, upper joint, minimum distance in m, of joints that share a rail.
     """
 
     def __init__(self, mechanism: Mechanism, model: ReferenceModel, gaps: Sequence[tuple[str, str, float]]) -> None:

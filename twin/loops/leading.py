@@ -97,7 +97,7 @@ class Led:
 
 
 def bounds_of(mechanism: Mechanism, gaps: Sequence[tuple[str, str, float]] = ()) -> tuple[Bound, ...]:
-    """Return the hard limits of the active joints, and `gaps`: lower joint, upper joint, least distance in m."""
+    """Return the hard limits of the active joints, and `gaps`: lower joint, upper joint, minimum distance in m."""
     order, eye, out = [j.name for j in mechanism.active], np.eye(len(mechanism.active)), []
     for i, joint in enumerate(mechanism.active):
         low, high = joint.limits or (-np.inf, np.inf)

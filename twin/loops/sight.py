@@ -86,7 +86,7 @@ class Sight:
         return self._compiled("point", ca.substitute(ca.horzcat(point, J), e.steps, 0), p=p_body)
 
     def _compiled(self, name: str, rows: ca.SX, **more: ca.SX) -> Callable[..., Array]:
-        """Return a function of q, u and more, that returns the rows one after the other."""
+        """Return a function of q, u and more, that returns all rows, stacked."""
         e = self._equations
         look = ca.Function(name, [e.q, e.states, *more.values()], [ca.densify(ca.vec(rows.T))], {"cse": True})
         inputs = {"q": e.q.numel(), "u": e.states.numel(), **{n: x.numel() for n, x in more.items()}}
