@@ -10,7 +10,6 @@ import pytest
 import twin
 from twin.units import DEG, MM
 
-
 PROTOCOLS = ["table2", pytest.param("lowered_patient", marks=pytest.mark.slow)]
 
 
