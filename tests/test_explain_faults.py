@@ -18,7 +18,7 @@ import pytest
 
 seeds = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("explain_seeds.py"))))
 FAULTS = int(os.environ.get("TWIN_FAULTS", "16"))
-PAIRS = int(os.environ.get("TWIN_PAIRS", "8"))
+PAIRS = int(os.environ.get("TWIN_PAIRS", "4"))
 REWRITES = int(os.environ.get("TWIN_REWRITES", "60"))
 
 
