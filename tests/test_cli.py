@@ -408,6 +408,14 @@ def test_tolerance_widens_every_row(run, no_pictures):
     assert all(r["tolerance"] == pytest.approx(100e-6) for r in tools)
 
 
+@pytest.mark.slow
+def test_validate_all_protocols_of_sils(run, no_pictures):
+    result = run("validate", "sils", "--all-protocols", "--json")
+    assert result.code == 1
+    verdicts = {r["protocol"]: r["verdict"] for r in result.json["reports"]}
+    assert verdicts == {"lowered_patient": "agree", "table2": "agree", "table2_printed": "disagree"}
+
+
 # -------------------------------------------------------------------------------------------------------- run
 
 
