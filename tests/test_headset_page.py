@@ -159,10 +159,14 @@ def test_what_is_wrong_is_red(desk, robot):
 
 def test_nothing_is_drawn_while_nothing_moves(desk, robot):
     time.sleep(7.0)  # a sentence that is said goes after six seconds
-    first, frames = desk("twin.app.world.renderer.info.render.frame"), desk("twin.app.line.frames")
-    time.sleep(5.0)
+    for _ in range(8):  # a slow machine is still drawing what it was told before
+        first, frames = desk("twin.app.world.renderer.info.render.frame"), desk("twin.app.line.frames")
+        time.sleep(5.0)
+        if desk("twin.app.world.renderer.info.render.frame") == first:
+            break
+    else:
+        pytest.fail("the page draws although nothing moves")
     assert desk("twin.app.line.frames") > frames + 10  # the stream goes on
-    assert desk("twin.app.world.renderer.info.render.frame") <= first + 2
     desk("twin.app.ask('posture', {name: 'insertion'})")
     desk.until(f"twin.app.world.renderer.info.render.frame > {first} + 2", "a picture of what has moved")
 
@@ -288,7 +292,7 @@ def test_the_patient_is_that_of_the_protocol_or_it_is_said_why_there_is_none(des
     assert desk("twin.app.overlays.scenery.visible")
     assert "ASSUMED" in desk.id("patient").inner_text()
     desk.id("show-scenery").click()
-    assert not desk("twin.app.overlays.scenery.visible")
+    desk.until("!twin.app.overlays.scenery.visible", "the patient is hidden")
     desk("twin.app.ask('protocol', {name: 'table2'})")
     desk.until("twin.app.model.state.protocol === 'table2'", "the protocol as before")
 
