@@ -103,6 +103,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
     rate, found = _rates(path, kinematics, where)
     bend = rate.derivative()
     limits = protocol.limits[path.phase.type]
+    max_speed, max_acceleration = _joint_limits(path, protocol, kinematics)
 
     def derivatives(s: Array) -> tuple[Array, Array]:
         m = path.motion(s)
@@ -114,8 +115,8 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
     def load(s: Array, sd: Array, sdd: Array) -> tuple[Array, Array]:
         m = path.motion(s)
         sd, sdd = sd[:, None], sdd[:, None]
-        v = np.max(np.abs(rate(s) * sd) / kinematics.max_speed, axis=1)
-        a = np.max(np.abs(rate(s) * sdd + bend(s) * sd**2) / kinematics.max_acceleration, axis=1)
+        v = np.max(np.abs(rate(s) * sd) / max_speed, axis=1)
+        a = np.max(np.abs(rate(s) * sdd + bend(s) * sd**2) / max_acceleration, axis=1)
         for d1, d2, speed, acceleration in _vectors(m, limits):
             v = np.maximum(v, np.linalg.norm(d1 * sd, axis=1) / speed)
             a = np.maximum(a, np.linalg.norm(d1 * sdd + d2 * sd**2, axis=1) / acceleration)
@@ -130,8 +131,8 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
     try:
         timing = time_path(
             derivatives,
-            np.concatenate([kinematics.max_speed, [limits.tip_speed, limits.rotation_speed]]),
-            np.concatenate([kinematics.max_acceleration, [limits.tip_acceleration, limits.rotation_acceleration]]),
+            np.concatenate([max_speed, [limits.tip_speed, limits.rotation_speed]]),
+            np.concatenate([max_acceleration, [limits.tip_acceleration, limits.rotation_acceleration]]),
             dt=dt,
             load=load,
             jerk=jerk if min(limits.tip_jerk, limits.rotation_jerk) < np.inf else None,
@@ -146,6 +147,24 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
     sd, sdd = timing.sd[:, None], timing.sdd[:, None]
     first = rate(timing.s)
     return _Leg(path, timing, motion, q, first * sd, first * sdd + bend(timing.s) * sd**2), found
+
+
+def _joint_limits(path: PhasePath, protocol: Protocol, kinematics: PathKinematics) -> tuple[Array, Array]:
+    """Return the largest speeds and accelerations (n,) of the driven joints.
+
+    In a phase between joint values, a joint without limits of its own keeps those of the phase: the tool may stand
+    still there (a gripper's fingers move), so that no limit of the tool would time the motion.
+    """
+    speed, acceleration = kinematics.max_speed, kinematics.max_acceleration
+    waypoint = protocol.waypoints.get(getattr(path.phase, "to", ""))
+    if path.phase.type not in ("joints", "home") or waypoint is None or waypoint.joints is None:
+        return speed, acceleration
+    limits, turns = protocol.limits[path.phase.type], np.array(kinematics.revolute, bool)
+    own_speed = np.where(turns, limits.rotation_speed, limits.tip_speed)
+    own_acceleration = np.where(turns, limits.rotation_acceleration, limits.tip_acceleration)
+    return np.where(np.isfinite(speed), speed, own_speed), np.where(
+        np.isfinite(acceleration), acceleration, own_acceleration
+    )
 
 
 def _rates(path: PhasePath, kinematics: PathKinematics, where: str) -> tuple[Smooth, list[Finding]]:
