@@ -33,7 +33,7 @@ _TIMES = {"mm": "mm", "deg": "°"}
 
 
 @dataclass(frozen=True)
-class Mended:
+class Corrected:
     """The drawing with its faults corrected.
 
     Attributes:
@@ -83,7 +83,7 @@ def correct(
     cad: CadModel,
     judged: Callable[[ReferenceModel], Judge],
     progress: Callable[[float], None] = lambda f: None,
-) -> Mended | None:
+) -> Corrected | None:
     """Return what is off in the drawing and the rows judged against the corrected drawing; None if every joint meets.
 
     Args:
@@ -110,7 +110,7 @@ def correct(
     top = top or max(tried, default=_Tried(()), key=lambda t: t.rank)
     sides = dict(zip((f.joints for f in told), top.chosen, strict=False))
     parts = tuple(_part(f, findings, sides.get(f.joints), top, tried) for f in found)
-    return Mended(findings, parts, top.model, top.judge, top.agrees and len(told) == len(found))
+    return Corrected(findings, parts, top.model, top.judge, top.agrees and len(told) == len(found))
 
 
 def _put_right(cad: CadModel, chosen: Sequence[Suspect], judged: Callable[[ReferenceModel], Judge]) -> _Tried:
