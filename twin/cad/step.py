@@ -161,6 +161,12 @@ def _glb(path: Path, tolerance: float, angle: float) -> bytes:
         glb = Path(work) / "step.glb"
         code = cascadio.step_to_glb(str(path), str(glb), tolerance, angle, include_brep=True)
         if code != 0 or not glb.is_file():
+            try:  # it does not tell whether reading or writing failed
+                (Path(work) / "room").write_bytes(bytes(path.stat().st_size))
+            except OSError as e:
+                raise CadError(
+                    f"{path}: cannot write its triangles to {work}: {e.strerror}. Choose another folder with TMPDIR."
+                ) from None
             raise CadError(f"{path}: OpenCASCADE could not read it (code {code}); the file is damaged")
         data = glb.read_bytes()
     with contextlib.suppress(OSError):  # a cache that cannot be written is no error

@@ -44,7 +44,10 @@ class Hand:
         """Compile, so that the first drag does not wait; a mechanism that cannot be led says so when it is."""
         with contextlib.suppress(AssemblyError, MechanismError):
             leader, home = self.leader, self.model.home()
-            leader.joints(home.q, self._unknowns(home), home.q)
+            u = self._unknowns(home)
+            leader.joints(home.q, u, home.q)
+            for body in self.mechanism.bodies:
+                leader.look(home.q, u, body.name, np.zeros(3))
 
     def point(self, now: Assembly, body: str, p_body: Array, target: Array) -> tuple[Assembly, Led]:
         """Lead a point (3,) of a body towards a target (3,) in base, in m.
