@@ -13,14 +13,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twin.audit.compare import compare, compare_hashes, compare_rest, compare_shapes, references
+from twin.audit.compare_physics import compare_physics
 from twin.audit.folder import Found, find
 from twin.audit.motion import Content
+from twin.audit.physics_truth import mechanism_physics
 from twin.audit.report import AuditReport, Check, Ledger, finished
+
+if TYPE_CHECKING:
+    from twin.mechanism import Mechanism
 
 __all__ = ["AuditReport", "Check", "audit", "key_times"]
 
@@ -31,12 +36,19 @@ Progress = Callable[[str, float], None]
 """Called with what is being read and the fraction done."""
 
 
-def audit(path: str | Path, *, truth: Truth | None = None, progress: Progress | None = None) -> AuditReport:
+def audit(
+    path: str | Path,
+    *,
+    truth: Truth | None = None,
+    mechanism: Mechanism | None = None,
+    progress: Progress | None = None,
+) -> AuditReport:
     """Read a file or a folder of exported files, check each, and hold all against one another.
 
     Args:
         path: a .glb, .gltf, USD, .usdz, track, MJCF or URDF file, or a folder with any of them.
         truth: poses from the reference model, by clip; without it the tracks are what others are held against.
+        mechanism: what the files are to be of: masses, joints, drives and frames are compared with it.
         progress: see `Progress`.
 
     Returns:
@@ -59,6 +71,7 @@ def audit(path: str | Path, *, truth: Truth | None = None, progress: Progress | 
     compare(contents, refs)
     compare_rest(contents)
     compare_shapes(contents)
+    compare_physics(contents, None if mechanism is None else mechanism_physics(mechanism))
     proofs = [_proof(found, file) for file in found.proofs]
     compare_hashes(contents, next((h for _, h in proofs if h), ""))
     ledgers += [ledger for ledger, _ in proofs]

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from twin.audit import poses
+from twin.audit.colors import Palette, Rgba, surface_area
 from twin.audit.gltf_clips import Clips
 from twin.audit.gltf_file import Gltf, open_gltf
-from twin.audit.gltf_nodes import Node, numbers, parents_first, read_nodes
+from twin.audit.gltf_nodes import Node, link_above, numbers, parents_first, read_nodes
 from twin.audit.meshes import check_mesh, joined
 from twin.audit.motion import Content, Shape, check_poses
+from twin.audit.physics import Frame, Joint, Mass, Physics
 from twin.audit.poses import Array
 from twin.audit.report import Ledger
 
@@ -62,7 +64,9 @@ def read_gltf(path: Path, ledger: Ledger) -> Content:
     if twice:
         ledger.add("gltf.duplicate_clip", "disagreement", f"two clips are named '{twice[0]}'.", where=twice[0])
     _check_materials(file)
-    out.shapes = _shapes(file, nodes, rest)
+    out.shapes, out.colors = _shapes(file, nodes, rest)
+    if links:
+        out.physics = _physics(nodes, rest)
     _rows(ledger, out)
     return out
 
@@ -170,8 +174,29 @@ def _check_materials(file: Gltf) -> None:
             )
 
 
-def _shapes(file: Gltf, nodes: list[Node], world: list[Array]) -> dict[str, Shape]:
-    """Check every mesh once; return the shapes of the links by name, each in its link's frame."""
+def _physics(nodes: list[Node], world: list[Array]) -> Physics:
+    """Return what the extras of links and frames say: masses, names of joints, places of frames."""
+    out = Physics(tuple(n.name for n in nodes if n.is_link))
+    for n in nodes:
+        extras = n.spec.get("extras")
+        extras = extras if isinstance(extras, dict) else {}
+        owner = link_above(nodes, n)
+        if n.is_link:
+            if isinstance(extras.get("mass"), int | float):
+                out.masses[n.name] = Mass(float(extras["mass"]))
+            joints = extras.get("joints")
+            for name in joints if isinstance(joints, list) else ():
+                out.joints.append(Joint((str(name),), "", n.name))
+        elif isinstance(extras.get("frame"), str) and owner is not None:
+            T, _ = poses.split(world[owner.index][0])
+            at, _ = poses.split(world[n.index][0])
+            out.frames[extras["frame"]] = Frame(owner.name, poses.inverse(T) @ at)
+    return out
+
+
+def _shapes(file: Gltf, nodes: list[Node], world: list[Array]) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
+    """Check every mesh once; return shapes and colours of the links by name, shapes in their link's frame."""
+    palette = Palette()
     known: dict[int, list[tuple[Array, Array]]] = {}
     found: dict[str, list[Shape]] = {}
     for node in nodes:
@@ -183,18 +208,34 @@ def _shapes(file: Gltf, nodes: list[Node], world: list[Array]) -> dict[str, Shap
         if which not in known:
             known[which] = [_corners(file, mesh, name)]
         (vertices, triangles) = known[which][0]
-        owner = node
-        while not owner.is_link and owner.parent >= 0:
-            owner = nodes[owner.parent]
-        if owner.is_link and owner.name and len(triangles):
+        owner = link_above(nodes, node)
+        if owner is not None and owner.name and len(triangles):
             rigid, _ = poses.split(world[owner.index][0])
             M = poses.inverse(rigid) @ world[node.index][0]
             quiet = Ledger("")
             shape = check_mesh(quiet, name, vertices @ M[:3, :3].T + M[:3, 3], triangles, None, "gltf")
             if shape is not None:
                 found.setdefault(owner.name, []).append(shape)
+                _color(file, mesh, owner.name, palette)
     out = {name: joined(shapes) for name, shapes in found.items()}
-    return {name: shape for name, shape in out.items() if shape is not None}
+    return {name: shape for name, shape in out.items() if shape is not None}, palette.shares()
+
+
+def _color(file: Gltf, mesh: dict[str, Any], link: str, palette: Palette) -> None:
+    """Add what a mesh is painted with."""
+    for primitive in mesh.get("primitives", []):
+        attributes = primitive.get("attributes", {})
+        if "POSITION" not in attributes or primitive.get("mode", 4) != 4:
+            continue
+        vertices = file.accessor(attributes["POSITION"])
+        index = primitive.get("indices")
+        indices = np.arange(len(vertices)) if index is None else file.accessor(index)[:, 0].astype(int)
+        triangles = indices[: len(indices) // 3 * 3].reshape(-1, 3)
+        if "material" not in primitive or not len(triangles) or triangles.max() >= len(vertices):
+            continue
+        pbr = file.item("materials", primitive["material"]).get("pbrMetallicRoughness", {})
+        rgba = numbers(pbr.get("baseColorFactor", (1, 1, 1, 1)), 4, "baseColorFactor")
+        palette.add(link, rgba, surface_area(vertices, triangles))
 
 
 def _corners(file: Gltf, mesh: dict[str, Any], name: str) -> tuple[Array, Array]:

@@ -15,7 +15,10 @@ from twin.audit.poses import Array
 
 @dataclass(frozen=True)
 class Node:
-    """One node: its parent's index (-1 for none), its resting translation, rotation xyzw and scale, or its matrix."""
+    """One node: its parent's index (-1 for none), its resting translation, rotation xyzw and scale, or its matrix.
+
+    `copied`: its extras repeat those of a node above it, as exporters do that hand them down to the meshes.
+    """
 
     index: int
     name: str
@@ -25,6 +28,7 @@ class Node:
     scale: Array
     matrix: Array | None
     spec: dict[str, Any]
+    copied: bool = False
 
     @property
     def label(self) -> str:
@@ -35,7 +39,14 @@ class Node:
     def is_link(self) -> bool:
         """Whether the file itself calls it a link of a robot."""
         extras = self.spec.get("extras")
-        return isinstance(extras, dict) and bool(extras.get("link"))
+        return isinstance(extras, dict) and bool(extras.get("link")) and not self.copied
+
+
+def link_above(nodes: list[Node], node: Node) -> Node | None:
+    """Return the link that a node is, or is on; None if there is none."""
+    while not node.is_link and node.parent >= 0:
+        node = nodes[node.parent]
+    return node if node.is_link else None
 
 
 def local(node: Node, moved: dict[str, Array]) -> Array:
@@ -75,7 +86,8 @@ def read_nodes(file: Gltf) -> list[Node]:
             numbers(spec.get(key, default), len(default), f"node {i}: {key}")
             for key, default in (("translation", (0, 0, 0)), ("rotation", (0, 0, 0, 1)), ("scale", (1, 1, 1)))
         )
-        out.append(Node(i, name if isinstance(name, str) else "", parent[i], t, r, s, matrix, spec))
+        copied = _repeats(specs, parent, i)
+        out.append(Node(i, name if isinstance(name, str) else "", parent[i], t, r, s, matrix, spec, copied))
         size = float(np.linalg.norm(r))
         if abs(size - 1) > UNIT_TOL:
             file.ledger.add(
@@ -88,6 +100,23 @@ def read_nodes(file: Gltf) -> list[Node]:
                 suggestion="normalise it; glTF is x, y, z, w",
             )
     return out
+
+
+def _repeats(specs: list[dict[str, Any]], parent: list[int], i: int) -> bool:
+    """Return whether a node above says that it is the same link."""
+    told = _told(specs[i])
+    seen = set()
+    while told and parent[i] >= 0 and i not in seen:
+        seen.add(i)
+        i = parent[i]
+        if _told(specs[i]) == told:
+            return True
+    return False
+
+
+def _told(spec: dict[str, Any]) -> Any:
+    extras = spec.get("extras")
+    return extras.get("link") if isinstance(extras, dict) else None
 
 
 def numbers(value: Any, n: int, name: str) -> Array:

@@ -78,7 +78,7 @@ def _measured(points: bytes, faces: bytes) -> tuple[Shape, bool]:
     triangles = np.frombuffer(faces, np.int64).reshape(-1, 3)
     closed, mixed = edges(weld(vertices, triangles))
     used = vertices[np.unique(triangles)]
-    return Shape(used.min(axis=0), used.max(axis=0), signed_volume(vertices, triangles), closed), mixed
+    return Shape(used.min(axis=0), used.max(axis=0), signed_volume(vertices, triangles), closed, used), mixed
 
 
 def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array, normals: Array, code: str) -> None:
@@ -156,4 +156,5 @@ def joined(shapes: Iterable[Shape]) -> Shape | None:
         np.max([s.high for s in parts], axis=0),
         sum(s.volume for s in parts),
         all(s.closed for s in parts),
+        np.vstack([s.points for s in parts]),
     )

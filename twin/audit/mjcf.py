@@ -11,8 +11,10 @@ import numpy as np
 
 from twin.audit import poses
 from twin.audit.chain import Link, fit
+from twin.audit.colors import Palette, Rgba, linear, surface_area
 from twin.audit.meshes import check_mesh, joined
 from twin.audit.motion import Clip, Content, Shape
+from twin.audit.physics_mjcf import compiled_physics
 from twin.audit.poses import Array
 from twin.audit.report import Ledger
 from twin.audit.urdf import named_mesh, numbers, parse_xml
@@ -52,9 +54,8 @@ class Mjcf:
             "up_axis": "Z" if m.opt.gravity[2] < 0 else "?",
             "handedness": "right (MuJoCo)",
         }
-        if not m.opt.gravity[2] < 0:
-            text = f"gravity is {m.opt.gravity.tolist()}: z does not point up."
-            ledger.add("mjcf.up_axis", "warning", text, where="option")
+        self.content.physics = compiled_physics(m, self.bodies)
+        self.content.colors = _colors(m)
 
     def _pose(self, body: int) -> Array:
         q = self.data.xquat[body]
@@ -188,6 +189,24 @@ class Mjcf:
 def _holds(root: ET.Element) -> bool:
     """Return whether the world itself holds a body by a joint, so that it is the base of the robot."""
     return any(b.find("joint") is not None for world in root.iter("worldbody") for b in world.findall("body"))
+
+
+def _colors(m: mujoco.MjModel) -> dict[str, dict[Rgba, float]]:
+    """Return colours by body; a mesh that is drawn and collided with counts once."""
+    out = Palette()
+    seen = set()
+    for g in range(m.ngeom):
+        mesh = int(m.geom_dataid[g])
+        key = (int(m.geom_bodyid[g]), mesh, m.geom_pos[g].tobytes())
+        if m.geom_type[g] != mujoco.mjtGeom.mjGEOM_MESH or mesh < 0 or key in seen:
+            continue
+        seen.add(key)
+        at, faces = int(m.mesh_vertadr[mesh]), int(m.mesh_faceadr[mesh])
+        vertices = m.mesh_vert[at : at + m.mesh_vertnum[mesh]].astype(float)
+        area = surface_area(vertices, m.mesh_face[faces : faces + m.mesh_facenum[mesh]])
+        rgba = m.mat_rgba[m.geom_matid[g]] if m.geom_matid[g] >= 0 else m.geom_rgba[g]
+        out.add(m.body(key[0]).name, (*linear(rgba[:3]).tolist(), float(rgba[3])), area)
+    return out.shares()
 
 
 def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, Shape]:

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from twin.audit.colors import Rgba
+from twin.audit.physics import Physics
 from twin.audit.poses import Array, angle
 from twin.audit.report import Ledger
 
@@ -31,13 +33,15 @@ FAR = 50.0
 class Shape:
     """All meshes of one link in the link's frame: corners of their box (3,) in m, and signed volume in m3.
 
-    `closed` says whether all of them are, so that the volume means something.
+    `closed` says whether all of them are, so that the volume means something; `points` (n, 3) are those that a
+    triangle uses.
     """
 
     low: Array
     high: Array
     volume: float
     closed: bool
+    points: Array
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,8 @@ class Content:
         rest: T_world_link (4, 4) without any motion.
         declared: names that the file itself calls links (rigid bodies, extras), None if it calls nothing so.
         shapes: meshes by link.
+        colors: share of a link's area by linear rgba, by link.
+        physics: what the file says of the mechanism, None if it says nothing.
         model_hash: of the mechanism that the file says it was made from, "" if it says none.
         facts: conventions found, for the report: units, up_axis, handedness, ...
         extra: what only one kind of check wants (limits, phases).
@@ -77,6 +83,8 @@ class Content:
     rest: dict[str, Array] = field(default_factory=dict)
     declared: tuple[str, ...] | None = None
     shapes: dict[str, Shape] = field(default_factory=dict)
+    colors: dict[str, dict[Rgba, float]] = field(default_factory=dict)
+    physics: Physics | None = None
     model_hash: str = ""
     facts: dict[str, Any] = field(default_factory=dict)
     extra: dict[str, Any] = field(default_factory=dict)

@@ -160,6 +160,17 @@ def finished(path: str, files: list[dict[str, Any]], ledgers: list[Ledger]) -> A
     return AuditReport(path, files, [c for ledger in ledgers for c in ledger.checks], found)
 
 
+def quantity(value: float, unit: str) -> str:
+    """Return a length in m, or what else, with a unit that keeps its digits few."""
+    if unit == "m" and math.isfinite(value):
+        factor, unit = next((f, u) for most, f, u in _LENGTHS if abs(value) < most)
+        value *= factor
+    return f"{value:.4g} {unit}"
+
+
+_LENGTHS = ((1e-3, 1e6, "um"), (1.0, 1e3, "mm"), (math.inf, 1.0, "m"))
+
+
 def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {k: _plain(v) for k, v in value.items()}

@@ -12,6 +12,7 @@ import numpy as np
 
 from twin.audit import poses
 from twin.audit.motion import Clip, Content, check_poses, check_quaternions, check_rate, check_times
+from twin.audit.physics_tracks import track_physics
 from twin.audit.poses import Array
 from twin.audit.report import POSITION_TOL, Ledger
 
@@ -110,6 +111,8 @@ def _content(data: dict[str, Any], kind: str, ledger: Ledger) -> Content:
     name = str(data.get("protocol", ""))
     out = Content(ledger, kind, model_hash=str(data.get("model_hash", "")), declared=tuple(links))
     out.facts = {"units": data.get("length_unit", "?"), "up_axis": "Z", "handedness": "right", "protocol": name}
+    out.physics = track_physics(data, links, joints)
+    out.extra["data"] = {k: v for k, v in data.items() if k not in ("poses", "positions", "times")}
     _check_words(data, ledger)
     for key, names in (("links", links), ("joints", joints)):
         if twice := {n for n in names if names.count(n) > 1}:

@@ -11,9 +11,11 @@ import numpy as np
 
 from twin.audit import poses
 from twin.audit.chain import Link, along, fit
+from twin.audit.colors import Palette, Rgba, linear, surface_area
 from twin.audit.meshes import check_mesh, joined
 from twin.audit.motion import Clip, Content, Shape
 from twin.audit.obj import ObjError, read_obj
+from twin.audit.physics_urdf import inertial, tree_physics
 from twin.audit.poses import Array
 from twin.audit.report import Ledger
 
@@ -26,13 +28,15 @@ class UrdfError(Exception):
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint: the fixed pose and the axis, links by name, limits in rad or m or None."""
+    """A joint: the fixed pose and the axis, links by name; limits in rad or m, largest effort and speed, or None."""
 
     name: str
     parent: str
     child: str
     link: Link
     limits: tuple[float, float] | None
+    effort: float | None
+    speed: float | None
 
 
 class Urdf:
@@ -65,7 +69,10 @@ class Urdf:
         self.content = Content(ledger, "urdf")
         self.content.facts = {"units": "m (URDF)", "up_axis": "Z (URDF)", "handedness": "right (URDF)"}
         self.content.rest = dict.fromkeys(links, np.eye(4))
-        self.content.shapes = _shapes(root, path, ledger)
+        self.content.shapes, self.content.colors = _shapes(root, path, ledger)
+        masses = {e.get("name", ""): inertial(e, _origin, numbers) for e in root.findall("link")}
+        known = {n: mass for n, mass in masses.items() if mass is not None}
+        self.content.physics = tree_physics(links, known, self.above.values())
 
     def _way(self, link: str, stop: str) -> list[UrdfJoint]:
         """Return the joints from one link up to another, the upper first."""
@@ -165,12 +172,16 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
         ledger.add("urdf.axis", "disagreement", text, where=name, size=float(np.linalg.norm(a)), limit=1.0)
     limit = element.find("limit")
     limits = None
+    effort, speed = (
+        None if limit is None or limit.get(k) is None else float(numbers(limit.get(k), 1, ())[0])
+        for k in ("effort", "velocity")
+    )
     if limit is not None and limit.get("lower") is not None and kind != "continuous":
         limits = (float(limit.get("lower", "0")), float(limit.get("upper", "0")))
         if not limits[0] <= limits[1]:
             text = f"joint '{name}': lower limit {limits[0]:g} lies above upper limit {limits[1]:g}."
             ledger.add("urdf.limits", "disagreement", text, where=name, suggestion="swap them")
-    return UrdfJoint(name, ends[0], ends[1], Link(T, KINDS[kind], a, name), limits)
+    return UrdfJoint(name, ends[0], ends[1], Link(T, KINDS[kind], a, name), limits, effort, speed)
 
 
 def _origin(element: ET.Element | None) -> Array:
@@ -180,8 +191,10 @@ def _origin(element: ET.Element | None) -> Array:
     return poses.pose(R, numbers(element.get("xyz"), 3, (0, 0, 0)))
 
 
-def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, Shape]:
+def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
     out = {}
+    named = {m.get("name"): m.find("color") for m in root.findall("material")}
+    palette = Palette()
     checked: dict[str, tuple[Array, Array] | None] = {}
     for link in root.findall("link"):
         parts = []
@@ -194,10 +207,18 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, Shape]:
             if got is not None:
                 T = _origin(visual.find("origin"))
                 parts.append(check_mesh(Ledger(""), "", got[0] @ T[:3, :3].T + T[:3, 3], got[1], None, "urdf"))
+                material = visual.find("material")
+                color = None if material is None else material.find("color")
+                if color is None and material is not None:
+                    color = named.get(material.get("name"))
+                if color is not None and parts[-1] is not None:
+                    rgba = numbers(color.get("rgba"), 4, (1, 1, 1, 1))
+                    area = surface_area(got[0], got[1])
+                    palette.add(link.get("name", ""), (*linear(rgba[:3]).tolist(), float(rgba[3])), area)
         shape = joined(p for p in parts if p is not None)
         if shape is not None:
             out[link.get("name", "")] = shape
-    return out
+    return out, palette.shares()
 
 
 def named_mesh(

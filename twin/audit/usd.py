@@ -16,8 +16,10 @@ from pxr import Tf, Usd, UsdGeom, UsdPhysics, UsdShade
 from twin.audit import poses
 from twin.audit.meshes import check_mesh, joined
 from twin.audit.motion import Clip, Content, Shape, check_poses
+from twin.audit.physics_usd import stage_physics
 from twin.audit.poses import Array
 from twin.audit.report import Ledger
+from twin.audit.usd_colors import stage_colors
 from twin.audit.usd_joints import joint_gaps, joint_values
 
 GAP_TOL = 1e-5
@@ -68,6 +70,9 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
         out.clips.append(clip)
     _check_materials(prims, ledger)
     out.shapes = _shapes(prims, {p.GetPath() for p in shown.values()} if bodies else None, world, ledger)
+    if bodies:
+        out.physics = stage_physics(stage, bodies, world.meters, world.up)
+    out.colors = stage_colors(prims, {p.GetPath() for p in shown.values()} if bodies else None)
     _check_gaps(stage, world, bodies, codes, codes_s, ledger)
     return out
 
