@@ -17,12 +17,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from twin.audit.claims import check_claims, check_proof_clips, check_readme
 from twin.audit.compare import compare, compare_hashes, compare_rest, compare_shapes, references
 from twin.audit.compare_physics import compare_physics
 from twin.audit.folder import Found, find
 from twin.audit.motion import Content
 from twin.audit.physics_truth import mechanism_physics
 from twin.audit.report import AuditReport, Check, Ledger, finished
+from twin.audit.sense import check_sense
 
 if TYPE_CHECKING:
     from twin.mechanism import Mechanism
@@ -66,15 +68,23 @@ def audit(
         if content is not None:
             contents.append(content)
     ledgers += [_package(found, folder) for folder in found.unity]
+    for content in contents:
+        check_sense(content)
     tell("compare", 0.9)
     refs = references(contents, truth or {})
     compare(contents, refs)
     compare_rest(contents)
     compare_shapes(contents)
     compare_physics(contents, None if mechanism is None else mechanism_physics(mechanism))
+    check_claims(contents)
+    for file in found.readmes:
+        ledgers.append(Ledger(found.name(file), "twin.audit readme", "1"))
+        check_readme(file, contents, ledgers[-1])
     proofs = [_proof(found, file) for file in found.proofs]
     compare_hashes(contents, next((h for _, h in proofs if h), ""))
-    ledgers += [ledger for ledger, _ in proofs]
+    for (ledger, _), file in zip(proofs, found.proofs, strict=True):
+        check_proof_clips(file, contents, ledger)
+        ledgers.append(ledger)
     return finished(str(path), [c.as_facts() for c in contents], ledgers)
 
 

@@ -12,9 +12,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from twin.audit import poses
-from twin.audit.motion import Content
+from twin.audit.colors import Rgba, apart
+from twin.audit.motion import Content, Shape
 from twin.audit.physics import Frame, Joint, Mass, Physics
 from twin.audit.physics_tracks import TOOL
 from twin.audit.poses import Array
@@ -68,6 +70,23 @@ def _place(a: Array, b: Array) -> float:
     return max(_distance(a[:3, 3], b[:3, 3]), 0.1 * float(poses.angle(a[:3, :3], b[:3, :3])))
 
 
+def _surface(a: Array, b: Array) -> float:
+    """Return how far in m a point of the one mesh is from the nearest of the other.
+
+    Meshes of which few points coincide were made with other triangles; that their boxes agree is checked elsewhere.
+    """
+    if a.shape == b.shape and np.array_equal(a, b):
+        return 0.0
+    there, back = cKDTree(b).query(a)[0], cKDTree(a).query(b)[0]
+    if min(np.mean(there < ALIKE), np.mean(back < ALIKE)) < 0.7:
+        return 0.0
+    return float(max(there.max(), back.max()))
+
+
+ALIKE = 3e-6
+"""Distance in m between two points that are one: files of millimetres with three decimals, and single precision."""
+
+
 @dataclass(frozen=True)
 class Quantity:
     """One thing that files say of a subject.
@@ -105,6 +124,8 @@ QUANTITIES: Mapping[str, Quantity] = {
     "largest speed": Quantity(_number, 1e-5, "m/s or rad/s", True),
     "frame pose": Quantity(_place, 2e-6, "m"),
     "link": Quantity(_word, 0.0),
+    "surface": Quantity(_surface, ALIKE, "m"),
+    "colours": Quantity(apart, 0.02),
     "gravity": Quantity(_distance, 1e-3, "m/s2"),
     "held": Quantity(_word, 0.0),
     "ratios": Quantity(_distance, 1e-5),
@@ -121,6 +142,8 @@ class View:
     format: str
     ledger: Ledger | None
     physics: Physics
+    shapes: Mapping[str, Shape] = field(default_factory=dict)
+    colors: Mapping[str, Mapping[Rgba, float]] = field(default_factory=dict)
     said: dict[tuple[str, str], Any] = field(default_factory=dict)
 
     @property
@@ -131,7 +154,11 @@ class View:
 
 def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -> None:
     """Note in each file's ledger where it says something else of links, joints, frames or gravity than the others."""
-    views = [View(c.file, c.format, c.ledger, c.physics) for c in contents if c.physics is not None]
+    views = [
+        View(c.file, c.format, c.ledger, c.physics or Physics(), c.shapes, c.colors)
+        for c in contents
+        if c.physics is not None or c.shapes
+    ]
     if truth is not None:
         views.append(View(TRUTH, "truth", None, truth))
     views.sort(key=lambda v: _TRUST.index(v.format) if v.format in _TRUST else len(_TRUST))
@@ -218,6 +245,12 @@ def _match(joint: Joint, canonical: Mapping[str, Joint], view: View) -> str:
 def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable: set[str]) -> None:
     say = view.said
     p = view.physics
+    for link, shape in view.shapes.items():
+        if link in known:
+            say[f"link '{link}'", "surface"] = shape.points
+    for link, shares in view.colors.items():
+        if link in known:
+            say[f"link '{link}'", "colours"] = shares
     for link, mass in p.masses.items():
         if link in known:
             _state_mass(say, link, mass)
@@ -238,9 +271,11 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
     for name, joint in canonical.items():
         if name in found or (joint.kind == "fixed" and not joint.parent):
             continue
-        if p.complete or (view.format == "tracks" and joint.kind in ("revolute", "prismatic")):
-            say[f"joint '{name}'", "existence"] = False
-        elif view.format in ("glb", "gltf") and p.joints:
+        if (
+            p.complete
+            or (view.format == "tracks" and joint.kind in ("revolute", "prismatic"))
+            or (view.format in ("glb", "gltf") and p.joints)
+        ):
             say[f"joint '{name}'", "existence"] = False
     for name, frame in p.frames.items():
         _state_frame(say, name, frame)
@@ -354,7 +389,7 @@ def _listed(files: Sequence[str], most: int = 3) -> str:
 
 def _text(subject: str, name: str, q: Quantity, mine: Any, right: Any, others: str) -> str:
     if name == "existence":
-        return f"{subject} is in this file, not in {others}." if mine else f"{subject} is missing; {others} has it."
+        return f"{subject} is in this file, not in {others}." if mine else f"{subject} is missing; it is in {others}."
     if name in ("driven", "weighed"):
         said = _SAID[name]
         return f"{subject} {said[bool(mine)]}; in {others} it {said[bool(right)]}."
@@ -364,6 +399,10 @@ def _text(subject: str, name: str, q: Quantity, mine: Any, right: Any, others: s
     off = q.apart(mine, right)
     if name in ("mass centre", "place", "frame pose", "pose"):
         return f"{subject}: {_WORDS.get(name, name)} is {quantity(off, 'm')} off {others}."
+    if name == "surface":
+        return f"{subject}: a point of its mesh is {quantity(off, 'm')} off that of {others}."
+    if name == "colours":
+        return f"{subject}: {100 * off:.3g} % of its surface has another colour than in {others}."
     if name == "inertia":
         return f"{subject}: inertia differs from {others} by {100 * off:.3g} %."
     if name == "axis":

@@ -30,11 +30,12 @@ class Found:
     urdf: list[Path] = field(default_factory=list)
     unity: list[Path] = field(default_factory=list)
     proofs: list[Path] = field(default_factory=list)
+    readmes: list[Path] = field(default_factory=list)
 
     @property
     def count(self) -> int:
-        """How many there are."""
-        return sum(len(v) for k, v in vars(self).items() if k != "root")
+        """How many there are that can be audited by themselves."""
+        return sum(len(v) for k, v in vars(self).items() if k not in ("root", "readmes"))
 
     def name(self, path: Path) -> str:
         """Return a path as it is shown."""
@@ -89,6 +90,8 @@ def _sort(out: Found, file: Path, alone: bool) -> None:
         out.urdf.append(file)
     elif suffix == ".xml" and (alone or _starts(file, b"<mujoco")):
         out.mjcf.append(file)
+    elif file.name == "README.txt" and not alone:
+        out.readmes.append(file)
     elif file.name == "proof.json":
         out.proofs.append(file)
     elif suffix == ".json" and (alone or (not file.name.endswith(".schema.json") and _starts(file, b'"twin-track"'))):

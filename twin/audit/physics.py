@@ -184,7 +184,8 @@ class Physics:
 
 
 def _chained(first: Joint, second: Joint) -> Joint:
-    assert first.T is not None and second.T is not None
+    assert first.T is not None
+    assert second.T is not None
     drives = [j.drive for j in (first, second) if j.motions]
     return Joint(
         first.names + second.names,

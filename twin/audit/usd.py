@@ -72,6 +72,7 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
     out.shapes = _shapes(prims, {p.GetPath() for p in shown.values()} if bodies else None, world, ledger)
     if bodies:
         out.physics = stage_physics(stage, bodies, world.meters, world.up)
+    out.extra["assumed"] = _assumed(stage)
     out.colors = stage_colors(prims, {p.GetPath() for p in shown.values()} if bodies else None)
     _check_gaps(stage, world, bodies, codes, codes_s, ledger)
     return out
@@ -165,6 +166,13 @@ def _codes(prim: Usd.Prim) -> list[float]:
             out.update(UsdGeom.Xformable(prim).GetTimeSamples())
         prim = prim.GetParent()
     return sorted(out)
+
+
+def _assumed(stage: Usd.Stage) -> dict[str, str]:
+    """Return the names of numbers that the stage says are assumed, with the reason."""
+    root = stage.GetDefaultPrim()
+    told = root.GetCustomDataByKey("twin:parameters") if root else None
+    return {n: str(p.get("note", "")) for n, p in (told or {}).items() if p.get("provenance") == "ASSUMED"}
 
 
 def _hash(stage: Usd.Stage) -> str:
