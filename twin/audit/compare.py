@@ -7,13 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.audit.between import midway
 from twin.audit.diagnose import why
 from twin.audit.motion import Clip, Content, largest
 from twin.audit.poses import Array, angle
-from twin.audit.report import POSITION_TOL, ROTATION_TOL
+from twin.audit.report import POSITION_TOL, ROTATION_TOL, quantity
 
 TIME_TOL = 1e-5
 """Largest difference in s between two files' times of one key: glTF keeps them in single precision."""
+
+BETWEEN_TOL = 1e-5
+"""Largest distance in m (or tenths of a rad) from the straight way between two keys."""
 
 BOX_TOL = 2e-5
 """Largest difference in m between the boxes around one link's meshes."""
@@ -156,6 +160,35 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
             suggestion="see which of the two is right: `twin audit --robot NAME` recomputes the poses",
         )
     _compare_joints(content, clip, ref, name, mine, its)
+    if clip.middle and len(mine) == len(clip.times) == len(ref.clip.times):
+        _compare_middle(content, clip, ref, name)
+
+
+def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> None:
+    """Note links that do not go straight from key to key, as the errors between keys are stated for."""
+    worst, where, k = 0.0, "", 0
+    for link in (n for n in ref.clip.links if n in clip.middle):
+        T = np.asarray(ref.clip.links[link])
+        p, i, r, j = largest(clip.middle[link], midway(T[:-1], T[1:]))
+        off = max(p, r * 0.1)
+        if off > worst:
+            worst, where, k = off, link, i if p >= r * 0.1 else j
+    content.ledger.row(
+        f"clip '{name}': halfway between keys against {ref.source}", worst, "m", BETWEEN_TOL, where=where
+    )
+    if worst > BETWEEN_TOL:
+        content.ledger.add(
+            "compare.between",
+            "disagreement",
+            f"clip '{name}': halfway between two keys link '{where}' is {quantity(worst, 'm')} off the straight way "
+            f"between those of {ref.source}.",
+            where=where,
+            when=_at(float(clip.times[k])),
+            size=worst * 1e6,
+            unit="um",
+            limit=BETWEEN_TOL * 1e6,
+            suggestion="interpolate LINEAR between the keys",
+        )
 
 
 def _compare_joints(content: Content, clip: Clip, ref: Reference, name: str, mine: Array, its: Array) -> None:

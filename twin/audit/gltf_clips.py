@@ -90,12 +90,26 @@ class Clips:
                 raise GltfError(
                     "gltf.size", f"clip '{name}' has {len(times)} keys on {len(self._nodes)} nodes: too many"
                 )
-            moved: dict[int, dict[str, Array]] = {}
-            for c in usable:
-                moved.setdefault(c.node, {})[c.path] = c.at(times)
-            world = self.world(moved)
-            links = {n.name: np.broadcast_to(self.z_up(world[n.index]), (len(times), 4, 4)) for n in shown}
-            yield Clip(name, times, links)
+            self._tell_jumps(name, usable)
+            middle = self._placed(usable, shown, (times[1:] + times[:-1]) / 2)
+            yield Clip(name, times, self._placed(usable, shown, times), middle=middle)
+
+    def _placed(self, channels: list[Channel], shown: list[Node], times: Array) -> dict[str, Array]:
+        moved: dict[int, dict[str, Array]] = {}
+        for c in channels:
+            moved.setdefault(c.node, {})[c.path] = c.at(times)
+        world = self.world(moved)
+        return {n.name: np.broadcast_to(self.z_up(world[n.index]), (len(times), 4, 4)) for n in shown}
+
+    def _tell_jumps(self, clip: str, channels: list[Channel]) -> None:
+        """Note channels that hold one key until the next, and so show a motion as jumps."""
+        jumping = [
+            c for c in channels if c.mode == "STEP" and len(c.values) > 2 and np.ptp(c.values, axis=0).max() > 1e-6
+        ]
+        if jumping:
+            node = self._nodes[jumping[0].node].label
+            text = f"clip '{clip}' jumps from key to key (STEP) in {len(jumping)} channels, first of '{node}'."
+            self._ledger.add("gltf.jumps", "warning", text, where=clip, suggestion="LINEAR, if it is a motion")
 
 
 def channels(file: Gltf, spec: dict[str, Any], clip: str) -> Iterator[Channel]:

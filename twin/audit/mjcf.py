@@ -13,6 +13,7 @@ from twin.audit import poses
 from twin.audit.chain import Link, fit
 from twin.audit.colors import Palette, Rgba, linear, surface_area
 from twin.audit.meshes import check_mesh, joined
+from twin.audit.mjcf_model import check_model
 from twin.audit.motion import Clip, Content, Shape
 from twin.audit.physics_mjcf import compiled_physics
 from twin.audit.poses import Array
@@ -56,6 +57,7 @@ class Mjcf:
         }
         self.content.physics = compiled_physics(m, self.bodies)
         self.content.colors = _colors(m)
+        check_model(m, self.data, ledger)
 
     def _pose(self, body: int) -> Array:
         q = self.data.xquat[body]

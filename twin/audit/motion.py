@@ -46,12 +46,16 @@ class Shape:
 
 @dataclass(frozen=True)
 class Clip:
-    """One motion: times (k,) in s, T_world_link (k, 4, 4) by name, and joint values (k,) in rad or m where known."""
+    """One motion: times (k,) in s, T_world_link (k, 4, 4) by name, and joint values (k,) in rad or m where known.
+
+    `middle` holds poses (k - 1, 4, 4) halfway between keys where a format says how it gets from one to the next.
+    """
 
     name: str
     times: Array
     links: Mapping[str, Array]
     joints: Mapping[str, Array] = field(default_factory=dict)
+    middle: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def duration(self) -> float:

@@ -14,7 +14,8 @@ from twin.audit import poses
 from twin.audit.motion import Clip, Content, check_poses, check_quaternions, check_rate, check_times
 from twin.audit.physics_tracks import track_physics
 from twin.audit.poses import Array
-from twin.audit.report import POSITION_TOL, Ledger
+from twin.audit.rcm import check_rcm
+from twin.audit.report import Ledger
 
 SCHEMA = "twin-track"
 
@@ -28,9 +29,6 @@ WORDS = {
 
 LIMIT_TOL = 1e-6
 """Breach of a joint limit in m or rad that is still rounding."""
-
-SHAFT = 5e-3
-"""Distance in m within which a shaft is meant to go through its RCM, where the file does not say that it must."""
 
 
 class TrackError(Exception):
@@ -143,7 +141,7 @@ def _content(data: dict[str, Any], kind: str, ledger: Ledger) -> Content:
     _check_limits(data, joints, clip, ledger)
     for key, name in (("lower", "joint_lower"), ("upper", "joint_upper")):
         out.extra[key] = dict(zip(joints, _numbers(data, name, ledger).tolist(), strict=False))
-    _check_rcm(data, clip, ledger)
+    check_rcm(data, clip, _numbers(data, "frames_local", ledger), ledger)
     return out
 
 
@@ -258,54 +256,3 @@ def _check_limits(data: dict[str, Any], joints: list[str], clip: Clip, ledger: L
                 suggestion="angles are radians, lengths metres",
             )
     ledger.row("joints beyond their limits", worst, "rad or m", LIMIT_TOL, where=where, when=when)
-
-
-def _check_rcm(data: dict[str, Any], clip: Clip, ledger: Ledger) -> None:
-    """Measure how far the shaft's axis passes the RCM in the phases that have one."""
-    has, point = _numbers(data, "phase_has_rcm", ledger), _numbers(data, "phase_rcm", ledger)
-    start, end = _numbers(data, "phase_start", ledger), _numbers(data, "phase_end", ledger)
-    names, on = data.get("frame_names", []), data.get("frame_links", [])
-    local = _numbers(data, "frames_local", ledger)
-    if len(local) != 7 * len(names) or len(on) != len(names) or len(point) != 3 * len(has) or len(has) > len(start):
-        ledger.add("tracks.shape", "disagreement", "frames or RCMs do not have one entry each.", where="frames_local")
-        return
-    told = data.get("phase_rcm_enforced")
-    enforced = told if isinstance(told, list) and len(told) == len(has) else None
-    tool = data.get("tool_link")
-    worst, where, when = 0.0, "", ""
-    for i in np.flatnonzero(has).tolist():
-        inside = (clip.times >= start[i] - 1e-9) & (clip.times <= end[i] + 1e-9)
-        distances = {}
-        for name, link, seven in zip(names, on, local.reshape(-1, 7), strict=True):
-            if link == tool and link in clip.links and inside.any():
-                T = clip.links[link][inside] @ poses.from_seven(seven)
-                away = point[3 * i : 3 * i + 3] - T[:, :3, 3]
-                distances[name] = np.linalg.norm(np.cross(T[:, :3, 2], away), axis=1)
-        if not distances or (enforced is not None and not enforced[i]):
-            continue
-        name = min(distances, key=lambda n: float(distances[n].max()))
-        k = int(np.argmax(distances[name]))
-        missed, at = float(distances[name][k]), f"t = {clip.times[inside][k]:.4g} s"
-        phase = str(data["phases"][i])
-        if missed > SHAFT and enforced is None:
-            text = (
-                f"phase '{phase}': the shaft (z of '{name}') passes the RCM {missed * 1e3:.4g} mm away; the file does "
-                "not say whether the RCM is enforced there or only watched."
-            )
-            ledger.add("tracks.rcm_watched", "info", text, where=phase, when=at, size=missed * 1e3, unit="mm")
-            continue
-        if missed >= worst:
-            worst, where, when = missed, name, at
-        if missed > POSITION_TOL:
-            ledger.add(
-                "tracks.rcm",
-                "disagreement",
-                f"phase '{phase}': the shaft (z of '{name}') passes the RCM {missed * 1e6:.4g} um away.",
-                where=name,
-                when=at,
-                size=missed * 1e6,
-                unit="um",
-                limit=POSITION_TOL * 1e6,
-            )
-    if where:
-        ledger.row("RCM: how far the shaft passes it", worst, "m", POSITION_TOL, where=where, when=when)
