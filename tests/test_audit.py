@@ -26,6 +26,7 @@ from twin.errors import TwinError
 from twin.findings import Finding
 
 ROOT = Path(__file__).parents[1]
+rotation_matrix = rotation
 made = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_stage_mechanisms.py"))))
 
 PACKAGE = {
@@ -38,12 +39,39 @@ PACKAGE = {
 }
 
 
+def states_at(times):
+    """Return the closed form of the swing: poses by body and values by joint, at times in s."""
+    return [made.four_bar_state(made.CRANK_AT_REST + 0.45 * np.sin(np.pi * t)) for t in times]
+
+
+def between(times):
+    """Return what straight lines between keys cost halfway between them, from the closed form."""
+    from twin.exporting.clip import Between
+
+    robot, keys, halfway = made.four_bar(), states_at(times), states_at((times[1:] + times[:-1]) / 2)
+    position = rotation = gap = 0.0
+    for a, b, (meant, _) in zip(keys[:-1], keys[1:], halfway, strict=True):
+        drawn = {}
+        for body in robot.bodies:
+            A, B, T = a[0][body.name], b[0][body.name], meant[body.name]
+            q = slerp(quaternion(A[:3, :3])[None], quaternion(B[:3, :3])[None], np.array([0.5]))[0]
+            drawn[body.name] = D = pose(rotation_matrix(q), (A[:3, 3] + B[:3, 3]) / 2)
+            rotation = max(rotation, float(angle(D[:3, :3], T[:3, :3])))
+            for mesh in body.meshes:
+                off = mesh.vertices @ (D - T)[:3, :3].T + (D - T)[:3, 3]
+                position = max(position, float(np.linalg.norm(off, axis=1).max()))
+        gap = max(
+            gap, *(float(np.linalg.norm(j.relative(drawn[j.parent], drawn[j.child])[:3, 3])) for j in robot.joints)
+        )
+    return Between(position, rotation, gap)
+
+
 def swing():
     """Return a clip of the four-bar, 2 s at 20 Hz, from its closed form."""
-    from twin.exporting.clip import Between, Clip
+    from twin.exporting.clip import Clip
 
     times = np.arange(41) / 20
-    states = [made.four_bar_state(made.CRANK_AT_REST + 0.45 * np.sin(np.pi * t)) for t in times]
+    states = states_at(times)
     return Clip(
         "swing",
         "a swing",
@@ -53,7 +81,7 @@ def swing():
         ("crank_joint",),
         (("out", 0.0, 1.0), ("back", 1.0, 2.0)),
         20.0,
-        Between(0.0, 0.0, 0.0),
+        between(times),
         frame="tool",
         phase_rcm=(None, None),
     )
@@ -70,7 +98,8 @@ def write_good(folder: Path) -> Path:
 
     robot, clip = made.four_bar(), swing()
     folder.mkdir(parents=True, exist_ok=True)
-    write_tracks(robot, clip, folder / "tracks")
+    assumed = [f"{p.name} = {p.shown:g} {p.unit}: {p.note}" for p in robot.parameters if p.provenance == "ASSUMED"]
+    write_tracks(robot, clip, folder / "tracks", assumed=assumed)
     write_glb(robot, [clip], folder / "bars.glb", {n: T[0] for n, T in clip.links.items()})
     write_usd(robot, [clip], folder / "usd")
     write_usdz(robot, clip, folder / "bars_ar.usdz")

@@ -227,7 +227,7 @@ def test_each_defect_is_named(name, good, tmp_path):
     ("name", "reason"),
     [
         ("swapped links", "links 'crank' and 'rocker' are swapped"),
-        ("frame rate", "it lasts 5 s, not 2 s (x 2.5)"),
+        ("frame rate", "it lasts 5 s, in tracks/swing.json 2 s (x 2.5)"),
         ("joint state in radians", "degrees against radians"),
     ],
 )

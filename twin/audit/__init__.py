@@ -21,7 +21,7 @@ from twin.audit.claims import check_claims, check_proof_clips, check_readme
 from twin.audit.compare import compare, compare_hashes, compare_rest, compare_shapes, references
 from twin.audit.compare_physics import compare_physics
 from twin.audit.folder import Found, find
-from twin.audit.motion import Content
+from twin.audit.motion import Content, check_names
 from twin.audit.physics_truth import mechanism_physics
 from twin.audit.report import AuditReport, Check, Ledger, finished
 from twin.audit.sense import check_sense
@@ -68,7 +68,10 @@ def audit(
         if content is not None:
             contents.append(content)
     ledgers += [_package(found, folder) for folder in found.unity]
+    declared = frozenset(n for c in contents for n in c.declared or ())
     for content in contents:
+        content.known = declared or None
+        check_names(content)
         check_sense(content)
     tell("compare", 0.9)
     refs = references(contents, truth or {})

@@ -11,7 +11,7 @@ from twin.audit.between import midway
 from twin.audit.diagnose import why
 from twin.audit.motion import Clip, Content, largest
 from twin.audit.poses import Array, angle
-from twin.audit.report import POSITION_TOL, ROTATION_TOL, quantity
+from twin.audit.report import POSITION_TOL, ROTATION_TOL, quantity, told_apart
 
 TIME_TOL = 1e-5
 """Largest difference in s between two files' times of one key: glTF keeps them in single precision."""
@@ -104,16 +104,13 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
     label = f"clip '{name}'"
     against = f"against {ref.source}"
     if len(mine) < max(len(clip.times), len(ref.clip.times)):
-        ratio = clip.duration / ref.clip.duration if ref.clip.duration else float("nan")
         ledger.add(
             "compare.times",
             "disagreement",
-            f"{label}: {len(mine)} of {len(clip.times)} keys are at the times of {ref.source}, which has "
-            f"{len(ref.clip.times)}; it lasts {clip.duration:.6g} s, not {ref.clip.duration:.6g} s (x {ratio:.5g}).",
+            f"{label}: {_times_apart(clip, ref, mine, its)}.",
             where=name,
-            size=clip.duration,
-            unit="s",
-            limit=ref.clip.duration,
+            size=float(len(mine)),
+            limit=float(max(len(clip.times), len(ref.clip.times))),
             suggestion="check the rate, and the units of time",
         )
     if len(mine):
@@ -150,7 +147,7 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
         ledger.add(
             "compare.pose",
             "disagreement",
-            f"{label}: link '{n}' is {p * 1e6:.4g} um and {np.degrees(r):.4g} deg off {ref.source}"
+            f"{label}: link '{n}' is {quantity(p, 'm')} and {np.degrees(r):.4g} deg off {ref.source}"
             + (f": {reason}." if reason else "."),
             where=n,
             when=_at(times[i if by_place else j]),
@@ -162,6 +159,27 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
     _compare_joints(content, clip, ref, name, mine, its)
     if clip.middle and len(mine) == len(clip.times) == len(ref.clip.times):
         _compare_middle(content, clip, ref, name)
+
+
+def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
+    """Say which keys have no counterpart: some of them, or all because the one clip lasts longer."""
+    if abs(clip.duration - ref.clip.duration) > TIME_TOL:
+        ratio = clip.duration / ref.clip.duration if ref.clip.duration else float("nan")
+        here, there = told_apart(clip.duration, ref.clip.duration)
+        return (
+            f"it lasts {here} s, in {ref.source} {there} s (x {ratio:.6g}); {len(mine)} "
+            f"of its {len(clip.times)} keys are at the times of the {len(ref.clip.times)} there"
+        )
+    said = []
+    for times, shared, text in (
+        (ref.clip.times, its, f"of {ref.source} it lacks"),
+        (clip.times, mine, f"{ref.source} lacks"),
+    ):
+        lacking = np.setdiff1d(np.arange(len(times)), shared)
+        if len(lacking):
+            keys = "one key" if len(lacking) == 1 else f"{len(lacking)} keys"
+            said.append(f"{text} {keys}, {'that' if len(lacking) == 1 else 'first that'} at {times[lacking[0]]:.6g} s")
+    return "; ".join(said) + f" (both last {clip.duration:.6g} s)"
 
 
 def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> None:
@@ -296,7 +314,7 @@ def compare_rest(contents: Sequence[Content]) -> None:
         content.ledger.row(f"rest: position against {first.file}", apart[far], "m", POSITION_TOL, where=far)
         content.ledger.row(f"rest: rotation against {first.file}", turn[turned], "rad", ROTATION_TOL, where=turned)
         if apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL:
-            text = f"at rest link '{far}' is {apart[far] * 1e6:.4g} um off {first.file}, '{turned}' turned."
+            text = f"at rest link '{far}' is {quantity(apart[far], 'm')} off {first.file}, '{turned}' turned."
             content.ledger.add("compare.rest", "disagreement", text, where=far, size=apart[far] * 1e6, unit="um")
 
 

@@ -77,10 +77,14 @@ def _surface(a: Array, b: Array) -> float:
     """
     if a.shape == b.shape and np.array_equal(a, b):
         return 0.0
-    there, back = cKDTree(b).query(a)[0], cKDTree(a).query(b)[0]
+    there, back = (_tree(y).query(x)[0] for x, y in ((a, b), (b, a)))
     if min(np.mean(there < ALIKE), np.mean(back < ALIKE)) < 0.7:
         return 0.0
     return float(max(there.max(), back.max()))
+
+
+def _tree(points: Array) -> cKDTree:
+    return cKDTree(points, balanced_tree=False, compact_nodes=False)
 
 
 ALIKE = 3e-6

@@ -7,7 +7,9 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from twin.audit import poses
+from twin.audit.motion import largest
 from twin.audit.poses import Array
+from twin.audit.report import quantity
 
 _FACTORS = {
     1e3: "lengths look like millimetres in metres",
@@ -25,12 +27,17 @@ def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
     names = [n for n in found if n in meant]
     if not names:
         return ""
-    rows = np.unique(np.linspace(0, len(found[names[0]]) - 1, _LOOKS).astype(int))
-    F = np.stack([found[n][rows] for n in names])
-    M = np.stack([meant[n][rows] for n in names])
+    every = len(found[names[0]])
+    rows = set(np.linspace(0, every - 1, _LOOKS).astype(int).tolist())
+    rows |= {k for n in names for k in (largest(found[n], meant[n])[1::2])}  # what is wrong may be at one key only
+    looks = np.array(sorted(rows))
+    F = np.stack([found[n][looks] for n in names])
+    M = np.stack([meant[n][looks] for n in names])
     if not (np.all(np.isfinite(F)) and np.all(np.isfinite(M))):
         return ""
     off = [i for i in range(len(names)) if not _same(F[i], M[i])]
+    if not off:
+        return ""
     for text, mistake in _mistakes():
         if off and _same(F[off], mistake(M[off])):  # what is right, a base at the origin say, may well be so by chance
             return text
@@ -42,7 +49,12 @@ def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
     if _same(F, first[:1] @ M):
         move = float(np.linalg.norm(first[0, 0, :3, 3]))
         turn = np.degrees(float(poses.angle(first[0, 0, :3, :3], np.eye(3))))
-        return f"the whole robot is moved by {move:.4g} m and turned by {turn:.4g} deg"
+        return f"the whole robot is moved by {quantity(move, 'm')} and turned by {turn:.4g} deg"
+    wrong = [k for k in looks.tolist() if not all(_same(found[n][[k]], meant[n][[k]]) for n in names)]
+    if len(off) == 1 and len(wrong) < len(looks) / 2:
+        keys = [k for k in range(every) if not _same(found[names[off[0]]][[k]], meant[names[off[0]]][[k]])]
+        if len(keys) <= max(2, every // 10):
+            return f"it is this link alone, at {'one key' if len(keys) == 1 else f'{len(keys)} keys'} of {every}"
     return ""
 
 

@@ -109,7 +109,7 @@ class Clips:
         if jumping:
             node = self._nodes[jumping[0].node].label
             text = f"clip '{clip}' jumps from key to key (STEP) in {len(jumping)} channels, first of '{node}'."
-            self._ledger.add("gltf.jumps", "warning", text, where=clip, suggestion="LINEAR, if it is a motion")
+            self._ledger.add("gltf.jumps", "info", text, where=clip, suggestion="LINEAR, if it is a motion")
 
 
 def channels(file: Gltf, spec: dict[str, Any], clip: str) -> Iterator[Channel]:

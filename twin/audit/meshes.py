@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from twin.audit.colors import surface_area
 from twin.audit.motion import Shape
 from twin.audit.poses import Array
 from twin.audit.report import Ledger
@@ -78,7 +79,14 @@ def _measured(points: bytes, faces: bytes) -> tuple[Shape, bool]:
     triangles = np.frombuffer(faces, np.int64).reshape(-1, 3)
     closed, mixed = edges(weld(vertices, triangles))
     used = vertices[np.unique(triangles)]
-    return Shape(used.min(axis=0), used.max(axis=0), signed_volume(vertices, triangles), closed, used), mixed
+    return Shape(
+        used.min(axis=0),
+        used.max(axis=0),
+        signed_volume(vertices, triangles),
+        closed,
+        used,
+        surface_area(vertices, triangles),
+    ), mixed
 
 
 def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array, normals: Array, code: str) -> None:
@@ -157,4 +165,5 @@ def joined(shapes: Iterable[Shape]) -> Shape | None:
         sum(s.volume for s in parts),
         all(s.closed for s in parts),
         np.vstack([s.points for s in parts]),
+        sum(s.area for s in parts),
     )

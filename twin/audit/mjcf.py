@@ -17,7 +17,7 @@ from twin.audit.mjcf_model import check_model
 from twin.audit.motion import Clip, Content, Shape
 from twin.audit.physics_mjcf import compiled_physics
 from twin.audit.poses import Array
-from twin.audit.report import Ledger
+from twin.audit.report import Ledger, quantity
 from twin.audit.urdf import named_mesh, numbers, parse_xml
 
 LOOP_TOL = 1e-6
@@ -88,7 +88,7 @@ class Mjcf:
             self._ledger.add(
                 "mjcf.loop",
                 "disagreement",
-                f"clip '{clip.name}': equality '{where}' is {worst * 1e6:.4g} um open.",
+                f"clip '{clip.name}': equality '{where}' is {quantity(worst, 'm')} open.",
                 where=where,
                 when=when,
                 size=worst * 1e6,

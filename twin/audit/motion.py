@@ -34,7 +34,7 @@ class Shape:
     """All meshes of one link in the link's frame: corners of their box (3,) in m, and signed volume in m3.
 
     `closed` says whether all of them are, so that the volume means something; `points` (n, 3) are those that a
-    triangle uses.
+    triangle uses, `area` is in m2.
     """
 
     low: Array
@@ -42,6 +42,7 @@ class Shape:
     volume: float
     closed: bool
     points: Array
+    area: float
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,7 @@ class Content:
         physics: what the file says of the mechanism, None if it says nothing.
         model_hash: of the mechanism that the file says it was made from, "" if it says none.
         facts: conventions found, for the report: units, up_axis, handedness, ...
+        known: links of the files beside it, None if there are none.
         extra: what only one kind of check wants (limits, phases).
     """
 
@@ -92,6 +94,7 @@ class Content:
     model_hash: str = ""
     facts: dict[str, Any] = field(default_factory=dict)
     extra: dict[str, Any] = field(default_factory=dict)
+    known: frozenset[str] | None = None
 
     @property
     def file(self) -> str:
@@ -100,9 +103,23 @@ class Content:
 
     def as_facts(self) -> dict[str, Any]:
         """Return what the report says of the file as such."""
+        links: int | None = len(self.links) if self.links is not None else None
         clips = [{"name": c.name, "keys": len(c.times), "duration_s": c.duration} for c in self.clips]
-        links = list(self.declared) if self.declared is not None else sorted(self.rest)
-        return {"file": self.file, "format": self.format, **self.facts, "clips": clips, "links": len(links)}
+        return {
+            "file": self.file,
+            "format": self.format,
+            **self.facts,
+            "clips": clips,
+            "links": links,
+            "nodes": len(self.rest),
+        }
+
+    @property
+    def links(self) -> tuple[str, ...] | None:
+        """Names of its links: those that it declares, or that other files know; None if nobody says which they are."""
+        if self.declared is not None:
+            return self.declared
+        return None if self.known is None else tuple(n for n in self.rest if n in self.known)
 
 
 def check_times(ledger: Ledger, times: Array, clip: str, code: str) -> bool:
@@ -256,3 +273,22 @@ def largest(poses: Array, others: Array) -> tuple[float, int, float, int]:
     turn = angle(poses[:, :3, :3], others[:, :3, :3])
     i, j = int(np.argmax(apart)), int(np.argmax(turn))
     return float(apart[i]), i, float(turn[j]), j
+
+
+def check_names(content: Content) -> None:
+    """Note names of links and joints that no program can go by: empty, with line breaks, or with spaces around."""
+    joints = [n for j in (content.physics.joints if content.physics else ()) for n in j.names]
+    for kind, names in (("link", content.declared or ()), ("joint", joints)):
+        for name in dict.fromkeys(names):
+            if not name or name != name.strip() or not name.isprintable():
+                trouble = (
+                    "is empty" if not name.strip() else "has a line break, a control character or spaces around it"
+                )
+                text = f"the name {name!r} of a {kind} {trouble}."
+                content.ledger.add(
+                    f"{content.format}.name",
+                    "disagreement",
+                    text,
+                    where=repr(name),
+                    suggestion="letters, digits and underscores are safe in every format",
+                )

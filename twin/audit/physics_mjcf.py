@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import mujoco
 import numpy as np
 
@@ -45,7 +47,7 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
         known = [drives[j] for j in own if drives[j].driven]
         parent = names[m.body_parentid[i]]
         drive = single[0] if single else known[0] if len(known) == 1 else Drive()
-        out.joints.append(Joint(tuple(m.joint(j).name for j in own), parent, names[i], T, motions, drive))
+        out.joints.append(Joint(_named(m.joint(j).name for j in own), parent, names[i], T, motions, drive))
     held = [n for n, i in bodies.items() if i == 0 or (m.body_parentid[i] == 0 and not m.body_jntnum[i])]
     out.held = frozenset(held)
     out.joints += _ties(m, names)
@@ -54,6 +56,10 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
         T = _pose(m.site_pos[s], m.site_quat[s])
         out.frames[site.name.removeprefix(MARK)] = Frame(names[m.site_bodyid[s]], T)
     return out
+
+
+def _named(names: Iterable[str]) -> tuple[str, ...]:
+    return tuple(n for n in names if n)  # MJCF need not name what it holds
 
 
 def _pose(p: Array, wxyz: Array) -> Array:
@@ -111,9 +117,9 @@ def _ties(m: mujoco.MjModel, names: list[str]) -> list[Joint]:
         (a, T_a), (b, T_b) = ends
         name = m.equality(e).name
         if kind == _CONNECT:
-            out.append(Joint((name,), names[a], names[b], tied=((T_a[:3, 3], T_b[:3, 3]),)))
+            out.append(Joint(_named([name]), names[a], names[b], tied=((T_a[:3, 3], T_b[:3, 3]),)))
         else:
-            out.append(Joint((name,), names[a], names[b], T_a @ poses.inverse(T_b)))
+            out.append(Joint(_named([name]), names[a], names[b], T_a @ poses.inverse(T_b)))
     return out
 
 

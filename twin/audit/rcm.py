@@ -88,7 +88,7 @@ def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) ->
             ledger.add(
                 "tracks.rcm",
                 "disagreement",
-                f"phase '{stay.name}': the shaft (z of '{name}') passes the RCM {missed * 1e6:.4g} um away.",
+                f"phase '{stay.name}': the shaft (z of '{name}') passes the RCM {quantity(missed, 'm')} away.",
                 where=name,
                 when=at,
                 size=missed * 1e6,

@@ -160,12 +160,21 @@ def finished(path: str, files: list[dict[str, Any]], ledgers: list[Ledger]) -> A
     return AuditReport(path, files, [c for ledger in ledgers for c in ledger.checks], found)
 
 
-def quantity(value: float, unit: str) -> str:
+def quantity(value: float, unit: str, digits: int = 4) -> str:
     """Return a length in m, or what else, with a unit that keeps its digits few."""
     if unit == "m" and math.isfinite(value):
         factor, unit = next((f, u) for most, f, u in _LENGTHS if abs(value) < most)
         value *= factor
-    return f"{value:.4g} {unit}"
+    return f"{value:.{digits}g} {unit}"
+
+
+def told_apart(a: float, b: float) -> tuple[str, str]:
+    """Return two numbers with as many digits as it takes to see that they differ, four at least."""
+    for digits in range(4, 17):
+        one, two = f"{a:.{digits}g}", f"{b:.{digits}g}"
+        if one != two:
+            break
+    return one, two
 
 
 _LENGTHS = ((1e-3, 1e6, "um"), (1.0, 1e3, "mm"), (math.inf, 1.0, "m"))

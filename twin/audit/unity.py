@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from twin.audit.report import Ledger
+from twin.audit.unity_frames import check_frames
+from twin.audit.unity_golden import check_golden
 
 REQUIRED = ("name", "version", "displayName", "unity")
 _GUID = re.compile(r"^guid:\s*([0-9a-f]{32})\s*$", re.MULTILINE)
@@ -26,6 +28,12 @@ def check_package(folder: Path, ledger: Ledger) -> None:
     guids = _check_metas(folder, seen, ledger)
     _check_assemblies(folder, seen, guids, ledger)
     _check_scripts(folder, seen, ledger)
+    for file in seen:
+        name = file.relative_to(folder).as_posix()
+        if file.name == "Frames.cs":
+            check_frames(file, name, ledger)
+        elif file.name == "twin-golden.json":
+            check_golden(file, name, ledger)
     wrong = [f for f in ledger.found if f.severity != "info"]
     ledger.row(f"package: {len(seen)} files, {len(guids)} GUIDs", float(len(wrong)), "found", 0.0)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from twin.audit import poses
 from twin.audit.chain import Link, along, fit
-from twin.audit.colors import Palette, Rgba, linear, surface_area
+from twin.audit.colors import Palette, Rgba, linear
 from twin.audit.meshes import check_mesh, joined
 from twin.audit.motion import Clip, Content, Shape
 from twin.audit.obj import ObjError, read_obj
@@ -213,8 +213,8 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, Sha
                     color = named.get(material.get("name"))
                 if color is not None and parts[-1] is not None:
                     rgba = numbers(color.get("rgba"), 4, (1, 1, 1, 1))
-                    area = surface_area(got[0], got[1])
-                    palette.add(link.get("name", ""), (*linear(rgba[:3]).tolist(), float(rgba[3])), area)
+                    shown = (*linear(rgba[:3]).tolist(), float(rgba[3]))
+                    palette.add(link.get("name", ""), shown, parts[-1].area)
         shape = joined(p for p in parts if p is not None)
         if shape is not None:
             out[link.get("name", "")] = shape

@@ -14,12 +14,13 @@ import numpy as np
 from pxr import Tf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from twin.audit import poses
+from twin.audit.colors import Palette, Rgba
 from twin.audit.meshes import check_mesh, joined
 from twin.audit.motion import Clip, Content, Shape, check_poses
 from twin.audit.physics_usd import stage_physics
 from twin.audit.poses import Array
-from twin.audit.report import Ledger
-from twin.audit.usd_colors import stage_colors
+from twin.audit.report import Ledger, quantity
+from twin.audit.usd_colors import mesh_color
 from twin.audit.usd_joints import joint_gaps, joint_values
 
 GAP_TOL = 1e-5
@@ -69,11 +70,10 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
         check_poses(ledger, clip, "usd")
         out.clips.append(clip)
     _check_materials(prims, ledger)
-    out.shapes = _shapes(prims, {p.GetPath() for p in shown.values()} if bodies else None, world, ledger)
+    out.shapes, out.colors = _shapes(prims, {p.GetPath() for p in shown.values()} if bodies else None, world, ledger)
     if bodies:
         out.physics = stage_physics(stage, bodies, world.meters, world.up)
     out.extra["assumed"] = _assumed(stage)
-    out.colors = stage_colors(prims, {p.GetPath() for p in shown.values()} if bodies else None)
     _check_gaps(stage, world, bodies, codes, codes_s, ledger)
     return out
 
@@ -209,8 +209,11 @@ def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
                 ledger.add("usd.material", "disagreement", text, where=path, suggestion="bind one that exists")
 
 
-def _shapes(prims: list[Usd.Prim], links: set | None, world: World, ledger: Ledger) -> dict[str, Shape]:
-    """Check normals of every mesh; return the shapes of the links by name, each in its link's frame."""
+def _shapes(
+    prims: list[Usd.Prim], links: set | None, world: World, ledger: Ledger
+) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
+    """Check normals of every mesh; return shapes and colours of the links by name, shapes in their link's frame."""
+    palette = Palette()
     found: dict[str, list[Shape]] = {}
     for prim in prims:
         if not prim.IsA(UsdGeom.Mesh) or UsdGeom.Imageable(prim).ComputePurpose() not in ("default", "render"):
@@ -238,8 +241,10 @@ def _shapes(prims: list[Usd.Prim], links: set | None, world: World, ledger: Ledg
                 ledger.add(f.code, f.severity, f.message, where=path, size=f.size, limit=f.limit)
         if shape is not None and owner and not owner.IsPseudoRoot():
             found.setdefault(owner.GetName(), []).append(shape)
+            if (rgba := mesh_color(prim)) is not None:
+                palette.add(owner.GetName(), rgba, shape.area)
     out = {name: joined(shapes) for name, shapes in found.items()}
-    return {name: shape for name, shape in out.items() if shape is not None}
+    return {name: shape for name, shape in out.items() if shape is not None}, palette.shares()
 
 
 def _corners(mesh: UsdGeom.Mesh) -> tuple[Array, Array, Array | None]:
@@ -301,7 +306,7 @@ def _check_gaps(
         ledger.add(
             "usd.joint_gap",
             "disagreement",
-            f"joint {where}: its two frames are {worst * 1e6:.4g} um apart.",
+            f"joint {where}: its two frames are {quantity(worst, 'm')} apart.",
             where=where,
             when=when,
             size=worst * 1e6,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ import numpy as np
 from twin import api
 from twin.audit import audit as audit_
 from twin.audit import key_times
-from twin.audit.report import POSITION_TOL, ROTATION_TOL
+from twin.audit.report import POSITION_TOL, ROTATION_TOL, quantity
 from twin.cli import show
 from twin.errors import TwinError
 from twin.findings import by_severity
@@ -25,15 +26,16 @@ _VERDICTS = {
     "disagree": "DISAGREE: do not hand these files over before you know why",
     "unchecked": "UNCHECKED: something could not be read",
 }
-_SHOWN = {"m": (1e6, "µm"), "rad": (180 / np.pi, "deg"), "s": (1.0, "s")}
 
 
 def audit(args: argparse.Namespace) -> int:
     """Audit a file or folder, print what was measured and found; exit 1 if something is wrong, 2 if unreadable."""
     path = Path(args.path)
     with show.progress(args.quiet or args.json) as progress:
-        truth = None if args.robot is None else _truth(args.robot, path, progress)
-        report = audit_(path, truth=truth, progress=progress)
+        truth, mechanism = None, None
+        if args.robot is not None:
+            truth, mechanism = _truth(args.robot, path, progress), api.load(args.robot).weighed().mechanism
+        report = audit_(path, truth=truth, mechanism=mechanism, progress=progress)
     print(show.as_json(report.as_dict()) if args.json else _text(report, args.all))
     return report.exit_code
 
@@ -75,7 +77,7 @@ def _text(report: AuditReport, everything: bool) -> str:
             str(f.get("units", "")),
             str(f.get("up_axis", "")),
             str(f.get("handedness", "")),
-            str(f["links"]),
+            _links(f),
             ", ".join(f"{c['name']} ({c['keys']} keys, {c['duration_s']:.3f} s)" for c in f["clips"]) or "-",
         )
         for f in report.files
@@ -102,6 +104,10 @@ def _text(report: AuditReport, everything: bool) -> str:
     return "\n".join(lines)
 
 
+def _links(file: Mapping[str, object]) -> str:
+    return f"{file['nodes']} nodes" if file["links"] is None else str(file["links"])
+
+
 def _worst(checks: list[Check]) -> list[Check]:
     """Return the worst check of each kind; kinds differ by more than the clip, the file and the counts they name."""
     kinds: dict[str, Check] = {}
@@ -120,5 +126,6 @@ def _mark(check: Check) -> str:
 def _quantity(value: float | None, unit: str) -> str:
     if value is None:
         return ""
-    factor, name = _SHOWN.get(unit, (1.0, "" if unit == "1" else unit))
-    return f"{value * factor:.3g} {name}".rstrip()
+    if unit == "rad":
+        return f"{value * 180 / np.pi:.3g} deg"
+    return quantity(value, "" if unit == "1" else unit, 3).strip().replace("um", "µm")

@@ -104,8 +104,8 @@ def write_bundle(
         order: what to write.
         folder: where to; on an error it is left as it was.
         formats: see `chosen_formats`.
-        audit: (folder, truth) -> what readers of its own find there; truth: (times (k,), T_world_link (k, 4, 4) by
-            link) by clip, of the independent model.
+        audit: (folder, truth, mechanism) -> what readers of its own find there; truth: (times (k,), T_world_link
+            (k, 4, 4) by link) by clip, of the independent model.
         progress: see `twin.api.Progress`.
 
     Raises:
@@ -120,7 +120,7 @@ def write_bundle(
             findings += _WRITERS[name](order, work)
         (work / "README.txt").write_text(readme.text(order, formats, findings), encoding="utf-8")
         progress("audit", 0.0)
-        judged = audit(work, truth={c.name: (c.times, c.links) for c in order.clips})
+        judged = audit(work, truth={c.name: (c.times, c.links) for c in order.clips}, mechanism=order.mechanism)
         checks, missed = _budgets(order)
         checks += [c.as_dict() for c in judged.checks]
         findings += [*missed, *judged.findings]

@@ -1,0 +1,274 @@
+"""A small part of C#, enough to run static functions of numbers: what a script computes is checked by running it.
+
+Understood: constants, static methods with overloads by the types of their parameters, local variables, assignment,
+`if`, `return`, the conditional operator, arithmetic, casts of numbers, members and constructors of plain values,
+`Math` and enumerations. Anything else is refused by name.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+_TOKEN = re.compile(
+    r"\s*(?:(\d+\.?\d*(?:[eE][-+]?\d+)?)[fFdD]?|([A-Za-z_]\w*)|(==|!=|<=|>=|&&|\|\||[-+*/]=|.))", re.DOTALL
+)
+_METHOD = re.compile(r"\bstatic\s+(\w+)\s+(\w+)\s*\(([^)]*)\)\s*\{")
+_CONSTANT = re.compile(r"\bconst\s+\w+\s+(\w+)\s*=\s*([^;]+);")
+_MATH: dict[str, Callable[..., float]] = {
+    **{
+        n: getattr(math, n.lower())
+        for n in ("Sin", "Cos", "Tan", "Asin", "Acos", "Atan", "Atan2", "Sqrt", "Exp", "Log")
+    },
+    **{"Abs": abs, "Min": min, "Max": max, "Pow": pow},
+}
+_NUMERIC = ("double", "float", "int", "long")
+_LEVELS = (("||",), ("&&",), ("==", "!="), ("<", ">", "<=", ">="), ("+", "-"), ("*", "/"))
+_APPLY: dict[str, Callable[[Any, Any], Any]] = {
+    "==": lambda a, b: a == b,
+    "!=": lambda a, b: a != b,
+    "<": lambda a, b: a < b,
+    ">": lambda a, b: a > b,
+    "<=": lambda a, b: a <= b,
+    ">=": lambda a, b: a >= b,
+    "+": lambda a, b: a + b,
+    "-": lambda a, b: a - b,
+    "*": lambda a, b: a * b,
+    "/": lambda a, b: a / b,
+}
+
+
+class CSharpError(Exception):
+    """Something that is not understood, or fails."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """A plain value: its type, and its numbers x, y, z (w)."""
+
+    type: str
+    numbers: tuple[float, ...]
+
+    def member(self, name: str) -> float:
+        """Return one of its numbers."""
+        if name not in "xyzw"[: len(self.numbers)]:
+            raise CSharpError(f"{self.type} has no '{name}'")
+        return self.numbers["xyzw".index(name)]
+
+
+class Script:
+    """The static methods of a source file.
+
+    Raises:
+        CSharpError: it holds what is not understood; told when the method is called.
+    """
+
+    def __init__(self, source: str) -> None:
+        text = re.sub(r"//[^\n]*|/\*.*?\*/", " ", source, flags=re.DOTALL)
+        self._methods: dict[str, list[tuple[list[tuple[str, str]], str]]] = {}
+        for m in _METHOD.finditer(text):
+            params = [tuple(p.split()[-2:]) for p in m[3].split(",") if p.strip()]
+            self._methods.setdefault(m[2], []).append(([(t, n) for t, n in params], _block(text, m.end() - 1)))
+        self._constants = {m[1]: m[2] for m in _CONSTANT.finditer(text)}
+
+    def has(self, name: str) -> bool:
+        """Return whether there is a method of that name."""
+        return name in self._methods
+
+    def call(self, name: str, *given: Any) -> Any:
+        """Run a method; `given` are numbers, `Value`s and names of enumerated values.
+
+        Raises:
+            CSharpError: there is none for these arguments, or it does what is not understood.
+        """
+        for params, body in self._methods.get(name, []):
+            pairs = zip(params, given, strict=False)
+            if len(params) == len(given) and all(not isinstance(g, Value) or g.type == t for (t, _), g in pairs):
+                scope = {n: g for (_, n), g in zip(params, given, strict=True)}
+                done, result = _Run(self, body, scope).statements()
+                if not done:
+                    raise CSharpError(f"{name} returns nothing")
+                return result
+        raise CSharpError(f"there is no {name} for {len(given)} such arguments")
+
+    def constant(self, name: str) -> float:
+        """Return a constant of the class."""
+        if name not in self._constants:
+            raise CSharpError(f"'{name}' is not known")
+        return _Run(self, self._constants[name], {}).expression()
+
+
+def _block(text: str, start: int) -> str:
+    """Return what is between the brace at `start` and its partner."""
+    depth = 0
+    for i in range(start, len(text)):
+        depth += {"{": 1, "}": -1}.get(text[i], 0)
+        if depth == 0:
+            return text[start + 1 : i]
+    raise CSharpError("a brace is not closed")
+
+
+class _Run:
+    """Reads and runs at once: methods are short, and run a few hundred times."""
+
+    def __init__(self, script: Script, text: str, scope: dict[str, Any]) -> None:
+        self._script, self._scope = script, scope
+        self._tokens = [
+            m.group(m.lastindex or 0) for m in _TOKEN.finditer(text) if m.lastindex and m[m.lastindex].strip()
+        ]
+        self._at = 0
+
+    # ------------------------------------------------------------------------------------------ statements
+
+    def statements(self, live: bool = True) -> tuple[bool, Any]:
+        """Run up to the end or a closing brace; return whether `return` was met, and what it gave."""
+        done, result = False, None
+        while self._at < len(self._tokens) and self._peek() != "}":
+            one, value = self._statement(live and not done)
+            if one:
+                done, result = True, value
+        return done, result
+
+    def _statement(self, live: bool) -> tuple[bool, Any]:
+        if self._take("{"):
+            out = self.statements(live)
+            self._need("}")
+            return out
+        if self._take("if"):
+            self._need("(")
+            chosen = bool(self.expression())
+            self._need(")")
+            out = self._statement(live and chosen)
+            if self._take("else"):
+                other = self._statement(live and not chosen)
+                out = out if chosen else other
+            return out if live else (False, None)
+        if self._take("return"):
+            value = self.expression() if live else self._skip()
+            self._need(";")
+            return live, value
+        name = self._next()
+        if re.fullmatch(r"[A-Za-z_]\w*", self._peek()):  # a type before it
+            name = self._next()
+        operator = self._next()
+        if operator not in ("=", "+=", "-=", "*=", "/="):
+            raise CSharpError(f"'{name} {operator}' is not understood")
+        if live:
+            value = self.expression()
+            self._scope[name] = value if operator == "=" else _APPLY[operator[0]](self._scope[name], value)
+        else:
+            self._skip()
+        self._need(";")
+        return False, None
+
+    def _skip(self) -> None:
+        while self._peek() != ";":
+            self._at += 1
+
+    # ------------------------------------------------------------------------------------------ expressions
+
+    def expression(self) -> Any:
+        value = self._binary(0)
+        if self._take("?"):
+            yes = self.expression()
+            self._need(":")
+            no = self.expression()
+            return yes if value else no
+        return value
+
+    def _binary(self, level: int) -> Any:
+        if level == len(_LEVELS):
+            return self._unary()
+        value = self._binary(level + 1)
+        while self._peek() in _LEVELS[level]:
+            operator = self._next()
+            other = self._binary(level + 1)
+            if operator in ("&&", "||"):
+                value = (value and other) if operator == "&&" else (value or other)
+            else:
+                try:
+                    value = _APPLY[operator](value, other)
+                except ZeroDivisionError:
+                    value = math.nan
+        return value
+
+    def _unary(self) -> Any:
+        if self._take("-"):
+            return -self._unary()
+        if self._take("!"):
+            return not self._unary()
+        if self._peek() == "(" and self._peek(1) in _NUMERIC and self._peek(2) == ")":
+            self._at += 3
+            return self._unary()
+        value = self._primary()
+        while self._take("."):
+            name = self._next()
+            if not isinstance(value, Value):
+                raise CSharpError(f"'.{name}' is not understood")
+            value = value.member(name)
+        return value
+
+    def _primary(self) -> Any:
+        token = self._next()
+        if token == "(":
+            value = self.expression()
+            self._need(")")
+            return value
+        if token[0].isdigit():
+            return float(token)
+        if token == "new":
+            name = self._next()
+            return Value(name, tuple(map(float, self._arguments())))
+        if token in self._scope:
+            return self._scope[token]
+        if self._peek() == "(":
+            return self._script.call(token, *self._arguments())
+        if self._peek() == "." and token[0].isupper():
+            self._at += 1
+            return self._static(token, self._next())
+        return self._script.constant(token)
+
+    def _static(self, owner: str, name: str) -> Any:
+        if owner in ("Math", "Mathf") and name in _MATH:
+            try:
+                return float(_MATH[name](*self._arguments()))
+            except ValueError:
+                return math.nan
+        if (owner, name) == ("Quaternion", "identity"):
+            return Value("Quaternion", (0.0, 0.0, 0.0, 1.0))
+        if self._peek() == "(":
+            raise CSharpError(f"{owner}.{name}() is not understood")
+        return name  # a member of an enumeration
+
+    def _arguments(self) -> list[Any]:
+        self._need("(")
+        out = []
+        while not self._take(")"):
+            out.append(self.expression())
+            self._take(",")
+        return out
+
+    # ------------------------------------------------------------------------------------------ tokens
+
+    def _peek(self, ahead: int = 0) -> str:
+        return self._tokens[self._at + ahead] if self._at + ahead < len(self._tokens) else ""
+
+    def _next(self) -> str:
+        token = self._peek()
+        if not token:
+            raise CSharpError("the source ends too early")
+        self._at += 1
+        return token
+
+    def _take(self, token: str) -> bool:
+        if self._peek() != token:
+            return False
+        self._at += 1
+        return True
+
+    def _need(self, token: str) -> None:
+        if not self._take(token):
+            raise CSharpError(f"'{token}' is expected, not '{self._peek()}'")
