@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import re
+import shutil
 import struct
 import zipfile
 from collections.abc import Callable
@@ -18,7 +20,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from pxr import Gf, Sdf, UsdGeom, UsdUtils
+from pxr import Gf, Sdf, UsdUtils
 
 
 @dataclass(frozen=True)
@@ -307,7 +309,9 @@ def usd_tool_frame(folder):
 @seed(r"\.usd", "frame")
 def usd_endoscope_longer(folder):
     layer, marks = frames(folder)
-    mark = [m for m in marks if "tip" in m.name][0]
+    mark = next((m for m in marks if "tip" in m.name), None)
+    if mark is None:
+        return False
     mark.attributes["xformOp:translate"].default = mark.attributes["xformOp:translate"].default + Gf.Vec3d(0, 0, 0.1)
     stored(layer, folder, "geometry.usdc")
 
@@ -476,10 +480,13 @@ def plus(*offset: float):
 
 def mjcf_actuators(name: str):
     def change(root):
-        a, b = root.findall("actuator/*")[:2]
+        if len(found := root.findall("actuator/*")) < 2:
+            return False
+        a, b = found[:2]
         one, two = a.get(name), b.get(name)
         a.set(name, two)
         b.set(name, one)
+        return True
 
     return change
 
@@ -555,7 +562,7 @@ for kind, change, says in (
         lambda r: next((j for j in r.iter("joint") if j.get("type") == "hinge"), ET.Element("x")).set("type", "slide"),
         "kind|joint|link",
     ),
-    ("joint deleted", drop(".//body/joint", -1), "kind|joint|link"),
+    ("joint deleted", drop(".//body/joint", -1), "kind|joint|link|unreadable"),
     ("joint renamed", attribute(".//body/joint", "name", lambda t: f"{t}_renamed", -1), "joint|name|unreadable"),
     ("base loose", loose_base, "fixed to the world|held|link"),
     ("frame moved", attribute(".//site[@name='frame_tool']", "pos", plus(0.05, 0, 0)), "frame"),
@@ -571,7 +578,7 @@ for kind, change, says in (
 
 
 def urdf_parent(root):
-    joints_ = [j for j in root.findall("joint")]
+    joints_ = list(root.findall("joint"))
     last = joints_[-1]
     links = [e.get("name") for e in root.findall("link")]
     now = (last.find("parent").get("link"), last.find("child").get("link"))
@@ -992,6 +999,8 @@ for kind, change, says in (
 def text(file: str, pattern: str, new: str):
     def edit(folder):
         path = folder / file
+        if not path.is_file():
+            return False
         old = path.read_text("utf-8")
         spoilt, count = re.subn(pattern, new, old, count=1)
         if not count or spoilt == old:
@@ -1051,6 +1060,8 @@ GOLDEN = "unity/Runtime/Resources/twin-golden.json"
 def golden(key: str, change):
     def edit(folder):
         path = folder / GOLDEN
+        if not path.is_file():
+            return False
         data = json.loads(path.read_text("utf-8"))
         data[key] = change(data[key])
         path.unlink()
@@ -1096,4 +1107,48 @@ for key, change in (
 ):
     SEEDS.append(Seed(f"golden vectors: {key}", golden(key, change), "golden|unity", "golden"))
 
-__all__ = ["SEEDS", "Seed", "UsdGeom"]
+
+def slim(folder: Path, name: str) -> None:
+    """Take away what has no part in finding a seed: the other files are read once more for nothing.
+
+    proof.json goes always: hashes find everything, and say nothing.
+    """
+    (folder / "proof.json").unlink(missing_ok=True)
+    if name.startswith("README"):
+        return
+    if name.startswith(("Frames", "golden")):
+        for path in folder.iterdir():
+            if path.name != "unity":
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+        return
+    shutil.rmtree(folder / "unity", ignore_errors=True)
+    if not name.startswith("tracks"):
+        (folder / "README.txt").unlink(missing_ok=True)
+    if not name.startswith("usdz"):
+        for file in folder.glob("*.usdz"):
+            file.unlink()
+    stage = f"{robot(folder)}.usda"
+    kept = {stage, "physics.usda", "geometry.usdc"}
+    if name.lower().startswith("usd") or "gravity" in name:
+        kept.add(f"{robot(folder)}_sim.usda")
+    for file in (folder / "usd").rglob("*"):
+        if file.is_file() and file.name not in kept:
+            file.unlink()
+
+
+def found(report, one: Seed) -> bool:
+    """Return whether a report names the right cause; of two that contradict each other both may be named."""
+    for f in report.findings:
+        place = f.where + (f.message if "One of the two" in f.message else "")
+        told = f"{f.code} {f.message} {f.where}"
+        if f.severity in ("disagreement", "error") and re.search(one.blamed, place) and re.search(one.says, told, re.I):
+            return True
+    return False
+
+
+def copied(bundle: Path, target: Path, one: Seed) -> bool:
+    """Copy a bundle and spoil it; return whether there was something to spoil."""
+    shutil.rmtree(target, ignore_errors=True)
+    shutil.copytree(bundle, target, copy_function=os.link)
+    slim(target, one.name)
+    return one.edit(target) is not False

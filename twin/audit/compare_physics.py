@@ -120,7 +120,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "place": Quantity(_line, 2e-6, "m"),
     "axis": Quantity(_sense, 1e-5),
     "pose": Quantity(_place, 5e-6, "m"),
-    "limits": Quantity(_ends, 2e-6, "m or rad"),
+    "limits": Quantity(_ends, 1e-5, "m or rad"),
     "driven": Quantity(_word, 0.0),
     "stiffness": Quantity(_number, 1e-5, "N/m or N m/rad", True),
     "damping": Quantity(_number, 1e-5, "N s/m or N m s/rad", True),

@@ -23,6 +23,9 @@ from twin.audit.urdf import named_mesh, numbers, parse_xml
 LOOP_TOL = 1e-6
 """Largest residual in m (or rad of a weld) of an equality constraint where the track says that loops are closed."""
 
+LIMIT_TOL = 1e-5
+"""Relative difference of limits that is rounding: MuJoCo saves a model with six digits."""
+
 _BALL, _SLIDE, _HINGE, _FREE = 1, 2, 3, 0
 
 
@@ -181,7 +184,7 @@ class Mjcf:
                 continue
             got = m.jnt_range[j] if m.jnt_limited[j] else np.array([-np.inf, np.inf])
             off = float(np.max(np.abs(got - [low[joint], high[joint]])))
-            if not off <= 1e-6:
+            if not off <= LIMIT_TOL * max(1.0, *(abs(v) for v in (low[joint], high[joint]) if abs(v) < 1e29)):
                 text = (
                     f"joint '{joint}' has range {got[0]:g} .. {got[1]:g}, in {name} {low[joint]:g} .. {high[joint]:g}."
                 )
