@@ -1085,7 +1085,7 @@ def _flip(values):
 
 def _stream(value):
     data = bytearray(base64.b64decode(value))
-    data[-40] ^= 0x10
+    data[-37] ^= 0x10
     return base64.b64encode(bytes(data)).decode()
 
 
@@ -1122,7 +1122,7 @@ def slim(folder: Path, name: str) -> None:
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
         return
     shutil.rmtree(folder / "unity", ignore_errors=True)
-    if not name.startswith("tracks"):
+    if name != "tracks: title":
         (folder / "README.txt").unlink(missing_ok=True)
     if not name.startswith("usdz"):
         for file in folder.glob("*.usdz"):

@@ -171,5 +171,5 @@ def test_what_is_only_saved_again_has_no_findings(save, bars, tmp_path):
     assert not found, [(f.code, f.where, f.message) for f in found]
 
 
-LOST = {"saved_by_trimesh": ("compare.missing_clip",)}
+LOST = {"saved_by_trimesh": ("compare.no_motion",)}
 """What a program does lose, and is told: trimesh writes no animation."""

@@ -168,7 +168,7 @@ def check_readme(path: Path, contents: Sequence[Content], ledger: Ledger) -> Non
     except (OSError, UnicodeDecodeError) as error:
         ledger.add("readme.unreadable", "disagreement", f"it cannot be read: {error}.")
         return
-    text = re.sub(r"\s*\n\s+", " ", raw)  # items that were wrapped
+    text = re.sub(r"[ \t]*\n[ \t]+", " ", raw)  # items that were wrapped
     for topic, pattern, expected in STATEMENTS:
         found = re.search(pattern, text)
         if found and tuple(g.lower() for g in found.groups()) != expected:

@@ -67,6 +67,7 @@ def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
             agreeing.setdefault(name, []).append((content, clip, len(content.ledger.found) == before))
     _blame(contents, refs, agreeing)
     _check_missing(contents, refs)
+    _check_silent(contents, refs)
 
 
 def _named(name: str, known: Mapping[str, object]) -> str | None:
@@ -282,6 +283,14 @@ def _agrees(A: Array, B: Array) -> bool:
     return p <= 2 * POSITION_TOL and r <= 2 * ROTATION_TOL
 
 
+def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
+    """Note a file of links that plays nothing, where others play something."""
+    for content in contents:
+        if content.format in ("glb", "gltf") and content.declared and not content.clips and refs:
+            text = f"it has no motion; {next(iter(refs.values())).source} has '{next(iter(refs))}'."
+            content.ledger.add("compare.no_motion", "warning", text, where="animations")
+
+
 def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
     """Note clips that a file of all clips lacks, and protocols without a file where others have one."""
     for content in contents:
@@ -313,9 +322,20 @@ def compare_rest(contents: Sequence[Content]) -> None:
         far, turned = max(apart, key=lambda n: apart[n]), max(turn, key=lambda n: turn[n])
         content.ledger.row(f"rest: position against {first.file}", apart[far], "m", POSITION_TOL, where=far)
         content.ledger.row(f"rest: rotation against {first.file}", turn[turned], "rad", ROTATION_TOL, where=turned)
-        if apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL:
+        if (apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL) and (clip := _begins(content)):
+            text = f"at rest it stands as at the start of clip '{clip}', not as {first.file}."
+            content.ledger.add("compare.rest", "info", text, where=clip)
+        elif apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL:
             text = f"at rest link '{far}' is {quantity(apart[far], 'm')} off {first.file}, '{turned}' turned."
             content.ledger.add("compare.rest", "disagreement", text, where=far, size=apart[far] * 1e6, unit="um")
+
+
+def _begins(content: Content) -> str:
+    """Return the clip with whose first poses a file rests, as Blender writes it, "" if it is none."""
+    for clip in content.clips:
+        if all(_agrees(T[:1], content.rest[n][None]) for n, T in clip.links.items() if n in content.rest):
+            return clip.name
+    return ""
 
 
 def compare_shapes(contents: Sequence[Content]) -> None:
@@ -357,17 +377,22 @@ def compare_shapes(contents: Sequence[Content]) -> None:
 
 def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
     """Note files that say they were made from another model than the others."""
-    said = {c.file: c.model_hash for c in contents if c.model_hash}
+    said: dict[str, dict[str, str]] = {}
+    for c in contents:
+        if c.model_hash:
+            said.setdefault(c.model_hash, {})["tracks" if c.format == "csv" else c.format] = c.file
     if not said:
         return
-    values = list(said.values()) + ([proof] if proof else [])
-    common = proof or max(set(values), key=values.count)
+    common = proof or max(said, key=lambda h: len(said[h]))
+    others = next(iter(said[common].values())) if common in said else "proof.json"
     for content in contents:
         if content.model_hash and content.model_hash != common:
+            tie = not proof and len(said[common]) == len(said[content.model_hash])
             content.ledger.add(
                 "compare.model_hash",
                 "disagreement",
-                f"it was made from model {content.model_hash[:23]}…, the others from {common[:23]}….",
+                f"it was made from model {content.model_hash[:23]}…, {others} from {common[:23]}…."
+                + (" One of the two is wrong." if tie else ""),
                 where="model_hash",
                 suggestion="export all files again, together",
             )

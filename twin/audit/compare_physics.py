@@ -129,6 +129,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "frame pose": Quantity(_place, 2e-6, "m"),
     "link": Quantity(_word, 0.0),
     "surface": Quantity(_surface, ALIKE, "m"),
+    "closed": Quantity(_word, 0.0),
     "colours": Quantity(apart, 0.02),
     "gravity": Quantity(_distance, 1e-3, "m/s2"),
     "held": Quantity(_word, 0.0),
@@ -175,6 +176,11 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
     movable = {v.physics.trocar for v in views} - {""}
     for view in views:
         _state(view, canonical, known, movable)
+    there = [s for s, name in dict.fromkeys(key for v in views for key in v.said) if name == "existence"]
+    for view in (v for v in views if v.physics.complete):
+        for subject in there:
+            if subject.startswith("joint"):
+                view.said.setdefault((subject, "existence"), False)
     subjects = dict.fromkeys(key for v in views for key in v.said)
     worst: dict[str, dict[str, tuple[float, str]]] = {}
     for subject, name in subjects:
@@ -234,8 +240,12 @@ def _match(joint: Joint, canonical: Mapping[str, Joint], view: View) -> str:
     for name in (*joint.names[:1], _stem(joint.names)) if joint.names else ():
         if name in canonical:
             return name
-    if view.format == "tracks" or len(joint.names) > 1 or not joint.parent:
-        begins = [n for n in canonical if joint.names and all(p == n or p.startswith(f"{n}_") for p in joint.names)]
+    if len(joint.names) > 1 or view.family == "tracks":  # a table holds a ball as numbers of its own
+        begins = [
+            n
+            for n, j in canonical.items()
+            if joint.names and _parts(joint, n) and (len(joint.names) > 1 or j.kind not in ("revolute", "prismatic"))
+        ]
         if begins:
             return max(begins, key=len)
     if not joint.parent:
@@ -246,12 +256,17 @@ def _match(joint: Joint, canonical: Mapping[str, Joint], view: View) -> str:
     return fits[0] if len(fits) == 1 else ""
 
 
+def _parts(joint: Joint, name: str) -> bool:
+    return all(p == name or p.startswith(f"{name}_") for p in joint.names)
+
+
 def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable: set[str]) -> None:
     say = view.said
     p = view.physics
     for link, shape in view.shapes.items():
         if link in known:
             say[f"link '{link}'", "surface"] = shape.points
+            say[f"link '{link}'", "closed"] = shape.closed
     for link, shares in view.colors.items():
         if link in known:
             say[f"link '{link}'", "colours"] = shares
@@ -308,6 +323,9 @@ def _state_mass(say: dict, link: str, mass: Mass) -> None:
 def _state_joint(say: dict, name: str, joint: Joint, canonical: Joint, movable: bool) -> None:
     subject = f"joint '{name}'"
     say[subject, "existence"] = True
+    if joint.names:
+        own = name in (*joint.names, _stem(joint.names)) or (len(joint.names) > 1 and _parts(joint, name))
+        say[subject, "name"] = name if own else _stem(joint.names)
     part = joint.kind_said and joint.names != canonical.names  # one turn of a ball, in a table of numbers
     if joint.kind and not part:
         say[subject, "kind"] = joint.kind
@@ -394,7 +412,7 @@ def _listed(files: Sequence[str], most: int = 3) -> str:
 def _text(subject: str, name: str, q: Quantity, mine: Any, right: Any, others: str) -> str:
     if name == "existence":
         return f"{subject} is in this file, not in {others}." if mine else f"{subject} is missing; it is in {others}."
-    if name in ("driven", "weighed"):
+    if name in _SAID:
         said = _SAID[name]
         return f"{subject} {said[bool(mine)]}; in {others} it {said[bool(right)]}."
     if q.relative and isinstance(mine, int | float):
@@ -414,7 +432,11 @@ def _text(subject: str, name: str, q: Quantity, mine: Any, right: Any, others: s
     return f"{subject}: {_WORDS.get(name, name)} is {_plain(mine)}, in {others} {_plain(right)}{_unit(q)}."
 
 
-_SAID = {"driven": ("is passive", "is driven"), "weighed": ("has no mass", "has a mass")}
+_SAID = {
+    "closed": ("has a mesh with a hole", "has closed meshes"),
+    "driven": ("is passive", "is driven"),
+    "weighed": ("has no mass", "has a mass"),
+}
 
 _WORDS = {
     "frame pose": "its pose on its link",

@@ -217,7 +217,7 @@ def check_quaternions(
         k = flips[0]
         ledger.add(
             f"{code}.quaternion_sign",
-            "disagreement",
+            "warning" if code == "gltf" else "disagreement",  # glTF itself says that players turn the short way
             f"{where}: the quaternion changes sign {len(flips)} times, first between {times[k]:.4g} and "
             f"{times[k + 1]:.4g} s: players that interpolate the numbers (Unity) glitch by up to 180 deg.",
             where=where,

@@ -112,6 +112,10 @@ def _content(data: dict[str, Any], kind: str, ledger: Ledger) -> Content:
     out.physics = track_physics(data, links, joints)
     out.extra["data"] = {k: v for k, v in data.items() if k not in ("poses", "positions", "times")}
     _check_words(data, ledger)
+    moved, known = data.get("moved_frame"), data.get("frame_names")
+    if moved and isinstance(known, list) and moved not in known:
+        text = f"moved_frame is '{moved}'; there is no frame of that name (known: {', '.join(map(str, known))})."
+        ledger.add("tracks.frame", "disagreement", text, where="moved_frame")
     for key, names in (("links", links), ("joints", joints)):
         if twice := {n for n in names if names.count(n) > 1}:
             text = f"{key} holds '{min(twice)}' more than once."
