@@ -211,13 +211,13 @@ add(
 )
 
 
-def usd_masses(change, every: bool = False):
+def usd_masses(change, whole: bool = False):
     def edit(folder):
         layer, name = layers(folder)
         bodies = [b for b in layer.GetPrimAtPath(f"/{name}").nameChildren if value(b, "physics:mass")]
         if not bodies:
             return False
-        for b in bodies if every else bodies[-1:]:
+        for b in bodies if whole else bodies[-1:]:
             change(b)
         stored(layer, folder)
         return True
@@ -249,7 +249,7 @@ def turned_axes(b):
     b.attributes["physics:principalAxes"].default = Gf.Quatf(Gf.Quatd(q) * Gf.Quatd(0.8, 0.36, 0.48, 0.0))
 
 
-for kind, change, every, says in (
+for kind, change, whole, says in (
     ("mass x 1000", times("physics:mass", 1e3), False, "mass|density"),
     ("all masses x 1000", times("physics:mass", 1e3), True, "mass|density"),
     ("mass zero", times("physics:mass", 0.0), False, "mass"),
@@ -258,7 +258,7 @@ for kind, change, every, says in (
     ("inertia negative", negative_moment, False, "inertia|moment"),
     ("inertia turned", turned_axes, False, "inertia"),
 ):
-    SEEDS.append(Seed(f"USD: {kind}", usd_masses(change, every), r"\.usd", says))
+    SEEDS.append(Seed(f"USD: {kind}", usd_masses(change, whole), r"\.usd", says))
 
 
 @seed(r"_sim\.usda", "gravity")

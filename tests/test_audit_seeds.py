@@ -82,6 +82,7 @@ def real(tmp_path_factory) -> dict[str, Path]:
     out = {}
     for name in ROBOTS:
         robot = twin.load(name)
+        assert robot.files
         first = next(iter(robot.files.protocols()))
         folder = tmp_path_factory.mktemp("real") / name
         twin.api.export(robot, folder=folder, protocols=[first], budget=Budget(2e-3, 0.02, 2e-3))
@@ -154,7 +155,7 @@ def saved_by_trimesh(folder: Path) -> None:
     import trimesh
 
     scene = trimesh.load(folder / "bars.glb")
-    (folder / "bars.glb").write_bytes(scene.export(file_type="glb"))
+    scene.export(str(folder / "bars.glb"))
 
 
 @pytest.mark.parametrize(

@@ -60,10 +60,10 @@ def gap_of(joint: Joint, links: Mapping[str, Array]) -> float:
     """Return by how much in m the two sides of a joint come apart along what it locks; 0 if it cannot be told."""
     if joint.parent not in links or joint.child not in links:
         return 0.0
-    ends = joint.end(joint.parent), joint.end(joint.child)
-    if ends[0] is None or ends[1] is None:
+    here, there = joint.end(joint.parent), joint.end(joint.child)
+    if here is None or there is None:
         return 0.0
-    (p, d), (q, _) = ends
+    (p, d), (q, _) = here, there
     A, B = links[joint.parent], links[joint.child]
     off = (B[:, :3, :3] @ q + B[:, :3, 3]) - (A[:, :3, :3] @ p + A[:, :3, 3])
     if joint.kind in ("prismatic", "cylindrical") and d is not None:

@@ -18,7 +18,7 @@ _TOKEN = re.compile(
 )
 _METHOD = re.compile(r"\bstatic\s+(\w+)\s+(\w+)\s*\(([^)]*)\)\s*\{")
 _CONSTANT = re.compile(r"\bconst\s+\w+\s+(\w+)\s*=\s*([^;]+);")
-_MATH: dict[str, Callable[..., float]] = {
+_MATH: dict[str, Any] = {
     **{
         n: getattr(math, n.lower())
         for n in ("Sin", "Cos", "Tan", "Asin", "Acos", "Atan", "Atan2", "Sqrt", "Exp", "Log")

@@ -1,0 +1,187 @@
+"""The physics of files: a file alone against nature, files against the mechanism, joints whatever they are split into."""
+
+from __future__ import annotations
+
+import runpy
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from twin.audit import audit
+from twin.audit.colors import apart, linear
+from twin.audit.csharp import CSharpError, Script, Value
+from twin.audit.physics import Drive, Joint, Physics, along
+from twin.audit.poses import about, inverse, pose
+from twin.mechanism import Inertia
+
+HERE = Path(__file__).parent
+base = SimpleNamespace(**runpy.run_path(str(HERE / "test_audit.py")))
+seeds = SimpleNamespace(**runpy.run_path(str(HERE / "audit_seeds.py")))
+
+
+@pytest.fixture(scope="module")
+def bars(tmp_path_factory) -> Path:
+    return base.write_good(tmp_path_factory.mktemp("good") / "bars")
+
+
+# ------------------------------------------------------------------------------------------------ a file alone
+
+ALONE = {
+    "URDF: mass zero": "physics.mass_not_positive",
+    "URDF: mass negative": "physics.mass_not_positive",
+    "URDF: all masses x 1000": "physics.density",
+    "URDF: inertia negative": "physics.inertia_impossible",
+    "URDF: inertia x 10": "physics.inertia_impossible",
+    "URDF: inertia in g mm2": "physics.inertia_impossible",
+    "MJCF: all masses x 1000": "physics.density",
+    "MJCF: gravity up": "physics.gravity",
+    "MJCF: gravity sideways": "physics.gravity",
+    "MJCF: gravity 981": "physics.gravity",
+    "MJCF: keyframe open": "mjcf.keyframe",
+}
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_a_file_alone_is_held_against_nature(name, bars, tmp_path):
+    folder = tmp_path / "bars"
+    shutil.copytree(bars, folder)
+    assert next(s for s in seeds.SEEDS if s.name == name).edit(folder) is not False
+    report = audit(folder / ("bars.urdf" if name.startswith("URDF") else "bars.xml"))
+    assert ALONE[name] in {f.code for f in report.findings}, [(f.code, f.message) for f in report.findings]
+    assert report.exit_code == 1
+
+
+# --------------------------------------------------------------------------------------------- the mechanism
+
+
+def heavier(m):
+    I = m.bodies[-1].inertia  # noqa: E741 - the symbol of the field
+    bodies = (*m.bodies[:-1], replace(m.bodies[-1], inertia=Inertia(2 * I.mass, I.p_body_com, 2 * I.I_com)))
+    return replace(m, bodies=bodies)
+
+
+def of_joint(**change):
+    def edit(m):
+        i = next(i for i, j in enumerate(m.joints) if j.active)
+        return replace(m, joints=(*m.joints[:i], replace(m.joints[i], **change), *m.joints[i + 1 :]))
+
+    return edit
+
+
+def other_frame(m):
+    f = m.frames[-1]
+    return replace(m, frames=(*m.frames[:-1], replace(f, T_body_frame=f.T_body_frame @ pose(p=[0.05, 0, 0]))))
+
+
+MECHANISMS = {
+    "as it is": (lambda m: m, set()),
+    "twice the mass": (heavier, {"physics.mass", "physics.inertia"}),
+    "other limits": (of_joint(limits=(-1.0, 1.0)), {"physics.limits"}),
+    "other frame": (other_frame, {"physics.frame_pose"}),
+}
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_the_mechanism_outweighs_all_files(name, bars):
+    edit, codes = MECHANISMS[name]
+    found = base.grave(audit(bars, mechanism=edit(base.made.four_bar())).findings)
+    assert {f.code for f in found} == codes, [(f.code, f.where, f.message) for f in found]
+    assert not codes or all("the mechanism" in f.message for f in found)
+
+
+# ------------------------------------------------------------------------------------------- joints in parts
+
+
+def test_three_turns_over_small_links_are_a_ball():
+    T = pose(about([0.6, 0, 0.8], 0.7), [0.1, 0.2, 0.3])
+    back = pose(about([0, 1, 0], 0.4), [0.0, 0.1, 0.0])
+    step = [pose(p=[0, 0, 0])] * 2
+    parts, inner = [], "arm"
+    for i, (name, place) in enumerate(zip(("b_x", "b_y", "b_z"), (T, *step), strict=True)):
+        parts.append(Joint((name,), inner, f"small{i}", place, along("revolute", place, i)))
+        inner = f"small{i}"
+    parts.append(Joint(("b_body",), inner, "hand", inverse(back)))
+    (ball,) = Physics(joints=parts).reduced({"arm", "hand"})
+    assert ball.kind == "spherical"
+    assert ball.end("arm")[0] == pytest.approx(T[:3, 3])
+    assert ball.end("hand")[0] == pytest.approx(back[:3, 3])
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("kind", ["revolute", "prismatic", "cylindrical"])
+def test_a_joint_seen_from_its_child_is_the_same(kind, turned):
+    T_parent, T_child = pose(about([1, 2, 0], 0.5), [0.1, 0, 0.2]), pose(about([0, 1, 3], -0.9), [0, 0.3, 0.1])
+    joint = Joint(("j",), "b", "a", T_parent @ inverse(T_child), along(kind, T_parent), Drive((-1.0, 2.0)))
+    seen = joint.turned() if turned else joint
+    assert seen.kind == kind
+    for link, T in (("b", T_parent), ("a", T_child)):
+        point, direction = seen.end(link)
+        assert direction == pytest.approx(-T[:3, 2])  # by the order of names
+        off = np.cross(T[:3, 2], point - T[:3, 3])
+        assert off == pytest.approx(np.zeros(3), abs=1e-12)
+
+
+def test_a_slide_on_a_carrier_that_is_welded_is_a_slide():
+    T = pose(about([1, 0, 0], 0.3), [0, 0.1, 0])
+    parts = [
+        Joint(("s",), "base", "carrier", T, along("prismatic", T)),
+        Joint(("s_0",), "carrier", "block", pose(p=[0, 0, 0.2])),
+    ]
+    (slide,) = Physics(joints=parts).reduced({"base", "block"})
+    assert (slide.kind, slide.parent, slide.child, slide.names) == ("prismatic", "base", "block", ("s", "s_0"))
+
+
+def test_two_tied_points_are_a_pin_and_one_is_a_ball():
+    def tie(name, z):
+        return Joint((name,), "a", "b", tied=((np.array([0, 0, z]), np.array([1, 0, z])),))
+
+    one, two = tie("p_0", 0.0), tie("p_1", 0.05)
+    assert [j.kind for j in Physics(joints=[one, two]).reduced({"a", "b"})] == ["revolute"]
+    assert [j.kind for j in Physics(joints=[one]).reduced({"a", "b"})] == ["spherical"]
+
+
+# ------------------------------------------------------------------------------------------------- small parts
+
+
+def test_colours_are_compared_by_area():
+    red, blue = (0.8, 0.1, 0.1, 1.0), (0.1, 0.1, 0.8, 1.0)
+    assert apart({red: 0.3, blue: 0.7}, {blue: 0.7, red: 0.3}) == pytest.approx(0)
+    assert apart({red: 0.3, blue: 0.7}, {blue: 1.0}) == pytest.approx(0.3)
+    assert apart({red: 1.0}, {(0.81, 0.1, 0.1, 1.0): 1.0}) == pytest.approx(0)
+    assert linear(np.array([0.0, 0.5, 1.0])) == pytest.approx([0, 0.21404, 1], abs=1e-5)
+
+
+SOURCE = """
+public static class F {
+    private const double Half = 0.5;
+    /* two of one name */
+    public static double G(Vector3 v) { return v.x > 1 && !(v.y < 0) ? -v.z : Half * v.y; }
+    public static double G(Quaternion q) { double s = q.w; if (s < 0.0) { s *= -1; } else s += 1; return Math.Sqrt(s); }
+    public static Vector3 H(double a) { a -= 1; return new Vector3((float)a, 2f * (a + 1) / 4, Half); }
+    public static double Loop(double a) { while (a > 0) { a -= 1; } return a; }
+}
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "result"),
+    [
+        ("G", (Value("Vector3", (2, 3, 4)),), -4),
+        ("G", (Value("Vector3", (0, 3, 4)),), 1.5),
+        ("G", (Value("Quaternion", (0, 0, 0, -4)),), 2),
+        ("G", (Value("Quaternion", (0, 0, 0, 8)),), 3),
+        ("H", (3.0,), Value("Vector3", (2.0, 1.5, 0.5))),
+    ],
+)
+def test_a_small_part_of_csharp_is_run(name, given, result):
+    assert Script(SOURCE).call(name, *given) == result
+
+
+@pytest.mark.parametrize(("name", "given"), [("Loop", (1.0,)), ("Gone", ()), ("H", (1.0, 2.0))])
+def test_what_is_not_understood_is_refused(name, given):
+    with pytest.raises(CSharpError):
+        Script(SOURCE).call(name, *given)
