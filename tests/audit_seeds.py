@@ -587,7 +587,7 @@ def urdf_parent(root):
 
 def urdf_kind(new: str):
     def change(root):
-        found = [j for j in root.findall("joint") if j.get("type") in ("revolute", "prismatic", "continuous")]
+        found = [j for j in root.findall("joint") if j.get("type") in {"revolute", "prismatic", "continuous"} - {new}]
         found[0].set("type", new)
 
     return change

@@ -1,4 +1,4 @@
-"""The physics of files: a file alone against nature, files against the mechanism, joints whatever they are split into."""
+"""Physics of files: a file alone against nature, files against the mechanism, joints whatever they are split into."""
 
 from __future__ import annotations
 
@@ -107,8 +107,10 @@ def test_three_turns_over_small_links_are_a_ball():
     parts.append(Joint(("b_body",), inner, "hand", inverse(back)))
     (ball,) = Physics(joints=parts).reduced({"arm", "hand"})
     assert ball.kind == "spherical"
-    assert ball.end("arm")[0] == pytest.approx(T[:3, 3])
-    assert ball.end("hand")[0] == pytest.approx(back[:3, 3])
+    for link, place in (("arm", T), ("hand", back)):
+        end = ball.end(link)
+        assert end
+        assert end[0] == pytest.approx(place[:3, 3])
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -119,7 +121,9 @@ def test_a_joint_seen_from_its_child_is_the_same(kind, turned):
     seen = joint.turned() if turned else joint
     assert seen.kind == kind
     for link, T in (("b", T_parent), ("a", T_child)):
-        point, direction = seen.end(link)
+        end = seen.end(link)
+        assert end
+        point, direction = end
         assert direction == pytest.approx(-T[:3, 2])  # by the order of names
         off = np.cross(T[:3, 2], point - T[:3, 3])
         assert off == pytest.approx(np.zeros(3), abs=1e-12)
