@@ -7,7 +7,7 @@ is taken for right; the mechanism itself outweighs them all.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -174,8 +174,13 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
     known = _known_links(views)
     canonical = _canonical(views, known)
     movable = {v.physics.trocar for v in views} - {""}
+    stems = {v.file.rsplit(".", 1)[0] for v in views if v.format == "mjcf"}
     for view in views:
         _state(view, canonical, known, movable)
+        if view.format == "mjcf" and any(view.file.startswith(f"{s}_") for s in stems):
+            # A file for one motion, with a place of its own in the world; playing that motion closes its loops or not.
+            for key in [k for k in view.said if k[1] == "place" and k[0].endswith(_ends_on(view.physics.held))]:
+                del view.said[key]
     there = [s for s, name in dict.fromkeys(key for v in views for key in v.said) if name == "existence"]
     for view in (v for v in views if v.physics.complete):
         for subject in there:
@@ -196,6 +201,10 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
 
 
 # --------------------------------------------------------------------------------------------- what each says
+
+
+def _ends_on(links: Collection[str] | None) -> tuple[str, ...]:
+    return tuple(f" on '{n}'" for n in links or ())
 
 
 def _known_links(views: Sequence[View]) -> set[str]:

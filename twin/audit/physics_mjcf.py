@@ -12,7 +12,7 @@ from twin.audit.physics import Drive, Frame, Joint, Line, Mass, Physics
 from twin.audit.poses import Array
 
 MARK = "frame_"
-"""How sites are called that mark a named frame: names of frames and of sites that close loops do not meet."""
+"""How sites are called that mark a named frame; sites that close loops are none."""
 
 _BALL, _SLIDE, _HINGE = (
     int(k) for k in (mujoco.mjtJoint.mjJNT_BALL, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
@@ -51,11 +51,16 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
     held = [n for n, i in bodies.items() if i == 0 or (m.body_parentid[i] == 0 and not m.body_jntnum[i])]
     out.held = frozenset(held)
     out.joints += _ties(m, names)
-    for s in range(m.nsite):
+    tying = {int(i) for e in range(m.neq) if _by_sites(m, e) for i in (m.eq_obj1id[e], m.eq_obj2id[e])}
+    for s in (s for s in range(m.nsite) if s not in tying):
         site = m.site(s)
         T = _pose(m.site_pos[s], m.site_quat[s])
         out.frames[site.name.removeprefix(MARK)] = Frame(names[m.site_bodyid[s]], T)
     return out
+
+
+def _by_sites(m: mujoco.MjModel, e: int) -> bool:
+    return int(m.eq_objtype[e]) == int(mujoco.mjtObj.mjOBJ_SITE)
 
 
 def _named(names: Iterable[str]) -> tuple[str, ...]:
@@ -107,7 +112,7 @@ def _ties(m: mujoco.MjModel, names: list[str]) -> list[Joint]:
         if kind not in (_CONNECT, _WELD) or not m.eq_active0[e]:
             continue
         one, two = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
-        if int(m.eq_objtype[e]) == int(mujoco.mjtObj.mjOBJ_SITE):
+        if _by_sites(m, e):
             ends = [(int(m.site_bodyid[s]), _pose(m.site_pos[s], m.site_quat[s])) for s in (one, two)]
         elif kind == _CONNECT:
             ends = [(b, poses.pose(None, m.eq_data[e, 3 * k : 3 * k + 3])) for k, b in enumerate((one, two))]
