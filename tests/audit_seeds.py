@@ -585,6 +585,19 @@ def urdf_parent(root):
     last.find("parent").set("link", next(n for n in links if n not in now))
 
 
+def known_bound(name: str, factor: float):
+    """Return a change of the first bound that is one: URDF wants numbers where nobody knows any."""
+
+    def change(root):
+        known = next((e for e in root.findall("joint/limit") if float(e.get(name)) < 1e5), None)
+        if known is None:
+            return False
+        known.set(name, f"{float(known.get(name)) * factor:g}")
+        return True
+
+    return change
+
+
 def urdf_kind(new: str):
     def change(root):
         found = [j for j in root.findall("joint") if j.get("type") in {"revolute", "prismatic", "continuous"} - {new}]
@@ -624,8 +637,8 @@ for kind, change, says in (
     ("mass centre", weighed("origin", "xyz", plus(0.1, 0, 0)), "centre"),
     ("inertia turned", weighed("origin", "rpy", lambda t: "0.5 0.4 0.3"), "inertia"),
     ("no inertial", inertial_removed, "mass"),
-    ("speed x 1000", attribute("joint/limit", "velocity", by(1e3)), "speed"),
-    ("effort x 10", attribute("joint/limit", "effort", by(10)), "effort"),
+    ("speed x 1000", known_bound("velocity", 1e3), "speed"),
+    ("effort x 10", known_bound("effort", 10), "effort"),
     ("lower limit", attribute("joint/limit", "lower", lambda t: f"{float(t) - 0.5}"), "limit"),
     ("upper limit", attribute("joint/limit", "upper", lambda t: f"{float(t) + 0.3}"), "limit"),
     ("axis turned round", attribute("joint/axis", "xyz", by(-1)), "axis|link"),

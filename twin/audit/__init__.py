@@ -68,26 +68,27 @@ def audit(
         if content is not None:
             contents.append(content)
     ledgers += [_package(found, folder) for folder in found.unity]
-    declared = frozenset(n for c in contents for n in c.declared or ())
-    for content in contents:
-        content.known = declared or None
-        check_names(content)
-        check_sense(content)
-    tell("compare", 0.9)
-    refs = references(contents, truth or {})
-    compare(contents, refs)
-    compare_rest(contents)
-    compare_shapes(contents)
-    compare_physics(contents, None if mechanism is None else mechanism_physics(mechanism))
-    check_claims(contents)
-    for file in found.readmes:
-        ledgers.append(Ledger(found.name(file), "twin.audit readme", "1"))
-        check_readme(file, contents, ledgers[-1])
-    proofs = [_proof(found, file) for file in found.proofs]
-    compare_hashes(contents, next((h for _, h in proofs if h), ""))
-    for (ledger, _), file in zip(proofs, found.proofs, strict=True):
-        check_proof_clips(file, contents, ledger)
-        ledgers.append(ledger)
+    with np.errstate(all="ignore"):  # numbers that are not finite have been told, and stay wrong
+        declared = frozenset(n for c in contents for n in c.declared or ())
+        for content in contents:
+            content.known = declared or None
+            check_names(content)
+            check_sense(content)
+        tell("compare", 0.9)
+        refs = references(contents, truth or {})
+        compare(contents, refs)
+        compare_rest(contents)
+        compare_shapes(contents)
+        compare_physics(contents, None if mechanism is None else mechanism_physics(mechanism))
+        check_claims(contents)
+        for file in found.readmes:
+            ledgers.append(Ledger(found.name(file), "twin.audit readme", "1"))
+            check_readme(file, contents, ledgers[-1])
+        proofs = [_proof(found, file) for file in found.proofs]
+        compare_hashes(contents, next((h for _, h in proofs if h), ""))
+        for (ledger, _), file in zip(proofs, found.proofs, strict=True):
+            check_proof_clips(file, contents, ledger)
+            ledgers.append(ledger)
     return finished(str(path), [c.as_facts() for c in contents], ledgers)
 
 

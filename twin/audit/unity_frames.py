@@ -67,7 +67,7 @@ def _off(script: Script, ledger: Ledger, name: str, method: str, given: tuple, m
         return 0.0
     try:
         result = script.call(method, *given)
-    except (CSharpError, RecursionError, KeyError, TypeError) as error:
+    except (CSharpError, ArithmeticError, LookupError, RecursionError, TypeError, ValueError) as error:
         ledger.add("unity.frames", "warning", f"{name}: {method} cannot be run here: {error}.", where=name)
         return 0.0
     got = np.array(result.numbers if isinstance(result, Value) else (np.nan,))
