@@ -3,8 +3,12 @@
 poses       quaternions and matrices, written once more
 motion      what every reader returns: clips of link poses in one world
 gltf, usd, tracks, mjcf, urdf      readers
-unity, proof                       what else lies in a bundle
+physics     what a file says of a mechanism, in words for all formats; physics_<format> translate
+sense       what is physically impossible in one file
 compare     every link at every key, between files
+compare_physics    joints, drives, masses, frames, surfaces, colours, between files and with the mechanism
+claims      what files state of themselves: errors between keys, assumptions, README.txt
+unity, proof                       what else lies in a bundle
 diagnose    which of the usual mistakes explains a difference
 """
 
