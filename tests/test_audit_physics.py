@@ -13,9 +13,12 @@ import pytest
 
 from twin.audit import audit
 from twin.audit.colors import apart, linear
+from twin.audit.compare_physics import compare_physics
 from twin.audit.csharp import CSharpError, Script, Value
+from twin.audit.motion import Content
 from twin.audit.physics import Drive, Joint, Physics, along
 from twin.audit.poses import about, inverse, pose
+from twin.audit.report import Ledger
 from twin.mechanism import Inertia
 
 HERE = Path(__file__).parent
@@ -146,6 +149,19 @@ def test_two_tied_points_are_a_pin_and_one_is_a_ball():
     one, two = tie("p_0", 0.0), tie("p_1", 0.05)
     assert [j.kind for j in Physics(joints=[one, two]).reduced({"a", "b"})] == ["revolute"]
     assert [j.kind for j in Physics(joints=[one]).reduced({"a", "b"})] == ["spherical"]
+
+
+@pytest.mark.parametrize("order", [("usda", "tracks"), ("tracks", "mjcf")])
+def test_a_table_may_hold_a_ball_as_three_numbers(order):
+    T = pose(p=[0.1, 0, 0])
+    ball = Joint(("b",), "arm", "hand", T, along("spherical", T))
+    said = {"tracks": [Joint((f"b_{a}",), "", "", kind_said="revolute") for a in "xyz"]}
+    contents = []
+    for kind in order:
+        physics = Physics(("arm", "hand"), joints=said.get(kind, [ball]), complete=kind != "tracks")
+        contents.append(Content(Ledger(f"file.{kind}"), kind, declared=("arm", "hand"), physics=physics))
+    compare_physics(contents)
+    assert not [f for c in contents for f in c.ledger.findings]
 
 
 # ------------------------------------------------------------------------------------------------- small parts

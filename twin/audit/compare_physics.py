@@ -219,11 +219,19 @@ def _known_links(views: Sequence[View]) -> set[str]:
 def _canonical(views: Sequence[View], known: set[str]) -> dict[str, Joint]:
     """Return joints by name, of the first file that knows them; those that carry their links are preferred."""
     out: dict[str, Joint] = {}
+    several = tuple(
+        f"{_stem(j.names)}_"
+        for v in views
+        for j in v.physics.reduced(known)
+        if v.family != "tracks" and j.names and j.kind not in ("", "fixed", "revolute", "prismatic")
+    )
     for view in sorted(views, key=lambda v: v.format in ("mjcf", "urdf")):  # these may split them
         for joint in view.physics.reduced(known):
             within = {joint.parent, joint.child} <= known | {""}
             if not within or not joint.names or _match(joint, out, view):
                 continue
+            if view.family == "tracks" and joint.names[0].startswith(several):
+                continue  # one of the numbers of a ball
             if joint.kind == "fixed" and view.format == "mjcf":
                 continue
             out[_stem(joint.names)] = joint
@@ -332,10 +340,10 @@ def _state_mass(say: dict, link: str, mass: Mass) -> None:
 def _state_joint(say: dict, name: str, joint: Joint, canonical: Joint, movable: bool) -> None:
     subject = f"joint '{name}'"
     say[subject, "existence"] = True
-    if joint.names:
+    part = joint.kind_said and joint.names != canonical.names  # one turn of a ball, in a table of numbers
+    if joint.names and not part:
         own = name in (*joint.names, _stem(joint.names)) or (len(joint.names) > 1 and _parts(joint, name))
         say[subject, "name"] = name if own else _stem(joint.names)
-    part = joint.kind_said and joint.names != canonical.names  # one turn of a ball, in a table of numbers
     if joint.kind and not part:
         say[subject, "kind"] = joint.kind
     if joint.parent:
