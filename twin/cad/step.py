@@ -10,10 +10,8 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
 import re
 import struct
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -21,7 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.errors import CadError
+from twin.atomic import Scratch, atomic_folder, cache_folder
+from twin.errors import CadError, OutputError
 from twin.spatial import Array
 from twin.units import MM
 
@@ -149,7 +148,7 @@ def _glb(path: Path, tolerance: float, angle: float) -> bytes:
     """
     key = hashlib.sha256(path.read_bytes())
     key.update(f"{tolerance!r} {angle!r} {version('cascadio')}".encode())
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "twin" / "step"
+    folder = cache_folder("step")
     cached = folder / f"{key.hexdigest()}.glb"
     with contextlib.suppress(OSError):
         data = cached.read_bytes()
@@ -157,7 +156,7 @@ def _glb(path: Path, tolerance: float, angle: float) -> bytes:
             return data  # whole; one that was cut off is read anew
     import cascadio
 
-    with tempfile.TemporaryDirectory(prefix="twin-step-") as work:
+    with Scratch() as work:
         glb = Path(work) / "step.glb"
         code = cascadio.step_to_glb(str(path), str(glb), tolerance, angle, include_brep=True)
         if code != 0 or not glb.is_file():
@@ -169,13 +168,11 @@ def _glb(path: Path, tolerance: float, angle: float) -> bytes:
                 ) from None
             raise CadError(f"{path}: OpenCASCADE could not read it (code {code}); the file is damaged")
         data = glb.read_bytes()
-    with contextlib.suppress(OSError):  # a cache that cannot be written is no error
-        folder.mkdir(parents=True, exist_ok=True)
+    with contextlib.suppress(OSError, OutputError):  # a cache that cannot be written is no error
+        with atomic_folder(folder) as work:
+            (work / cached.name).write_bytes(data)
         for old in sorted(folder.glob("*.glb"), key=lambda p: p.stat().st_mtime)[:-_CACHED]:
             old.unlink()
-        fresh = folder / f".{os.getpid()}.tmp"
-        fresh.write_bytes(data)
-        fresh.replace(cached)
     return data
 
 

@@ -5,13 +5,17 @@ Exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage.
 
 from __future__ import annotations
 
+import argparse
 import io
 import json
 import logging
 import os
 import sys
+import tempfile
 from collections.abc import Sequence
+from pathlib import Path
 
+from twin.atomic import FULL, cache_folder, settle
 from twin.cli.parser import UsageError, parser
 from twin.errors import TwinError
 from twin.findings import Finding
@@ -40,6 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         from twin.cli import commands, scene
 
+        _settle(args)
         scene.refuse(args)
         code = int(commands.COMMANDS[args.command](args))
         sys.stdout.flush()  # here a broken pipe can still be dealt with
@@ -57,9 +62,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if args.debug:
             raise
+        if isinstance(error, OSError) and error.errno in FULL:
+            place = error.filename or tempfile.gettempdir()
+            text = f"{place}: {error.strerror}. Make room there, or choose another folder with TMPDIR or --out."
+            return _failed("OutputError", text, args.json)
         # Python would exit with 1, which here means "disagree".
         text = f"internal error, {type(error).__name__}: {error}. Please report it, with what --debug shows."
         return _failed(type(error).__name__, text, args.json)
+
+
+def _settle(args: argparse.Namespace) -> None:
+    """Complete or remove what killed processes left where this command reads and writes."""
+    made = Path("twin-out")
+    places = [Path(tempfile.gettempdir()), cache_folder("step"), cache_folder("kernels")]
+    places += [made, *made.glob("*/"), *made.glob("*/*/")]
+    places += [Path(v) for v in vars(args).values() if isinstance(v, str) and v]
+    for place in places:
+        settle(place)
 
 
 def _failed(kind: str, message: str, as_json: bool) -> int:

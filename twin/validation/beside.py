@@ -11,12 +11,12 @@ import os
 import pickle
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from twin.atomic import Scratch
 from twin.errors import TwinError
 
 _PROGRAM = "import sys; sys.path.append(sys.argv.pop(1)); from twin.validation.beside import serve; serve()"
@@ -34,7 +34,7 @@ class Beside:
     """
 
     def __init__(self, function: Callable[..., Any], *arguments: Any) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="twin-beside-")
+        self._folder = Scratch()
         self._answer = Path(self._folder.name) / "answer"
         task = Path(self._folder.name) / "task"
         task.write_bytes(pickle.dumps((function.__module__, function.__qualname__, arguments)))

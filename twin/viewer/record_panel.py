@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import viser
 
+from twin.atomic import Scratch
 from twin.errors import TwinError
 from twin.live.session import Session
 from twin.viewer.keep import append_phase, save_posture
@@ -86,7 +86,7 @@ class RecordPanel:
             self.front.ask("replay", lambda: desk.move_joints(session.at(session.moments[0].time + now)))
 
     def _load(self, content: bytes) -> None:
-        with tempfile.TemporaryDirectory() as folder:
+        with Scratch() as folder:
             path = Path(folder) / "session.json"
             path.write_bytes(content)
             self.session = Session.load(path, self.actor.desk.mechanism)
