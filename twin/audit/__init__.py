@@ -21,6 +21,8 @@ from twin.audit.compare import compare, compare_hashes, compare_rest, compare_sh
 from twin.audit.folder import Found, find
 from twin.audit.motion import Content
 from twin.audit.report import AuditReport, Check, Ledger, finished
+from twin.errors import BudgetError, SourceError
+from twin.foreign.admit import admit
 
 __all__ = ["AuditReport", "Check", "audit", "key_times"]
 
@@ -110,7 +112,10 @@ def _guarded(read: Callable[[Path, Ledger], Any], path: Path, ledger: Ledger) ->
         if not path.stat().st_size:
             ledger.add("file.empty", "error", "it is empty.")
             return None
+        admit(path)
         return read(path, ledger)
+    except (BudgetError, SourceError) as error:
+        ledger.add("file.budget", "error", f"{error}")
     except OSError as error:
         ledger.add("file.unreadable", "error", f"it cannot be read: {error.strerror or error}.")
     except _STRANGE as error:

@@ -20,7 +20,9 @@ from pathlib import Path
 import numpy as np
 
 from twin.atomic import Scratch, atomic_folder, cache_folder
-from twin.errors import CadError, OutputError
+from twin.errors import CadError, OutputError, SourceError
+from twin.foreign.budget import read_bytes
+from twin.foreign.guard import run
 from twin.spatial import Array
 from twin.units import MM
 
@@ -91,7 +93,7 @@ def length_unit(path: Path) -> float:
         CadError: if the file is missing, no STEP file, cut off, or states no length unit.
     """
     try:
-        text = path.read_text(encoding="latin-1")
+        text = read_bytes(path, "STEP").decode("latin-1")
     except OSError as error:
         raise CadError(f"{path}: cannot read the STEP file ({error.strerror or error})") from error
     if not text.lstrip().startswith("ISO-10303-21"):
@@ -100,7 +102,7 @@ def length_unit(path: Path) -> float:
         raise CadError(f"{path} is cut off: END-ISO-10303-21 is missing. Export or copy it again.")
     compact = re.sub(r"\s+", "", text)
     found: set[float] = set()
-    for entity in re.findall(r"=\(([^;]*LENGTH_UNIT\(\)[^;]*)\);", compact):
+    for entity in (e for e in compact.split(";") if "LENGTH_UNIT()" in e and "=(" in e and e.endswith(")")):
         named = re.search(r"CONVERSION_BASED_UNIT\('([^']*)'", entity)
         si = re.search(r"SI_UNIT\((?:\.(\w+)\.|\$),\.METRE\.\)", entity)
         if named:
@@ -154,11 +156,12 @@ def _glb(path: Path, tolerance: float, angle: float) -> bytes:
         data = cached.read_bytes()
         if data[:4] == b"glTF" and int.from_bytes(data[8:12], "little") == len(data):
             return data  # whole; one that was cut off is read anew
-    import cascadio
-
     with Scratch() as work:
         glb = Path(work) / "step.glb"
-        code = cascadio.step_to_glb(str(path), str(glb), tolerance, angle, include_brep=True)
+        try:
+            code = run(path, "STEP", str(glb), repr(tolerance), repr(angle))
+        except SourceError as error:
+            raise CadError(str(error)) from error
         if code != 0 or not glb.is_file():
             try:  # it does not tell whether reading or writing failed
                 (Path(work) / "room").write_bytes(bytes(path.stat().st_size))
@@ -169,10 +172,10 @@ def _glb(path: Path, tolerance: float, angle: float) -> bytes:
             raise CadError(f"{path}: OpenCASCADE could not read it (code {code}); the file is damaged")
         data = glb.read_bytes()
     with contextlib.suppress(OSError, OutputError):  # a cache that cannot be written is no error
-        with atomic_folder(folder) as work:
-            (work / cached.name).write_bytes(data)
         for old in sorted(folder.glob("*.glb"), key=lambda p: p.stat().st_mtime)[:-_CACHED]:
             old.unlink()
+        with atomic_folder(folder) as work:
+            (work / cached.name).write_bytes(data)
     return data
 
 

@@ -16,6 +16,7 @@ from pydantic import Field, ValidationError
 
 from twin.assets import atomic_folder
 from twin.errors import TwinError
+from twin.foreign.text import read_text
 from twin.headset import protocol as wire
 from twin.headset.protocol import RefusedError
 from twin.live.timeline import RATE
@@ -129,7 +130,7 @@ class Replay:
 
     def __init__(self, path: Path, robot: str, model_hash: str) -> None:
         try:
-            file = _File.model_validate_json(Path(path).read_text(encoding="utf-8"))
+            file = _File.model_validate_json(read_text(Path(path), "JSON"))
         except (OSError, UnicodeDecodeError) as error:
             raise TwinError(f"{path}: cannot be read as a session: {error}") from error
         except ValidationError as error:

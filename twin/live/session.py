@@ -13,6 +13,7 @@ from pydantic import Field, ValidationError
 from twin import spatial
 from twin.assets import atomic_folder
 from twin.errors import TwinError
+from twin.foreign.text import read_text
 from twin.mechanism import Mechanism
 from twin.schema import Identifier, Table
 from twin.schema.lines import spell
@@ -112,7 +113,7 @@ class Session:
             TwinError: the file is missing or malformed, or of another robot; the message names the key.
         """
         try:
-            text = Path(path).read_text(encoding="utf-8")
+            text = read_text(Path(path), "JSON")
         except (OSError, UnicodeDecodeError) as error:
             raise TwinError(f"{path}: cannot be read as a session: {error}") from error
         try:
