@@ -290,9 +290,14 @@ def toml_nested_5000_deep(folder: Path) -> Path:
     return _robot_folder(folder, "a = " + "[" * 5000 + "]" * 5000)
 
 
+@bomb(INFO, "depth of its dotted names")
+def toml_name_of_200_000_parts(folder: Path) -> Path:
+    return _robot_folder(folder, "a." * 200_000 + "b = 1")
+
+
 @bomb(INFO, "digits")
-def toml_number_of_900_000_digits(folder: Path) -> Path:
-    return _robot_folder(folder, "a = " + "9" * 900_000)
+def toml_number_of_400_000_digits(folder: Path) -> Path:
+    return _robot_folder(folder, "a = " + "9" * 400_000)
 
 
 @bomb(NEW, "bytes")

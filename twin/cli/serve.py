@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from twin import api, assets
 from twin.cli.view import free_port
 from twin.errors import TwinError
+from twin.extras import require
 
 if TYPE_CHECKING:
     pass
@@ -97,8 +98,6 @@ class Address:
         if not token:
             print(f"{self.robot}: {self.url}   (Ctrl-C ends it)", flush=True)
             return
-        import segno
-
         url = f"{self.url}?token={token}"
         if self._first:
             print(f"{self.robot}: open to the network; each address opens once   (Ctrl-C ends it)")
@@ -107,7 +106,10 @@ class Address:
         else:
             print("  a device has come in; for the next one:")
         self._first = False
-        segno.make(url, error="m").terminal(compact=True)
+        try:
+            require("segno", "a QR code").make(url, error="m").terminal(compact=True)
+        except TwinError as error:  # the address alone does as well
+            print(f"  {error}")
         print(f"  {url}", flush=True)
 
 

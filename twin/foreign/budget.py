@@ -37,7 +37,7 @@ class Budget:
 
 
 BUDGETS = {
-    "TOML": Budget(1 * MB, depth=20),
+    "TOML": Budget(500_000, depth=20),
     "YAML": Budget(100_000),  # its parser takes 40 µs for a byte
     "XML": Budget(16 * MB, depth=300, count=200_000),
     "JSON": Budget(48 * MB, count=3_000_000),
@@ -47,7 +47,7 @@ BUDGETS = {
     "STL": Budget(200 * MB),
     "PLY": Budget(100 * MB, count=5_000_000),
     "3MF": Budget(50 * MB, unpacked=100 * MB, depth=30, count=1_000_000, numbers=5_000_000),
-    "GLTF": Budget(200 * MB, depth=300, count=50_000, numbers=50_000_000),
+    "GLTF": Budget(200 * MB, depth=200, count=10_000, numbers=50_000_000),
     "USDZ": Budget(1000 * MB, unpacked=1000 * MB, count=10_000),
     "USD": Budget(
         1000 * MB, depth=200, count=100_000, seconds=5, seconds_per_mb=2, memory=600 * MB, memory_per_byte=20
@@ -57,8 +57,8 @@ BUDGETS = {
 }
 """By format. Honest files stay ten times or more below; what is refused has one line that says how to get smaller."""
 
-BODIES = 2000
-"""Bodies or joints of one mechanism."""
+BODIES = 1000
+"""Bodies, joints or shapes of one mechanism."""
 
 INCLUDES = 300
 """Times that a file may bring in others, all of them together."""

@@ -59,7 +59,7 @@ class _Counted(ElementTree.TreeBuilder):
         super().__init__()
         self._path, self._kind, self._budget = path, kind, BUDGETS[kind]
         self._depth = self._count = 0
-        self._parts = {"joint": 0, "link": 0, "body": 0}
+        self._parts = dict.fromkeys(("joint", "link", "body", "visual", "collision"), 0)
 
     def start(self, tag: Any, attrs: Any) -> Any:
         self._depth += 1
@@ -106,9 +106,13 @@ _QUOTED = re.compile(
 
 
 def check_depth(path: Path, kind: str, text: str) -> None:
-    """Raise `BudgetError` for text whose brackets, outside of quotes and comments, are nested too deep."""
+    """Raise `BudgetError` for text whose brackets or dotted names, not counting quotes and comments, are too deep."""
     most, depth, deepest = BUDGETS[kind].depth, 0, 0
-    for bracket in re.findall(r"[{\[(]|[}\])]", _QUOTED.sub("", text)):
+    text = _QUOTED.sub("", text)
+    dotted = max(part.count(".") for part in re.split(r"[=\n,{}\[\]]", text)) if kind == "TOML" else 0
+    if dotted > most:
+        over(path, kind, "depth of its dotted names", dotted, most)
+    for bracket in re.findall(r"[{\[(]|[}\])]", text):
         depth += 1 if bracket in "{[(" else -1
         deepest = max(deepest, depth)
     if deepest > most:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import SourceError, unknown
+from twin.extras import require
 from twin.foreign.text import read_text
 from twin.mechanism import JointType
 
@@ -85,8 +86,7 @@ def _distinct(path: Path, key: str, names: list) -> None:
 
 
 def _data(path: Path) -> Any:
-    import yaml
-
+    yaml = require("yaml", f"{path}: a closure YAML")
     try:
         text = read_text(path, "YAML")
         # An alias may be repeated into something far larger than the file.
