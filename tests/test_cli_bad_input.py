@@ -475,4 +475,6 @@ def test_full_output(robot, tmp_path, tmp_path_factory, argv, most, cache):
     assert "cannot write" in done.stderr
     assert "internal error" not in done.stderr
     assert "Traceback" not in done.stderr
+    assert "pxrInternal" not in done.stderr
+    assert ".twin-" not in done.stderr
     assert everything(tmp_path) == before

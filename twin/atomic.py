@@ -64,6 +64,8 @@ def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Pat
                 _commit(base, target, own, replacing)
         except OSError as error:
             raise OutputError(_unwritable(target, error)) from error
+        except OutputError as error:  # of a folder in this one: the reader knows only the target
+            raise OutputError(str(error).replace(str(own / "new"), str(target))) from error
     finally:
         _discard(own)
         os.close(lock)
@@ -254,5 +256,21 @@ def _keep(file: Path, kept: Path) -> None:
         shutil.copy2(file, kept)
 
 
+def no_room(error: BaseException) -> str:
+    """Return what to say of an error that means a full disk, "" for any other."""
+    if not (isinstance(error, OSError) and error.errno in FULL):
+        return ""
+    place = Path(error.filename).parent if error.filename else "the disk"
+    return (
+        f"cannot write to {place}: {error.strerror}. Make room there, or choose another folder with --out, or with "
+        f"TMPDIR for temporary files (now {tempfile.gettempdir()})."
+    )
+
+
 def _unwritable(target: Path, error: OSError) -> str:
-    return f"cannot write to {target}: {error.strerror or error}. Choose another folder with --out."
+    text = f"cannot write to {target}: {error.strerror or error}. Choose another folder with --out."
+    if error.errno not in FULL:
+        return text
+    if error.filename and not Path(error.filename).absolute().is_relative_to(target.absolute().parent):
+        return no_room(error)  # of what else was written meanwhile
+    return f"{text} Temporary files are in {tempfile.gettempdir()} (TMPDIR)."

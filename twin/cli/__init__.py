@@ -15,7 +15,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from twin.atomic import FULL, cache_folder, settle
+from twin.atomic import cache_folder, no_room, settle
 from twin.cli.parser import UsageError, parser
 from twin.errors import TwinError
 from twin.findings import Finding
@@ -62,10 +62,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if args.debug:
             raise
-        if isinstance(error, OSError) and error.errno in FULL:
-            place = error.filename or tempfile.gettempdir()
-            text = f"{place}: {error.strerror}. Make room there, or choose another folder with TMPDIR or --out."
-            return _failed("OutputError", text, args.json)
+        if full := no_room(error):
+            return _failed("OutputError", full, args.json)
         # Python would exit with 1, which here means "disagree".
         text = f"internal error, {type(error).__name__}: {error}. Please report it, with what --debug shows."
         return _failed(type(error).__name__, text, args.json)

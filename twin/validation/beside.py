@@ -16,7 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from twin.atomic import Scratch
+from twin.atomic import Scratch, no_room
 from twin.errors import TwinError
 
 _PROGRAM = "import sys; sys.path.append(sys.argv.pop(1)); from twin.validation.beside import serve; serve()"
@@ -84,4 +84,8 @@ def serve() -> None:
     except TwinError as error:
         # Errors with more than a message would not survive pickling.
         outcome = None, TwinError(f"{type(error).__name__}: {error}")
+    except OSError as error:
+        if not (full := no_room(error)):
+            raise
+        outcome = None, TwinError(full)
     answer.write_bytes(pickle.dumps(outcome))
