@@ -426,6 +426,8 @@ def test_run_goes_from_cad_to_report(run, tmp_path):
     assert "stage: demo/usd/sils.usda" in result.out
     written = files_below(tmp_path / "demo")
     assert {"usd/sils.usda", "usd/motion/short.usdc", "short/report.html", "short/report.json"} <= written
+    texts = [p.read_bytes() for p in (tmp_path / "demo").rglob("*") if p.is_file()]
+    assert not any(b".twin-" in t for t in texts), "the folder it was made in is nobody's business"
 
 
 @pytest.mark.slow
