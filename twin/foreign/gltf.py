@@ -37,7 +37,8 @@ def check_gltf(path: Path) -> None:
                 raise BudgetError(f"{path}: buffer '{uri[:80]}' is no file, so it may have no end")
             if beside.is_file():
                 check_size(beside, "GLTF")
-    sizes = [_whole(a.get("count")) * _WIDTH.get(str(a.get("type")), 1) for a in _objects(data, "accessors")]
+    views = [_whole(v.get("byteLength")) for v in _objects(data, "bufferViews")]
+    sizes = [_numbers(a, views) for a in _objects(data, "accessors")]
     if sum(sizes) > limits.numbers:
         over(path, "GLTF", "numbers in its accessors", sum(sizes), limits.numbers)
     weights = [sum(_used(p, sizes) for p in _objects(m, "primitives")) for m in _objects(data, "meshes")]
@@ -64,6 +65,13 @@ def _json_of(path: Path) -> bytes:
         if head[:4] != b"glTF":
             return head + file.read()
         return file.read(struct.unpack_from("<I", head, 12)[0]) if len(head) == 20 else b""
+
+
+def _numbers(accessor: dict[str, Any], views: list[int]) -> int:
+    """Return how many numbers an accessor stands for; one that leaves its view is refused by every reader."""
+    size = _whole(accessor.get("count")) * _WIDTH.get(str(accessor.get("type")), 1)
+    view = accessor.get("bufferView")
+    return min(size, views[view]) if isinstance(view, int) and 0 <= view < len(views) else size
 
 
 def _used(primitive: dict[str, Any], sizes: list[int]) -> int:
