@@ -21,16 +21,17 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import twin
 from twin.cli import serve as command_line
+from twin.door import connection as connections
+from twin.door.answers import File
+from twin.door.gate import Gate
+from twin.door.limits import Bucket, Doorman, household
 from twin.errors import TwinError
 from twin.headset import client as clients
-from twin.headset import connection as connections
 from twin.headset import protocol as wire
 from twin.headset import reach
 from twin.headset import server as servers
 from twin.headset import twin as live
-from twin.headset.files import File, robot_files
-from twin.headset.gate import Gate
-from twin.headset.limits import Bucket, Doorman, household
+from twin.headset.files import robot_files
 from twin.headset.protocol import sevens, unpack
 from twin.headset.recording import Recording, Replay
 from twin.headset.server import StreamServer

@@ -38,8 +38,8 @@ def serve(args: argparse.Namespace) -> int:
 
 
 async def _run(args: argparse.Namespace, robot: api.Robot, port: int, context: ssl.SSLContext | None) -> None:
+    from twin.door.gate import Gate
     from twin.headset import files
-    from twin.headset.gate import Gate
     from twin.headset.recording import Recording, Replay
     from twin.headset.server import StreamServer
     from twin.headset.twin import Twin
