@@ -96,6 +96,14 @@ def parser() -> argparse.ArgumentParser:
             help="frame or body that is the tool of a USD stage (default: its own, or its end)",
         )
 
+    def host(sub: argparse.ArgumentParser) -> None:
+        sub.add_argument(
+            "--host",
+            default="127.0.0.1",
+            help="address to serve on (default 127.0.0.1: this machine alone); any other is open to the network, by "
+            "addresses that open once, one for each device",
+        )
+
     def out(sub: argparse.ArgumentParser, default: str) -> None:
         sub.add_argument("--out", metavar="FOLDER", help=f"where to write (default {default})")
 
@@ -216,7 +224,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
     sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
     sub.add_argument("--port", type=_port, default=8080, help="where the page is served (default 8080; 0 takes any)")
-    sub.add_argument("--host", default="127.0.0.1", help="address to serve on (default 127.0.0.1: this machine alone)")
+    host(sub)
     sub.add_argument("--no-browser", action="store_true", help="open no browser")
     tool(sub)
     sub.add_argument("--html", metavar="FILE", help="write a recording of the protocol instead, and end")
@@ -233,12 +241,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a USD stage")
     sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
     sub.add_argument("--port", type=_port, default=8765, help="where it is served (default 8765; 0 takes any)")
-    sub.add_argument(
-        "--host",
-        default="127.0.0.1",
-        help="address to serve on (default 127.0.0.1: this machine alone); any other is open to the network, by "
-        "addresses that open once, one for each device",
-    )
+    host(sub)
     sub.add_argument("--no-browser", action="store_true", help="open no browser")
     sub.add_argument("--record", metavar="FILE", help="record the session: requests, states and frames, as JSON")
     sub.add_argument("--replay", metavar="FILE", help="replay a recorded session instead, frame by frame")

@@ -90,6 +90,7 @@ def listen(
     longest: int,
     bytes: tuple[float, float] = BYTES,
     frames: tuple[float, float] = FRAMES,
+    patience: float = 10.0,
     context: ssl.SSLContext | None = None,
     **more: Any,
 ) -> serve:
@@ -105,6 +106,7 @@ def listen(
         longest: message in bytes.
         bytes: of one connection: a second, and at once.
         frames: of one connection: a second, and at once.
+        patience: in s with a peer that does not answer a ping.
         context: of TLS.
         more: for `websockets.serve`.
     """
@@ -132,7 +134,7 @@ def listen(
         server_header=None,
         open_timeout=60.0,
         ping_interval=5.0,
-        ping_timeout=10.0,
+        ping_timeout=patience,
         close_timeout=1.0,
         max_size=longest,
         max_queue=32,
