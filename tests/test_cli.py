@@ -102,7 +102,7 @@ def test_help_of_every_command_shows_examples(command, capsys):
     examples = text[text.index("examples:") :].splitlines()[1:]
     assert examples
     assert all(line.startswith(f"  twin {command}") for line in examples)
-    for option in ("--json", "--quiet", "--debug"):
+    for option in ("--json", "--quiet", "--debug", "--no-code"):
         assert option in text
 
 

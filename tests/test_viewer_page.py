@@ -454,3 +454,95 @@ def test_a_recording_plays_without_python(chromium, tmp_path):
         time.sleep(2.5)
     page.close()
     assert np.mean(np.abs(images[0] - images[1]).max(axis=2) > 30) > 2e-4  # it moves
+
+
+# -- the door -----------------------------------------------------------------------------------------
+
+
+@contextmanager
+def somebody_else():
+    """Yield the address of another site, with a page that does nothing by itself."""
+    import http.server
+
+    class Page(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(b"<!doctype html><title>elsewhere</title>")
+
+        def log_message(self, *args):
+            pass
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Page) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}"
+        finally:
+            server.shutdown()
+
+
+KNOCK = """async ([where, protocol]) => await new Promise(done => {
+    const socket = new WebSocket(where, [protocol]);
+    socket.onopen = () => done("open");
+    socket.onerror = () => done("refused");
+})"""
+
+
+def test_another_site_in_the_same_browser_stays_outside(chromium, sils):
+    """The attack as it is done: a page from elsewhere, opened while the robot is shown."""
+    import viser
+
+    port, protocol = sils.front.server.get_port(), f"viser-v{viser.__version__}"
+    clients = len(sils.clients)
+    with somebody_else() as site:
+        page = chromium.new_page()
+        page.goto(site)
+        assert page.evaluate(KNOCK, [f"ws://127.0.0.1:{port}/", protocol]) == "refused"
+        assert page.evaluate(KNOCK, [f"ws://localhost:{port}/", protocol]) == "refused"
+        frame = f"<iframe src='http://127.0.0.1:{port}/'></iframe>"
+        page.evaluate("html => { document.body.innerHTML = html }", frame)
+        time.sleep(3.0)
+        assert len(sils.clients) == clients  # nor is it shown inside that page
+        page.close()
+    assert sils.page.evaluate(KNOCK, [f"ws://127.0.0.1:{port}/", protocol]) == "open"
+
+
+def test_a_link_to_our_page_lets_no_other_server_write_into_it(chromium, sils):
+    """`?websocket=` would connect our page with any server, `?playbackPath=` would show what that has."""
+    asked = []
+    port = sils.front.server.get_port()
+    with somebody_else() as site:
+        for query in (f"?websocket={site.replace('http', 'ws')}", f"?playbackPath={site}/scene.viser"):
+            page = chromium.new_page()
+            page.on("console", lambda m: asked.append(m.text))
+            before = len(asked)
+            page.goto(f"http://127.0.0.1:{port}/{query}")
+            until(lambda n=before: any("Content Security Policy" in t for t in asked[n:]), "the browser's refusal", 60)
+            page.close()
+
+
+def test_the_page_opens_by_its_token_when_it_is_open_to_the_network(chromium):
+    from twin.door.gate import Gate
+    from twin.viewer.front import Actor, Front
+    from twin.viewer.server import serve
+
+    tokens = []
+    server = serve("hibou", "127.0.0.1", 0, Gate("0.0.0.0", 0, False, tokens.append))
+    front = Front("twin · hibou", [Actor("hibou", "hibou", Desk(twin.load("hibou")))], None, server, local=False)
+    thread = threading.Thread(target=front.run)
+    thread.start()
+    try:
+        context = chromium.new_context()
+        page = context.new_page()
+        page.set_default_timeout(1000 * WAIT)
+        assert page.goto(f"http://127.0.0.1:{server.get_port()}/").status == 403
+        assert page.goto(f"http://127.0.0.1:{server.get_port()}/?token={tokens[-1]}").status == 200
+        until(lambda: server.get_clients(), "the page")
+        page.get_by_role("tab", name="Move").click(force=True)
+        page.get_by_role("button", name="Load a session").wait_for()
+        assert not page.get_by_role("button", name="Save the session").count()
+        assert not page.get_by_text("Write into the robot's files").count()
+        context.close()
+    finally:
+        front.stop()
+        thread.join(30)

@@ -36,7 +36,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Processes started from here must not import a `numpy.py` that lies beside a downloaded robot.
     os.environ["PYTHONSAFEPATH"] = "1"
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
-    logging.getLogger("twin.robots").setLevel(logging.WARNING if args.quiet or args.json else logging.INFO)
+    # That a stranger's code is run is told always, --quiet and --json or not: it is on stderr.
+    logging.getLogger("twin.robots").setLevel(logging.INFO)
+    if args.no_code:
+        from twin.robots import NO_CODE
+
+        os.environ[NO_CODE] = "1"
     try:
         from twin.cli import commands, scene
 

@@ -84,6 +84,7 @@ def parser() -> argparse.ArgumentParser:
         sub.add_argument("--json", action="store_true", help="print JSON instead of text")
         sub.add_argument("--quiet", action="store_true", help="no progress")
         sub.add_argument("--debug", action="store_true", help="show the whole traceback of an error")
+        sub.add_argument("--no-code", action="store_true", help="run no Python of a robot's folder (its formula.py)")
         return sub
 
     def robot(sub: argparse.ArgumentParser) -> None:
