@@ -84,7 +84,7 @@ def test_nor_does_python_m_twin(hostile):
 
 def test_every_process_is_started_in_one_way():
     """`sys.executable` is named where commands are made; `distributed` starts its own, in an environment of ours."""
-    pattern = r"sys\.executable|get_context|os\.fork|os\.system|os\.exec|PoolExecutor\(|LocalCluster\("
+    pattern = r"sys\.executable|get_context|os\.fork|os\.system|os\.exec|ProcessPoolExecutor\(|LocalCluster\("
     ways = {p.relative_to(TWIN).as_posix(): set(re.findall(pattern, p.read_text())) for p in TWIN.rglob("*.py")}
     guard = ways.pop("importing/guard.py")
     assert {n: w for n, w in ways.items() if w} == {

@@ -115,10 +115,10 @@ class StreamServer:
             self._frame = frame
             if self.recording is not None:
                 self.recording.add_frame(self._tick, frame)
-                if self.recording.full(self._tick):
-                    self._write(self.recording.finish())
             for client in self.clients:
                 client.behind = True
+        if self.recording is not None and self.recording.full(self._tick):
+            self._write(self.recording.finish())
         now = time.monotonic()
         if self._dirty or self._tick % STATE == 0:
             self._watch(now)
@@ -236,6 +236,8 @@ class StreamServer:
     def _record(self, on: bool) -> None:
         if self.recording is None:
             raise RefusedError("refused", "nothing can be recorded: start the server with --record FILE")
+        if on:
+            self.recording.check_room()
         self._say_state()
         self._write(self.recording.finish())
         if on:
