@@ -89,6 +89,7 @@ def test_every_process_is_started_in_one_way():
     guard = ways.pop("importing/guard.py")
     assert {n: w for n, w in ways.items() if w} == {
         "processes.py": {"sys.executable"},
+        "cli/__init__.py": {"sys.executable", "os.exec"},  # itself, once more, with the flags it had
         "sweeps/cluster.py": {"LocalCluster("},
     }
     assert not guard or '"-I"' in (TWIN / "importing/guard.py").read_text()

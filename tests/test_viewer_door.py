@@ -29,6 +29,7 @@ from twin.errors import TwinError
 from twin.live import session as session_files
 from twin.live.desk import Desk
 from twin.live.session import Session
+from twin.robots import NO_CODE
 from twin.viewer import letters
 from twin.viewer import server as servers
 from twin.viewer.front import Actor, Front
@@ -549,3 +550,17 @@ def test_memory_stays_when_large_files_come(front):
     asyncio.run(go())
     assert resident() - before < 60
     assert not front.server.gui._current_file_upload_states
+
+
+def test_what_security_says_is_so():
+    from twin.headset import recording
+
+    text = " ".join((Path(twin.__file__).parents[1] / "SECURITY.md").read_text(encoding="utf-8").split())
+    for figure in (
+        f"at most {letters.UPLOAD / 1e6:.1f} MB", f"{session_files.MOST:,} moments are read".replace(",", " "),
+        f"{recording.LONGEST // 60} minutes and {recording.LARGEST / 1e6:.0f} MB each",
+        f"{recording.FILES} files and {recording.IN_ALL / 1e9:.0f} GB for one start", NO_CODE,
+    ):  # fmt: skip
+        assert figure in text, figure
+    assert "eleven kinds" in text
+    assert len(letters._ORDINARY) + len(letters._LONG) == 11
