@@ -333,9 +333,10 @@ def parser() -> argparse.ArgumentParser:
         "  twin export sils --to glb,tracks --out xr/\n"
         "  twin export sils --protocol lowered_patient --budget-um 20\n"
         "  twin export my_robot/ --json\n"
-        "  twin export usd/pa10/pa10_circle.usda         a stage, with the motion that is baked in it",
+        "  twin export usd/pa10/pa10_circle.usda         a stage, with the motion that is baked in it\n"
+        "  twin export vsrs                              a scene: each robot, where it stands, and all in one stage",
     )
-    sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or of a USD stage")
+    sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
     tool(sub)
     out(sub, "./twin-out/<robot>/export/")
     sub.add_argument(
