@@ -114,7 +114,7 @@ def _row(worst: float, where: str) -> dict[str, Any]:
 def _finding(check: dict[str, Any]) -> Finding:
     text = f"the scene's stage: a link is {check['worst']:.3g} m from its place ({check['where']})"
     return Finding(
-        "export.scene", "disagreement", text, check["where"], value=check["worst"], unit="m", limit=_TOLERANCE
+        "export.scene", "disagreement", text, check["where"], size=check["worst"], unit="m", limit=_TOLERANCE
     )
 
 
