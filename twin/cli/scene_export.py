@@ -103,7 +103,7 @@ def _row(worst: float, where: str) -> dict[str, Any]:
     return {
         "check": "every link in world, first, middle and last key",
         "tool": "pxr",
-        "worst": worst,
+        "worst": worst if np.isfinite(worst) else None,
         "unit": "m",
         "tolerance": _TOLERANCE,
         "verdict": "agree" if worst <= _TOLERANCE else "disagree",
@@ -112,7 +112,8 @@ def _row(worst: float, where: str) -> dict[str, Any]:
 
 
 def _finding(check: dict[str, Any]) -> Finding:
-    text = f"the scene's stage: a link is {check['worst']:.3g} m from its place ({check['where']})"
+    off = "" if check["worst"] is None else f"a link is {check['worst']:.3g} m from its place: "
+    text = f"the scene's stage: {off}{check['where']}"
     return Finding(
         "export.scene", "disagreement", text, check["where"], size=check["worst"], unit="m", limit=_TOLERANCE
     )
@@ -179,6 +180,7 @@ def _text(
     lines += [
         f"  the scene's stage: {c['worst'] / UM:.3f} µm at most from the bundles, of {c['tolerance'] / UM:g}"
         for c in checks
+        if c["worst"] is not None
     ]
     lines.append(f"  {root}/")
     return "\n".join(lines)
