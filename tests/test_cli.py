@@ -524,9 +524,7 @@ def test_scenes_are_listed_and_shown(run, name):
 
 
 @pytest.mark.parametrize("name", scenes.names())
-@pytest.mark.parametrize(
-    "command", ["validate", "plan", "build", "serve", "explain", "workspace", "export", "selftest"]
-)
+@pytest.mark.parametrize("command", ["validate", "plan", "build", "serve", "explain", "workspace", "selftest"])
 def test_a_command_for_one_robot_says_what_works_with_a_scene(run, name, command):
     text = run(command, name)
     assert text.code == 2
