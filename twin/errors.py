@@ -39,6 +39,10 @@ class StageError(TwinError):
     """A USD stage cannot be read or written as a mechanism."""
 
 
+class CodeRefusedError(TwinError):
+    """Equations are a Python file, and it is not to be run."""
+
+
 class KinematicsError(TwinError):
     """The equations cannot answer: out of reach, on a singularity, or the solver did not converge.
 

@@ -18,11 +18,9 @@ from typing import Any
 
 from twin.atomic import Scratch, no_room
 from twin.errors import TwinError
+from twin.processes import isolated
 
-_PROGRAM = "import sys; sys.path.append(sys.argv.pop(1)); from twin.validation.beside import serve; serve()"
-"""What the child runs. Of the parent's path it gets the folder of twin alone, not that of the user's script."""
-
-_PARENT = Path(__file__).parents[2]
+_PROGRAM = "from twin.validation.beside import serve; serve()"
 
 
 class Beside:
@@ -41,7 +39,7 @@ class Beside:
         self._log = Path(self._folder.name) / "log"
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", _PROGRAM, _PARENT, task, self._answer],
+                isolated(_PROGRAM, task, self._answer),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
