@@ -58,13 +58,15 @@ def relative(joint, clip, k):
 
 
 def place_mujoco(model, data, mechanism, clip, k):
+    home = ReferenceModel(mechanism).home().link_poses
     for joint in spanning(mechanism).tree:
         if joint.type == "fixed":
             continue
-        at, T = model.joint(joint.name).qposadr[0], relative(joint, clip, k)
-        if joint.type == "spherical":
-            R = joint.T_child_joint[:3, :3]
-            data.qpos[at : at + 4] = spatial.quat_from_matrix_wxyz(R @ T[:3, :3] @ R.T)
+        at = model.joint(joint.name).qposadr[0]
+        if joint.type == "spherical":  # its quaternion counts from home
+            then = home[joint.parent][:3, :3].T @ home[joint.child][:3, :3]
+            now = clip.links[joint.parent][k, :3, :3].T @ clip.links[joint.child][k, :3, :3]
+            data.qpos[at : at + 4] = spatial.quat_from_matrix_wxyz(then.T @ now)
         else:
             data.qpos[at] = clip.joints[joint.name][k]
     mujoco.mj_fwdPosition(model, data)
