@@ -91,8 +91,8 @@ def stage_frames(stage: Path, mechanism, links) -> list[dict]:
 
 def urdf_frames(mechanism, links) -> list[dict]:
     """Return the value of each joint of the URDF at each frame: a ball is three turns, zero at home."""
-    from twin.exporting.spanning import spanning
     from twin.reference import ReferenceModel
+    from twin.stage.write.spanning import spanning
 
     home = ReferenceModel(mechanism).home().link_poses
     out: list[dict] = [{} for _ in range(FRAMES)]
@@ -170,7 +170,7 @@ def test_mujoco_puts_links_of_the_mjcf_where_they_are(figures, tmp_path, name, p
     import mujoco
 
     from twin.exporting.mjcf import write_mjcf
-    from twin.exporting.spanning import spanning
+    from twin.stage.write.spanning import spanning
 
     this = case(name, protocol)
     model = mujoco.MjModel.from_xml_path(str(write_mjcf(this.mechanism, tmp_path)))

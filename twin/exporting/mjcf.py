@@ -23,11 +23,11 @@ import numpy as np
 from twin import spatial
 from twin.exporting.masses import inertia_of, unweighed
 from twin.exporting.meshes import SCALE, mesh_file, write_meshes
-from twin.exporting.spanning import spanning
 from twin.exporting.xml import numbers, srgb, write_xml
 from twin.findings import Finding
 from twin.mechanism import Inertia, Joint, Mechanism
 from twin.spatial import Array
+from twin.stage.write.spanning import spanning
 
 PIN = 0.05
 """Metres between the two points at which a pin is tied."""

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twin.exporting.spanning import spanning
 from twin.mechanism import Mechanism
 from twin.spatial import Array
+from twin.stage.write.spanning import spanning
 
 
 class Coordinate(NamedTuple):
