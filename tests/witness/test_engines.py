@@ -170,11 +170,13 @@ def test_mujoco_puts_links_of_the_mjcf_where_they_are(figures, tmp_path, name, p
     import mujoco
 
     from twin.exporting.mjcf import write_mjcf
+    from twin.reference import ReferenceModel
     from twin.stage.write.spanning import spanning
 
     this = case(name, protocol)
     model = mujoco.MjModel.from_xml_path(str(write_mjcf(this.mechanism, tmp_path)))
     data = mujoco.MjData(model)
+    home = ReferenceModel(this.mechanism).home().link_poses
     found: dict = {n: [] for n in this.links}
     residual = 0.0
     for k in range(FRAMES):
@@ -183,9 +185,10 @@ def test_mujoco_puts_links_of_the_mjcf_where_they_are(figures, tmp_path, name, p
                 continue
             at = model.joint(joint.name).qposadr[0]
             T = joint.relative(this.links[joint.parent][k], this.links[joint.child][k])
-            if joint.type == "spherical":
-                R = joint.T_child_joint[:3, :3]
-                data.qpos[at : at + 4] = spatial.quat_from_matrix_wxyz(R @ T[:3, :3] @ R.T)
+            if joint.type == "spherical":  # its quaternion counts from home
+                then = home[joint.parent][:3, :3].T @ home[joint.child][:3, :3]
+                now = this.links[joint.parent][k, :3, :3].T @ this.links[joint.child][k, :3, :3]
+                data.qpos[at : at + 4] = spatial.quat_from_matrix_wxyz(then.T @ now)
             else:
                 data.qpos[at] = np.arctan2(T[1, 0], T[0, 0]) if joint.type == "revolute" else T[2, 3]
         mujoco.mj_fwdPosition(model, data)
