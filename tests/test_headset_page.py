@@ -157,12 +157,11 @@ def test_what_is_wrong_is_red(desk, robot):
     assert desk.id("measure-residual").get_attribute("data-tone") == "plain"  # it goes where it is led: they agree
 
 
-@pytest.mark.xfail(reason="open: a page that draws by software under load still draws about twice in five seconds")
 def test_nothing_is_drawn_while_nothing_moves(desk, robot):
     time.sleep(7.0)  # a sentence that is said goes after six seconds
-    for _ in range(8):  # a slow machine is still drawing what it was told before
+    for _ in range(3):  # a slow machine is still drawing what it was told before
         first, frames = desk("twin.app.world.renderer.info.render.frame"), desk("twin.app.line.frames")
-        time.sleep(5.0)
+        time.sleep(6.0)
         if desk("twin.app.world.renderer.info.render.frame") == first:
             break
     else:

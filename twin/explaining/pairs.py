@@ -30,6 +30,9 @@ from twin.spatial import Array
 _PLACES = 2
 """Samples of the mechanism at which pairs are sorted out; one more lies off it."""
 
+_AWAY = 100
+"""Statements that a token of another function counts as away from the row."""
+
 _MANY = 4096
 """Combinations of replacements that one evaluation takes."""
 
@@ -86,21 +89,25 @@ class Pairs:
         return self.evaluated >= self.total
 
     def _order(self) -> Iterator[tuple[_Position, _Position]]:
-        """Yield pairs of positions, those of one statement first, the last statement before the others."""
-        last = self.row[1]
+        """Yield pairs of positions, the nearest to each other first: of one statement, of one function, then others.
 
-        def distance(p: _Position) -> tuple[bool, int]:
-            e = p.edits[0]
-            return (e.function != self.step.source.name, abs(last - e.statement))
-
-        groups: dict[tuple[bool, int], list[_Position]] = {}
+        Of equally near ones, those come first that are near to the row. Who slips twice often does it in one place.
+        """
+        groups: dict[tuple[str, str, int], list[_Position]] = {}
         for p in self.positions:
-            groups.setdefault(distance(p), []).append(p)
-        keys = sorted(groups)
-        for k in keys:
-            yield from itertools.combinations(groups[k], 2)
-        for k, other in itertools.combinations(keys, 2):
-            yield from itertools.product(groups[k], groups[other])
+            e = p.edits[0]
+            groups.setdefault((str(e.path), e.function, e.statement), []).append(p)
+
+        def near(pair: tuple[tuple[str, str, int], tuple[str, str, int]]) -> tuple[bool, int, int]:
+            (*a, i), (*b, j) = pair
+            away = sum(abs(self.row[1] - k) if f == self.step.source.name else _AWAY for _, f, k in pair)
+            return a != b, abs(i - j) if a == b else 0, away
+
+        for k, other in sorted(itertools.combinations_with_replacement(groups, 2), key=near):
+            if k == other:
+                yield from itertools.combinations(groups[k], 2)
+            else:
+                yield from itertools.product(groups[k], groups[other])
 
     def _sorted(self, edits: Sequence[Edit]) -> list[_Position]:
         """Group edits of the same token; those that can be tried together stand before the others."""

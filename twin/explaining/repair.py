@@ -31,6 +31,9 @@ _WHOLE = 12
 _SHARED = 3
 """Edits of each group of rows that are tried beside a second one in the rows that are left."""
 
+_SHARED_PART = 0.2
+"""Part of the time for two edits that these take at most."""
+
 _SAME = 1e-7
 """Relative difference below which two edited rows are the same function, off the mechanism's poses as well."""
 
@@ -198,6 +201,9 @@ class Search:
                 pairs, complete = self._pairs(k, singles, shared, deadline) if budget > 0 else ([], False)
                 # What cures this row may cure others as well.
                 group = next((g for g in self._cover(pairs, left) if k in g), [])
+                for f in [f for f in out if group and f.ways and self._exact([*group, *f.rows], pairs)]:
+                    group += f.rows  # what seemed another slip is cured as well
+                    out.remove(f)
                 f = self._found(group or [k], pairs if group else [], [*singles, *pairs])
                 f.complete, f.seconds = complete, time.monotonic() - began
                 out.append(f)
@@ -327,9 +333,10 @@ class Search:
                 lo, hi = np.searchsorted(effect[order], [target - effect[i] - 20, target - effect[i] + 20])
                 for j in order[lo : min(hi, lo + 50)]:
                     add(c, mine[j])
+        now = time.monotonic()
         for a in shared:  # what cures other rows already may be half of what cures this one
             for b in singles:
-                if k in b.scores and time.monotonic() < deadline:
+                if k in b.scores and time.monotonic() < now + _SHARED_PART * (deadline - now):
                     add(a, b)
         if any(c.serves and c.over([k], self.base) <= 1 for c in out):
             return out, True

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from twin.errors import AssemblyError, MechanismError
-from twin.loops.leading import Leader, Led, bounds_of
+from twin.loops.leading import Grip, Leader, Led, bounds_of
 from twin.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.states import Assembly
@@ -33,7 +33,7 @@ class Hand:
     def __init__(self, mechanism: Mechanism, model: ReferenceModel, gaps: Sequence[tuple[str, str, float]]) -> None:
         self.mechanism, self.model, self.gaps = mechanism, model, tuple(gaps)
         self.bounds = bounds_of(mechanism, gaps)
-        self._last: tuple[Assembly, str, Array, Array] | None = None
+        self._last: tuple[Assembly, str, Array, Grip] | None = None
 
     @cached_property
     def leader(self) -> Leader:
@@ -56,12 +56,12 @@ class Hand:
         """
         last, p_body = self._last, np.asarray(p_body, float)
         if last is not None and last[0] is now and last[1] == body and np.array_equal(last[2], p_body):
-            start = last[3]
+            grip = last[3]
         else:
-            start = (now.link_poses[body] @ np.append(p_body, 1.0))[:3]
-        led = self.leader.point(now.q, self._unknowns(now), body, p_body, start, target, SECONDS)
+            grip = self.leader.take(now.q, self._unknowns(now), body, p_body)
+        led = grip.to(target, SECONDS)
         found = self._closed(now, led)
-        self._last = (found, body, p_body, start if led.hand is None else led.hand)
+        self._last = (found, body, p_body, grip)
         return found, led
 
     def joints(self, now: Assembly, q: Array) -> tuple[Assembly, Led]:

@@ -1,7 +1,8 @@
 """Taking a mechanism by the hand: a point of any body, or its active joints, led along a line; the loops follow.
 
-The way is walked in steps of one length, whatever the speed of the hand: each goes on in the assembly where the last
-one ended, slides along limits, and is halved where the loops do not close. Two kinds of singularity end an assembly:
+The way of the hand is walked in steps of one length, whatever its speed; what is left of a step is walked anew each
+time, and nothing starts from there. Each step goes on in the assembly where the last one ended, slides along limits,
+and is halved where the loops do not close. Two kinds of singularity end an assembly:
 the loops no longer hold their joints (type II), or the joints no longer hold the tool (type I). Leading a point
 stops before either; turning a joint passes through the second, as a drive would.
 """
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -84,7 +86,6 @@ class Led:
         q, u: active joints (n,) and unknowns.
         stops: bounds that are in the way.
         singular: what ends there, as "loop r13" or "tool": another assembly begins, or none; empty if nothing does.
-        hand: (3,) where on its way the hand was followed to, or None of joints.
         more: whether the time was up before the way was.
     """
 
@@ -92,7 +93,6 @@ class Led:
     u: Array
     stops: tuple[Bound, ...] = ()
     singular: str = ""
-    hand: Array | None = None
     more: bool = False
 
 
@@ -109,7 +109,7 @@ def bounds_of(mechanism: Mechanism, gaps: Sequence[tuple[str, str, float]] = ())
 
 
 class Leader:
-    """Leads one mechanism; see `point` and `joints`.
+    """Leads one mechanism; see `take` and `joints`.
 
     Attributes:
         solver: closes its loops.
@@ -137,35 +137,17 @@ class Leader:
 
     # -- by a point -----------------------------------------------------------------------------------
 
-    def point(
-        self, q: Array, u: Array, body: str, p_body: Array, start: Array, target: Array, seconds: float = np.inf
-    ) -> Led:
-        """Lead a point of a body along a straight line by the least motion of the active joints.
+    def take(self, q: Array, u: Array, body: str, p_body: Array) -> Grip:
+        """Take a point of a body into the hand, and lead it along straight lines by the least motion of the joints.
 
         Args:
             q: active joints (n,).
             u: unknowns, loops closed.
             body: name.
             p_body: the point (3,) on it, in m.
-            start: where the hand came from (3,) in base: where the point is, if it has kept up.
-            target: where the hand is.
-            seconds: processor time after which it stops.
         """
-        start, target, look = np.asarray(start, float), np.asarray(target, float), self.look(q, u, body, p_body)
-        walk = _Walk(self, look, (body, np.asarray(p_body, float)), time.thread_time() + seconds)
-        hand, way = start, float(np.linalg.norm(target - start))
-        while True:
-            # A point that lags behind is pulled the same way by a hand that goes a little further.
-            step = max(_STEP, _LAG * float(np.linalg.norm(hand - walk.look.p)))
-            count = int(np.ceil(way / step))
-            goal = target if count <= 1 else hand + (target - hand) / count
-            walk.to(goal, count <= 1)
-            if walk.late or count <= 1:
-                break
-            hand, way = goal, float(np.linalg.norm(target - goal))
-        now = walk.look
-        singular = self._least(now) if walk.open else walk.singular
-        return Led(now.q, now.u, walk.stops(), singular, hand if walk.late else target, walk.late)
+        p_body = np.asarray(p_body, float)
+        return Grip(self, self.look(q, u, body, p_body), (body, p_body))
 
     # -- by the joints --------------------------------------------------------------------------------
 
@@ -189,7 +171,7 @@ class Leader:
                 continue
             step /= 2
             if step < stride / 2**14:
-                return Led(now.q, now.u, singular=why or self._least(now))
+                return Led(now.q, now.u, singular=why or self.nearest(now))
         return Led(now.q, now.u, tuple(stops))
 
     # -- one step -------------------------------------------------------------------------------------
@@ -227,7 +209,7 @@ class Leader:
             )
         return out
 
-    def _least(self, look: Look) -> str:
+    def nearest(self, look: Look) -> str:
         """Return the loop with least left of its determinant: where the loops close no more, it is why."""
         left = {n: abs(v[0]) / max(self._as_drawn[n], 1e-300) for n, v in self.determinants(look, look, False).items()}
         return min(left, key=left.__getitem__, default="")
@@ -255,31 +237,74 @@ class Leader:
         return out
 
 
+class Grip:
+    """A point in the hand. Where it ends depends on the line that the hand went, not on the positions seen of it."""
+
+    def __init__(self, leader: Leader, look: Look, held: tuple[str, Array]) -> None:
+        self._walk, self._hand = _Walk(leader, look, held), look.p
+        self._target, self._end = look.p, self._walk
+
+    def to(self, target: Array, seconds: float = np.inf) -> Led:
+        """Follow the hand to a target (3,) in base, in m.
+
+        Args:
+            target: where the hand is.
+            seconds: processor time after which it stops; the same target again goes on.
+        """
+        until, walk = time.thread_time() + seconds, self._walk
+        if not np.array_equal(target, self._target):
+            self._target, self._end = np.array(target, float), walk
+        while self._end is walk:
+            if not walk.goes_on(until):
+                return walk.led(more=True)
+            way = self._target - self._hand
+            # A point that lags behind is pulled the same way by a hand that goes a little further.
+            step = max(_STEP, _LAG * float(np.linalg.norm(self._hand - walk.look.p)))
+            if np.linalg.norm(way) <= step:
+                self._end = copy(walk)
+                self._end.begin(self._target, last=True)
+            else:
+                self._hand = self._hand + way * (step / np.linalg.norm(way))
+                walk.begin(self._hand)
+        return self._end.led(more=not self._end.goes_on(until))
+
+
 class _Walk:
-    """One walk of a point; `look` is where it is."""
+    """Steps of a point towards one goal after the other; `look` is where it is. A copy walks on its own."""
 
-    def __init__(self, leader: Leader, look: Look, held: tuple[str, Array], until: float) -> None:
-        self.leader, self.look, self.held, self.until = leader, look, held, until
-        self.singular, self.open, self.late = "", False, False
+    def __init__(self, leader: Leader, look: Look, held: tuple[str, Array]) -> None:
+        self.leader, self.look, self.held = leader, look, held
+        self.singular, self.open = "", False
         self._pull, self._slack = np.zeros(len(look.q)), np.zeros(len(leader.bounds))
-        self._part, self._within = 1.0, _THERE
+        self._part, self._within, self._tries = 1.0, _THERE, 0
 
-    def to(self, goal: Array, last: bool) -> None:
-        """Bring the point as near to a goal as it comes."""
-        first, total, self._within = self.look, np.zeros(len(self.look.q)), _THERE if last else _PASSED
-        for _ in range(_LAST_TRIES if last else _TRIES):
-            way = float(np.linalg.norm(goal - self.look.p))
+    def begin(self, goal: Array, last: bool = False) -> None:
+        """Take a goal (3,), to which the point comes as near as it can if it is the last one."""
+        self._goal, self._first, self._total = goal, self.look, np.zeros(len(self.look.q))
+        self._within, self._tries = (_THERE, _LAST_TRIES) if last else (_PASSED, _TRIES)
+
+    def goes_on(self, until: float) -> bool:
+        """Bring the point as near to the goal as it comes; return False if the time is up before."""
+        while self._tries:
+            way = float(np.linalg.norm(self._goal - self.look.p))
             if way < self._within:
-                return
-            if time.thread_time() > self.until:
-                self.late = True
-                return
-            y = self._step(first, total, goal)
+                break
+            if time.thread_time() > until:
+                return False
+            self._tries -= 1
+            y = self._step(self._first, self._total, self._goal)
             if y is None:
-                return
-            total = total + y
-            if way - np.linalg.norm(goal - self.look.p) < _GAIN * min(way, _STEP):
-                return
+                break
+            self._total = self._total + y
+            if way - np.linalg.norm(self._goal - self.look.p) < _GAIN * min(way, _STEP):
+                break
+        self._tries = 0
+        return True
+
+    def led(self, more: bool) -> Led:
+        """Return where it is and what is in its way."""
+        singular = self.leader.nearest(self.look) if self.open else self.singular
+        return Led(self.look.q, self.look.u, self.stops(), singular, more)
 
     def _step(self, first: Look, total: Array, goal: Array) -> Array | None:
         """Go on by one step that brings the point nearer, and return it (n,) in m; None if there is none."""

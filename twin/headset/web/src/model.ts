@@ -41,7 +41,8 @@ export class Model {
       const { type: _, ...news } = message;
       this.state = { ...this.state, ...news };
     } else if (message.type === 'error') this.say(message.message);
-    this.onChange();
+    // The line is measured every two seconds: that is no reason to draw the robot.
+    if (message.type !== 'pong') this.onChange();
   }
 
   /** Show a sentence for some seconds. */
