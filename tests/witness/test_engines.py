@@ -215,9 +215,9 @@ def travel(mechanism, before: dict, after: dict) -> float:
 
 
 def loop_gap(mechanism, run: dict) -> float:
-    """Return how far any joint that closes a loop is open in a run, m."""
+    """Return how far any joint is open in a run, m: whichever closes a loop in the stage is among them."""
     gap = 0.0
-    for joint in mechanism.loops:
+    for joint in mechanism.joints:
         T = np.array([joint.relative(a, b) for a, b in zip(run[joint.parent], run[joint.child], strict=True)])
         locked = [a for a in range(3) if a not in joint.free_axes]
         gap = max(gap, float(np.linalg.norm(T[:, locked, 3], axis=1).max()))
