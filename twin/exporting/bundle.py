@@ -169,7 +169,7 @@ def _tracks(order: Order, work: Path) -> list[Finding]:
     from twin.exporting.tracks import write_schema, write_tracks
 
     for scene in order.scenes:
-        write_tracks(scene.mechanism, scene.clip, work / "tracks", model_hash(order.mechanism), order.assumed)
+        write_tracks(scene.mechanism, scene.clip, work / "tracks", order.mechanism, order.assumed)
     write_schema(work / "tracks")
     return []
 

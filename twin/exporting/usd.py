@@ -114,6 +114,8 @@ def _add_scene(layer: Sdf.Layer) -> None:
         ("enableExternalForcesEveryIteration", Sdf.ValueTypeNames.Bool, True),
     ):
         prim.CreateAttribute(f"physxScene:{name}", kind, False).Set(value)
+    # MuJoCo, also as a solver of Newton: the only integrator of its that takes drives and ties in one solve.
+    prim.CreateAttribute("mjc:option:integrator", Sdf.ValueTypeNames.Token, False).Set("discrete")
 
 
 @contextlib.contextmanager
