@@ -17,6 +17,7 @@ import pytest
 
 from twin import api
 from twin.cli import main
+from twin.errors import TwinError
 
 ROOT = Path(__file__).parents[1]
 SHORT = ROOT / "tests/data/short.toml"
@@ -431,6 +432,30 @@ def test_report_cannot_be_there(robot, capsys, tmp_path, monkeypatch, command):
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["short"]
 
 
+def test_run_writes_the_stage_with_its_reports_or_not_at_all(robot, capsys, tmp_path, monkeypatch):
+    """A new stage beside an old report would be two stories."""
+
+    def build(robot, folder, **_):
+        (folder / "motion").mkdir(parents=True)
+        (folder / "sils.usda").write_text("new")
+        return [folder / "sils.usda"]
+
+    def validate(*_, stage, **__):
+        assert stage.read_text() == "new"
+        raise TwinError("the report cannot be made")
+
+    (tmp_path / "out/usd").mkdir(parents=True)
+    (tmp_path / "out/usd/sils.usda").write_text("old")
+    before = everything(tmp_path)
+    monkeypatch.setattr(api, "build", build)
+    monkeypatch.setattr(api, "validate", validate)
+    monkeypatch.setattr(api.Robot, "weighed", lambda self: self)
+    assert main(["run", str(robot.folder), "--out", str(tmp_path / "out")]) == 2
+    assert "the report cannot be made" in capsys.readouterr().err
+    assert everything(tmp_path) == before
+    assert (tmp_path / "out/usd/sils.usda").read_text() == "old"
+
+
 def test_read_only_output(robot, capsys, tmp_path, monkeypatch):
     """As on a read-only disk; permissions do not stop root."""
     real = Path.mkdir
@@ -475,4 +500,5 @@ def test_full_output(robot, tmp_path, tmp_path_factory, argv, most, cache):
     assert "cannot write" in done.stderr
     assert "internal error" not in done.stderr
     assert "Traceback" not in done.stderr
+    assert "pxrInternal" not in done.stderr
     assert everything(tmp_path) == before

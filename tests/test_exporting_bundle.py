@@ -142,7 +142,7 @@ def test_proof_states_the_rate_and_what_it_costs(made, proof):
 
 def test_no_file_names_this_machine(made):
     for name, data in tree(made.folder).items():
-        for word in (str(ROOT), str(made.folder), "/tmp/", "twin-usdz-"):
+        for word in (str(ROOT), str(made.folder), "/tmp/", ".twin-"):
             assert word.encode() not in data, name
 
 

@@ -14,9 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin import spatial
+from twin.door import limits
 from twin.errors import TwinError
-from twin.headset import limits, server
 from twin.headset import protocol as wire
+from twin.headset import server
 from twin.headset.client import STALL
 from twin.headset.protocol import RefusedError, pack, pack_body, parse, unpack
 

@@ -21,17 +21,19 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import twin
 from twin.cli import serve as command_line
+from twin.door import connection as connections
+from twin.door.answers import File
+from twin.door.gate import Gate
+from twin.door.limits import Bucket, Doorman, household
 from twin.errors import TwinError
 from twin.headset import client as clients
-from twin.headset import connection as connections
 from twin.headset import protocol as wire
 from twin.headset import reach
+from twin.headset import recording as recordings
 from twin.headset import server as servers
 from twin.headset import twin as live
-from twin.headset.files import File, robot_files
-from twin.headset.gate import Gate
-from twin.headset.limits import Bucket, Doorman, household
-from twin.headset.protocol import sevens, unpack
+from twin.headset.files import robot_files
+from twin.headset.protocol import RefusedError, sevens, unpack
 from twin.headset.recording import Recording, Replay
 from twin.headset.server import StreamServer
 from twin.live import workspace
@@ -637,6 +639,89 @@ def test_a_silent_holder_loses_the_grab_and_a_ping_keeps_it(sils, monkeypatch):
 
 
 # --------------------------------------------------------------------------------------------------- recordings
+
+
+def test_no_client_fills_the_disk_with_recordings(sils, tmp_path, monkeypatch):
+    monkeypatch.setattr(recordings, "FILES", 3)
+
+    async def go():
+        async with serving(sils, record=tmp_path / "session.json", plans=False) as s, joined(s.port) as peer:
+            answers = []
+            for _ in range(40):
+                answers.append(await peer.ask("record", on=True))
+                pose = sevens(s.twin.desk.assembly.T_base_tool).tolist()  # something to record
+                await peer.ask("grab", target="tool")
+                await peer.ask("drag", pose=pose)
+                await asyncio.sleep(0.02)
+            assert "no more from one start" in answers[-1]["message"]
+
+    asyncio.run(go())
+    assert 1 <= len(list(tmp_path.glob("*.json"))) <= 4  # the one that ran is kept as well
+
+
+@pytest.mark.parametrize(("limit", "entries"), [("LARGEST", 100_000), ("LONGEST", 10)])
+def test_a_recording_ends_when_it_is_full(tmp_path, monkeypatch, limit, entries):
+    """Of frames, of documents and of what clients say: whichever is too much."""
+    monkeypatch.setattr(recordings, limit, {"LARGEST": 50_000, "LONGEST": 1}[limit])
+    for add in (
+        lambda r, k: r.add_frame(k, b"x" * 100),
+        lambda r, k: r.add_document(k, {"type": "state", "reason": "x" * 100}),
+        lambda r, k: r.add_request(k, "c1", wire.parse(json.dumps({"type": "play", "on": True}))),
+    ):
+        recording = Recording(tmp_path / "s.json", "sils", "sha256:0", ("a",), ("q",))
+        count = next(k for k in range(entries * 60) if add(recording, k) or recording.full(k))
+        assert 0 < count < 2000
+        assert not recording.finish()() if recording._frames else True
+
+
+def test_budget_of_all_recordings(tmp_path, monkeypatch):
+    monkeypatch.setattr(recordings, "IN_ALL", 1000)
+    recording = Recording(tmp_path / "s.json", "sils", "sha256:0", ("a",), ("q",))
+    recording.check_room()
+    recording.add_frame(0, b"x" * 1000)
+    with pytest.raises(RefusedError, match="no more from one start"):
+        recording.check_room()
+    recording.finish()
+    with pytest.raises(RefusedError, match="no more from one start"):
+        recording.check_room()
+
+
+def test_the_log_stays_quiet_when_peers_hang_up_while_they_are_answered(sils, caplog):
+    """asyncio writes a line for each write to a peer that is gone: a flood of pings is none of our lines."""
+
+    async def go():
+        async with serving(sils, plans=False) as s:
+            for _ in range(5):
+                reader, writer = await asyncio.open_connection("127.0.0.1", s.port)
+                key = base64.b64encode(b"0123456789abcdef").decode()
+                head = f"GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{s.port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+                writer.write(f"{head}Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode())
+                await reader.readuntil(b"\r\n\r\n")
+                ping = b"\x89\x80\0\0\0\0"
+                sock = writer.get_extra_info("socket")
+                sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                writer.write(ping * 500)
+                await writer.drain()
+                writer.transport.abort()  # a reset, while the pongs are written
+                await asyncio.sleep(0.2)
+
+    with caplog.at_level("WARNING"):
+        asyncio.run(go())
+    assert not [r.getMessage() for r in caplog.records]
+
+
+def test_a_write_to_who_is_gone_is_none(caplog):
+    """The same without the race: what waits for a closed transport is thrown away, not written piece by piece."""
+    connection = object.__new__(connections.Connection)
+    written: list[bytes] = []
+    waiting = [b"pong"] * 500
+    connection.protocol = SimpleNamespace(data_to_send=lambda: waiting)  # type: ignore[assignment]
+    connection.transport = SimpleNamespace(is_closing=lambda: False, write=written.append)  # type: ignore[assignment]
+    connection.send_data()
+    assert written == [b"pong" * 500]
+    connection.transport = SimpleNamespace(is_closing=lambda: True, write=written.append)  # type: ignore[assignment]
+    connection.send_data()
+    assert len(written) == 1
 
 
 def test_a_recorded_session_replays_byte_for_byte(sils, planned, tmp_path):

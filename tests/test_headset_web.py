@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from twin.headset.files import POLICY, page_files
+from twin.door.answers import POLICY
+from twin.headset.files import page_files
 
 
 def _load(name):

@@ -5,15 +5,15 @@ The files are drawn by tests/data/importing/draw.py. Bad TOML is in tests/data/c
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from twin import cli
-from twin.errors import SourceError, TwinError
-from twin.importing import guard, read
+from twin.errors import BudgetError, SourceError, TwinError
+from twin.foreign import guard
+from twin.foreign.budget import Budget
+from twin.importing import read
 from twin.importing.step import read_skeleton
 
 DATA = Path(__file__).parent / "data/importing"
@@ -129,14 +129,20 @@ def test_a_parser_that_crashes_or_hangs_is_an_error_that_names_the_file(tmp_path
     with pytest.raises(SourceError, match=r"bad\.xml: the MJCF parser crashes on it \(SIGSEGV\)"):
         guard.try_first(path, "MJCF")
     monkeypatch.setitem(guard._PROGRAMS, "MJCF", "while True: pass")
-    monkeypatch.setattr(guard, "_PATIENCE", 0.5)
-    with pytest.raises(SourceError, match="does not come to an end"):
+    monkeypatch.setitem(guard.BUDGETS, "MJCF", Budget(10**6, seconds=0.5, memory=10**9))
+    with pytest.raises(BudgetError, match=r"bad\.xml: the MJCF parser is not done after 0 s of processor time"):
+        guard.try_first(path, "MJCF")
+    monkeypatch.setitem(guard._PROGRAMS, "MJCF", "a = [bytes(10**8) + b'x' for i in range(100)]")
+    with pytest.raises(BudgetError, match="wants more than 1,000 MB of memory, its limit"):
+        guard.try_first(path, "MJCF")
+    monkeypatch.setattr(guard, "_IDLE", 0.5)
+    monkeypatch.setitem(guard._PROGRAMS, "MJCF", "import os; os.read(os.pipe()[0], 1)")
+    with pytest.raises(BudgetError, match="something that has no end"):
         guard.try_first(path, "MJCF")
 
 
 @pytest.mark.parametrize("kind", sorted(guard._PROGRAMS))
-def test_the_guard_lets_good_files_pass(kind):
+def test_the_guard_lets_good_files_pass(kind, tmp_path):
     good = {"MJCF": DATA / "good.xml", "USD": DATA / "models/fourbar.usda", "STEP": DATA.parent / "cad/crank.step"}
-    command = [sys.executable, "-I", "-c", guard._PROGRAMS[kind], str(good[kind])]
-    assert subprocess.run(command, capture_output=True, check=False).returncode == 0
-    guard.try_first(good[kind], kind)
+    arguments = (str(tmp_path / "x.glb"), "1.0", "0.5") if kind == "STEP" else ()
+    assert guard.run(good[kind], kind, *arguments) == 0

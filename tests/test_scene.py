@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
 
 from twin import spatial
-from twin.cli import main
+from twin.cli import main, scene_export
 from twin.errors import DescriptionError
 from twin.mechanism import Body, Frame, Joint, Mechanism, Mesh
 from twin.reference.clearance import between
@@ -125,3 +127,34 @@ def test_a_start_in_collision_names_the_nearest_free_one():
     assert (finding.code, finding.where, finding.when) == ("scene.start", "a/base, b/base", "t = 0.0 s")
     assert "keeps 5 mm is where the protocols are at t = 2.0 s" in finding.suggestion
     assert "nowhere along the protocols are they 150 mm apart" in too_near(found, 0, t, 0.15).suggestion
+
+
+@pytest.mark.slow
+def test_a_scene_is_exported_robot_by_robot_and_stands_in_one_stage(tmp_path, capsys):
+    """One robot of a scene does for all: it stands beside its base, turned."""
+    text = VSRS.read_text(encoding="utf-8")
+    text = re.sub(r"touching = \[.*?\n\]\n|props = [^\n]*\n", "", text, flags=re.DOTALL)
+    head, *robots = text.partition("[camera")[0].split("[[robot]]")
+    one = next(r for r in robots if 'name = "hibou"' in r)
+    (tmp_path / "scene.toml").write_text(f"{head}[[robot]]{one}", encoding="utf-8")
+    out = tmp_path / "out"
+    assert main(["export", str(tmp_path / "scene.toml"), "--to", "usd", "--out", str(out), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["verdict"], [r["verdict"] for r in said["robots"]]) == ("agree", ["agree"])
+    scene = load_scene(tmp_path / "scene.toml")
+    np.testing.assert_array_equal(json.loads((out / "scene.json").read_text())["robots"][0]["T_world_base"],
+                                  scene.places[0].T_world_base)  # fmt: skip
+    stage = out / "usd" / f"{scene.name}.usda"
+    where = re.search(r"xformOp:translate = \((\S+),", stage.read_text())
+    assert where is not None
+    clip = SimpleNamespace(times=np.array([0.0]), links={})
+    moved = stage.read_text().replace(where[1], str(float(where[1]) + 1e-4), 1)
+    stage.write_text(moved)
+    own = Usd.Stage.Open(str(out / "hibou/usd" / f"hibou_{scene.places[0].protocol}.usda"))
+    links = [p.GetName() for p in own.GetDefaultPrim().GetChildren() if p.IsA(UsdGeom.Xform)]
+    cache = UsdGeom.XformCache(0.0)
+    clip.links = {n: np.array(cache.GetLocalToWorldTransform(own.GetDefaultPrim().GetChild(n))).T[None] for n in links}
+    bundle = SimpleNamespace(order=SimpleNamespace(clips=[clip]))
+    seen = scene_export._check(stage, scene, {"hibou": bundle})  # type: ignore[dict-item]
+    assert seen["verdict"] == "disagree"
+    assert seen["worst"] == pytest.approx(1e-4, rel=1e-3)

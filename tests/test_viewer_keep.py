@@ -224,7 +224,7 @@ def test_a_disk_that_cannot_be_written_is_named(copied, left_alone, robots, monk
         raise OSError(28, "No space left on device")
 
     path = copied("pa10")
-    monkeypatch.setattr("twin.assets.os.replace", full)
+    monkeypatch.setattr("twin.atomic.os.replace", full)
     values = robots["pa10"].mechanism.postures["home"]
     left_alone(path, lambda: save_posture(path, "up", values), OutputError, "No space left", "where you may write")
 

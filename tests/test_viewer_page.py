@@ -454,3 +454,108 @@ def test_a_recording_plays_without_python(chromium, tmp_path):
         time.sleep(2.5)
     page.close()
     assert np.mean(np.abs(images[0] - images[1]).max(axis=2) > 30) > 2e-4  # it moves
+
+
+# -- the door -----------------------------------------------------------------------------------------
+
+
+@contextmanager
+def somebody_else():
+    """Yield the address of another site, with a page that does nothing by itself, and what it is asked for."""
+    import http.server
+
+    asked = []
+
+    class Page(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            asked.append(self.path)
+            self.send_response(200)
+            self.send_header("Access-Control-Allow-Origin", "*")
+            self.end_headers()
+            self.wfile.write(b"<!doctype html><title>elsewhere</title>")
+
+        def log_message(self, *args):
+            pass
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Page) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}", asked
+        finally:
+            server.shutdown()
+
+
+KNOCK = """async ([where, protocol]) => await new Promise(done => {
+    const socket = new WebSocket(where, [protocol]);
+    socket.onopen = () => done("open");
+    socket.onerror = () => done("refused");
+})"""
+
+
+def test_another_site_in_the_same_browser_stays_outside(chromium, sils):
+    """The attack as it is done: a page from elsewhere, opened while the robot is shown."""
+    import viser
+
+    port, protocol = sils.front.server.get_port(), f"viser-v{viser.__version__}"
+    clients = len(sils.clients)
+    with somebody_else() as (site, _):
+        page = chromium.new_page()
+        page.goto(site)
+        assert page.evaluate(KNOCK, [f"ws://127.0.0.1:{port}/", protocol]) == "refused"
+        assert page.evaluate(KNOCK, [f"ws://localhost:{port}/", protocol]) == "refused"
+        frame = f"<iframe src='http://127.0.0.1:{port}/'></iframe>"
+        page.evaluate("html => { document.body.innerHTML = html }", frame)
+        time.sleep(3.0)
+        assert len(sils.clients) == clients  # nor is it shown inside that page
+        page.close()
+    assert sils.page.evaluate(KNOCK, [f"ws://127.0.0.1:{port}/", protocol]) == "open"
+
+
+@pytest.mark.parametrize("guarded", [True, False], ids=["as it is", "without the policy"])
+@pytest.mark.parametrize("query", ["?websocket={ws}", "?playbackPath={http}/scene.viser"])
+def test_a_link_to_our_page_lets_no_other_server_write_into_it(chromium, query, guarded, monkeypatch):
+    """viser's page connects with any server that its address names; without our policy it does."""
+    from twin.viewer import server as servers
+
+    if not guarded:
+        monkeypatch.setattr(servers, "POLICY", "default-src * 'unsafe-inline' 'unsafe-eval' data: blob:")
+    server = servers.serve("link", "127.0.0.1", 0)
+    try:
+        with somebody_else() as (site, asked):
+            page = chromium.new_page()
+            page.goto(f"http://127.0.0.1:{server.get_port()}/{query.format(ws=site.replace('http', 'ws'), http=site)}")
+            page.locator("canvas").first.wait_for(timeout=1000 * WAIT, state="attached")
+            end = time.monotonic() + (10.0 if guarded else WAIT)
+            while time.monotonic() < end and not asked:
+                page.wait_for_timeout(200)
+            page.close()
+            assert bool(asked) != guarded, asked
+    finally:
+        servers.stop(server)
+
+
+def test_the_page_opens_by_its_token_when_it_is_open_to_the_network(chromium):
+    from twin.door.gate import Gate
+    from twin.viewer.front import Actor, Front
+    from twin.viewer.server import serve
+
+    tokens = []
+    server = serve("hibou", "127.0.0.1", 0, Gate("0.0.0.0", 0, False, tokens.append))
+    front = Front("twin · hibou", [Actor("hibou", "hibou", Desk(twin.load("hibou")))], None, server, local=False)
+    thread = threading.Thread(target=front.run)
+    thread.start()
+    try:
+        context = chromium.new_context()
+        page = context.new_page()
+        page.set_default_timeout(1000 * WAIT)
+        assert page.goto(f"http://127.0.0.1:{server.get_port()}/").status == 403
+        assert page.goto(f"http://127.0.0.1:{server.get_port()}/?token={tokens[-1]}").status == 200
+        page.get_by_role("tab", name="Move").click(force=True)
+        page.get_by_role("button", name="Load a session").wait_for(state="attached")
+        assert server.get_clients()
+        assert not page.get_by_role("button", name="Save the session").count()
+        assert not page.get_by_text("Write into the robot's files").count()
+        context.close()
+    finally:
+        front.stop()
+        thread.join(30)

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from twin.extras import EXTRAS
+
 pytestmark = pytest.mark.wheel
 
 ROOT = Path(__file__).parents[1]
@@ -104,10 +106,12 @@ def test_wheel_names_its_licence_and_command(wheel, names):
         assert "twin = twin.cli:main" in archive.read(f"{info}/entry_points.txt").decode()
         metadata = archive.read(f"{info}/METADATA").decode()
     assert f"{info}/licenses/LICENSE" in names
+    texts = {f"{info}/licenses/licenses/{n}" for n in ("THIRD_PARTY.md", "LGPL-2.1.txt", "OCCT_LGPL_EXCEPTION.txt")}
+    assert texts <= names
     wanted = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     needed = [line for line in metadata.splitlines() if line.startswith("Requires-Dist: ") and "extra ==" not in line]
     assert len(needed) == len(wanted["dependencies"])
-    assert "\nProvides-Extra: parquet\n" in metadata
+    assert {f"Provides-Extra: {extra}" for extra in (*EXTRAS.values(), "all")} <= set(metadata.splitlines())
     assert f"\nVersion: {wanted['version']}\n" in metadata
 
 
@@ -119,7 +123,23 @@ def test_installed_version_is_that_of_the_package(venv, tmp_path):
 def test_environment_lacks_the_development_packages(venv, tmp_path):
     listed = json.loads(_ok(_run(venv / "bin/twin", "doctor", "--json", cwd=tmp_path)))
     assert listed["missing"] == []
-    assert listed["found"]["build123d"] == "-"
+    absent = ("build123d", "distributed", "pyarrow", "segno", "pyyaml")
+    assert {listed["found"][name] for name in absent} == {"-"}
+
+
+@pytest.mark.parametrize(
+    ("module", "argv"),
+    [
+        ("distributed", ("workspace", "sils", "--scheduler", "tcp://127.0.0.1:1")),
+        ("yaml", ("new", "arm", "--from", "{data}/fourbar.urdf", "--out", "{here}/arm")),
+    ],
+)
+def test_what_is_missing_is_named_with_its_extra(venv, tmp_path, module, argv):
+    argv = [a.format(data=ROOT / "tests/data/importing/models", here=tmp_path) for a in argv]
+    refused = _run(venv / "bin/twin", *argv, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert f"needs {module}: pip install 'twin-robotics[{EXTRAS[module]}]'" in refused.stderr
+    assert "Traceback" not in refused.stderr
 
 
 def test_installed_twin_runs_the_main_job_from_another_directory(venv, tmp_path):

@@ -14,6 +14,7 @@ import numpy as np
 
 from twin import assets
 from twin.errors import ProtocolError, TwinError
+from twin.foreign.admit import admit
 from twin.spatial import Array
 
 if TYPE_CHECKING:
@@ -305,6 +306,7 @@ def load(
     if path.suffix in STAGE_SUFFIXES:
         if not path.is_file():
             raise TwinError(f"{path}: there is no such stage")
+        admit(path)
         return Robot(None, path, variants, parameters, tool)
     if tool is not None:
         raise TwinError(f"{robot} is no USD stage: its description says what its tool is")

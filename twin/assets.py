@@ -6,15 +6,13 @@ built-in robot is spread over three places. `RobotFiles` gives the same paths fo
 
 from __future__ import annotations
 
-import contextlib
-import os
-import shutil
-import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from twin.errors import KinematicsError, OutputError, TwinError, unknown
+from twin.atomic import atomic_folder as atomic_folder
+from twin.atomic import require_writable as require_writable
+from twin.atomic import settle
+from twin.errors import KinematicsError, TwinError, unknown
 
 _BESIDE = ("dimensions", "inertia", "exhibit", "scene")
 """What may lie beside a description in a robot's cad/ folder."""
@@ -109,13 +107,15 @@ def files(robot: str | Path) -> RobotFiles:
     """
     if str(robot) in names():
         root, name = data_folder(), str(robot)
-        return RobotFiles(
+        found = RobotFiles(
             name,
             root / "cad" / name,
             root / "usd" / name,
             root / "trajectories" / name,
             _PACKAGE / "robots" / f"{name}.py",
         )
+        _settled(found)
+        return found
     folder = Path(robot)
     if folder.is_dir():
         folder = folder.resolve()
@@ -126,94 +126,19 @@ def files(robot: str | Path) -> RobotFiles:
                 f"{[p.name for p in descriptions] or 'none'}. A robot folder holds cad/<name>.toml, "
                 "trajectories/ and formula.py."
             )
-        return RobotFiles(
+        found = RobotFiles(
             descriptions[0].stem,
             folder / "cad",
             folder / "usd",
             folder / "trajectories",
             folder / "formula.py",
         )
+        _settled(found)
+        return found
     raise TwinError(f"{unknown('robot', str(robot), names())} A path to a robot folder is accepted too.")
 
 
-@contextlib.contextmanager
-def atomic_folder(target: Path) -> Iterator[Path]:
-    """Yield a temporary folder; move its files into `target` when the block ends without an error.
-
-    Files that the block does not write stay as they are. On any error `target` is left untouched.
-
-    Raises:
-        OutputError: if the target cannot be written (read-only, full, a file in the way).
-    """
-    target = Path(target)
-    missing = [p for p in (target, *target.parents) if not p.exists()]
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(prefix=".twin-", dir=target))
-        spare = [work]
-    except OSError as error:
-        for folder in missing:  # also a parent that this call made
-            with contextlib.suppress(OSError):
-                folder.rmdir()
-        raise OutputError(_unwritable(target, error)) from error
-    moved: list[tuple[Path, Path | None]] = []
-    done = False
-    try:
-        yield work
-        old = Path(tempfile.mkdtemp(prefix=".twin-", dir=target))
-        spare.append(old)
-        for i, source in enumerate(sorted(p for p in work.rglob("*") if p.is_file())):
-            final = target / source.relative_to(work)
-            missing += [p for p in (final.parent, *final.parent.parents) if not p.exists()]
-            final.parent.mkdir(parents=True, exist_ok=True)
-            moved.append((final, _spare(final, old / str(i)) if final.is_file() else None))
-            os.replace(source, final)  # noqa: PTH105 - Path.replace is the same call, this name says atomic
-        done = True
-    except OSError as error:
-        raise OutputError(_unwritable(target, error)) from error
-    finally:
-        if not done:
-            _undo(moved)
-        for folder in spare:
-            shutil.rmtree(folder, ignore_errors=True)
-        if not done:
-            for folder in sorted(missing, key=lambda p: -len(p.parts)):
-                with contextlib.suppress(OSError):
-                    folder.rmdir()
-
-
-class _ProbeError(Exception):
-    pass
-
-
-def require_writable(target: Path) -> None:
-    """Do nothing if `atomic_folder` could write there: for those who compute long before they write.
-
-    Raises:
-        OutputError: as `atomic_folder`.
-    """
-    with contextlib.suppress(_ProbeError), atomic_folder(target):
-        raise _ProbeError
-
-
-def _spare(file: Path, kept: Path) -> Path:
-    """Keep a second copy of a file, without taking it away."""
-    try:
-        kept.hardlink_to(file)
-    except OSError:  # a file system without links
-        shutil.copy2(file, kept)
-    return kept
-
-
-def _undo(moved: list[tuple[Path, Path | None]]) -> None:
-    """Put back what was there before; `moved` holds each file and where its forerunner is kept."""
-    for final, kept in reversed(moved):
-        with contextlib.suppress(OSError):
-            if kept is not None:
-                os.replace(kept, final)  # noqa: PTH105
-            else:
-                final.unlink(missing_ok=True)
-
-
-def _unwritable(target: Path, error: OSError) -> str:
-    return f"cannot write to {target}: {error.strerror or error}. Choose another folder with --out."
+def _settled(files: RobotFiles) -> None:
+    """Complete what a process that was killed began to write there."""
+    for folder in (files.cad, files.usd, files.trajectories):
+        settle(folder)

@@ -31,8 +31,16 @@ class SourceError(TwinError):
     """A foreign description (URDF, MJCF, SDF, closure YAML) is malformed, or holds what no mechanism here can."""
 
 
+class BudgetError(TwinError):
+    """Reading a file would cost more than its format may: bytes, depth, parts, memory or time."""
+
+
 class StageError(TwinError):
     """A USD stage cannot be read or written as a mechanism."""
+
+
+class CodeRefusedError(TwinError):
+    """Equations are a Python file, and it is not to be run."""
 
 
 class KinematicsError(TwinError):

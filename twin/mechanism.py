@@ -20,6 +20,7 @@ import numpy as np
 
 from twin import spatial
 from twin.errors import MechanismError, unknown
+from twin.foreign.budget import BODIES, FREEDOMS
 from twin.provenance import Parameter
 from twin.spatial import Array
 
@@ -345,6 +346,12 @@ def _check(m: Mechanism) -> None:
             if item.name in seen:
                 fail(f"two {kind} entries are named '{item.name}'")
             seen.add(item.name)
+    for kind, count in (("bodies", len(m.bodies)), ("joints", len(m.joints))):
+        if count > BODIES:
+            fail(f"{count} {kind}; at most {BODIES} are computed with")
+    freedoms = sum(len(FREE_AXES.get(j.type, ())) for j in m.joints)
+    if freedoms > FREEDOMS:
+        fail(f"its joints have {freedoms} degrees of freedom together; at most {FREEDOMS} are computed with")
     names = {b.name for b in m.bodies}
     if m.base not in names:
         fail(f"base: {unknown('body', m.base, names)}")

@@ -91,8 +91,8 @@ def stage_frames(stage: Path, mechanism, links) -> list[dict]:
 
 def urdf_frames(mechanism, links) -> list[dict]:
     """Return the value of each joint of the URDF at each frame: a ball is three turns, zero at home."""
-    from twin.exporting.spanning import spanning
     from twin.reference import ReferenceModel
+    from twin.stage.write.spanning import spanning
 
     home = ReferenceModel(mechanism).home().link_poses
     out: list[dict] = [{} for _ in range(FRAMES)]
@@ -170,11 +170,13 @@ def test_mujoco_puts_links_of_the_mjcf_where_they_are(figures, tmp_path, name, p
     import mujoco
 
     from twin.exporting.mjcf import write_mjcf
-    from twin.exporting.spanning import spanning
+    from twin.reference import ReferenceModel
+    from twin.stage.write.spanning import spanning
 
     this = case(name, protocol)
     model = mujoco.MjModel.from_xml_path(str(write_mjcf(this.mechanism, tmp_path)))
     data = mujoco.MjData(model)
+    home = ReferenceModel(this.mechanism).home().link_poses
     found: dict = {n: [] for n in this.links}
     residual = 0.0
     for k in range(FRAMES):
@@ -183,9 +185,10 @@ def test_mujoco_puts_links_of_the_mjcf_where_they_are(figures, tmp_path, name, p
                 continue
             at = model.joint(joint.name).qposadr[0]
             T = joint.relative(this.links[joint.parent][k], this.links[joint.child][k])
-            if joint.type == "spherical":
-                R = joint.T_child_joint[:3, :3]
-                data.qpos[at : at + 4] = spatial.quat_from_matrix_wxyz(R @ T[:3, :3] @ R.T)
+            if joint.type == "spherical":  # its quaternion counts from home
+                then = home[joint.parent][:3, :3].T @ home[joint.child][:3, :3]
+                now = this.links[joint.parent][k, :3, :3].T @ this.links[joint.child][k, :3, :3]
+                data.qpos[at : at + 4] = spatial.quat_from_matrix_wxyz(then.T @ now)
             else:
                 data.qpos[at] = np.arctan2(T[1, 0], T[0, 0]) if joint.type == "revolute" else T[2, 3]
         mujoco.mj_fwdPosition(model, data)
@@ -212,9 +215,9 @@ def travel(mechanism, before: dict, after: dict) -> float:
 
 
 def loop_gap(mechanism, run: dict) -> float:
-    """Return how far any joint that closes a loop is open in a run, m."""
+    """Return how far any joint is open in a run, m: whichever closes a loop in the stage is among them."""
     gap = 0.0
-    for joint in mechanism.loops:
+    for joint in mechanism.joints:
         T = np.array([joint.relative(a, b) for a, b in zip(run[joint.parent], run[joint.child], strict=True)])
         locked = [a for a in range(3) if a not in joint.free_axes]
         gap = max(gap, float(np.linalg.norm(T[:, locked, 3], axis=1).max()))

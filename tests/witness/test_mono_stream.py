@@ -314,8 +314,9 @@ def test_a_mistake_is_seen(build, tmp_path, name):
 async def our_own(folder: Path) -> None:
     """`twin serve`, open to the network: in by its token, grab the tool, and the loops follow."""
     import twin
-    from twin.headset.files import File, robot_files
-    from twin.headset.gate import Gate
+    from twin.door.answers import File
+    from twin.door.gate import Gate
+    from twin.headset.files import robot_files
     from twin.headset.server import StreamServer
     from twin.headset.twin import Twin
 

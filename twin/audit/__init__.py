@@ -29,6 +29,10 @@ from twin.audit.motion import Content, check_names
 from twin.audit.physics_truth import mechanism_physics
 from twin.audit.report import AuditReport, Check, Ledger, finished
 from twin.audit.sense import check_sense
+from twin.errors import BudgetError, SourceError
+from twin.foreign.admit import admit
+from twin.foreign.archive import check_zip
+from twin.foreign.budget import check_size
 
 if TYPE_CHECKING:
     from twin.mechanism import Mechanism
@@ -141,7 +145,11 @@ def _guarded(read: Callable[[Path, Ledger], Any], path: Path, ledger: Ledger) ->
         if not path.stat().st_size:
             ledger.add("file.empty", "error", "it is empty.")
             return None
+        if read is not _usd:  # whose header is looked at first
+            admit(path)
         return read(path, ledger)
+    except (BudgetError, SourceError) as error:
+        ledger.add("file.budget", "error", f"{error}")
     except OSError as error:
         ledger.add("file.unreadable", "error", f"it cannot be read: {error.strerror or error}.")
     except _STRANGE as error:
@@ -171,11 +179,15 @@ def _usd(path: Path, ledger: Ledger) -> Content | None:
     from twin.audit.usdz import check_usdz
 
     ledger.tool, ledger.version = "twin.audit on usd-core", version()
-    if path.suffix.lower() == ".usdz" and not check_usdz(path, ledger):
-        return None
+    check_size(path, "USD")
+    if path.suffix.lower() == ".usdz":
+        check_zip(path, "USDZ")
+        if not check_usdz(path, ledger):
+            return None
     if broken := trouble(path.read_bytes()):
         ledger.add("usd.header", "error", f"{broken}.")
         return None
+    admit(path)
     try:
         content = read_usd(path, ledger)
         check_usd(path, bool(content.extra["physics"]), ledger)

@@ -8,9 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from twin.errors import TwinError
+from twin.foreign.budget import check_size
 
 MOST_FILES = 20_000
 """A folder with more is no bundle."""
+
+_TEXT = {".json": "JSON", **dict.fromkeys((".meta", ".asmdef", ".cs", ".txt", ".md"), "text")}
+"""Text of which all is read, by the ends of names."""
 
 STAGES = (".usd", ".usda", ".usdc")
 _SUBLAYER = re.compile(r"@([^@]+\.usd[ac]?)@")
@@ -65,6 +69,8 @@ def find(path: Path) -> Found:
         parts = file.relative_to(path).parts
         if file.is_file() and not any(p.startswith(".") for p in parts):
             files.append(file)
+            if suffix := _TEXT.get(file.suffix.lower()):
+                check_size(file, suffix)
         if len(files) > MOST_FILES:
             raise TwinError(f"{path} holds more than {MOST_FILES} files: name the folder of one export")
     packages = [f.parent for f in files if f.name == "package.json" and _is_package(f)]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.audit.poses import Array
+from twin.foreign.budget import check_size
 
 
 class ObjError(Exception):
@@ -20,6 +21,7 @@ def read_obj(path: Path) -> tuple[Array, Array]:
     Raises:
         ObjError: a line cannot be read, or a face names a point that does not exist.
     """
+    check_size(path, "OBJ")
     stat = path.stat()
     return _read(path, stat.st_mtime_ns, stat.st_size)
 

@@ -18,6 +18,8 @@ from twin.audit.obj import ObjError, read_obj
 from twin.audit.physics_urdf import inertial, tree_physics
 from twin.audit.poses import Array
 from twin.audit.report import Ledger
+from twin.foreign.text import DoctypeError
+from twin.foreign.text import parse_xml as read_xml
 
 KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed": "fixed"}
 
@@ -129,12 +131,11 @@ def parse_xml(path: Path) -> ET.Element:
     Raises:
         UrdfError: it is no XML, or declares entities, which can make a small file endless.
     """
-    data = path.read_bytes()
-    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        raise UrdfError("it declares a document type or entities: not read")
     try:
-        return ET.fromstring(data)
-    except (ET.ParseError, ValueError) as error:
+        return read_xml(path)
+    except DoctypeError as error:
+        raise UrdfError(f"{error}") from error
+    except (ET.ParseError, LookupError, ValueError) as error:
         raise UrdfError(f"it is no XML: {error}") from error
 
 

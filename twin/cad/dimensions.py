@@ -12,6 +12,7 @@ from typing import Literal
 from pydantic import Field, ValidationError
 
 from twin.errors import DescriptionError
+from twin.foreign.text import read_text
 from twin.provenance import Parameter, Provenance
 from twin.schema import Table, Vector, error_at
 from twin.units import DEG, MM
@@ -37,8 +38,8 @@ def read_dimensions(path: Path) -> tuple[Parameter, ...]:
     if not path.is_file():
         return ()
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        data = tomllib.loads(read_text(path, "TOML"))
+    except (ValueError, RecursionError) as error:
         raise DescriptionError(f"{path}: {error}") from error
     out = []
     for name, entry in data.items():

@@ -13,8 +13,9 @@ from typing import Literal
 import numpy as np
 
 from twin.cad.threemf import UNITS, read_3mf
-from twin.errors import CadError
+from twin.errors import BudgetError, CadError
 from twin.findings import Finding
+from twin.foreign.admit import admit
 from twin.mechanism import Inertia, Mesh
 from twin.spatial import Array
 from twin.units import LENGTH, MM
@@ -43,6 +44,7 @@ def load_mesh(
 
     Raises:
         CadError: no unit, missing or unreadable file, nothing in it.
+        BudgetError: it costs more to read than its format may.
     """
     import trimesh
 
@@ -55,12 +57,15 @@ def load_mesh(
     if not path.is_file():
         raise CadError(f"{path}: there is no such mesh file")
     stated = None
+    admit(path)
     try:
         if path.suffix.lower() == ".3mf":
             vertices, triangles, stated = read_3mf(path)
         else:
-            loaded = trimesh.load_scene(path).to_mesh()
+            loaded = trimesh.load_scene(path, skip_materials=True).to_mesh()
             vertices, triangles = np.asarray(loaded.vertices, float), np.asarray(loaded.faces)
+    except BudgetError:
+        raise
     except Exception as error:  # foreign readers raise anything on damaged input
         raise CadError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({error})") from error
     if len(triangles) == 0:

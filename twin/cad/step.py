@@ -10,10 +10,8 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
 import re
 import struct
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -21,7 +19,10 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.errors import CadError
+from twin.atomic import Scratch, atomic_folder, cache_folder
+from twin.errors import CadError, OutputError, SourceError
+from twin.foreign.budget import read_bytes
+from twin.foreign.guard import run
 from twin.spatial import Array
 from twin.units import MM
 
@@ -92,7 +93,7 @@ def length_unit(path: Path) -> float:
         CadError: if the file is missing, no STEP file, cut off, or states no length unit.
     """
     try:
-        text = path.read_text(encoding="latin-1")
+        text = read_bytes(path, "STEP").decode("latin-1")
     except OSError as error:
         raise CadError(f"{path}: cannot read the STEP file ({error.strerror or error})") from error
     if not text.lstrip().startswith("ISO-10303-21"):
@@ -101,7 +102,7 @@ def length_unit(path: Path) -> float:
         raise CadError(f"{path} is cut off: END-ISO-10303-21 is missing. Export or copy it again.")
     compact = re.sub(r"\s+", "", text)
     found: set[float] = set()
-    for entity in re.findall(r"=\(([^;]*LENGTH_UNIT\(\)[^;]*)\);", compact):
+    for entity in (e for e in compact.split(";") if "LENGTH_UNIT()" in e and "=(" in e and e.endswith(")")):
         named = re.search(r"CONVERSION_BASED_UNIT\('([^']*)'", entity)
         si = re.search(r"SI_UNIT\((?:\.(\w+)\.|\$),\.METRE\.\)", entity)
         if named:
@@ -149,17 +150,18 @@ def _glb(path: Path, tolerance: float, angle: float) -> bytes:
     """
     key = hashlib.sha256(path.read_bytes())
     key.update(f"{tolerance!r} {angle!r} {version('cascadio')}".encode())
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "twin" / "step"
+    folder = cache_folder("step")
     cached = folder / f"{key.hexdigest()}.glb"
     with contextlib.suppress(OSError):
         data = cached.read_bytes()
         if data[:4] == b"glTF" and int.from_bytes(data[8:12], "little") == len(data):
             return data  # whole; one that was cut off is read anew
-    import cascadio
-
-    with tempfile.TemporaryDirectory(prefix="twin-step-") as work:
+    with Scratch() as work:
         glb = Path(work) / "step.glb"
-        code = cascadio.step_to_glb(str(path), str(glb), tolerance, angle, include_brep=True)
+        try:
+            code = run(path, "STEP", str(glb), repr(tolerance), repr(angle))
+        except SourceError as error:
+            raise CadError(str(error)) from error
         if code != 0 or not glb.is_file():
             try:  # it does not tell whether reading or writing failed
                 (Path(work) / "room").write_bytes(bytes(path.stat().st_size))
@@ -169,13 +171,11 @@ def _glb(path: Path, tolerance: float, angle: float) -> bytes:
                 ) from None
             raise CadError(f"{path}: OpenCASCADE could not read it (code {code}); the file is damaged")
         data = glb.read_bytes()
-    with contextlib.suppress(OSError):  # a cache that cannot be written is no error
-        folder.mkdir(parents=True, exist_ok=True)
+    with contextlib.suppress(OSError, OutputError):  # a cache that cannot be written is no error
         for old in sorted(folder.glob("*.glb"), key=lambda p: p.stat().st_mtime)[:-_CACHED]:
             old.unlink()
-        fresh = folder / f".{os.getpid()}.tmp"
-        fresh.write_bytes(data)
-        fresh.replace(cached)
+        with atomic_folder(folder) as work:
+            (work / cached.name).write_bytes(data)
     return data
 
 

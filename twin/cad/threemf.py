@@ -8,6 +8,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from twin.foreign.budget import BUDGETS, over
+from twin.foreign.text import parse_xml
 from twin.spatial import Array
 
 _MODEL = "3D/3dmodel.model"
@@ -21,16 +23,17 @@ def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:
 
     Raises:
         ValueError, KeyError, zipfile.BadZipFile, ElementTree.ParseError: it is no such file.
+        BudgetError: it unpacks into, or builds, too much.
     """
     with zipfile.ZipFile(path) as archive:
-        root = ElementTree.fromstring(archive.read(_MODEL))
+        root = parse_xml(path, archive.read(_MODEL), "3MF")
     objects = {o.get("id"): o for o in root.iterfind("{*}resources/{*}object")}
     vertices: list[Array] = []
     triangles: list[np.ndarray] = []
 
-    def add(number: str | None, T: Array, depth: int = 0) -> None:
-        if number not in objects or depth > len(objects):
-            raise ValueError(f"object {number} is missing or holds itself")
+    _check_count(path, root, objects)
+
+    def add(number: str | None, T: Array) -> None:
         mesh = objects[number].find("{*}mesh")
         if mesh is not None:
             points = _numbers(mesh.iterfind("{*}vertices/{*}vertex"), "xyz", float)
@@ -43,7 +46,7 @@ def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:
             vertices.append(points @ T[:3] + T[3])
         for part in objects[number].iterfind("{*}components/{*}component"):
             own = _placement(part.get("transform"))
-            add(part.get("objectid"), np.vstack([own[:3] @ T[:3], own[3] @ T[:3] + T[3]]), depth + 1)
+            add(part.get("objectid"), np.vstack([own[:3] @ T[:3], own[3] @ T[:3] + T[3]]))
 
     for item in root.iterfind("{*}build/{*}item"):
         add(item.get("objectid"), _placement(item.get("transform")))
@@ -51,6 +54,35 @@ def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:
     if unit not in UNITS:
         raise ValueError(f"it states the unit '{unit}'")
     return np.concatenate([np.zeros((0, 3)), *vertices]), np.concatenate([np.zeros((0, 3), int), *triangles]), unit
+
+
+def _check_count(path: Path, root: ElementTree.Element, objects: dict[str | None, ElementTree.Element]) -> None:
+    """Count what a file builds before it is built: an object may stand several times in another, and that again.
+
+    Raises:
+        ValueError: an object is missing, or holds itself.
+        BudgetError: it builds too much.
+    """
+    limits = BUDGETS["3MF"]
+    totals: dict[str | None, int] = {}
+
+    def total(number: str | None, depth: int = 0) -> int:
+        if depth > limits.depth:
+            over(path, "3MF", "depth of its objects, at least", depth, limits.depth)
+        if number not in objects or number in open_:
+            raise ValueError(f"object {number} is missing or holds itself")
+        if number not in totals:
+            open_.add(number)
+            own = sum(len(e) for e in objects[number].iterfind("{*}mesh/*"))
+            parts = objects[number].iterfind("{*}components/{*}component")
+            totals[number] = 1 + own + sum(total(p.get("objectid"), depth + 1) for p in parts)
+            open_.remove(number)
+        return totals[number]
+
+    open_: set[str | None] = set()
+    count = sum(total(item.get("objectid")) for item in root.iterfind("{*}build/{*}item"))
+    if count > limits.numbers:
+        over(path, "3MF", "vertices and triangles that it builds", count, limits.numbers)
 
 
 def _numbers(items, keys, kind) -> np.ndarray:

@@ -5,13 +5,17 @@ Exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage.
 
 from __future__ import annotations
 
+import argparse
 import io
 import json
 import logging
 import os
 import sys
+import tempfile
 from collections.abc import Sequence
+from pathlib import Path
 
+from twin.atomic import cache_folder, no_room, settle
 from twin.cli.parser import UsageError, parser
 from twin.errors import TwinError
 from twin.findings import Finding
@@ -19,6 +23,9 @@ from twin.findings import Finding
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
+    if argv is None and sys.getfilesystemencoding() == "ascii":
+        # LC_ALL=C with PYTHONUTF8=0: names of files would be no text that USD or a mesh library could take.
+        os.execv(sys.executable, [sys.executable, "-X", "utf8", *sys.orig_argv[1:]])
     argv = sys.argv[1:] if argv is None else list(argv)
     for stream in (sys.stdout, sys.stderr):  # a terminal that lacks a sign gets a question mark, not a traceback
         if isinstance(stream, io.TextIOWrapper):
@@ -36,10 +43,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Processes started from here must not import a `numpy.py` that lies beside a downloaded robot.
     os.environ["PYTHONSAFEPATH"] = "1"
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
-    logging.getLogger("twin.robots").setLevel(logging.WARNING if args.quiet or args.json else logging.INFO)
+    # That a stranger's code is run is told always, --quiet and --json or not: it is on stderr.
+    logging.getLogger("twin.robots").setLevel(logging.INFO)
+    if args.no_code:
+        from twin.robots import NO_CODE
+
+        os.environ[NO_CODE] = "1"
     try:
         from twin.cli import commands, scene
 
+        _settle(args)
         scene.refuse(args)
         code = int(commands.COMMANDS[args.command](args))
         sys.stdout.flush()  # here a broken pipe can still be dealt with
@@ -57,9 +70,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if args.debug:
             raise
+        if full := no_room(error):
+            return _failed("OutputError", full, args.json)
+        if isinstance(error, UnicodeEncodeError) and any("\ud800" <= c <= "\udfff" for c in str(error.object)):
+            text = f"{ascii(str(error.object))[:200]} is no text (UTF-8): give files and folders another name"
+            return _failed("output", text, args.json)
         # Python would exit with 1, which here means "disagree".
         text = f"internal error, {type(error).__name__}: {error}. Please report it, with what --debug shows."
         return _failed(type(error).__name__, text, args.json)
+
+
+def _settle(args: argparse.Namespace) -> None:
+    """Complete or remove what killed processes left where this command reads and writes."""
+    made = Path("twin-out")
+    places = [Path(tempfile.gettempdir()), cache_folder("step"), cache_folder("kernels")]
+    places += [made, *made.glob("*/"), *made.glob("*/*/")]
+    places += [Path(v) for v in vars(args).values() if isinstance(v, str) and v]
+    for place in places:
+        settle(place)
 
 
 def _failed(kind: str, message: str, as_json: bool) -> int:

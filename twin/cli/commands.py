@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import filecmp
 import math
-import tempfile
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin import api, assets
+from twin.atomic import Scratch
 from twin.cli import show
 from twin.cli.cure import Cures
 from twin.errors import TwinError, unknown
@@ -152,7 +152,7 @@ def _check(robot: api.Robot, args: argparse.Namespace, progress) -> int:
     if robot.files is None:
         raise TwinError(f"{robot.name} is a stage already")
     current = Path(args.out) if args.out else robot.files.usd
-    with tempfile.TemporaryDirectory(prefix="twin-check-") as folder:
+    with Scratch() as folder:
         fresh = api.build(robot, Path(folder), progress=progress)
         names = [p.relative_to(folder) for p in fresh]
         differing = [str(n) for n in names if not _same(Path(folder) / n, current / n)]
@@ -249,7 +249,10 @@ def validate(args: argparse.Namespace) -> int:
                 )
                 report = cures.of(report, protocol, progress)
                 progress("report", 0.0)
-                reports.append((report, _write(report, root / _folder(report.protocol, variants))))
+                folder = root / _folder(report.protocol, variants)
+                with assets.atomic_folder(folder) as work:
+                    _write(report, work, root)
+                reports.append((report, folder))
     return _finish(reports, args)
 
 
@@ -265,17 +268,19 @@ def run(args: argparse.Namespace) -> int:
     for folder in ("usd", *(robot.protocol(p).name for p in chosen)):
         assets.require_writable(root / folder)
     reports, cures = [], Cures(robot)
-    with show.progress(args.quiet or args.json) as progress:
+    # A stage and the reports on it belong together: they appear in one step.
+    with show.progress(args.quiet or args.json) as progress, assets.atomic_folder(root) as work:
         robot = robot.weighed()
-        written = api.build(robot, root / "usd", protocols=chosen, progress=progress)
+        stage = api.build(robot, work / "usd", protocols=chosen, progress=progress)[0]
         for protocol in chosen:
-            report = api.validate(robot, protocol=protocol, stage=written[0], baked=True, progress=progress)
+            report = api.validate(robot, protocol=protocol, stage=stage, baked=True, progress=progress)
             report = cures.of(report, protocol, progress)
             progress("report", 0.0)
-            reports.append((report, _write(report, root / report.protocol)))
+            _write(report, work / report.protocol, root)
+            reports.append((report, root / report.protocol))
     code = _finish(reports, args)
     if not args.json:
-        print(f"  stage: {written[0]}")
+        print(f"  stage: {root / stage.relative_to(work)}")
     return code
 
 
@@ -325,13 +330,13 @@ def _folder(protocol: str, variants: Mapping[str, str] | None) -> str:
     return "-".join([protocol, *(f"{k}-{v}" for k, v in (variants or {}).items())])
 
 
-def _write(report, folder: Path) -> Path:
+def _write(report, folder: Path, root: Path) -> None:
+    """Write a report into a folder, with the score of the validator that lies in `root`."""
     from twin.report.files import write_report
     from twin.report.selftest import with_selftest
 
-    with assets.atomic_folder(folder) as work:
-        write_report(with_selftest(report, folder.parent / "selftest.json"), work)
-    return folder
+    folder.mkdir(parents=True, exist_ok=True)
+    write_report(with_selftest(report, root / "selftest.json"), folder)
 
 
 def _finish(reports, args: argparse.Namespace) -> int:

@@ -28,6 +28,10 @@ def doctor(args: argparse.Namespace) -> int:
         "viser",
     )
     extras = {
+        "distributed": "sweeps, on several processors or machines (extra: cluster)",
+        "pyarrow": "--parquet (extra: parquet)",
+        "segno": "a QR code of the address of twin serve --host (extra: qr)",
+        "pyyaml": "loops of a URDF from a closure YAML (extra: yaml)",
         "build123d": "redraw the CAD (make cad-check)",
     }
     programs = {"chromium": "pictures of the viewer", "uv": "the locked environment"}

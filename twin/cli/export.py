@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 
 from twin import api
+from twin.cli import scene as scenes
 from twin.cli import show
 from twin.errors import TwinError
 from twin.exporting.bundle import Bundle, chosen_formats
@@ -31,6 +32,10 @@ def export(args: argparse.Namespace) -> int:
         budget = Budget(
             args.budget_um * UM, budget.rotation * args.budget_um * UM / budget.position, args.budget_um * UM
         )
+    if (scene := scenes.find(args.robot)) is not None:
+        from twin.cli.scene_export import export_scene
+
+        return export_scene(scene, args, formats, budget)
     robot = api.load(args.robot, tool=args.tool)
     show.told(robot, args.quiet)
     with show.progress(args.quiet or args.json) as progress:

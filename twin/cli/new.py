@@ -59,7 +59,7 @@ def _make(
 
         if args.closures or args.root:
             raise TwinError(f"{source}: a STEP has neither a closure YAML nor prims")
-        skeleton = read_skeleton(source, guarded=True)
+        skeleton = read_skeleton(source)
         progress("write the skeleton", 0.5)
         written, m = write_skeleton(skeleton, name, target, source, args.force)
         findings, worst = skeleton.findings, 0.0

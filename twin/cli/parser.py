@@ -84,6 +84,7 @@ def parser() -> argparse.ArgumentParser:
         sub.add_argument("--json", action="store_true", help="print JSON instead of text")
         sub.add_argument("--quiet", action="store_true", help="no progress")
         sub.add_argument("--debug", action="store_true", help="show the whole traceback of an error")
+        sub.add_argument("--no-code", action="store_true", help="run no Python of a robot's folder (its formula.py)")
         return sub
 
     def robot(sub: argparse.ArgumentParser) -> None:
@@ -94,6 +95,14 @@ def parser() -> argparse.ArgumentParser:
             "--tool",
             metavar="NAME",
             help="frame or body that is the tool of a USD stage (default: its own, or its end)",
+        )
+
+    def host(sub: argparse.ArgumentParser) -> None:
+        sub.add_argument(
+            "--host",
+            default="127.0.0.1",
+            help="address to serve on (default 127.0.0.1: this machine alone); any other is open to the network, by "
+            "addresses that open once, one for each device",
         )
 
     def out(sub: argparse.ArgumentParser, default: str) -> None:
@@ -216,7 +225,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
     sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
     sub.add_argument("--port", type=_port, default=8080, help="where the page is served (default 8080; 0 takes any)")
-    sub.add_argument("--host", default="127.0.0.1", help="address to serve on (default 127.0.0.1: this machine alone)")
+    host(sub)
     sub.add_argument("--no-browser", action="store_true", help="open no browser")
     tool(sub)
     sub.add_argument("--html", metavar="FILE", help="write a recording of the protocol instead, and end")
@@ -233,12 +242,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or a USD stage")
     sub.add_argument("protocol", nargs="?", help="name or path; default the robot's default protocol")
     sub.add_argument("--port", type=_port, default=8765, help="where it is served (default 8765; 0 takes any)")
-    sub.add_argument(
-        "--host",
-        default="127.0.0.1",
-        help="address to serve on (default 127.0.0.1: this machine alone); any other is open to the network, by "
-        "addresses that open once, one for each device",
-    )
+    host(sub)
     sub.add_argument("--no-browser", action="store_true", help="open no browser")
     sub.add_argument("--record", metavar="FILE", help="record the session: requests, states and frames, as JSON")
     sub.add_argument("--replay", metavar="FILE", help="replay a recorded session instead, frame by frame")
@@ -329,9 +333,10 @@ def parser() -> argparse.ArgumentParser:
         "  twin export sils --to glb,tracks --out xr/\n"
         "  twin export sils --protocol lowered_patient --budget-um 20\n"
         "  twin export my_robot/ --json\n"
-        "  twin export usd/pa10/pa10_circle.usda         a stage, with the motion that is baked in it",
+        "  twin export usd/pa10/pa10_circle.usda         a stage, with the motion that is baked in it\n"
+        "  twin export vsrs                              a scene: each robot, where it stands, and all in one stage",
     )
-    sub.add_argument("robot", help="a built-in robot, the path of a robot folder, or of a USD stage")
+    sub.add_argument("robot", help="a built-in robot or scene, the path of a robot folder, a scene or a USD stage")
     tool(sub)
     out(sub, "./twin-out/<robot>/export/")
     sub.add_argument(

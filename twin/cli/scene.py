@@ -31,7 +31,7 @@ def find(name: str) -> Path | None:
     return path if path.name == "scene.toml" and path.is_file() else None
 
 
-COMMANDS = ("info", "run", "view")
+COMMANDS = ("info", "run", "view", "export")
 """Commands that take a scene."""
 
 

@@ -5,21 +5,18 @@ from __future__ import annotations
 import argparse
 import asyncio
 import signal
-import socket
 import ssl
 import sys
 import threading
 import webbrowser
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from twin import api, assets
-from twin.cli.view import free_port
+from twin.cli.address import Address, free_port
 from twin.errors import TwinError
 
-if TYPE_CHECKING:
-    pass
+_ADVICE = "a headset enters AR only over https (--cert and --key), or over its cable, see --help"
 
 
 def serve(args: argparse.Namespace) -> int:
@@ -38,8 +35,8 @@ def serve(args: argparse.Namespace) -> int:
 
 
 async def _run(args: argparse.Namespace, robot: api.Robot, port: int, context: ssl.SSLContext | None) -> None:
+    from twin.door.gate import Gate
     from twin.headset import files
-    from twin.headset.gate import Gate
     from twin.headset.recording import Recording, Replay
     from twin.headset.server import StreamServer
     from twin.headset.twin import Twin
@@ -61,7 +58,8 @@ async def _run(args: argparse.Namespace, robot: api.Robot, port: int, context: s
         own = files.page_files(Path(str(resources.files("twin.headset"))) / "web" / "dist")
         own |= files.robot_files(glb_bytes(robot.mechanism), about)
         own |= files.patient_files({n: glb_bytes(p.mechanism, (), p.poses) for n, p in twin.patients.items()})
-        address = Address(args.host, port, context is not None, robot.name)
+        advice = "" if context is not None else _ADVICE
+        address = Address(args.host, port, context is not None, robot.name, advice)
         gate = Gate(args.host, port, context is not None, address.say)
         server = StreamServer(source, {"robot": robot.name, "model_hash": about["model_hash"]}, own, gate, recording)
         server.stopping = stopping
@@ -76,49 +74,6 @@ async def _run(args: argparse.Namespace, robot: api.Robot, port: int, context: s
     finally:
         twin.close()
     print()
-
-
-class Address:
-    """Where the page is, as the terminal shows it.
-
-    Attributes:
-        url: for a browser on this machine, or in the network that the server is open to.
-    """
-
-    def __init__(self, host: str, port: int, secure: bool, robot: str) -> None:
-        self.robot, self.secure = robot, secure
-        shown = _reachable() if host in ("0.0.0.0", "::", "") else host
-        shown = f"[{shown}]" if ":" in shown else shown
-        self.url = f"{'https' if secure else 'http'}://{shown}:{port}/"
-        self._first = True
-
-    def say(self, token: str) -> None:
-        """Print the address; with a token also as a QR code, for one device."""
-        if not token:
-            print(f"{self.robot}: {self.url}   (Ctrl-C ends it)", flush=True)
-            return
-        import segno
-
-        url = f"{self.url}?token={token}"
-        if self._first:
-            print(f"{self.robot}: open to the network; each address opens once   (Ctrl-C ends it)")
-            if not self.secure:
-                print("  a headset enters AR only over https (--cert and --key), or over its cable, see --help")
-        else:
-            print("  a device has come in; for the next one:")
-        self._first = False
-        segno.make(url, error="m").terminal(compact=True)
-        print(f"  {url}", flush=True)
-
-
-def _reachable() -> str:
-    """Return the address of this machine in its network."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
-        try:
-            s.connect(("192.0.2.1", 9))  # an address of documentation: nothing is sent, a route is chosen
-            return str(s.getsockname()[0])
-        except OSError:
-            return socket.gethostname()
 
 
 def _tls(cert: str | None, key: str | None) -> ssl.SSLContext | None:

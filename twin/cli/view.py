@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import signal
-import socket
 import threading
 import time
 import webbrowser
@@ -15,11 +14,15 @@ from typing import TYPE_CHECKING
 from twin import api, assets
 from twin.cli import scene as scenes
 from twin.cli import show
+from twin.cli.address import Address, free_port
 from twin.errors import TwinError
 
 if TYPE_CHECKING:
     from twin.mechanism import Mechanism
     from twin.viewer.front import Actor, Front
+
+
+_ADVICE = "whoever comes in can move and load what is shown; nothing can be written from there"
 
 
 def view(args: argparse.Namespace) -> int:
@@ -28,6 +31,7 @@ def view(args: argparse.Namespace) -> int:
     title, load = _what(args)
     if args.html is not None:
         assets.require_writable(Path(args.html).parent)
+    from twin.door.gate import Gate
     from twin.viewer.server import serve, stop
 
     front, stopping = None, threading.Event()
@@ -39,22 +43,24 @@ def view(args: argparse.Namespace) -> int:
 
     if args.html is None:
         signal.signal(signal.SIGINT, end)
-    server = serve(f"twin · {title}", args.host, port)
+    address = Address(args.host, port, False, title, _ADVICE)
+    gate = Gate(args.host, port, False, address.say if args.html is None else lambda token: None)
+    server = serve(f"twin · {title}", args.host, port, gate)
     try:
         if args.html is not None:
             from twin.viewer.front import Front
 
             front = Front(f"twin · {title}", *load(), server)
             return _page(front, Path(args.html), args.quiet)
-        url = f"http://{'127.0.0.1' if args.host in ('0.0.0.0', '') else args.host}:{port}"
-        print(f"{title}: {url}   (Ctrl-C ends it)", flush=True)
-        if args.host not in ("127.0.0.1", "localhost"):
-            print(f"  open to the network on {args.host}: whoever reaches it can move what is shown", flush=True)
-        if not args.no_browser:  # it starts while the CAD is read
-            threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+        if not gate.open:
+            address.say("")
+            if not args.no_browser:  # it starts while the CAD is read
+                threading.Thread(target=webbrowser.open, args=(address.url,), daemon=True).start()
+        from twin.cli.terminal import Terminal
         from twin.viewer.front import Front
 
-        front = Front(f"twin · {title}", *load(), server, stopping)
+        terminal = None if gate.open else Terminal.here()
+        front = Front(f"twin · {title}", *load(), server, stopping, local=not gate.open, terminal=terminal)
         front.load_soon()
         front.run()
     finally:
@@ -65,28 +71,6 @@ def view(args: argparse.Namespace) -> int:
             stop(server)
     print()
     return 0
-
-
-def free_port(host: str, port: int) -> int:
-    """Return the port if it is free; 0 takes any.
-
-    Raises:
-        TwinError: something listens there, or the host is not this machine's; with what would do.
-    """
-    with socket.socket() as s:
-        s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            s.bind((host, port))
-        except OSError as error:
-            if error.errno in (98, 48, 10048):  # in use, on Linux, macOS, Windows
-                with socket.socket() as other:
-                    other.bind((host, 0))
-                    free = other.getsockname()[1]
-                raise TwinError(
-                    f"port {port} is taken, perhaps by another twin view: end that, or use --port {free}, which is free"
-                ) from error
-            raise TwinError(f"cannot listen on {host}:{port}: {error.strerror or error}") from error
-        return int(s.getsockname()[1])
 
 
 def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor], Mechanism | None]]]:

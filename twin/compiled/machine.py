@@ -7,13 +7,14 @@ import ctypes
 import hashlib
 import os
 import stat
-import tempfile
 import threading
-from pathlib import Path
 from typing import Any
 
 import llvmlite
 import llvmlite.binding as llvm
+
+from twin.atomic import atomic_folder, cache_folder
+from twin.errors import OutputError
 
 _CACHED = 256
 """Kernels that are kept; the oldest goes first."""
@@ -79,12 +80,8 @@ def _code(text: str, target: llvm.TargetMachine) -> bytes:
     return target.emit_object(module)
 
 
-def _folder() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "twin" / "kernels"
-
-
 def _cached(key: str) -> bytes | None:
-    path = _folder() / f"{key}.o"
+    path = cache_folder("kernels") / f"{key}.o"
     try:
         for at in (path.parent, path):
             seen = at.stat()
@@ -98,12 +95,11 @@ def _cached(key: str) -> bytes | None:
 
 
 def _keep(key: str, code: bytes) -> None:
-    folder = _folder()
-    with contextlib.suppress(OSError):  # a cache that cannot be written is no error
+    folder = cache_folder("kernels")
+    with contextlib.suppress(OSError, OutputError):  # a cache that cannot be written is no error
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         for old in sorted(folder.glob("*.o"), key=lambda p: p.stat().st_mtime)[:-_CACHED]:
             old.unlink()
-        handle, name = tempfile.mkstemp(dir=folder, suffix=".tmp")  # mode 0600
-        with os.fdopen(handle, "wb") as file:
-            file.write(hashlib.sha256(code).digest() + code)
-        Path(name).replace(folder / f"{key}.o")
+        with atomic_folder(folder) as work:
+            (work / f"{key}.o").write_bytes(hashlib.sha256(code).digest() + code)
+            (work / f"{key}.o").chmod(0o600)

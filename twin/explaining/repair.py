@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import tempfile
 import time
 import warnings
 from collections.abc import Callable, Container
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.atomic import Scratch
 from twin.errors import KinematicsError
 from twin.explaining.candidate import REST, TOKENS, Candidate, Found, Key, aliases, key, residuals, scores
 from twin.explaining.canonical import canonical
@@ -270,7 +270,7 @@ class Search:
         joints = [(j.name, j.kind == "revolute") for j in formula.joints]
         if any(e.path != path or e.kind == "left side" for e in c.edits):
             return None
-        with tempfile.TemporaryDirectory() as folder:
+        with Scratch() as folder:
             file = Path(folder) / "formula.py"
             file.write_text(patched(c.edits), encoding="utf-8")
             try:

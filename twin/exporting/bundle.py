@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from twin import assets
-from twin.errors import OutputError, TwinError, unknown
+from twin.errors import TwinError, unknown
 from twin.exporting import readme
 from twin.exporting.clip import model_hash
 from twin.exporting.order import Order, Progress
@@ -112,8 +112,7 @@ def write_bundle(
         OutputError: the folder cannot be written.
         TwinError: a format cannot hold the robot.
     """
-    before = _written_before(folder)
-    with assets.atomic_folder(folder) as work:
+    with assets.atomic_folder(folder, replacing=_written_before(folder)) as work:
         findings = list(order.findings)
         for i, name in enumerate(formats):
             progress(f"write {name}", i / len(formats))
@@ -128,7 +127,6 @@ def write_bundle(
         proof = _proof(order, work, files, checks, findings)
         (work / PROOF).write_text(_lines(proof), encoding="utf-8")
         files = sorted([*files, Path(PROOF)])
-    _remove(folder, {f: h for f, h in before.items() if Path(f) not in files})
     return Bundle(folder, tuple(files), order, tuple(findings), tuple(checks))
 
 
@@ -171,7 +169,7 @@ def _tracks(order: Order, work: Path) -> list[Finding]:
     from twin.exporting.tracks import write_schema, write_tracks
 
     for scene in order.scenes:
-        write_tracks(scene.mechanism, scene.clip, work / "tracks", model_hash(order.mechanism), order.assumed)
+        write_tracks(scene.mechanism, scene.clip, work / "tracks", order.mechanism, order.assumed)
     write_schema(work / "tracks")
     return []
 
@@ -304,30 +302,17 @@ def _sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _written_before(folder: Path) -> dict[str, str]:
-    """Return hash by file of the bundle that lies in the folder, as its proof lists them; empty if there is none."""
+def _written_before(folder: Path) -> list[str]:
+    """Return the files of the bundle that lies in the folder, by its proof, that nobody has changed since."""
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         proof = json.loads((folder / PROOF).read_text(encoding="utf-8"))
         if proof["schema"] == "twin-proof":
-            return {str(f["file"]): str(f["sha256"]) for f in proof["files"]}
-    return {}
+            return [str(f["file"]) for f in proof["files"] if _is_unchanged(folder, str(f["file"]), str(f["sha256"]))]
+    return []
 
 
-def _remove(folder: Path, old: dict[str, str]) -> None:
-    """Remove files of an earlier bundle that nobody has changed since, and folders that are then empty.
-
-    Raises:
-        OutputError: one cannot be removed.
-    """
-    inside = folder.resolve()
-    for name, sha in old.items():
-        path = folder / name
-        try:
-            if not path.resolve().is_relative_to(inside) or not path.is_file() or _sha256(path) != sha:
-                continue
-            path.unlink()
-            for parent in path.relative_to(folder).parents:
-                if parent != Path() and not any((folder / parent).iterdir()):
-                    (folder / parent).rmdir()
-        except OSError as error:
-            raise OutputError(f"cannot remove {path}, of an earlier export: {error.strerror or error}") from error
+def _is_unchanged(folder: Path, name: str, sha: str) -> bool:
+    path = folder / name
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        return False
+    return path.resolve().is_relative_to(folder.resolve()) and path.is_file() and _sha256(path) == sha

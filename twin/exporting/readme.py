@@ -54,12 +54,23 @@ _USES = [
     (
         "usd",
         "- Isaac Sim, Omniverse, Newton, PhysX: open usd/<robot>_sim.usda to simulate (joint state is authored, loops "
-        "are outside of the articulation, self collision is off); usd/<robot>_<protocol>.usda to watch a motion.",
+        "are outside of the articulation, self collision is off); usd/<robot>_<protocol>.usda to watch a motion. "
+        "Newton starts at home by its default importer, but its MuJoCo solver gives loops soft springs of its own: set "
+        "solver.mj_model.eq_solref to (0.001, 1) and eq_solimp to (0.9999, 0.9999, 0.001, 0.5, 2).",
     ),
     ("unity", "- Unity: add unity/ as a package from disk, then use its menu to import the GLB and the tracks."),
     ("tracks", "- Anything else: tracks/*.csv opens in a spreadsheet, tracks/*.json follows track.schema.json."),
-    ("mjcf", "- MuJoCo: load <robot>.xml; loops are held by equality constraints."),
-    ("urdf", "- URDF tools: load <robot>.urdf; it has no loops, see below."),
+    (
+        "mjcf",
+        "- MuJoCo 3.13 or newer: load <robot>.xml and step, 1 ms at a time. It starts at home with closed loops, which "
+        "equality constraints hold; a control is how far a drive is to go from home (ctrl = coordinate - ref), so that "
+        "zero holds the robot where it is.",
+    ),
+    (
+        "urdf",
+        "- URDF tools: load <robot>.urdf; it has no loops, see below. To play a track, give every joint the value in "
+        "the column of its name; a ball is three of them, <ball>_x, <ball>_y and <ball>_z.",
+    ),
 ]
 
 

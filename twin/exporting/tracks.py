@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from twin.exporting.clip import Clip, model_hash, quaternions_xyzw
+from twin.exporting.turns import tree_coordinates
 from twin.mechanism import Mechanism
 from twin.schema import json_schema
 from twin.spatial import Array
@@ -22,7 +23,7 @@ _DIGITS = 7
 
 
 def write_tracks(
-    mechanism: Mechanism, clip: Clip, folder: Path, hash_of_model: str | None = None, assumed: Sequence[str] = ()
+    mechanism: Mechanism, clip: Clip, folder: Path, drawn: Mechanism | None = None, assumed: Sequence[str] = ()
 ) -> tuple[Path, Path]:
     """Write <clip>.json and <clip>.csv into `folder` and return their paths; both hold the same numbers.
 
@@ -30,11 +31,11 @@ def write_tracks(
         mechanism: whose motion it is, with its trocar where the protocol has it.
         clip: the motion.
         folder: made if it is missing.
-        hash_of_model: `model_hash` of the robot as drawn, that of `mechanism` if it has no trocar to move.
+        drawn: the robot as drawn, whose hash and home the track names; `mechanism` if it has no trocar to move.
         assumed: "name: reason" of numbers that the robot assumes, beside those of the clip.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    data = track(mechanism, clip, hash_of_model, assumed)
+    data = track(mechanism, clip, drawn, assumed)
     as_json, as_csv = folder / f"{clip.name}.json", folder / f"{clip.name}.csv"
     as_json.write_text(_json(data), encoding="utf-8")
     as_csv.write_text(_csv(data), encoding="utf-8")
@@ -57,11 +58,12 @@ def schema_text() -> str:
 
 
 def track(
-    mechanism: Mechanism, clip: Clip, hash_of_model: str | None = None, assumed: Sequence[str] = ()
+    mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assumed: Sequence[str] = ()
 ) -> dict[str, Any]:
     """Return the track of `write_tracks` as plain data; see `twin.schema.track.Track` for what each entry is."""
     joints = [j for j in mechanism.joints if j.name in clip.joints]
-    limits = [j.limits or (-NO_LIMIT, NO_LIMIT) for j in joints]
+    turns = tree_coordinates(drawn or mechanism, clip.links)
+    limits = [*(j.limits or (-NO_LIMIT, NO_LIMIT) for j in joints), *[(-NO_LIMIT, NO_LIMIT)] * len(turns)]
     tool = mechanism.frame(mechanism.tool)
     trocar = mechanism.trocar_at if mechanism.trocar else None
     rcm = clip.rcm if clip.rcm is not None else trocar
@@ -72,7 +74,7 @@ def track(
         "robot": mechanism.name,
         "protocol": clip.name,
         "title": clip.title,
-        "model_hash": hash_of_model or model_hash(mechanism),
+        "model_hash": model_hash(drawn or mechanism),
         "frame": "z-up right-handed",
         "length_unit": "m",
         "angle_unit": "rad",
@@ -82,12 +84,12 @@ def track(
         "times": _plain(np.round(clip.times, 9)),
         "links": list(clip.links),
         "poses": _flat(np.stack([_seven(Ts) for Ts in clip.links.values()], axis=1)),
-        "joints": [j.name for j in joints],
-        "joint_types": [j.type for j in joints],
-        "joint_active": [int(j.active) for j in joints],
+        "joints": [*(j.name for j in joints), *(t.name for t in turns)],
+        "joint_types": [*(j.type for j in joints), *(t.type for t in turns)],
+        "joint_active": [*(int(j.active) for j in joints), *[0] * len(turns)],
         "joint_lower": _flat([low for low, _ in limits]),
         "joint_upper": _flat([high for _, high in limits]),
-        "positions": _flat([clip.joints[j.name] for j in joints], transpose=True),
+        "positions": _flat([*(clip.joints[j.name] for j in joints), *(t.values for t in turns)], transpose=True),
         "phases": [name for name, _, _ in clip.phases],
         "phase_start": _plain(np.round([t0 for _, t0, _ in clip.phases], 9)),
         "phase_end": _plain(np.round([t1 for _, _, t1 in clip.phases], 9)),

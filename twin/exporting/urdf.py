@@ -15,11 +15,11 @@ import numpy as np
 from twin import spatial
 from twin.exporting.masses import inertia_of, unweighed
 from twin.exporting.meshes import SCALE, mesh_file, write_meshes
-from twin.exporting.spanning import spanning
 from twin.exporting.xml import numbers, srgb, write_xml
 from twin.findings import Finding
 from twin.mechanism import Body, Inertia, Joint, Mechanism
 from twin.spatial import Array
+from twin.stage.write.spanning import spanning
 
 SMALL = Inertia(1e-6, np.zeros(3), 1e-9 * np.eye(3))
 """Of a link between two turns: next to nothing, but an inertia that engines take."""

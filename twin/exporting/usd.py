@@ -8,7 +8,6 @@ motion/<protocol>.usdc               baked poses and joint values at the times o
 from __future__ import annotations
 
 import contextlib
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +16,7 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdPhysics
 
 from twin.assets import RobotFiles
+from twin.atomic import Scratch
 from twin.cad.build import fingerprint, read_mechanism
 from twin.errors import AssemblyError, StageError
 from twin.mechanism import Mechanism
@@ -114,6 +114,8 @@ def _add_scene(layer: Sdf.Layer) -> None:
         ("enableExternalForcesEveryIteration", Sdf.ValueTypeNames.Bool, True),
     ):
         prim.CreateAttribute(f"physxScene:{name}", kind, False).Set(value)
+    # MuJoCo, also as a solver of Newton: the only integrator of its that takes drives and ties in one solve.
+    prim.CreateAttribute("mjc:option:integrator", Sdf.ValueTypeNames.Token, False).Set("discrete")
 
 
 @contextlib.contextmanager
@@ -124,7 +126,7 @@ def fresh_stage(files: RobotFiles) -> Iterator[Path]:
             if fingerprint(files.description) in made_from(files.stage):
                 yield files.stage
                 return
-    with tempfile.TemporaryDirectory(prefix="twin-usd-") as folder:
+    with Scratch() as folder:
         yield write_usd(read_mechanism(files.description).mechanism, (), Path(folder))[0]
 
 

@@ -7,7 +7,6 @@ samples. A viewer plays the motion in a loop: where the last pose is not the fir
 
 from __future__ import annotations
 
-import tempfile
 import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
 
+from twin.atomic import Scratch
 from twin.exporting.usd import rounded
 from twin.mechanism import Mechanism
 from twin.spatial import Array
@@ -50,7 +50,7 @@ def write_usdz(mechanism: Mechanism, clip: Clip | None, path: Path) -> Path:
         StageError: a clip does not fit the mechanism, or the file cannot be written.
         AssemblyError: without a clip, the mechanism cannot be assembled as drawn.
     """
-    with tempfile.TemporaryDirectory(prefix="twin-usdz-") as name:
+    with Scratch() as name:
         folder = Path(name)
         layers = [str(write_geometry(mechanism, folder / "geometry.usdc", _rest(mechanism, clip)))]
         end = 0.0

@@ -9,9 +9,9 @@ from typing import Any, Protocol
 
 from websockets.asyncio.server import broadcast
 
+from twin.door.connection import Connection
+from twin.door.limits import Bucket
 from twin.headset import protocol as wire
-from twin.headset.connection import Connection
-from twin.headset.limits import Bucket
 
 STALL = 10.0
 """Seconds after which a client that takes nothing is cut."""

@@ -16,6 +16,7 @@ from pydantic import Field, ValidationError
 
 from twin.assets import atomic_folder
 from twin.errors import TwinError
+from twin.foreign.text import read_text
 from twin.headset import protocol as wire
 from twin.headset.protocol import RefusedError
 from twin.live.timeline import RATE
@@ -23,6 +24,16 @@ from twin.schema import Table
 
 LONGEST = 30 * 60
 """Seconds that are recorded at most: 60 frames of a kilobyte each."""
+
+LARGEST = 200_000_000
+"""Bytes of one recording: as long as that in frames, and what clients say meanwhile."""
+
+FILES, IN_ALL = 50, 1_000_000_000
+"""Recordings of one server, and their bytes: any client may begin one again and again."""
+
+
+_ENTRY = 64
+"""Bytes about one entry of the file."""
 
 
 class Recording:
@@ -36,36 +47,50 @@ class Recording:
     def __init__(
         self, path: Path, robot: str, model_hash: str, links: tuple[str, ...], joints: tuple[str, ...]
     ) -> None:
-        self.path, self._stem, self._saved = Path(path), Path(path).stem, 0
+        self.path, self._stem, self._saved, self._written = Path(path), Path(path).stem, 0, 0
         self._of = {"robot": robot, "model_hash": model_hash, "links": list(links), "joints": list(joints)}
         self.running = False
         self.begin(0)
 
     def begin(self, tick: int) -> None:
         """Begin anew; `finish` has ended what was before."""
-        self.running, self._first = True, tick
+        self.running, self._first, self._size = True, tick, 0
         self._frames: list[tuple[int, bytes]] = []
         self._documents: list[tuple[int, dict[str, Any]]] = []
         self._requests: list[tuple[int, str, dict[str, Any]]] = []
 
+    def check_room(self) -> None:
+        """Return if another recording may begin.
+
+        Raises:
+            RefusedError: there are as many as a server writes, or as large ones.
+        """
+        if self._saved >= FILES or self._written + self._size >= IN_ALL:
+            text = f"{self._saved} recordings, {self._written / 1e6:.0f} MB: no more from one start of the server"
+            raise RefusedError("refused", text)
+
     def add_frame(self, tick: int, frame: bytes) -> None:
         """Add a frame that was sent at a tick."""
         if self.running:
+            self._size += 4 * len(frame) // 3 + _ENTRY
             self._frames.append((tick - self._first, frame))
 
     def full(self, tick: int) -> bool:
-        """Return whether it is as long as it may be."""
-        return self.running and tick - self._first > LONGEST * RATE
+        """Return whether it is as long, or as large, as it may be."""
+        return self.running and (tick - self._first > LONGEST * RATE or self._size > LARGEST)
 
     def add_document(self, tick: int, document: dict[str, Any]) -> None:
         """Add a document that all clients were sent."""
         if self.running:
+            self._size += len(json.dumps(document)) + _ENTRY
             self._documents.append((tick - self._first, document))
 
     def add_request(self, tick: int, client: str, message: wire.Message) -> None:
         """Add what a client asked for, whether or not it was followed."""
         if self.running:
-            self._requests.append((tick - self._first, client, message.model_dump(mode="json", exclude_none=True)))
+            said = message.model_dump(mode="json", exclude_none=True)
+            self._size += len(json.dumps(said)) + _ENTRY
+            self._requests.append((tick - self._first, client, said))
 
     def finish(self) -> Callable[[], None]:
         """End; return what writes the file, in whatever thread. It raises `OutputError` if it cannot."""
@@ -75,6 +100,7 @@ class Recording:
         self.running = False
         path, frames, documents, requests = self.path, self._frames, self._documents, self._requests
         self._saved += 1
+        self._written += self._size
         self.path = path.with_name(f"{self._stem}-{self._saved + 1}{path.suffix}")
 
         def write() -> None:
@@ -129,7 +155,7 @@ class Replay:
 
     def __init__(self, path: Path, robot: str, model_hash: str) -> None:
         try:
-            file = _File.model_validate_json(Path(path).read_text(encoding="utf-8"))
+            file = _File.model_validate_json(read_text(Path(path), "JSON"))
         except (OSError, UnicodeDecodeError) as error:
             raise TwinError(f"{path}: cannot be read as a session: {error}") from error
         except ValidationError as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import secrets
 import ssl
 import time
@@ -11,20 +10,20 @@ from collections import OrderedDict
 from collections.abc import Callable
 from http import HTTPStatus
 from typing import Any
-from urllib.parse import parse_qs
 
 from pydantic_core import to_json
-from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.asyncio.server import Server, ServerConnection
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
+from twin.door.answers import File, refusal
+from twin.door.connection import Connection
+from twin.door.entrance import listen, page, query_of, stranger, visit
+from twin.door.gate import Gate
+from twin.door.limits import GARBAGE, MESSAGES, Bucket, Doorman
 from twin.errors import TwinError
 from twin.headset import protocol as wire
 from twin.headset.client import Client, Source
-from twin.headset.connection import Connection
-from twin.headset.files import File, answer, refusal
-from twin.headset.gate import Gate
-from twin.headset.limits import GARBAGE, MESSAGES, Bucket, Doorman
 from twin.headset.protocol import RefusedError
 from twin.headset.recording import Recording
 from twin.live.timeline import RATE
@@ -75,26 +74,8 @@ class StreamServer:
 
     async def start(self, host: str, port: int, context: ssl.SSLContext | None = None) -> None:
         """Listen."""
-        logger = logging.getLogger("twin.headset.websockets")
-        logger.setLevel(logging.CRITICAL)  # whatever peers do wrong is theirs
-        own = type("OwnConnection", (Connection,), {"doorman": self._doorman})
-        self._server: Server = await serve(
-            self._client,
-            host,
-            port,
-            ssl=context,
-            process_request=self._request,
-            create_connection=own,
-            compression=None,
-            server_header=None,
-            open_timeout=60.0,
-            ping_interval=5.0,
-            ping_timeout=10.0,
-            close_timeout=1.0,
-            max_size=wire.LONGEST,
-            max_queue=32,
-            logger=logger,
-            ssl_handshake_timeout=None if context is None else 5.0,
+        self._server: Server = await listen(
+            self._client, host, port, self._request, self._doorman, longest=wire.LONGEST, context=context
         )
         self.port = int(next(iter(self._server.sockets)).getsockname()[1])
 
@@ -134,10 +115,10 @@ class StreamServer:
             self._frame = frame
             if self.recording is not None:
                 self.recording.add_frame(self._tick, frame)
-                if self.recording.full(self._tick):
-                    self._write(self.recording.finish())
             for client in self.clients:
                 client.behind = True
+        if self.recording is not None and self.recording.full(self._tick):
+            self._write(self.recording.finish())
         now = time.monotonic()
         if self._dirty or self._tick % STATE == 0:
             self._watch(now)
@@ -176,11 +157,7 @@ class StreamServer:
 
     # -- clients --------------------------------------------------------------------------------------
 
-    async def _client(self, connection: ServerConnection) -> None:
-        assert isinstance(connection, Connection)
-        if not self._doorman.join(connection.household):
-            await connection.close(1013, "too many clients")
-            return
+    async def _client(self, connection: Connection) -> None:
         client = self._join(connection)
         try:
             async for text in connection:
@@ -188,12 +165,11 @@ class StreamServer:
         except ConnectionClosed:
             pass
         finally:
-            self._doorman.part(connection.household)
             self._leave(client)
 
     def _join(self, ws: Connection) -> Client:
         assert ws.request is not None
-        token = _query(ws.request.path).get("resume", "")
+        token = query_of(ws.request.path).get("resume", "")
         now = time.monotonic()
         if token in self._known:
             name = self._known[token]
@@ -260,6 +236,8 @@ class StreamServer:
     def _record(self, on: bool) -> None:
         if self.recording is None:
             raise RefusedError("refused", "nothing can be recorded: start the server with --record FILE")
+        if on:
+            self.recording.check_room()
         self._say_state()
         self._write(self.recording.finish())
         if on:
@@ -296,44 +274,15 @@ class StreamServer:
 
     def _request(self, connection: ServerConnection, request: Request) -> Response | None:
         """Answer a request for a file, or let a WebSocket come in (None)."""
-        assert isinstance(connection, Connection)
-        head, headers = connection.head_only, request.headers
-        try:
-            host, origin, cookies = headers.get("Host"), headers.get("Origin"), "; ".join(headers.get_all("Cookie"))
-            upgrade = "websocket" in headers.get("Upgrade", "").lower()
-        except LookupError:  # a header that is there twice
-            return refusal(HTTPStatus.BAD_REQUEST, "a header is there twice", head)
-        own = connection.local_address[0]
-        if not self.gate.answers_to(host, own):
-            return refusal(HTTPStatus.MISDIRECTED_REQUEST, "this server is not known by that name", head)
-        if not self.gate.same_origin(origin, host):
-            return refusal(HTTPStatus.FORBIDDEN, "another page's origin", head)
-        path, query = request.path.partition("?")[0], _query(request.path)
-        known = not self.gate.open or self.gate.known(cookies)
-        if path == "/ws":
-            if not upgrade or head:
-                out = refusal(HTTPStatus.UPGRADE_REQUIRED, "here is a WebSocket", head)
-                out.headers["Upgrade"] = "websocket"
-                return out
-            if known or query.get("resume") in self._known or self.gate.spend(query.get("token", "")):
-                return None
-            return refusal(HTTPStatus.FORBIDDEN, "open the page first, by the address that the terminal shows")
-        cookie = None
-        if not known:
-            if path == "/" and not head:
-                cookie = self.gate.enter(query.get("token", ""))
-            if cookie is None:
-                text = "This address opens once, for one device. Take the newest one from the terminal."
-                return refusal(HTTPStatus.FORBIDDEN, text, head)
-        file = self.files.get(path)
-        if file is None:
-            return refusal(HTTPStatus.NOT_FOUND, "there is nothing here", head)
-        return answer(file, headers, head, cookie)
-
-
-def _query(target: str) -> dict[str, str]:
-    """Return the query of a request target, the first of each name."""
-    try:
-        return {k: v[0] for k, v in parse_qs(target.partition("?")[2], max_num_fields=8).items()}
-    except ValueError:
-        return {}
+        seen = visit(self.gate, connection, request)
+        if isinstance(seen, Response):
+            return seen
+        if seen.path != "/ws":
+            return page(self.gate, seen, self.files)
+        if not seen.upgrade or seen.head:
+            out = refusal(HTTPStatus.UPGRADE_REQUIRED, "here is a WebSocket", seen.head)
+            out.headers["Upgrade"] = "websocket"
+            return out
+        if seen.known or seen.query.get("resume") in self._known or self.gate.spend(seen.query.get("token", "")):
+            return None
+        return stranger()

@@ -7,7 +7,6 @@
     mjcf       MJCF with equality constraints, as MuJoCo compiles it; mjcf_robots: one of several
     sdf        SDF; sdf_world: one model of several, includes and nested models written out
     usd        UsdPhysics stages
-    guard      native parsers tried in a process of their own first
     closing    the loops closed, and what stays open
     step       a STEP assembly as a skeleton: bodies, fitting faces (pairs), proposed joints (proposals)
     folder     the robot folder: description, meshes, notes; templates of formula and protocol
@@ -86,9 +85,9 @@ def read(path: Path, closures: Path | None = None, root: str | None = None, guar
 
         refuse_nan(path)
     if guarded:
-        from twin.importing.guard import try_first
+        from twin.foreign.admit import admit
 
-        try_first(path, kind)
+        admit(path)
     if kind == "MJCF":
         from twin.importing.mjcf import read_mjcf
 

@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import SourceError, unknown
+from twin.extras import require
+from twin.foreign.text import read_text
 from twin.mechanism import JointType
 
 TYPES: dict[str, JointType] = {"6d": "fixed", "3d": "spherical"}
@@ -23,9 +25,6 @@ _KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 
 RETYPED = ("SPHERICAL", "FIXED", *(f"UJOINT_{a}{b}" for a in "XYZ" for b in "XYZ" if a != b))
 """What a joint of the URDF may be made."""
-
-LARGEST = 1_000_000
-"""Bytes that are still read."""
 
 
 @dataclass(frozen=True)
@@ -87,12 +86,9 @@ def _distinct(path: Path, key: str, names: list) -> None:
 
 
 def _data(path: Path) -> Any:
-    import yaml
-
+    yaml = require("yaml", f"{path}: a closure YAML")
     try:
-        if path.stat().st_size > LARGEST:
-            raise SourceError(f"{path}: larger than 1 MB; that is no closure YAML")
-        text = path.read_text("utf-8")
+        text = read_text(path, "YAML")
         # An alias may be repeated into something far larger than the file.
         if any(isinstance(t, yaml.AliasToken) for t in yaml.scan(text, yaml.SafeLoader)):
             raise SourceError(f"{path}: aliases (*name) are not read; write the list out")

@@ -17,12 +17,12 @@ import numpy as np
 from twin import spatial
 from twin.errors import SourceError
 from twin.findings import Finding
+from twin.foreign.budget import check_size, read_bytes
 from twin.importing.mjcf_assets import without_missing
 from twin.importing.mjcf_left import left_out
 from twin.importing.mjcf_robots import chosen, tied_by
 from twin.importing.mjcf_shapes import shown
 from twin.importing.source import Imported, Names, along, assemble, note, possible, warning
-from twin.importing.xml import LARGEST
 from twin.mechanism import Body, Coupling, Drive, Frame, Inertia, Joint, JointType
 from twin.spatial import Array
 from twin.stage.read.names import identifier
@@ -45,8 +45,7 @@ def read_mjcf(path: Path, root: str | None = None) -> Imported:
     """
     import mujoco
 
-    if path.stat().st_size > LARGEST:
-        raise SourceError(f"{path}: larger than {LARGEST // 1_000_000} MB; that is no description of a robot")
+    check_size(path, "MJCF")
     missing: list[Finding] = []
     try:
         with warnings.catch_warnings(record=True) as told:
@@ -64,7 +63,7 @@ def read_mjcf(path: Path, root: str | None = None) -> Imported:
 
 def refuse_nan(path: Path) -> None:
     """Raise `SourceError` for a number that is none: MuJoCo compiles an ellipsoid of such a size for ever."""
-    for number, line in enumerate(path.read_bytes().decode(errors="replace").splitlines(), 1):
+    for number, line in enumerate(read_bytes(path, "MJCF").decode(errors="replace").splitlines(), 1):
         for name, value in _ATTRIBUTE.findall(line):
             if "nan" in (tokens := value.lower().split()) and all(map(_is_number, tokens)):
                 raise SourceError(f"{path}:{number}: {name} = '{value[:80]}' is not all finite numbers")

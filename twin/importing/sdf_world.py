@@ -12,6 +12,7 @@ from xml.etree.ElementTree import Element
 
 from twin.errors import SourceError, unknown
 from twin.findings import Finding
+from twin.foreign.budget import INCLUDES, over
 from twin.importing.shapes import find
 from twin.importing.source import note, warning
 from twin.importing.xml import Xml
@@ -35,10 +36,11 @@ def robot_of(xml: Xml, root: str | None, findings: list[Finding]) -> Element:
         SourceError: several models have joints and no root is given, there is no such model, or a part is missing.
     """
     known: dict[str, Element] = {}
+    taken: list[Path] = []
     for scope in (xml.root, *xml.root.findall("world")):
         for element in scope:
             if element.tag == "include":
-                model = _included(xml, element, 0)
+                model = _included(xml, element, 0, taken)
                 if model is None:
                     uri = (element.findtext("uri") or "").strip()
                     where = f"include {uri}"
@@ -46,7 +48,7 @@ def robot_of(xml: Xml, root: str | None, findings: list[Finding]) -> Element:
                     continue
             elif element.tag == "model":
                 model = copy.deepcopy(element)
-                _resolve(xml, model, 0)
+                _resolve(xml, model, 0, taken)
             else:
                 continue
             name = model.get("name") or ""
@@ -74,22 +76,22 @@ def robot_of(xml: Xml, root: str | None, findings: list[Finding]) -> Element:
     return known[own]
 
 
-def _resolve(xml: Xml, model: Element, depth: int) -> None:
-    """Put the models that a model includes into it."""
+def _resolve(xml: Xml, model: Element, depth: int, taken: list[Path]) -> None:
+    """Put the models that a model includes into it; `taken` holds all that were included so far."""
     if depth > _DEEPEST:
         raise SourceError(f"{xml.path}: models lie more than {_DEEPEST} deep in one another: does one include itself?")
     for i, element in enumerate(list(model)):
         if element.tag == "include":
             uri = (element.findtext("uri") or "").strip()
-            inner = _included(xml, element, depth + 1)
+            inner = _included(xml, element, depth + 1, taken)
             if inner is None:
                 xml.fail(f"model '{model.get('name')}'", f"include {uri} is not there: put it beside the file")
             model[i] = inner
         elif element.tag == "model":
-            _resolve(xml, element, depth + 1)
+            _resolve(xml, element, depth + 1, taken)
 
 
-def _included(xml: Xml, include: Element, depth: int) -> Element | None:
+def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Element | None:
     """Return the model of an include, with the name and pose that it asks for; None if its file is not there."""
     uri = (include.findtext("uri") or "").strip()
     if not uri:
@@ -100,6 +102,9 @@ def _included(xml: Xml, include: Element, depth: int) -> Element | None:
     file = _file(uri, xml.path.parent)
     if file is None:
         return None
+    taken.append(file)
+    if len(taken) > INCLUDES:
+        over(file, "SDF", "includes of all files together, at least", len(taken), INCLUDES)
     other = Xml(file, "sdf")
     models = other.root.findall("model")
     if len(models) != 1:
@@ -108,7 +113,7 @@ def _included(xml: Xml, include: Element, depth: int) -> Element | None:
     for address in model.iter("uri"):  # its own files lie beside it
         place = find((address.text or "").strip(), file.parent)
         address.text = str(place.resolve()) if place is not None else address.text
-    _resolve(other, model, depth)
+    _resolve(other, model, depth, taken)
     if name := (include.findtext("name") or "").strip():
         model.set("name", name)
     pose = include.find("pose")

@@ -14,11 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from twin.cad.build import read_mechanism
-from twin.cad.step import Part, length_unit, read_step
+from twin.cad.step import Part, read_step
 from twin.errors import CadError, SourceError
 from twin.findings import Finding
 from twin.importing.folder import TOLERANCE, write_robot
-from twin.importing.guard import try_first
 from twin.importing.pairs import GROSS, Pair, find_pairs
 from twin.importing.proposals import Proposal, propose
 from twin.importing.source import Names, note, warning
@@ -61,16 +60,13 @@ class Skeleton:
         return self.proposals[-1].child if self.proposals else list(self.parts)[-1]
 
 
-def read_skeleton(path: Path, guarded: bool = False) -> Skeleton:
-    """Read a STEP assembly; `guarded` lets OpenCASCADE try it in a process of its own first.
+def read_skeleton(path: Path) -> Skeleton:
+    """Read a STEP assembly.
 
     Raises:
         SourceError: it cannot be read, or holds one part only.
     """
     try:
-        length_unit(path)  # what is no STEP at all is told without OpenCASCADE
-        if guarded:
-            try_first(path, "STEP")
         step = read_step(path)
     except CadError as error:
         raise SourceError(str(error)) from error

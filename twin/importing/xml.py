@@ -10,10 +10,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from twin.errors import SourceError
+from twin.foreign.text import DoctypeError, parse_xml
 from twin.spatial import Array
-
-LARGEST = 50_000_000
-"""Bytes of text that are still read: no description of a robot is larger."""
 
 
 class Xml:
@@ -22,12 +20,9 @@ class Xml:
     def __init__(self, path: Path, root: str) -> None:
         self.path = path
         try:
-            if path.stat().st_size > LARGEST:
-                raise SourceError(f"{path}: larger than {LARGEST // 1_000_000} MB; that is no description of a robot")
-            text = path.read_bytes()
-            if b"<!ENTITY" in text or b"<!DOCTYPE" in text:
-                raise SourceError(f"{path}: it declares a document type or entities; expand them first")
-            self.root = ElementTree.fromstring(text)
+            self.root = parse_xml(path)
+        except DoctypeError as error:
+            raise SourceError(f"{path}: {error}") from error
         except OSError as error:
             raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
         except (ElementTree.ParseError, ValueError, LookupError) as error:

@@ -3,28 +3,18 @@
 from __future__ import annotations
 
 import os
-import signal
 import threading
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
 
 from twin.live.timeline import Playback, prepare
+from twin.processes import Apart
 
 
 class Planner:
     """One protocol that is being prepared. `answer` is a playback, or what went wrong, once `done`."""
 
     def __init__(self, robot: str, protocol: str | None) -> None:
-        spawn = get_context("spawn")
-        self._results, to_us = spawn.Pipe(duplex=False)
-        self._process = spawn.Process(target=_work, args=(to_us, robot, protocol), daemon=True, name="planner")
-        # Ctrl-C is for the viewer: the process inherits the mask, since it could be hit before it asks for that itself.
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            self._process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        to_us.close()
+        self._process = Apart(_work, robot, protocol)
         self.answer: Playback | str | None = None
         # A pipe holds less than a playback: it is read as it comes.
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -37,20 +27,18 @@ class Planner:
 
     def close(self) -> None:
         """End the process."""
-        self._process.kill()  # it holds nothing that would need to be put away
-        self._process.join()
+        self._process.close()
         self._reader.join()
-        self._results.close()
+        self._process.line.close()
 
     def _read(self) -> None:
         try:
-            self.answer = self._results.recv()
+            self.answer = self._process.line.recv()
         except (EOFError, OSError):
             self.answer = "the process that plans has ended"
 
 
 def _work(results: Connection, robot: str, protocol: str | None) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(5)
     try:
         answer: Playback | str = prepare(robot, protocol)

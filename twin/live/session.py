@@ -5,18 +5,25 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import FailFast, Field, ValidationError
 
 from twin import spatial
 from twin.assets import atomic_folder
 from twin.errors import TwinError
+from twin.foreign.text import read_text
 from twin.mechanism import Mechanism
 from twin.schema import Identifier, Table
 from twin.schema.lines import spell
 from twin.spatial import Array
+
+MOST = 20_000
+"""Moments of one session: five minutes without a pause."""
+
+_COMMAS, _KEYS = 64 * MOST, 16
+"""In the file of such a session, and in one object of it: what is sent by a stranger is counted before it is read."""
 
 
 @dataclass(frozen=True)
@@ -112,17 +119,24 @@ class Session:
             TwinError: the file is missing or malformed, or of another robot; the message names the key.
         """
         try:
-            text = Path(path).read_text(encoding="utf-8")
+            text = read_text(Path(path), "JSON")
         except (OSError, UnicodeDecodeError) as error:
             raise TwinError(f"{path}: cannot be read as a session: {error}") from error
         try:
+            if text.count(",") > _COMMAS:
+                raise ValueError(f"{text.count(',')} values; at most {_COMMAS} are read, {MOST} moments have fewer")
+            json.loads(text, object_pairs_hook=_small)
             table = _SessionTable.model_validate_json(text)
+        except (json.JSONDecodeError, RecursionError) as error:
+            raise TwinError(f"{path}: it is no JSON: {error}; a session is what `Session.save` wrote") from error
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             value = repr(first["input"])[:60] if first["loc"] and first["type"] != "missing" else ""
             where = f"{spell(first['loc'])}{value and ' = ' + value}"
             text = f"{path}: {where}: {first['msg']}; a session is what `Session.save` wrote"
             raise TwinError(text) from error
+        except ValueError as error:
+            raise TwinError(f"{path}: {error}; a session is what `Session.save` wrote") from error
         out = cls.of(mechanism)
         if table.robot != out.robot:
             raise TwinError(f"{path}: robot = '{table.robot}': the session is not of '{out.robot}'; load that robot")
@@ -139,6 +153,12 @@ class Session:
         return out
 
 
+def _small(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    if len(pairs) > _KEYS:
+        raise ValueError(f"an object has {len(pairs)} keys; a session's have at most {_KEYS}")
+    return dict(pairs)
+
+
 _Row = tuple[float, float, float, float]
 
 
@@ -149,7 +169,7 @@ class _JointTable(Table):
 
 class _MomentTable(Table):
     time_s: float
-    q: list[float]
+    q: Annotated[list[float], FailFast()]
     T_base_tool: tuple[_Row, _Row, _Row, _Row]
     label: str
 
@@ -158,5 +178,5 @@ class _SessionTable(Table):
     kind: Annotated[Literal["twin-session"], Field(alias="schema")]
     version: Literal[1]
     robot: Identifier
-    joints: list[_JointTable]
-    moments: list[_MomentTable]
+    joints: Annotated[list[_JointTable], FailFast()]
+    moments: Annotated[list[_MomentTable], FailFast(), Field(max_length=MOST)]

@@ -7,19 +7,17 @@ from __future__ import annotations
 
 import os
 import queue
-import signal
 import threading
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twin.errors import KinematicsError, TwinError
+from twin.processes import Apart
 from twin.spatial import Array
 
 if TYPE_CHECKING:
@@ -128,13 +126,13 @@ class Cloud:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._process: SpawnProcess | None = None
+        self._process: Apart | None = None
         self._number, self._running = 0, False
 
     def start(self, job: Job) -> None:
         """Begin a job; what runs is cancelled, and nothing more of it is polled."""
         with self._lock:
-            if self._process is None or not self._process.is_alive():
+            if self._process is None or not self._process.alive:
                 self._close()
                 self._open()
             self._say(job)
@@ -168,35 +166,22 @@ class Cloud:
             self._close()
 
     def _say(self, job: Job | None) -> None:
+        assert self._process is not None
         self._number += 1
         self._running = job is not None
         with suppress(OSError):  # the process has ended: poll tells
-            self._outbox.send((self._number, job))
+            self._process.line.send((self._number, job))
 
     def _open(self) -> None:
-        spawn = get_context("spawn")
-        theirs, self._outbox = spawn.Pipe(duplex=False)
-        results, to_us = spawn.Pipe(duplex=False)
-        self._process = spawn.Process(target=_work, args=(theirs, to_us), daemon=True, name="workspace")
-        # Ctrl-C is for the viewer: the worker inherits the mask, since it could be hit before it asks for that itself.
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            self._process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        theirs.close()  # so that the end of the process ends the pipes
-        to_us.close()
+        self._process = Apart(_work)
         self._inbox: queue.SimpleQueue[tuple[int | None, Chunk]] = queue.SimpleQueue()
         # A pipe holds less than a chunk: read without a thread, poll would wait for a process of low priority.
-        threading.Thread(target=_read, args=(results, self._inbox), daemon=True).start()
+        threading.Thread(target=_read, args=(self._process.line, self._inbox), daemon=True).start()
 
     def _close(self) -> None:
         self._running = False
         if self._process is None:
             return
-        self._process.kill()  # it holds nothing that would need to be put away
-        self._process.join()
-        self._outbox.close()
         self._process.close()
         self._process = None
 
@@ -208,19 +193,17 @@ def _read(results: Connection, inbox: queue.SimpleQueue) -> None:
     inbox.put((None, _failed("The process that finds the reachable set has ended.")))
 
 
-def _work(jobs: Connection, results: Connection) -> None:
-    """Run jobs until the viewer's end of the pipe is closed, by whatever end of the viewer."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _work(line: Connection) -> None:
+    """Run jobs until the viewer's end of the line is closed, by whatever end of the viewer."""
     os.nice(10)
-    with suppress(EOFError, BrokenPipeError):
-        while True:
-            number, job = jobs.recv()
-            if job is None or jobs.poll():
-                continue
-            for chunk in _told(job):
-                results.send((number, chunk))
-                if jobs.poll():
-                    break
+    while True:
+        number, job = line.recv()
+        if job is None or line.poll():
+            continue
+        for chunk in _told(job):
+            line.send((number, chunk))
+            if line.poll():
+                break
 
 
 def _told(job: Job) -> Iterator[Chunk]:

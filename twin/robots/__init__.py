@@ -10,13 +10,14 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import logging
+import os
 import sys
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.errors import KinematicsError, unknown
+from twin.errors import CodeRefusedError, KinematicsError, unknown
 
 if TYPE_CHECKING:
     from twin.kinematics.contract import Formula
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 
 _FOLDER = Path(__file__).resolve().parent
 _said: set[Path] = set()
+
+NO_CODE = "TWIN_NO_CODE"
+"""Environment variable: while it is set, no Python of a robot's folder is run, in no process that is started."""
 
 
 def names() -> list[str]:
@@ -49,6 +53,7 @@ def load_formula(
     Raises:
         KinematicsError: if there is no such file, it cannot be imported (file and line are named), it has
             no FORMULA and no plain functions, or that breaks the contract.
+        CodeRefusedError: it is not one of this package, and the environment says TWIN_NO_CODE.
 
     """
     path = _FOLDER / f"{robot}.py" if str(robot) in names() else Path(robot)
@@ -84,6 +89,11 @@ def _import(path: Path, trial: bool):
             return sys.modules[name]
     else:
         name = f"_twin_formula_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
+        if os.environ.get(NO_CODE):
+            raise CodeRefusedError(
+                f"{path}: to read these equations is to run this file, and --no-code (or {NO_CODE} in the environment) "
+                "refuses that. Read it, then leave that out; `twin audit`, and a USD stage, need no equations."
+            )
         if not trial and path not in _said:  # whoever opens a stranger's folder should know
             _said.add(path)
             logging.getLogger(__name__).info("running the Python code in %s", path)

@@ -5,6 +5,7 @@ tomllib tells no positions. The scanner follows the grammar only as far as posit
 
 from __future__ import annotations
 
+import bisect
 import contextlib
 import re
 import tomllib
@@ -46,6 +47,7 @@ class _Scanner:
 
     def __init__(self, text: str) -> None:
         self.text, self.i, self.lines = text, 0, dict[Keys, int]()
+        self.ends = [found.start() for found in re.finditer("\n", text)]
         self.sizes: dict[Keys, int] = {}  # elements seen of each [[list of tables]]
         table: Keys = ()
         with contextlib.suppress(_Lost):
@@ -66,7 +68,7 @@ class _Scanner:
         return found
 
     def note(self, keys: Keys) -> None:
-        self.lines.setdefault(keys, self.text.count("\n", 0, self.i) + 1)
+        self.lines.setdefault(keys, bisect.bisect_left(self.ends, self.i) + 1)
 
     def name(self) -> Keys:
         names: list[Key] = []

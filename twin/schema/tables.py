@@ -24,6 +24,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from twin.errors import DescriptionError
+from twin.foreign.text import check_depth, read_text
 from twin.schema.explain import explain, explain_syntax
 from twin.schema.lines import Key, Keys, key_lines, nearest_line, spell
 
@@ -88,8 +89,9 @@ def parse_toml(text: str, model: type[M], name: str = "<text>") -> M:
         DescriptionError: as `load_toml`.
     """
     try:
+        check_depth(Path(name), "TOML", text)
         data = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise DescriptionError(explain_syntax(text, name, error)) from error
     lines = key_lines(text)
     for keys in _dates(data):
@@ -119,7 +121,7 @@ def json_schema(model: type[BaseModel]) -> dict[str, Any]:
 
 def _read(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return read_text(path, "TOML")
     except FileNotFoundError:
         parent = path.parent
         there = sorted(p.name for p in parent.glob("*.toml")) if parent.is_dir() else []

@@ -33,7 +33,13 @@ class Track(Table):
     times: Annotated[list[float], Field(description="s, frames")]
     links: Annotated[list[Identifier], Field(description="names of the links, in the order of poses")]
     poses: Annotated[list[float], Field(description="frames x links x 7, of the link in the world (the base frame)")]
-    joints: Annotated[list[Identifier], Field(description="joints with one coordinate, passive ones too")]
+    joints: Annotated[
+        list[Identifier],
+        Field(
+            description="joints with one coordinate, passive ones too; then those of the URDF for which a ball stands: "
+            "<ball>_x, _y, _z, turns about x, y, z in this order, zero at home"
+        ),
+    ]
     joint_types: list[Literal["prismatic", "revolute"]]
     joint_active: Annotated[list[Flag], Field(description="1: driven by an actuator")]
     joint_lower: Annotated[list[float], Field(description="m or rad; -1e30: no limit")]

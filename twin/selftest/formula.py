@@ -6,7 +6,6 @@ import ast
 import dataclasses
 import hashlib
 import inspect
-import tempfile
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from twin import api
+from twin.atomic import Scratch
 from twin.errors import TwinError
 from twin.explaining.edits import edits, pool
 from twin.explaining.source import Edit, Source, patched
@@ -98,7 +98,7 @@ def _draw(
 
 def _compiles(text: str, robot: api.Robot) -> bool:
     """Return whether equations run at all: what does not says so by itself, with its line, and is no hidden fault."""
-    with tempfile.TemporaryDirectory(prefix="twin-formula-") as folder, warnings.catch_warnings():
+    with Scratch() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         path = Path(folder) / "formula.py"
         path.write_text(text, encoding="utf-8")

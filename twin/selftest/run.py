@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from twin import api
+from twin.atomic import Scratch
 from twin.errors import TwinError
 from twin.selftest import cad, formula, timing, units, usd
 from twin.selftest.bench import Bench
@@ -73,7 +73,7 @@ def bench_of(robot: str, protocol: str | None) -> Iterator[Bench]:
     loaded = api.load(robot)
     if loaded.files is None or not loaded.files.formula.is_file():
         raise TwinError(f"{loaded.name} has no equations: there is nothing that the validator could judge")
-    with tempfile.TemporaryDirectory(prefix="twin-selftest-") as folder:
+    with Scratch() as folder:
         yield Bench(loaded, protocol, Path(folder))
 
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from twin.errors import TwinError
+from twin.extras import require
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -31,8 +32,9 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
     """Yield a client of the scheduler at an address such as tcp://10.0.0.1:8786, or of workers on this machine.
 
     Raises:
-        TwinError: nobody answers there.
+        TwinError: nobody answers there, or `distributed` is not installed.
     """
+    require("distributed", "work on several processors or machines")
     import dask
     from distributed import Client, LocalCluster
 

@@ -7,10 +7,12 @@ import hashlib
 import json
 import os
 from dataclasses import asdict
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from twin.errors import TwinError
+from twin.extras import require
 from twin.spatial import Array
 from twin.sweeps.design import Job
 
@@ -109,9 +111,4 @@ def arrow() -> tuple[Any, Any]:
     Raises:
         TwinError: it is not installed.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise TwinError("--parquet needs pyarrow: pip install 'twin-robotics[parquet]'") from error
-    return pyarrow, pyarrow.parquet
+    return require("pyarrow", "--parquet"), import_module("pyarrow.parquet")

@@ -11,18 +11,16 @@ import os
 import pickle
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from twin.atomic import Scratch, no_room
 from twin.errors import TwinError
+from twin.processes import isolated
 
-_PROGRAM = "import sys; sys.path.append(sys.argv.pop(1)); from twin.validation.beside import serve; serve()"
-"""What the child runs. Of the parent's path it gets the folder of twin alone, not that of the user's script."""
-
-_PARENT = Path(__file__).parents[2]
+_PROGRAM = "from twin.validation.beside import serve; serve()"
 
 
 class Beside:
@@ -34,14 +32,14 @@ class Beside:
     """
 
     def __init__(self, function: Callable[..., Any], *arguments: Any) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="twin-beside-")
+        self._folder = Scratch()
         self._answer = Path(self._folder.name) / "answer"
         task = Path(self._folder.name) / "task"
         task.write_bytes(pickle.dumps((function.__module__, function.__qualname__, arguments)))
         self._log = Path(self._folder.name) / "log"
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", _PROGRAM, _PARENT, task, self._answer],
+                isolated(_PROGRAM, task, self._answer),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
@@ -84,4 +82,8 @@ def serve() -> None:
     except TwinError as error:
         # Errors with more than a message would not survive pickling.
         outcome = None, TwinError(f"{type(error).__name__}: {error}")
+    except OSError as error:
+        if not (full := no_room(error)):
+            raise
+        outcome = None, TwinError(full)
     answer.write_bytes(pickle.dumps(outcome))

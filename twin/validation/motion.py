@@ -5,13 +5,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from twin.atomic import Scratch
 from twin.errors import StageError
 from twin.findings import Finding, Severity
 from twin.mechanism import Mechanism
@@ -138,7 +138,7 @@ def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None)
     """
     model = ReferenceModel(mechanism)
     links = samples.links(model, samples.Ts_keys, samples.q_keys)
-    with tempfile.TemporaryDirectory(prefix="twin-motion-") as folder:
+    with Scratch() as folder:
         home = model.home()
         bare = replace(mechanism, bodies=tuple(replace(b, meshes=()) for b in mechanism.bodies))
         write_stage(bare, Path(folder), home.link_poses, home.q_full)

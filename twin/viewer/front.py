@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 import viser
@@ -24,7 +25,7 @@ from twin.live.timeline import Clock, Playback
 from twin.mechanism import Mechanism
 from twin.spatial import Array
 from twin.viewer.nodes import BLUE, RobotNodes
-from twin.viewer.server import stop
+from twin.viewer.server import stop, tell
 
 FRAME = 1 / 60
 """Seconds a display frame lasts."""
@@ -60,12 +61,21 @@ class Actor:
     playback: Playback | None = None
 
 
+class Terminal(Protocol):
+    """Asks one question at a time."""
+
+    def ask(self, question: str, then: Callable[[bool], object]) -> None: ...  # noqa: D102
+    def poll(self) -> None: ...  # noqa: D102
+
+
 class Front:
     """The page: one or more robots, one of them in hand.
 
     Attributes:
         server: viser's; `server.get_port()`.
         actors: robots by the order given; `hand` is the one that gizmo, sliders and instruments speak of.
+        local: whether only this machine sees the page: then the session may be saved beside it.
+        terminal: where the person is asked who started this; nothing is written into a robot's files without.
         clock: of the protocols being played.
         nodes, ghosts: what shows each actor.
     """
@@ -77,11 +87,15 @@ class Front:
         props: Mechanism | None,
         server: viser.ViserServer,
         stopping: threading.Event | None = None,
+        *,
+        local: bool = True,
+        terminal: Terminal | None = None,
     ) -> None:
         from twin.viewer import panels
         from twin.viewer.scenery import Scenery
 
         self.server, self.title, self.actors, self.hand = server, title, actors, actors[0]
+        self.local, self.terminal = local, terminal
         self.clock = Clock()
         self.nodes = {
             a.name: RobotNodes(self.server, f"/{a.name}", a.desk.mechanism, a.desk.assembly.link_poses) for a in actors
@@ -159,6 +173,8 @@ class Front:
             self.draw()
         for act in list(self.after_frame):
             act()
+        if self.terminal is not None:
+            self.terminal.poll()
         if now - self._looked >= _READ and (self._stale or self.clock.playing):
             self._looked, self._stale = now, False
             self.refresh()
@@ -178,8 +194,7 @@ class Front:
 
     def say(self, text: str, bad: bool = False) -> None:
         """Show a notice in every browser."""
-        for client in self.server.get_clients().values():
-            client.add_notification(self.title, text, color=(222, 48, 48) if bad else None, auto_close_seconds=8.0)
+        tell(self.server, self.title, text, bad)
 
     # -- robots ---------------------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from twin import spatial
 from twin.cad import description as descriptions
@@ -19,7 +20,7 @@ from twin.cad.parameters import SCALES
 from twin.errors import TwinError, unknown
 from twin.live.session import Session as Session
 from twin.protocol import Home, Insertion, Pivot, Positioning, Protocol, Retraction, load_protocol
-from twin.schema import error_at
+from twin.schema import Identifier, error_at
 from twin.spatial import Array
 from twin.trajectory import path as paths
 from twin.units import DEG, MM
@@ -27,6 +28,19 @@ from twin.viewer.rewrite import rewrite
 
 _DIGITS = {"mm": 6, "deg": 8}
 """Decimals that are written: a nanometre, and what that is at the end of an arm of 5 m."""
+
+
+def identifier(name: str) -> str:
+    """Return a name if it is one for a posture or a phase.
+
+    Raises:
+        TwinError: it is none.
+    """
+    try:
+        return TypeAdapter(Identifier).validate_python(name)
+    except ValidationError as error:
+        text = "the name must be small letters, digits and _, a letter first"
+        raise TwinError(f"{ascii(name)[:80]}: {text}") from error
 
 
 def save_posture(description: Path, name: str, values: Mapping[str, float], *, replace: bool = False) -> None:

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from twin.viewer.front import Actor, Front
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#999999")
+MOST_POSTURES = 64
+"""That the list offers: `keep here` adds no more."""
+
 CURVES = ("displacement", "speed", "acceleration", "tip", "RCM error")
 _POINTS = 400
 """Points of a curve that are sent."""
@@ -206,7 +209,7 @@ class Panels:
             if go.value == "go":
                 front.clock.playing = False
                 front.ask("posture", lambda: a.desk.go(postures.value))
-            else:
+            elif len(a.desk.postures) < MOST_POSTURES:
                 name = f"kept {sum(p.startswith('kept') for p in a.desk.postures) + 1}"
                 a.desk.keep(name)
                 postures.options = a.desk.postures

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,9 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import viser
 
+from twin.atomic import Scratch
 from twin.errors import TwinError
-from twin.live.session import Session
-from twin.viewer.keep import append_phase, save_posture
+from twin.live.session import MOST, Session
+from twin.viewer.keep import append_phase, identifier, save_posture
 
 if TYPE_CHECKING:
     from twin.viewer.front import Actor, Front
@@ -35,24 +35,30 @@ class RecordPanel:
             with folder:
                 self._record = gui.add_button("● Record")
                 self._replay = gui.add_button("↻ Replay", disabled=True)
-                save = gui.add_button("Save the session")
+                if front.local:
+                    save = gui.add_button("Save the session")
+                    save.on_click(lambda _: front.ask("save", self._save))
                 load = gui.add_upload_button("Load a session", mime_type="application/json")
             handles.append(folder)
-            writable = a.desk.robot.files is not None
-            if writable:
+            if front.local and a.desk.robot.files is not None:
                 keep = gui.add_folder("Write into the robot's files", expand_by_default=False)
-                with keep:
-                    self._name = gui.add_text("name", "reached")
-                    as_posture = gui.add_button("as a posture")
-                    as_phase = gui.add_button("as the protocol's last phase")
-                as_posture.on_click(lambda _: front.ask("save", self._save_posture))
-                as_phase.on_click(lambda _: front.ask("save", self._save_phase))
                 handles.append(keep)
+                with keep:
+                    self._keep_buttons()
         self._record.on_click(lambda _: front.ask("record", self._toggle))
         self._replay.on_click(lambda _: front.ask("replay", self._start))
         load.on_upload(lambda _: front.ask("open", lambda: self._load(load.value.content)))
-        save.on_click(lambda _: front.ask("save", self._save))
         front.after_frame.append(self._tick)
+
+    def _keep_buttons(self) -> None:
+        """Offer what is written once the terminal has said yes: whoever presses a button here may be anybody."""
+        gui, front = self.front.server.gui, self.front
+        if front.terminal is None:
+            gui.add_markdown("Start `twin view` in a terminal: it asks there before it writes.")
+            return
+        self._name = gui.add_text("name", "reached")
+        gui.add_button("as a posture").on_click(lambda _: front.ask("save", self._save_posture))
+        gui.add_button("as the protocol's last phase").on_click(lambda _: front.ask("save", self._save_phase))
 
     def close(self) -> None:
         """Look at the robot no more."""
@@ -76,7 +82,10 @@ class RecordPanel:
             return
         if self._record.label != "● Record":
             now = time.perf_counter() - self._began
-            if not self.session.moments or not np.array_equal(self.session.moments[-1].q, desk.assembly.q):
+            if len(self.session.moments) >= MOST:
+                self._toggle()
+                self.front.say(f"{MOST} moments are recorded: that is all that one session holds", bad=True)
+            elif not self.session.moments or not np.array_equal(self.session.moments[-1].q, desk.assembly.q):
                 self.session.add(now, desk.assembly.q, desk.assembly.T_base_tool)
         elif self._replayed is not None and self.session.moments:
             now = time.perf_counter() - self._replayed
@@ -86,7 +95,7 @@ class RecordPanel:
             self.front.ask("replay", lambda: desk.move_joints(session.at(session.moments[0].time + now)))
 
     def _load(self, content: bytes) -> None:
-        with tempfile.TemporaryDirectory() as folder:
+        with Scratch() as folder:
             path = Path(folder) / "session.json"
             path.write_bytes(content)
             self.session = Session.load(path, self.actor.desk.mechanism)
@@ -104,14 +113,29 @@ class RecordPanel:
     def _save_posture(self) -> None:
         files = self.actor.desk.robot.files
         assert files is not None
-        names = [j.name for j in self.actor.desk.joints]
-        save_posture(files.description, self._name.value, dict(zip(names, self.actor.desk.assembly.q, strict=True)))
-        self.front.say(f"posture '{self._name.value}' written into {files.description.name}")
+        name, path = self._name.value, files.description
+        values = dict(zip([j.name for j in self.actor.desk.joints], self.actor.desk.assembly.q, strict=True))
+        self._when_told(f"posture '{identifier(name)}'", path, lambda: save_posture(path, name, values))
 
     def _save_phase(self) -> None:
         robot, a = self.actor.desk.robot, self.actor
         assert robot.files is not None
         protocol = robot.protocol(a.playback.protocol if a.playback is not None else None)
         T_tool_frame = a.desk.mechanism.frame_in_tool(protocol.frame)
-        append_phase(robot.files.protocol(protocol.name), self._name.value, a.desk.assembly.T_base_tool, T_tool_frame)
-        self.front.say(f"phase '{self._name.value}' written into {protocol.name}.toml: load the protocol again")
+        name, path, T = self._name.value, robot.files.protocol(protocol.name), a.desk.assembly.T_base_tool.copy()
+        self._when_told(f"phase '{identifier(name)}'", path, lambda: append_phase(path, name, T, T_tool_frame))
+
+    def _when_told(self, what: str, path: Path, write: Callable[[], None]) -> None:
+        """Write if the person at the terminal says yes."""
+        front = self.front
+        assert front.terminal is not None
+
+        def then(yes: bool) -> None:
+            def do() -> None:
+                write()
+                front.say(f"{what} written into {path.name}: load it again")
+
+            front.ask("write", do if yes else lambda: front.say(f"{what}: the terminal said no; nothing is written"))
+
+        front.terminal.ask(f"The page wants to write {what} into {path}. Write it?", then)
+        front.say(f"{what}: answer in the terminal")

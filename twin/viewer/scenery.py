@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
 
 from twin import spatial
+from twin.errors import TwinError
 from twin.live.patient import none_there, patient_of
 from twin.mechanism import Mechanism
 from twin.reference import ReferenceModel
@@ -63,6 +65,7 @@ class Scenery:
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
         self._balls: dict[str, viser.IcosphereHandle] = {}
         self._cut: tuple[int, float] | None = None
+        self._one = threading.Lock()
         self._cut_drawn: tuple | None = None
         front.server.initial_camera.position = self.middle + self.size * np.array([1.0, -1.35, 0.6])
         front.server.initial_camera.look_at = self.middle
@@ -180,11 +183,17 @@ class Scenery:
         return lambda _: self.front.ask(name, lambda: do(box.value))
 
     def _busy(self, work) -> None:
-        self._progress.visible = True
+        """Do one thing that takes long; whatever is asked for meanwhile is not done: each holds a thread."""
+        if not self._one.acquire(blocking=False):
+            return
         try:
+            self._progress.visible = True
             work(lambda part: setattr(self._progress, "value", 100 * part))
+        except TwinError as error:  # in a thread of viser's nobody would hear of it
+            self.front.say(str(error), bad=True)
         finally:
             self._progress.visible = False
+            self._one.release()
 
     def _page(self, client: viser.ClientHandle | None) -> None:
         def work(progress) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from pxr import Sdf, Tf, Usd, UsdGeom, UsdPhysics
 
+from twin.atomic import FULL
 from twin.errors import StageError
 
 TIME_CODES_PER_SECOND = 60.0
@@ -38,6 +40,7 @@ def save(layer: Sdf.Layer, path: Path) -> Path:
     """Write the layer to `path` and return it.
 
     Raises:
+        OSError: the disk is full.
         StageError: if USD cannot write there.
 
     """
@@ -45,6 +48,9 @@ def save(layer: Sdf.Layer, path: Path) -> Path:
     try:
         written = layer.Export(str(path))
     except Tf.ErrorException as error:
+        for number in FULL:  # USD tells it in forty lines
+            if os.strerror(number) in str(error):
+                raise OSError(number, os.strerror(number), str(path)) from None
         raise StageError(f"cannot write {path}: {error}") from error
     if not written:
         raise StageError(f"cannot write {path}")

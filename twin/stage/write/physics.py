@@ -22,6 +22,7 @@ from twin.stage import gf
 from twin.stage.scan import TURNS
 from twin.stage.write.geometry import mesh_paths
 from twin.stage.write.layers import Leaves, describe, new_layer, save
+from twin.stage.write.spanning import spanning
 from twin.units import DEG
 
 SCHEMAS = {
@@ -80,7 +81,9 @@ def write_physics(
     UsdPhysics.ArticulationRootAPI.Apply(root)
     root.AddAppliedSchema("PhysxArticulationAPI")
     # Convex hulls of neighbouring links overlap at the joints; their contact breaks closed loops silently.
+    root.AddAppliedSchema("NewtonArticulationRootAPI")
     _attribute(root, "physxArticulation:enabledSelfCollisions", Sdf.ValueTypeNames.Bool, False)
+    _attribute(root, "newton:selfCollisionEnabled", Sdf.ValueTypeNames.Bool, False)
     _attribute(root, "physxArticulation:solverPositionIterationCount", Sdf.ValueTypeNames.Int, POSITION_ITERATIONS)
     _write_model(root, mechanism)
     for body in mechanism.bodies:
@@ -96,16 +99,19 @@ def write_physics(
     UsdGeom.Scope.Define(stage, f"/{mechanism.name}/joints")
     layer.GetPrimAtPath(root.GetPath()).specifier = Sdf.SpecifierOver  # the scope made its parent a def
     _write_anchor(stage, mechanism, link_poses[mechanism.base])
-    loops = {j.name for j in mechanism.loops}
-    for joint in mechanism.joints:
+    joints = spanning(mechanism)
+    loops = {j.name for j in joints.cut}
+    # Outwards, whatever way the description has it: Newton refuses a joint of a tree whose parent is the outer body.
+    outwards = {j.name: j for j in joints.tree}
+    for joint in (outwards.get(j.name, j) for j in mechanism.joints):
         if len(joint.free_axes) == 1 and joint.name not in q_full and joint.name not in loops:
             raise StageError(f"{mechanism.name}: q_full lacks joint '{joint.name}'")
         _write_joint(stage, mechanism, joint, joint.name in loops, q_full.get(joint.name), efforts.get(joint.name, 0.0))
     for coupling in mechanism.couplings:
         _write_tendon(stage, mechanism, coupling)
-    for joint in mechanism.tree:
+    for joint in joints.tree:
         if joint.type == "spherical":
-            _start_at_zero(stage, mechanism, mechanism.joint(joint.name), link_poses)
+            _start_at_zero(stage, mechanism, joint, link_poses)
     return save(layer, path)
 
 
@@ -217,6 +223,8 @@ def _write_joint(
         prim.AddAppliedSchema(f"PhysicsJointStateAPI:{kind}")
         _attribute(prim, f"state:{kind}:physics:position", Sdf.ValueTypeNames.Float, to_usd(joint, q))
         _attribute(prim, f"state:{kind}:physics:velocity", Sdf.ValueTypeNames.Float, 0.0)
+        # Newton's own resolver, the only one it asks by default, reads no other state.
+        _attribute(prim, f"newton:{kind}:position", Sdf.ValueTypeNames.Float, to_usd(joint, q))
     _write_actuation(prim, joint, q, effort)
 
 
@@ -251,7 +259,7 @@ def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling) ->
     """
     ratios = dict(zip(coupling.joints, coupling.ratios, strict=True))
     stiff = max((d.stiffness for d in (mechanism.joint(n).drive for n in ratios) if d), default=1.0)
-    for i, joint in enumerate(j for j in mechanism.tree if j.name in ratios):
+    for i, joint in enumerate(j for j in spanning(mechanism).tree if j.name in ratios):
         prim = stage.GetPrimAtPath(f"/{mechanism.name}/joints/{joint.name}")
         prim.AddAppliedSchema(f"PhysxTendonAxis{'' if i else 'Root'}API:{coupling.name}")
         place = f"physxTendon:{coupling.name}"

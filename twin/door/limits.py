@@ -47,9 +47,14 @@ class Bucket:
 
 
 class Doorman:
-    """Counts connections by address: an IPv4 address, or an IPv6 network of 64 bits, which is one household."""
+    """Counts connections by address: an IPv4 address, or an IPv6 network of 64 bits, which is one household.
 
-    def __init__(self) -> None:
+    Args:
+        clients, of_one: WebSockets at once, in all and from one address.
+    """
+
+    def __init__(self, clients: int = CLIENTS, of_one: int = CLIENTS_OF_ONE) -> None:
+        self._most, self._of_one = clients, of_one
         self._sockets: dict[str, int] = {}
         self._clients: dict[str, int] = {}
         self._openings: OrderedDict[str, Bucket] = OrderedDict()
@@ -71,7 +76,7 @@ class Doorman:
 
     def join(self, address: str) -> bool:
         """Count a new WebSocket, or say no."""
-        if not _room(self._clients, address, CLIENTS, CLIENTS_OF_ONE):
+        if not _room(self._clients, address, self._most, self._of_one):
             return False
         self._clients[address] = self._clients.get(address, 0) + 1
         return True

@@ -7,6 +7,7 @@ lets more than one frame wait in this process.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import re
 import socket
 import time
@@ -17,7 +18,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Response
 
-from twin.headset.limits import BYTES, FRAMES, Bucket, Doorman, household
+from twin.door.limits import BYTES, FRAMES, Bucket, Doorman, household
 
 HEAD_SECONDS = 5.0
 """A request head must have come by then."""
@@ -33,7 +34,7 @@ _REQUEST = re.compile(rb"([A-Z]{1,20}) (\S+) HTTP/1\.(\d)")
 
 
 class Connection(ServerConnection):
-    """A connection that is counted; `doorman` is set by the server's own subclass.
+    """A connection that is counted; `doorman`, and where they are others `bytes` and `frames`, are its server's.
 
     Attributes:
         household: what its address is counted as.
@@ -41,6 +42,8 @@ class Connection(ServerConnection):
     """
 
     doorman: ClassVar[Doorman]
+    bytes: ClassVar[tuple[float, float]] = BYTES
+    frames: ClassVar[tuple[float, float]] = FRAMES
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -49,7 +52,7 @@ class Connection(ServerConnection):
         self._admitted = self._refused = False
         self._deadline: asyncio.TimerHandle | None = None
         now = time.monotonic()
-        self._bytes, self._frames = Bucket(*BYTES, now), Bucket(*FRAMES, now)
+        self._bytes, self._frames = Bucket(*self.bytes, now), Bucket(*self.frames, now)
 
     # -- the transport --------------------------------------------------------------------------------
 
@@ -111,6 +114,20 @@ class Connection(ServerConnection):
         self.transport.abort()
 
     # -- what is sent ---------------------------------------------------------------------------------
+
+    def send_data(self) -> None:
+        """Write what waits at once, and nothing to a peer that is gone.
+
+        A thousand pongs to somebody who has hung up would be a thousand lines of asyncio's log.
+        """
+        parts = self.protocol.data_to_send()
+        if self.transport.is_closing():
+            return
+        if any(parts):
+            self.transport.write(b"".join(parts))
+        if parts and not parts[-1]:  # the end of the stream
+            with contextlib.suppress(OSError, RuntimeError):
+                self.transport.write_eof() if self.transport.can_write_eof() else self.transport.close()
 
     def keep_little(self) -> None:
         """Let little wait in the kernel from now on (Linux, macOS); elsewhere its own buffer is the limit."""

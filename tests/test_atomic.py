@@ -1,0 +1,291 @@
+"""Folders that are written whole or not at all, also when the process that writes them is killed."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+
+import pytest
+
+from twin import atomic
+from twin.atomic import Scratch, atomic_folder, require_writable, settle
+from twin.errors import OutputError
+
+
+def _tree(folder: Path) -> dict[str, str]:
+    """Everything below a folder, hidden files too."""
+    return {str(p.relative_to(folder)): p.read_text() if p.is_file() else "" for p in folder.rglob("*")}
+
+
+def test_atomic_folder_moves_all_files(tmp_path):
+    target = tmp_path / "a/b"
+    with atomic_folder(target) as work:
+        (work / "one").write_text("1")
+        (work / "deep/er").mkdir(parents=True)
+        (work / "deep/er/two").write_text("2")
+        assert not (target / "one").exists()
+    assert _tree(target) == {"one": "1", "deep": "", "deep/er": "", "deep/er/two": "2"}
+
+
+def test_atomic_folder_replaces_what_it_writes_and_keeps_the_rest(tmp_path):
+    (tmp_path / "old").write_text("old")
+    (tmp_path / "both").write_text("old")
+    with atomic_folder(tmp_path) as work:
+        (work / "both").write_text("new")
+    assert _tree(tmp_path) == {"old": "old", "both": "new"}
+
+
+class _MishapError(Exception):
+    pass
+
+
+def _write(target: Path, files: dict[str, str], error: BaseException | None = None) -> None:
+    with atomic_folder(target) as work:
+        for name, text in files.items():
+            (work / name).parent.mkdir(exist_ok=True)
+            (work / name).write_text(text)
+        if error is not None:
+            raise error
+
+
+@pytest.mark.parametrize("error", [_MishapError, KeyboardInterrupt])
+def test_error_inside_leaves_the_target_untouched(tmp_path, error):
+    (tmp_path / "both").write_text("old")
+    with pytest.raises(error):
+        _write(tmp_path, {"both": "new"}, error())
+    assert _tree(tmp_path) == {"both": "old"}
+
+
+def test_error_inside_removes_the_folders_that_were_made(tmp_path):
+    with pytest.raises(_MishapError):
+        _write(tmp_path / "a/b/c", {"one": "1"}, _MishapError())
+    assert _tree(tmp_path) == {}
+
+
+def test_error_inside_keeps_folders_that_hold_something_else(tmp_path):
+    (tmp_path / "a").mkdir()
+
+    def write():
+        with atomic_folder(tmp_path / "a/b"):
+            (tmp_path / "a/b").mkdir()
+            (tmp_path / "a/b/foreign").write_text("x")
+            raise _MishapError
+
+    with pytest.raises(_MishapError):
+        write()
+    assert _tree(tmp_path) == {"a": "", "a/b": "", "a/b/foreign": "x"}
+
+
+def test_full_disk_while_writing_is_an_output_error(tmp_path):
+    (tmp_path / "both").write_text("old")
+    with pytest.raises(OutputError, match=r"cannot write to .*No space left on device.*--out") as caught:
+        _write(tmp_path, {"both": "new"}, OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
+    assert isinstance(caught.value.__cause__, OSError)
+    assert _tree(tmp_path) == {"both": "old"}
+
+
+@pytest.mark.parametrize("links", [True, False], ids=["file system with links", "file system without links"])
+@pytest.mark.parametrize("fails_at", [1, 2, 3])
+def test_failure_while_moving_puts_everything_back(tmp_path, monkeypatch, fails_at, links):
+    target = tmp_path / "out"
+    target.mkdir()
+    (target / "b").write_text("old b")
+    (target / "foreign").write_text("x")
+    real, calls = os.replace, []
+
+    def replace(source, final):
+        calls.append(final)
+        if len(calls) == fails_at:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        real(source, final)
+
+    def no_link(self, other):
+        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(os, "replace", replace)
+    if not links:
+        monkeypatch.setattr(Path, "hardlink_to", no_link)
+    with pytest.raises(OutputError, match="cannot write to"):
+        _write(target, {"a": "new a", "b": "new b", "sub/c": "new c"})
+    assert _tree(target) == {"b": "old b", "foreign": "x"}
+
+
+def test_directory_in_the_place_of_a_file_is_not_replaced(tmp_path):
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b/precious").write_text("x")
+    with pytest.raises(OutputError, match="cannot write to"):
+        _write(tmp_path, {"a": "new a", "b": "new b"})
+    assert _tree(tmp_path) == {"b": "", "b/precious": "x"}
+
+
+def test_file_in_the_way_is_named(tmp_path):
+    (tmp_path / "file").write_text("x")
+    for target in (tmp_path / "file", tmp_path / "file/below"):
+        with pytest.raises(OutputError, match=rf"cannot write to {target}: .*--out"), atomic_folder(target):
+            pytest.fail("the block is not entered")
+    assert _tree(tmp_path) == {"file": "x"}
+
+
+def test_folder_that_cannot_be_written_leaves_no_parents(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    monkeypatch.setattr(atomic.tempfile, "mkdtemp", refuse)
+    with pytest.raises(OutputError, match="Permission denied"), atomic_folder(tmp_path / "a/b"):
+        pytest.fail("the block is not entered")
+    assert _tree(tmp_path) == {}
+
+
+def test_asking_whether_a_folder_can_be_written_leaves_nothing(tmp_path):
+    require_writable(tmp_path / "a/b")
+    assert _tree(tmp_path) == {}
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(OutputError, match=r"cannot write to .*file/below"):
+        require_writable(tmp_path / "file/below")
+    assert _tree(tmp_path) == {"file": "x"}
+
+
+def test_read_only_folder_is_named():
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)
+        target = Path(folder) / "locked"
+        target.mkdir(mode=0o555)
+        me = os.geteuid()
+        if me == 0:  # root may write everywhere: be nobody for a moment
+            os.seteuid(65534)
+        try:
+            with pytest.raises(OutputError, match=rf"cannot write to {target}: Permission denied"):
+                _write(target, {"a": "new a"})
+        finally:
+            os.seteuid(me)
+        assert list(target.iterdir()) == []
+
+
+# ------------------------------------------------------------------------------------------- killed
+
+
+OLD = {"a": "old", "b/c": "old", "stale/d": "old", "keep": "x"}
+NEW = {"a": "new", "b/c": "new", "new/e": "new", "keep": "x"}
+
+STEPS = ("replace", "rename", "unlink", "link", "mkdir", "rmdir", "open")
+"""Calls of the system by which files appear, move and go."""
+
+
+def _killed_at(step: int, target: Path, error: type[BaseException] | None = None) -> bool:
+    """Write NEW over OLD in a child that is killed before its nth step; return whether there is such a step.
+
+    With an error, this is raised at the step, and the child is killed at the step after.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # the child only runs what is here
+        child = os.fork()
+    if child == 0:
+        left = [step]
+
+        def counted(real):
+            def call(*args, **kwargs):
+                left[0] -= 1
+                if left[0] == 0 and error is not None:
+                    raise error
+                if left[0] == (-1 if error else 0):
+                    os.kill(os.getpid(), signal.SIGKILL)
+                return real(*args, **kwargs)
+
+            return call
+
+        try:
+            for name in STEPS:
+                setattr(os, name, counted(getattr(os, name)))
+            with atomic_folder(target, replacing=["stale/d"]) as work:
+                for name, text in NEW.items():
+                    if name != "keep":
+                        (work / name).parent.mkdir(exist_ok=True)
+                        (work / name).write_text(text)
+        finally:
+            os._exit(0 if left[0] > 0 else 1)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) != 0
+
+
+def _files(folder: Path) -> dict[str, str]:
+    return {str(p.relative_to(folder)): p.read_text() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.mark.parametrize("error", [None, OSError(errno.EIO, "input/output error"), KeyboardInterrupt])
+@pytest.mark.parametrize("old", [OLD, {}], ids=["over old files", "a new folder"])
+def test_killed_at_any_step_it_is_whole_after_the_next_start(tmp_path, old, error):
+    seen, step = set(), 0
+    new = NEW if old else {k: v for k, v in NEW.items() if k != "keep"}
+    while True:
+        step += 1
+        home = tmp_path / str(step)
+        home.mkdir()
+        target = home / "out/deep"
+        for name, text in old.items():
+            (target / name).parent.mkdir(parents=True, exist_ok=True)
+            (target / name).write_text(text)
+        reached = _killed_at(step, target, error)
+        settle(target)
+        assert _files(home) in ({f"out/deep/{k}": v for k, v in t.items()} for t in (old, new)), step
+        folders = {p for p in home.rglob("*") if p.is_dir()}
+        assert not [p for p in folders if not any(q.is_file() for q in p.rglob("*"))], step
+        seen.add(len(_files(home)) and (target / "a").read_text())
+        if not reached:
+            break
+    assert step > 15
+    assert "new" in seen
+    assert len(seen) == 2  # both ends were met
+
+
+def test_folder_in_use_is_left_alone(tmp_path):
+    with atomic_folder(tmp_path) as work:
+        (work / "a").write_text("new")
+        settle(tmp_path)
+        assert (work / "a").is_file()
+    assert _tree(tmp_path) == {"a": "new"}
+
+
+def test_temporary_folder_of_a_killed_process_goes_and_others_stay(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    program = "import os\nfrom twin.atomic import Scratch\ns = Scratch()\nos.kill(os.getpid(), 9)"
+    done = subprocess.run([sys.executable, "-c", program], env=os.environ | {"TMPDIR": str(tmp_path)})
+    assert done.returncode == -signal.SIGKILL
+    (tmp_path / ".twin-settings").mkdir()
+    with Scratch() as mine:
+        assert len(list(tmp_path.iterdir())) == 3
+        settle(tmp_path)
+        assert {str(p) for p in tmp_path.iterdir()} == {mine, str(tmp_path / ".twin-settings")}
+    assert [p.name for p in tmp_path.iterdir()] == [".twin-settings"]
+
+
+@pytest.mark.parametrize("name", ["../outside", "link/outside", "/tmp/outside"])
+def test_journal_of_somebody_else_reaches_nothing_outside(tmp_path, name):
+    """A folder from elsewhere may hold anything, a journal too."""
+    (tmp_path / "place").mkdir()
+    (tmp_path / "outside").write_text("precious")
+    folder = tmp_path / "place/robot"
+    own = folder / ".twin-abcdefgh.tmp"
+    (own / "new").mkdir(parents=True)
+    (own / "new/x").write_text("evil")
+    (folder / "link").symlink_to(tmp_path)
+    target = str(tmp_path / "outside") if name.startswith("/") else name
+    (own / "commit").write_text(json.dumps({"put": [[target, "x"]], "drop": [target], "made": []}))
+    settle(folder)
+    assert (tmp_path / "outside").read_text() == "precious"
+    assert not (tmp_path / "place/outside").exists()
+
+
+def test_two_at_once_the_last_one_wins_whole(tmp_path):
+    with atomic_folder(tmp_path) as one:
+        with atomic_folder(tmp_path) as two:
+            for name in "abc":
+                (two / name).write_text("two")
+        for name in "abc":
+            (one / name).write_text("one")
+    assert _tree(tmp_path) == dict.fromkeys("abc", "one")

@@ -1,0 +1,188 @@
+"""Exports used as a stranger uses them: the file is loaded and stepped, or played from a track, and nothing is set up.
+
+MuJoCo on the MJCF, Newton's default importer on the stage, Pinocchio and yourdfpy on the URDF; every robot, along every
+protocol. PhysX and Drake are in test_engines.py.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from functools import cache
+
+import numpy as np
+import pytest
+
+import twin
+from twin import spatial
+
+pytestmark = pytest.mark.witness
+
+ROBOTS = twin.names()
+CASES = [(r, p) for r in ROBOTS for p in twin.load(r).files.protocols()]
+SECONDS = float(os.environ.get("TWIN_STRANGERS_SECONDS", "10"))
+STARTED, HELD, PLAYED = 1e-6, 100e-6, 1e-6
+"""m: how far a loop may be open as loaded, and while it moves; how far a link may be off that plays a track."""
+LEAD = 2.0
+"""s from home to the first key of a track."""
+
+
+@cache
+def scene(name: str, protocol: str):
+    """Return the mechanism with its trocar where the protocol has it, the one as drawn, and the clip."""
+    from twin.cad.build import read_mechanism
+    from twin.exporting.clip import make_clip
+
+    robot = twin.load(name)
+    robot.cad = read_mechanism(robot.files.description)
+    robot.mechanism = robot.cad.mechanism
+    chosen = robot.protocol(protocol)
+    mechanism = robot.bound(chosen).mechanism
+    return mechanism, robot.mechanism, make_clip(mechanism, twin.plan(robot, chosen))
+
+
+def track_of(name: str, protocol: str, folder) -> dict:
+    from twin.exporting.tracks import write_tracks
+
+    mechanism, drawn, clip = scene(name, protocol)
+    return json.loads(write_tracks(mechanism, clip, folder, drawn)[0].read_text("utf-8"))
+
+
+def load_mjcf(mechanism, folder):
+    import mujoco
+
+    from twin.exporting.mjcf import write_mjcf
+
+    model = mujoco.MjModel.from_xml_path(str(write_mjcf(mechanism, folder)))
+    assert model.opt.timestep == 1e-3
+    return mujoco, model, mujoco.MjData(model)
+
+
+def open_by(model, data) -> float:
+    """Return how far the sites that are tied are apart, m."""
+    sites = model.eq_objtype == 6
+    apart = data.site_xpos[model.eq_obj1id[sites]] - data.site_xpos[model.eq_obj2id[sites]]
+    return float(np.linalg.norm(apart, axis=1).max(initial=0.0))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_mujoco_stands_still_as_loaded(figures, tmp_path, name):
+    mechanism = scene(name, next(p for r, p in CASES if r == name))[0]
+    mujoco, model, data = load_mjcf(mechanism, tmp_path)
+    mujoco.mj_forward(model, data)
+    start, before = open_by(model, data), data.xpos.copy()
+    held = moved = 0.0
+    for _ in range(round(SECONDS / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+        held = max(held, open_by(model, data))
+        moved = max(moved, float(np.abs(data.xpos - before).max()))
+    figures.add("mujoco, as loaded", name, "start", start, float("nan"), "loop gap")
+    figures.add("mujoco, as loaded", name, f"{SECONDS:g} s at rest", held, float("nan"), "loop gap")
+    figures.add("mujoco, as loaded", name, f"{SECONDS:g} s at rest", moved, float("nan"), "any link")
+    assert (model.neq > 0) == bool(mechanism.loops)
+    assert start <= STARTED
+    assert held <= HELD
+    assert moved <= HELD
+    assert not any(w.number for w in data.warning)
+
+
+@pytest.mark.parametrize(("name", "protocol"), CASES)
+def test_mujoco_follows_a_track(figures, tmp_path, name, protocol):
+    mujoco, model, data = load_mjcf(scene(name, protocol)[0], tmp_path)
+    track = track_of(name, protocol, tmp_path)
+    q = np.reshape(track["positions"], (track["frames"], -1))
+    driven = [
+        (model.actuator(n).id, i, model.joint(n).qposadr[0])
+        for i, n in enumerate(track["joints"])
+        if track["joint_active"][i]
+    ]
+    assert len(driven) == model.nu
+    held, step = 0.0, model.opt.timestep
+    for k in range(round((LEAD + track["times"][-1]) / step)):
+        t = (k + 1) * step
+        s = min(t / LEAD, 1.0)
+        way = s**3 * (10 - 15 * s + 6 * s * s)
+        for actuator, i, at in driven:
+            wanted = np.interp(max(t - LEAD, 0.0), track["times"], q[:, i])
+            data.ctrl[actuator] = way * (wanted - model.qpos0[at])
+        mujoco.mj_step(model, data)
+        held = max(held, open_by(model, data))
+    figures.add("mujoco, as loaded", name, f"{protocol}, driven", held, float("nan"), "loop gap")
+    assert held <= HELD
+    assert not any(w.number for w in data.warning)
+    last = [abs(data.qpos[at] - q[-1, i]) for _, i, at in driven]
+    assert max(last) < 0.05  # its drives are springs, and the weight at home is all that they know of
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_newtons_default_importer_starts_at_home(foreign, figures, tmp_path, name):
+    """Its MuJoCo solver gives loops springs of its own, and places the second point of a hinge at joint zero."""
+    from twin.exporting.usd import write_usd
+    from twin.stage.write.spanning import spanning
+
+    foreign.need("newton")
+    mechanism = scene(name, next(p for r, p in CASES if r == name))[0]
+    write_usd(mechanism, [], tmp_path)
+    job = {"stage": str(tmp_path / f"{mechanism.name}_sim.usda"), "seconds": min(SECONDS, 2.0), "step": 1e-3}
+    path, held = tmp_path / "job.json", {}
+    for stiff in (0.0, 1e-3):
+        path.write_text(json.dumps(job | {"stiff": stiff}))
+        found = foreign.read("newton", "read_newton_stranger.py", path, timeout=900.0)
+        held[stiff] = found["held"]
+        assert found["skipped"] == []
+        assert found["loops"] == len(spanning(mechanism).cut)
+        assert found["start"] <= STARTED
+        assert found["unplaced"] <= 2e-6  # single precision, at more than 1 m
+    figures.add("newton, as loaded", name, "start", found["start"], float("nan"), "loop gap")
+    figures.add("newton, as loaded", name, "2 s at rest", held[0.0], float("nan"), "loop gap, MuJoCo's default springs")
+    figures.add("newton, as loaded", name, "2 s at rest", held[1e-3], float("nan"), "loop gap, stiff springs")
+    if all(j.type == "spherical" for j in spanning(mechanism).cut):
+        assert held[0.0] <= 300e-6
+        assert held[1e-3] <= HELD
+
+
+@pytest.mark.parametrize(("name", "protocol"), CASES)
+@pytest.mark.parametrize("player", ["pinocchio", "yourdfpy"])
+def test_a_urdf_is_played_from_a_track(foreign, figures, tmp_path, player, name, protocol):
+    from twin.exporting.urdf import write_urdf
+
+    _, drawn, _ = scene(name, protocol)
+    track = track_of(name, protocol, tmp_path)
+    keys = np.unique(np.linspace(0, track["frames"] - 1, 24).astype(int))
+    q = np.reshape(track["positions"], (track["frames"], -1))[keys]
+    frames = [dict(zip(track["joints"], row.tolist(), strict=True)) for row in q]
+    seven = np.reshape(track["poses"], (track["frames"], -1, 7))[keys]
+    urdf = write_urdf(drawn, tmp_path)
+    if player == "pinocchio":
+        links = played_by_pinocchio(urdf, frames)
+    else:
+        path = tmp_path / "job.json"
+        path.write_text(json.dumps({"urdf": str(urdf), "base": drawn.base, "frames": frames}))
+        answer = foreign.read("yourdfpy", "read_yourdfpy.py", path)
+        assert answer["unnamed"] == []
+        links = {n: np.array(Ts) for n, Ts in answer["links"].items()}
+    position = rotation = 0.0
+    for i, link in enumerate(track["links"]):
+        R = spatial.matrix_from_quat_wxyz(seven[:, i, [6, 3, 4, 5]])
+        turned = np.swapaxes(links[link][:, :3, :3], 1, 2) @ R
+        position = max(position, float(np.linalg.norm(links[link][:, :3, 3] - seven[:, i, :3], axis=1).max()))
+        rotation = max(rotation, float(spatial.rotation_angle(turned).max()))
+    figures.add(player, name, f"{protocol}, URDF from the track", position, rotation, f"{len(links)} links")
+    assert position <= PLAYED
+    assert rotation <= 1e-5
+
+
+def played_by_pinocchio(urdf, frames):
+    import pinocchio as pin
+
+    model = pin.buildModelFromUrdf(str(urdf))
+    data, out = model.createData(), {f.name: [] for f in model.frames}
+    for frame in frames:
+        q = pin.neutral(model)
+        for joint, name in zip(model.joints[1:], model.names[1:], strict=True):
+            v = frame[name]
+            q[joint.idx_q : joint.idx_q + joint.nq] = v if joint.nq == 1 else [np.cos(v), np.sin(v)]
+        pin.framesForwardKinematics(model, data, q)
+        for f in model.frames:
+            out[f.name].append(data.oMf[model.getFrameId(f.name)].homogeneous.copy())
+    return {n: np.array(Ts) for n, Ts in out.items()}
