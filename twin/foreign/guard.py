@@ -9,7 +9,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import IO
 
 from twin.errors import BudgetError, SourceError
 from twin.foreign.budget import BODIES, BUDGETS, MB, way
+from twin.processes import isolated
 
 _LIMITED = """
 import resource, sys
@@ -87,10 +87,10 @@ def run(path: Path, kind: str, *arguments: str) -> int:
     """
     seconds, memory = limits(path, kind)
     own = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
-    command = [sys.executable, "-I", "-c", _LIMITED + _PROGRAMS[kind], str(int(seconds + 1)), str(memory)]
+    command = isolated(_LIMITED + _PROGRAMS[kind], int(seconds + 1), memory, path.resolve(), *arguments)
     with tempfile.TemporaryFile() as said:
         process = subprocess.Popen(
-            [*command, str(path.resolve()), *arguments],
+            command,
             stdin=subprocess.DEVNULL,
             stdout=said,
             stderr=said,
