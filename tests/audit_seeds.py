@@ -478,6 +478,19 @@ def plus(*offset: float):
     return row(lambda v: v + np.array(offset))
 
 
+def mjcf_gains(kp: float = 1.0, kv: float = 1.0, count: int | None = 1):
+    """Change the gains of position drives: force = kp (target - q) - kv q', as gainprm and biasprm."""
+
+    def change(root):
+        found = root.findall("actuator/general")[:count]
+        for e in found:
+            e.set("gainprm", by(kp)(e.get("gainprm")))
+            e.set("biasprm", row(lambda v: v * (kp, kp, kv))(e.get("biasprm")))
+        return bool(found)
+
+    return change
+
+
 def mjcf_actuators(name: str):
     def change(root):
         if len(found := root.findall("actuator/*")) < 2:
@@ -540,10 +553,10 @@ for kind, change, says in (
     ("actuators swapped", mjcf_actuators("joint"), "actuator|stiffness"),
     ("actuator names swapped", mjcf_actuators("name"), "actuator"),
     ("actuator deleted", drop("actuator/*"), "passive|driven|keyframe|ctrl"),
-    ("kp x 0.001", attribute("actuator/position", "kp", by(1e-3)), "stiffness"),
-    ("all kp x 0.001", every("actuator/position", "kp", by(1e-3)), "stiffness"),
-    ("kv x 100", attribute("actuator/position", "kv", by(100)), "damping"),
-    ("forcerange x 10", attribute("actuator/position", "forcerange", by(10)), "effort"),
+    ("kp x 0.001", mjcf_gains(kp=1e-3), "stiffness"),
+    ("all kp x 0.001", mjcf_gains(kp=1e-3, count=None), "stiffness"),
+    ("kv x 100", mjcf_gains(kv=100), "damping"),
+    ("forcerange x 10", attribute("actuator/*", "forcerange", by(10)), "effort"),
     ("mass x 1000", attribute(".//inertial", "mass", by(1e3), -1), "mass|density"),
     ("all masses x 1000", every(".//inertial", "mass", by(1e3)), "mass|density"),
     ("mass centre", attribute(".//inertial", "pos", plus(0.1, 0, 0), -1), "centre"),

@@ -264,6 +264,18 @@ def test_temporary_folder_of_a_killed_process_goes_and_others_stay(tmp_path, mon
     assert [p.name for p in tmp_path.iterdir()] == [".twin-settings"]
 
 
+def test_a_temporary_folder_can_be_written_like_any_other():
+    """It is locked already, by the process that would lock it."""
+    signal.signal(signal.SIGALRM, signal.default_int_handler)  # rather than to wait for ever
+    signal.alarm(20)
+    try:
+        with Scratch() as name:
+            _write(Path(name), {"one": "1"})
+            assert (Path(name) / "one").read_text() == "1"
+    finally:
+        signal.alarm(0)
+
+
 @pytest.mark.parametrize("name", ["../outside", "link/outside", "/tmp/outside"])
 def test_journal_of_somebody_else_reaches_nothing_outside(tmp_path, name):
     """A folder from elsewhere may hold anything, a journal too."""
