@@ -26,7 +26,8 @@ def made(source, name, folder, closures=None, root=None):
 def assert_same(a, b, tolerance=1e-12):
     """Assert that two mechanisms agree in names, joints in space, limits, drives, masses, frames and points.
 
-    Body frames may differ, so everything is compared in the base, at rest.
+    Body frames may differ, so everything is compared in the base, at rest. The joints of a stage's tree lead
+    outwards: one may have its bodies swapped, then its frames have half a turn about x.
     """
     assert [x.name for x in a.bodies] == [x.name for x in b.bodies]
     assert {j.name for j in a.loops} == {j.name for j in b.loops}
@@ -34,9 +35,11 @@ def assert_same(a, b, tolerance=1e-12):
     by_name = {j.name: j for j in b.joints}
     for j in a.joints:
         k = by_name.pop(j.name)
-        assert (j.type, j.parent, j.child) == (k.type, k.parent, k.child)
-        for body, T, U in ((j.parent, j.T_parent_joint, k.T_parent_joint), (j.child, j.T_child_joint, k.T_child_joint)):
-            np.testing.assert_allclose(a.rest[body] @ T, b.rest[body] @ U, atol=tolerance)
+        assert j.type == k.type
+        sides = {k.parent: k.T_parent_joint, k.child: k.T_child_joint}
+        turn = np.eye(4) if k.parent == j.parent else np.diag([1.0, -1.0, -1.0, 1.0])
+        for body, T in ((j.parent, j.T_parent_joint), (j.child, j.T_child_joint)):
+            np.testing.assert_allclose(a.rest[body] @ T, b.rest[body] @ sides[body] @ turn, atol=tolerance)
         for key in ("limits", "soft_limits", "max_speed", "max_acceleration", "cone"):
             x, y = getattr(j, key), getattr(k, key)
             assert (x is None) == (y is None), (j.name, key)

@@ -15,7 +15,7 @@ from twin import spatial
 from twin.cad.description import Description
 from twin.dynamics import solid
 from twin.findings import Finding
-from twin.mechanism import Body, Inertia, Joint, Mechanism
+from twin.mechanism import Body, Inertia, Joint, Mechanism, reversed_joint
 from twin.spatial import Array
 from twin.units import DEG, MM
 
@@ -90,6 +90,8 @@ def _differs(what: str, where: str, ours: float, theirs: float, unit: str, rel: 
 
 
 def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
+    if (a.parent, a.child) == (b.child, b.parent):  # the stage has the joints of its tree lead outwards
+        b = reversed_joint(b)
     for what in ("type", "parent", "child", "active"):
         ours, theirs = getattr(a, what), getattr(b, what)
         if ours != theirs:

@@ -54,8 +54,9 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
     z. Bodies may be nested; a joint side without body, or on a prim that is no body, holds to the world. The
     base is the body that `twin:base` names, else the one fixed to the world, else (joints hold to the world)
     a body "world" made for it, else the articulation root, else the only body that is never a child. Joints
-    excluded from the articulation come last, so that they close the loops. Rest poses are those of the
-    default time, relative to the base; positions keep double precision, rotations that of the orient op.
+    excluded from the articulation come last, so that they close the loops, unless the stage is twin's own. Rest
+    poses are those of the default time, relative to the base; positions keep double precision, rotations that of the
+    orient op.
 
     Args:
         path: .usd, .usda, .usdc or .usdz.

@@ -85,7 +85,9 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     joints = [j for j in joints if _touches(j, robots[0])]
     base, anchor = _base(scene, place, members, joints)
     joints = [j for j in joints if j is not anchor]
-    return Selection(base, members, sorted(joints, key=lambda j: j.excluded))
+    if not _told(scene, base):  # else they stand in the order of the description, and close its loops
+        joints = sorted(joints, key=lambda j: j.excluded)
+    return Selection(base, members, joints)
 
 
 def _on_world(joint: RawJoint) -> bool:
@@ -186,13 +188,19 @@ def _groups(bodies: list[str], joints: list[RawJoint]) -> list[list[str]]:
     return list(groups.values())
 
 
+def _told(scene: Scene, body: str) -> bool:
+    """Whether the stage itself says that a body, by prim path, is the base: then twin wrote it."""
+    prim = scene.bodies.get(body)
+    told = prim.GetParent().GetAttribute("twin:base") if prim else None
+    return bool(prim and told and told.Get() == prim.GetName())
+
+
 def _base(scene: Scene, place: str, bodies: list[str], joints: list[RawJoint]) -> tuple[str, RawJoint | None]:
     """Return the prim path of the base ("" is the world) and the joint that only fixes it."""
     grounded = [j for j in joints if not all(e.body for e in j.ends)]
     fixed = {next(e.body for e in j.ends if e.body): j for j in grounded if j.type == "fixed"}
     for body in bodies:
-        told = scene.bodies[body].GetParent().GetAttribute("twin:base")
-        if told and told.Get() == scene.bodies[body].GetName():
+        if _told(scene, body):
             return body, fixed.get(body)
     if len(fixed) == 1:
         return next(iter(fixed.items()))
