@@ -159,7 +159,8 @@ def _glb(path: Path, tolerance: float, angle: float) -> bytes:
     with Scratch() as work:
         glb = Path(work) / "step.glb"
         try:
-            code = run(path, "STEP", str(glb), repr(tolerance), repr(angle))
+            kind = "STEP" if tolerance * MM >= VISUAL_TOLERANCE else "fine STEP"
+            code = run(path, kind, str(glb), repr(tolerance), repr(angle))
         except SourceError as error:
             raise CadError(str(error)) from error
         if code != 0 or not glb.is_file():

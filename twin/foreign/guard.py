@@ -53,6 +53,8 @@ sys.exit(cascadio.step_to_glb(sys.argv[3], sys.argv[4], float(sys.argv[5]), floa
 """,
 }
 
+_PROGRAMS["fine STEP"] = _PROGRAMS["STEP"]
+
 _BESIDE = {"MJCF": (".xml", ".mjcf", ".stl", ".obj", ".msh", ".png"), "USD": (".usd", ".usda", ".usdc", ".usdz")}
 """What a file may bring along, by the ends of names: more may be used for it then."""
 
