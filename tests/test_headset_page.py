@@ -143,8 +143,8 @@ def test_what_is_wrong_is_red(desk, robot):
     """A shaft that misses its RCM is the alarm of this page; what is right is not red."""
     desk("twin.app.ask('seek', {t: 0.6 * twin.app.model.state.duration})")
     desk.until("twin.app.model.state.rcm_error_m !== null", "the RCM")
-    assert desk.id("measure-rcm").get_attribute("data-tone") == "plain"
-    assert desk.id("measure-residual").get_attribute("data-tone") == "plain"
+    for name in ("rcm", "residual"):  # a slow machine still shows the way there
+        desk.until(f"document.querySelector('[data-id=measure-{name}]').dataset.tone === 'plain'", f"{name} is plain")
     assert desk.id("measure-gap").get_attribute("data-tone") == "plain"
     before = desk.tool()
     start = desk.pixel(desk.to_scene(before[:3, 3]))

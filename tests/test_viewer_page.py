@@ -380,9 +380,17 @@ def test_scene_switches_change_the_picture_and_not_the_numbers(sils):
 def test_the_robot_is_rescaled_and_its_numbers_stay(sils):
     desk = still(sils)
     front = sils.front
+
+    def at_rest():
+        before = sils.readout()
+        time.sleep(1.5)
+        return before == sils.readout()
+
+    until(at_rest, "what was done before is shown")
     text = sils.readout()
     front.ask("place", lambda: front.scenery._put(front.hand, np.array([0.1, 0.0, 0.0]), 0.3, 0.5))
-    time.sleep(1.5)
+    until(lambda: not front._wishes, "the wish")
+    until(at_rest, "what was done is shown")
     assert sils.readout() == text
     T = desk.assembly.T_base_tool
     world = front.nodes["sils"].to_world(T[:3, 3])
