@@ -196,9 +196,13 @@ def test_larger_limits_are_never_slower_and_all_are_kept(seed, m, family, more):
     assert np.max(np.abs(first * sdd + second * sd**2) / acceleration) <= 1 + timing.OVER
     assert np.all(np.diff(found.s) >= 0)
     j = rng.integers(m)
-    # One coordinate that turns back (reversal, seed 2**32 - 2) took 6e-7 longer: the switch there lies between knots.
+    # Where coordinates turn back, the fastest rate at the knots is not the fastest of all: the greedy pass is optimal
+    # only in the limit of fine grids (Pham 2018, zero-inertia points). Seed 2**32 - 2 took 6e-7 longer with 241 knots.
+    rounding = 1e-6 if family is reversal else 1e-8
     for v, a in ((speed * np.where(np.arange(m) == j, more, 1), acceleration), (speed, acceleration * more)):
-        assert time_path(derivatives, v, a, knots=found.knots, finest=found.knots).optimal <= found.optimal * (1 + 1e-6)
+        assert time_path(derivatives, v, a, knots=found.knots, finest=found.knots).optimal <= found.optimal * (
+            1 + rounding
+        )
 
 
 @pytest.mark.parametrize("m", [1, 14, 30])

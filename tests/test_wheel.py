@@ -106,7 +106,9 @@ def test_wheel_names_its_licence_and_command(wheel, names):
         assert "twin = twin.cli:main" in archive.read(f"{info}/entry_points.txt").decode()
         metadata = archive.read(f"{info}/METADATA").decode()
     assert f"{info}/licenses/LICENSE" in names
-    texts = {f"{info}/licenses/licenses/{n}" for n in ("THIRD_PARTY.md", "LGPL-2.1.txt", "OCCT_LGPL_EXCEPTION.txt")}
+    texts = {
+        f"{info}/licenses/docs/licenses/{n}" for n in ("THIRD_PARTY.md", "LGPL-2.1.txt", "OCCT_LGPL_EXCEPTION.txt")
+    }
     assert texts <= names
     wanted = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     needed = [line for line in metadata.splitlines() if line.startswith("Requires-Dist: ") and "extra ==" not in line]

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import runpy
-import struct
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -24,6 +23,7 @@ from twin.exporting.usdz import package, write_usdz
 pytestmark = pytest.mark.witness
 
 made = SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[1] / "test_stage_mechanisms.py")))
+Glb = runpy.run_path(str(Path(__file__).parents[1] / "glb_apart.py"))["Glb"]
 RATE = 20.0
 
 
@@ -40,90 +40,60 @@ def clip() -> Clip:
 # -- GLB: a defect edits the document and what its accessors hold ----------------------------------------
 
 
-class Glb:
-    """A GLB taken apart: `document`, and the numbers of an accessor as an array that can be written to."""
-
-    def __init__(self, data: bytes) -> None:
-        size = struct.unpack_from("<I", data, 12)[0]
-        self.document: dict[str, Any] = json.loads(data[20 : 20 + size])
-        self.binary = bytearray(data[28 + size :])
-
-    def numbers(self, accessor: int) -> np.ndarray:
-        a = self.document["accessors"][accessor]
-        view = self.document["bufferViews"][a["bufferView"]]
-        width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[a["type"]]
-        start = view.get("byteOffset", 0) + a.get("byteOffset", 0)
-        return np.frombuffer(self.binary, "<f4", a["count"] * width, start).reshape(-1, width)
-
-    def node(self, name: str) -> dict[str, Any]:
-        return next(n for n in self.document["nodes"] if n["name"] == name)
-
-    def channels(self, path: str) -> list[tuple[dict[str, Any], dict[str, Any]]]:
-        animation = self.document["animations"][0]
-        return [(c, animation["samplers"][c["sampler"]]) for c in animation["channels"] if c["target"]["path"] == path]
-
-    def bytes(self) -> bytes:
-        text = json.dumps(self.document).encode()
-        text += b" " * (-len(text) % 4)
-        body = struct.pack("<II", len(text), 0x4E4F534A) + text
-        body += struct.pack("<II", len(self.binary), 0x004E4942) + bytes(self.binary)
-        return struct.pack("<III", 0x46546C67, 2, 12 + len(body)) + body
-
-
-def no_root_rotation(glb: Glb) -> None:
+def no_root_rotation(glb: Any) -> None:
     del glb.node("bars")["rotation"]
 
 
-def root_turned_the_other_way(glb: Glb) -> None:
+def root_turned_the_other_way(glb: Any) -> None:
     glb.node("bars")["rotation"][0] *= -1
 
 
-def millimetres(glb: Glb) -> None:
+def millimetres(glb: Any) -> None:
     glb.node("bars")["scale"] = [1000.0] * 3
 
 
-def mirrored(glb: Glb) -> None:
+def mirrored(glb: Any) -> None:
     glb.node("bars")["scale"] = [1.0, -1.0, 1.0]
 
 
-def swapped_channels(glb: Glb) -> None:
+def swapped_channels(glb: Any) -> None:
     nodes = [n["name"] for n in glb.document["nodes"]]
     swap = {nodes.index("crank"): nodes.index("rocker"), nodes.index("rocker"): nodes.index("crank")}
     for channel, _ in glb.channels("rotation"):
         channel["target"]["node"] = swap.get(channel["target"]["node"], channel["target"]["node"])
 
 
-def w_first(glb: Glb) -> None:
+def w_first(glb: Any) -> None:
     for _, sampler in glb.channels("rotation"):
         values = glb.numbers(sampler["output"])
         values[:] = np.roll(values, 1, axis=1)
 
 
-def too_slow(glb: Glb) -> None:
+def too_slow(glb: Any) -> None:
     for accessor in {s["input"] for _, s in glb.channels("rotation")}:
         glb.numbers(accessor)[:] *= 2
         glb.document["accessors"][accessor]["max"][0] *= 2
 
 
-def ten_micrometres_aside(glb: Glb) -> None:
+def ten_micrometres_aside(glb: Any) -> None:
     for _, sampler in glb.channels("translation"):
         glb.numbers(sampler["output"])[-1] += 1e-5
 
 
-def names_swapped(glb: Glb) -> None:
+def names_swapped(glb: Any) -> None:
     crank, rocker = glb.node("crank"), glb.node("rocker")
     crank["name"], rocker["name"] = "rocker", "crank"
 
 
-def name_twice(glb: Glb) -> None:
+def name_twice(glb: Any) -> None:
     glb.node("rocker")["name"] = "crank"
 
 
-def no_clip(glb: Glb) -> None:
+def no_clip(glb: Any) -> None:
     glb.document["animations"][0]["name"] = "another"
 
 
-GLB_DEFECTS: tuple[Callable[[Glb], None], ...] = (
+GLB_DEFECTS: tuple[Callable[[Any], None], ...] = (
     *(no_root_rotation, root_turned_the_other_way, millimetres, mirrored, swapped_channels, w_first, too_slow),
     *(ten_micrometres_aside, names_swapped, name_twice, no_clip),
 )

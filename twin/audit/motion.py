@@ -76,7 +76,7 @@ class Content:
         declared: names that the file itself calls links (rigid bodies, extras), None if it calls nothing so.
         shapes: meshes by link.
         colors: share of a link's area by linear rgba, by link.
-        physics: what the file says of the mechanism, None if it says nothing.
+        physics: masses, joints and frames in the file, None if it has none.
         model_hash: of the mechanism that the file says it was made from, "" if it says none.
         facts: conventions found, for the report: units, up_axis, handedness, ...
         known: links of the files beside it, None if there are none.

@@ -1,0 +1,46 @@
+"""A GLB taken apart, to be changed and put together again: for tests that seed defects."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+
+class Glb:
+    """`document`, and the numbers of an accessor as an array that can be written to."""
+
+    def __init__(self, data: bytes) -> None:
+        size = struct.unpack_from("<I", data, 12)[0]
+        self.document: dict[str, Any] = json.loads(data[20 : 20 + size])
+        self.binary = bytearray(data[28 + size :])
+
+    def numbers(self, accessor: int) -> np.ndarray:
+        a = self.document["accessors"][accessor]
+        view = self.document["bufferViews"][a["bufferView"]]
+        width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[a["type"]]
+        start = view.get("byteOffset", 0) + a.get("byteOffset", 0)
+        return np.frombuffer(self.binary, "<f4", a["count"] * width, start).reshape(-1, width)
+
+    def node(self, name: str) -> dict[str, Any]:
+        return next(n for n in self.document["nodes"] if n["name"] == name)
+
+    def links(self) -> list[dict[str, Any]]:
+        return [n for n in self.document["nodes"] if n.get("extras", {}).get("link")]
+
+    def channels(self, path: str) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+        """Yield the channels of all animations that move a property, each with its sampler."""
+        for animation in self.document["animations"]:
+            for c in animation["channels"]:
+                if c["target"]["path"] == path:
+                    yield c, animation["samplers"][c["sampler"]]
+
+    def bytes(self) -> bytes:
+        text = json.dumps(self.document).encode()
+        text += b" " * (-len(text) % 4)
+        body = struct.pack("<II", len(text), 0x4E4F534A) + text
+        body += struct.pack("<II", len(self.binary), 0x004E4942) + bytes(self.binary)
+        return struct.pack("<III", 0x46546C67, 2, 12 + len(body)) + body
