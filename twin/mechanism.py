@@ -18,7 +18,7 @@ from typing import Literal
 
 import numpy as np
 
-from twin import spatial
+from twin import spatial, units
 from twin.errors import MechanismError, unknown
 from twin.foreign.budget import BODIES, FREEDOMS
 from twin.provenance import Parameter
@@ -40,6 +40,30 @@ _IDENTIFIER = re.compile(r"[a-z][a-z0-9_]*")
 
 
 @dataclass(frozen=True)
+class Finish:
+    """What the surface of a mesh is, to a renderer.
+
+    Attributes:
+        material: name of what the part is made of, or "" if nobody says.
+        metallic: 0 paint, plastic, glass .. 1 bare metal.
+        roughness: 0 mirror .. 1 chalk.
+    """
+
+    material: str = ""
+    metallic: float = 0.0
+    roughness: float = 0.5
+
+
+@dataclass(frozen=True)
+class Material:
+    """A material of a scene: a name that no other one of the robot has, a linear colour 0..1, and a finish."""
+
+    name: str
+    color_rgba: tuple[float, float, float, float]
+    finish: Finish
+
+
+@dataclass(frozen=True)
 class Mesh:
     """A triangle mesh with one colour, in the frame of its body.
 
@@ -48,12 +72,14 @@ class Mesh:
         vertices: (n, 3) float64, metres.
         triangles: (m, 3) int32, counter-clockwise seen from outside.
         color_rgba: linear, 0..1.
+        finish: of its surface.
     """
 
     name: str
     vertices: Array
     triangles: np.ndarray
     color_rgba: tuple[float, float, float, float] = (0.6, 0.6, 0.6, 1.0)
+    finish: Finish = Finish()
 
 
 @dataclass(frozen=True)
@@ -260,6 +286,29 @@ class Mechanism:
         tool, q = self.frame(self.tool), self.posture(next(iter(self.postures))) if self.postures else None
         return [(j.name, j.is_angle) for j in self.active], self.rest.get(tool.body, np.eye(4)) @ tool.T_body_frame, q
 
+    @cached_property
+    def materials(self) -> dict[str, Material]:
+        """Material of every mesh, by mesh name; all formats that are written take names and finish from here.
+
+        A name is what the part is made of and its colour, `steel_8a8f96`: the same for all robots and after every
+        change of the drawing, so that what a user puts in its place in another program stays.
+        """
+        known: dict[tuple[tuple[float, ...], Finish], Material] = {}
+        taken: set[str] = set()
+        out = {}
+        for mesh in (m for b in self.bodies for m in b.meshes):
+            key = (mesh.color_rgba, mesh.finish)
+            if key not in known:
+                color = _hex(mesh.color_rgba)
+                made_of = mesh.finish.material.removesuffix(f"_{color}") or "color"
+                name = f"{made_of}_{color}"
+                while name in taken:  # another finish, or colours that 8 bits do not tell apart
+                    name = f"{made_of}_{len(taken)}_{color}"
+                taken.add(name)
+                known[key] = Material(name, mesh.color_rgba, mesh.finish)
+            out[mesh.name] = known[key]
+        return out
+
     def body(self, name: str) -> Body:
         """Return the body of that name, or raise `MechanismError` with the names that exist."""
         return _find("body", self.bodies, name)
@@ -306,6 +355,12 @@ class Mechanism:
         T[:3, 3] += np.asarray(p_base, float) - self.trocar_at
         moved = tuple(replace(j, T_parent_joint=T) if j.name == self.trocar else j for j in self.joints)
         return replace(self, joints=moved)
+
+
+def _hex(color_rgba: tuple[float, ...]) -> str:
+    """Return a linear colour as the hexadecimal digits that web pages and drawing programs know it by."""
+    parts = [*map(units.srgb, color_rgba[:3]), *(a for a in color_rgba[3:] if a < 1)]
+    return "".join(f"{round(255 * min(max(part, 0.0), 1.0)):02x}" for part in parts)
 
 
 def _find(kind: str, items, name: str):

@@ -10,6 +10,12 @@ LENGTH = {"m": 1.0, "cm": 1e-2, "mm": MM, "um": UM, "in": 0.0254}
 """Length units that a CAD mesh may declare, in metres."""
 
 
+def srgb(linear: float) -> float:
+    """Return a linear part of a colour, 0..1, as displays show it, 0..1 (IEC 61966-2-1)."""
+    part = min(max(linear, 0.0), 1.0)
+    return 12.92 * part if part <= 0.0031308 else 1.055 * part ** (1 / 2.4) - 0.055
+
+
 def decimals(difference: float) -> int:
     """Return how many decimals show a difference with three digits: three at least, nine at most."""
     return min(max(2 - floor(log10(abs(difference))), 3), 9) if difference else 3

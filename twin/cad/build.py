@@ -20,7 +20,7 @@ from twin.cad.parameters import SCALES, parameters
 from twin.cad.step import MASS_TOLERANCE, Part, StepModel, read_step
 from twin.errors import CadError, unknown
 from twin.findings import Finding
-from twin.mechanism import Body, Coupling, Drive, Inertia, Joint, Mechanism, Mesh
+from twin.mechanism import Body, Coupling, Drive, Finish, Inertia, Joint, Mechanism, Mesh
 from twin.provenance import Parameter
 from twin.spatial import Array
 from twin.units import DEG, MM, UM
@@ -160,7 +160,8 @@ def _shapes(
     for body in d.body:
         for part in parts[body]:
             vertices = into(drawn[body], part.vertices)
-            meshes[body].append(Mesh(_unique(part.name, taken), vertices, part.triangles, part.color_rgba))
+            finish = _finish(d, part.name)
+            meshes[body].append(Mesh(_unique(part.name, taken), vertices, part.triangles, part.color_rgba, finish))
             if with_mass:
                 exact = fine[id(part)]
                 _weigh(d, part.name, into(drawn[body], exact.vertices), exact.triangles, masses[body], found)
@@ -168,7 +169,10 @@ def _shapes(
             loaded, notes = mesh.load_mesh(folder / spec.file, spec.unit, spec.up, spec.color)
             found += [n for n in notes if n.code != "cad.open_mesh"]
             vertices = into(drawn[body], loaded.vertices)
-            meshes[body].append(Mesh(_unique(loaded.name, taken), vertices, loaded.triangles, loaded.color_rgba))
+            finish = _finish(d, loaded.name)
+            meshes[body].append(
+                Mesh(_unique(loaded.name, taken), vertices, loaded.triangles, loaded.color_rgba, finish)
+            )
             if with_mass:
                 _weigh(d, loaded.name, vertices, loaded.triangles, masses[body], found)
     weighed = {name: mesh.combine(list_) for name, list_ in masses.items() if list_}
@@ -184,6 +188,17 @@ def _given(spec: MassSpec, T_drawn_body: Array) -> Inertia:
     return Inertia(spec.mass_kg, into(T_drawn_body, np.array(spec.com_mm) * MM), 0.5 * (I + I.T))
 
 
+def _material(d: Description, part: str) -> str | None:
+    """Return the name of the last material in the description that names the part, or None."""
+    named = [name for name, m in d.material.items() if any(fnmatch.fnmatch(part, p) for p in m.parts)]
+    return named[-1] if named else None
+
+
+def _finish(d: Description, part: str) -> Finish:
+    name = _material(d, part)
+    return Finish() if name is None else Finish(name, d.material[name].metallic, d.material[name].roughness)
+
+
 def _weigh(
     d: Description,
     part: str,
@@ -192,11 +207,8 @@ def _weigh(
     out: list[Inertia],
     found: list[Finding],
 ) -> None:
-    density = None
-    for material in d.material.values():
-        if any(fnmatch.fnmatch(part, pattern) for pattern in material.parts):
-            density = material.density_kg_m3
-    if density is None:
+    material = _material(d, part)
+    if material is None:
         if d.material:
             found.append(
                 Finding(
@@ -208,7 +220,7 @@ def _weigh(
                 )
             )
         return
-    weight = mesh.inertia(vertices, triangles, density)
+    weight = mesh.inertia(vertices, triangles, d.material[material].density_kg_m3)
     if weight is None:
         found.append(mesh.open_mesh(part))
     else:

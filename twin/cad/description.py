@@ -115,9 +115,14 @@ class MeshSpec(Table):
 
 
 class Material(Table):
-    """A density and the parts that have it, as shell patterns; the last match wins."""
+    """A density, a finish, and the parts that have them, as shell patterns; the last match wins.
+
+    `metallic` is 1 for bare metal, 0 for paint, plastic and glass; `roughness` goes from 0, mirror, to 1, chalk.
+    """
 
     density_kg_m3: float = Field(gt=0)
+    metallic: float = Field(0.0, ge=0, le=1)
+    roughness: float = Field(0.5, ge=0, le=1)
     parts: list[str]
     provenance: Provenance
     note: str = Field(min_length=1)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from twin.exporting.clip import Clip, home_poses, model_hash, quaternions_xyzw
-from twin.mechanism import Body, Mechanism
+from twin.mechanism import Body, Material, Mechanism
 from twin.spatial import Array
 from twin.stage.write.geometry import corner_normals
 from twin.version import __version__
@@ -65,7 +65,7 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
             extras["mass"] = float(f"{body.inertia.mass:.9g}")
         extras["joints"] = [j.name for j in mechanism.joints if j.child == body.name]
         nodes.append({"name": body.name, **_trs(rest[body.name]), "extras": extras})
-        if (mesh := out.mesh(body)) is not None:
+        if (mesh := out.mesh(body, mechanism.materials)) is not None:
             nodes[-1]["mesh"] = mesh
     for frame in mechanism.frames:
         if frame.name not in names.frames:
@@ -168,15 +168,15 @@ class _Document:
         self._accessors: list[tuple[str, dict[str, Any]]] = []
         self._known: dict[tuple[str, str, bool, bytes], int] = {}
         self._meshes: list[dict[str, Any]] = []
-        self._materials: dict[tuple[float, ...], int] = {}
+        self._materials: dict[Material, int] = {}
 
-    def mesh(self, body: Body) -> int | None:
-        """Add the meshes of a body as one, one primitive for each colour, and return its number; None: no triangle."""
-        by_color: dict[tuple[float, ...], list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
+    def mesh(self, body: Body, materials: Mapping[str, Material]) -> int | None:
+        """Add the meshes of a body as one, a primitive for each material, and return its number; None: no triangle."""
+        by_material: dict[Material, list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
         for mesh in body.meshes:
-            by_color.setdefault(mesh.color_rgba, []).append(surface(mesh.vertices, mesh.triangles))
+            by_material.setdefault(materials[mesh.name], []).append(surface(mesh.vertices, mesh.triangles))
         primitives = []
-        for color, parts in by_color.items():
+        for material, parts in by_material.items():
             starts = np.cumsum([0, *(len(p) for p, _, _ in parts)])
             faces = np.concatenate([f + s for (_, _, f), s in zip(parts, starts[:-1], strict=True)])
             if not len(faces):
@@ -195,7 +195,7 @@ class _Document:
                         "SCALAR",
                         _UINT16 if small else _UINT32,
                     ),
-                    "material": self._materials.setdefault(color, len(self._materials)),
+                    "material": self._materials.setdefault(material, len(self._materials)),
                 }
             )
         if not primitives:
@@ -261,7 +261,7 @@ class _Document:
         accessors = [{"bufferView": used.index(part), **a} for part, a in self._accessors]
         lists = {
             "meshes": self._meshes,
-            "materials": [_material(i, color) for color, i in self._materials.items()],
+            "materials": [_material(material) for material in self._materials],
             "accessors": accessors,
             "bufferViews": views,
             "buffers": [{"byteLength": start}] if start else [],
@@ -283,17 +283,17 @@ def _trs(T: Array) -> dict[str, Any]:
     return {"translation": (T[:3, 3] + 0.0).tolist(), "rotation": (q + 0.0).tolist()}
 
 
-def _material(number: int, color_rgba: tuple[float, ...]) -> dict[str, Any]:
+def _material(material: Material) -> dict[str, Any]:
     out: dict[str, Any] = {
-        "name": f"color_{number}",
+        "name": material.name,
         "pbrMetallicRoughness": {
-            "baseColorFactor": [float(c) for c in color_rgba],
-            "metallicFactor": 0.0,
-            "roughnessFactor": 0.5,
+            "baseColorFactor": [float(c) for c in material.color_rgba],
+            "metallicFactor": float(material.finish.metallic),
+            "roughnessFactor": float(material.finish.roughness),
         },
         "doubleSided": False,
     }
-    if color_rgba[3] < 1:  # without it a player draws the part opaque
+    if material.color_rgba[3] < 1:  # without it a player draws the part opaque
         out["alphaMode"] = "BLEND"
     return out
 

@@ -110,6 +110,9 @@ class _Writer:
         root.append(ET.Comment(f" {STEPPING} "))
         ET.SubElement(root, "option", OPTION)
         asset = ET.SubElement(root, "asset")
+        for look in dict.fromkeys(mechanism.materials.values()):
+            finish = {"metallic": numbers([look.finish.metallic]), "roughness": numbers([look.finish.roughness])}
+            ET.SubElement(asset, "material", {"name": look.name, "rgba": srgb(look.color_rgba), **finish})
         for body in mechanism.bodies:
             for mesh in body.meshes:
                 # Bodies have their own inertia, so that the mesh of a thin sheet need not be a solid.
@@ -134,7 +137,12 @@ class _Writer:
             _inertial(element, inertia_of(body))
         for mesh in body.meshes:
             # Neighbours overlap in their joints: links meet the world (whose contype is 1), never one another.
-            shape = {"type": "mesh", "mesh": mesh.name, "rgba": srgb(mesh.color_rgba), "mass": "0"}
+            shape = {
+                "type": "mesh",
+                "mesh": mesh.name,
+                "material": self.mechanism.materials[mesh.name].name,
+                "mass": "0",
+            }
             ET.SubElement(element, "geom", {**shape, "contype": "0", "conaffinity": "1"})
         marks = [(f"frame_{f.name}", f.T_body_frame) for f in self.mechanism.frames if f.body == name]
         for site, at in [*marks, *self.sites.get(name, [])]:

@@ -7,6 +7,7 @@ turns about x, y and z, which are zero as drawn: the place farthest from their o
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -17,7 +18,7 @@ from twin.exporting.masses import inertia_of, unweighed
 from twin.exporting.meshes import SCALE, mesh_file, write_meshes
 from twin.exporting.xml import numbers, srgb, write_xml
 from twin.findings import Finding
-from twin.mechanism import Body, Inertia, Joint, Mechanism
+from twin.mechanism import Body, Inertia, Joint, Material, Mechanism
 from twin.spatial import Array
 from twin.stage.write.spanning import spanning
 
@@ -86,21 +87,17 @@ def _document(mechanism: Mechanism) -> ET.Element:
     root = ET.Element("robot", name=mechanism.name)
     for finding in urdf_findings(mechanism):
         root.append(ET.Comment(f" {finding.message}. ".replace("--", "-")))
-    colors: dict[tuple[float, ...], str] = {}
+    for look in dict.fromkeys(mechanism.materials.values()):
+        material = ET.SubElement(root, "material", name=look.name)
+        ET.SubElement(material, "color", rgba=srgb(look.color_rgba))
     for body in mechanism.bodies:
-        for mesh in body.meshes:
-            if mesh.color_rgba not in colors:
-                colors[mesh.color_rgba] = f"color_{len(colors)}"
-                material = ET.SubElement(root, "material", name=colors[mesh.color_rgba])
-                ET.SubElement(material, "color", rgba=srgb(mesh.color_rgba))
-    for body in mechanism.bodies:
-        _link(root, body, colors, weighed=body.name != mechanism.base or body.inertia is not None)
+        _link(root, body, mechanism.materials, weighed=body.name != mechanism.base or body.inertia is not None)
     for joint in spanning(mechanism).tree:
         _joint(root, joint, joint.relative(home[joint.parent], home[joint.child]))
     return root
 
 
-def _link(root: ET.Element, body: Body, colors: dict[tuple[float, ...], str], weighed: bool) -> None:
+def _link(root: ET.Element, body: Body, materials: Mapping[str, Material], weighed: bool) -> None:
     link = ET.SubElement(root, "link", name=body.name)
     if weighed:
         _inertial(link, inertia_of(body))
@@ -109,7 +106,7 @@ def _link(root: ET.Element, body: Body, colors: dict[tuple[float, ...], str], we
             shape = ET.SubElement(link, use, name=f"{mesh.name}_{use}")
             ET.SubElement(ET.SubElement(shape, "geometry"), "mesh", filename=mesh_file(mesh), scale=SCALE)
             if use == "visual":
-                ET.SubElement(shape, "material", name=colors[mesh.color_rgba])
+                ET.SubElement(shape, "material", name=materials[mesh.name].name)
 
 
 def _joint(root: ET.Element, joint: Joint, T_home: Array) -> None:

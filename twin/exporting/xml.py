@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-import numpy as np
+from twin import units
 
 DECIMALS = 12
 """Of m and of rad: the last bits of a processor do not reach the file."""
@@ -19,9 +19,7 @@ def numbers(values: Iterable[float]) -> str:
 
 def srgb(color_rgba: tuple[float, float, float, float]) -> str:
     """Return a linear colour as the display values that viewers of these formats show unchanged."""
-    c = np.clip(np.array(color_rgba[:3]), 0.0, 1.0)
-    shown = np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
-    return " ".join(f"{v:.4g}" for v in (*shown, color_rgba[3]))
+    return " ".join(f"{v:.4g}" for v in (*map(units.srgb, color_rgba[:3]), color_rgba[3]))
 
 
 def write_xml(root: ET.Element, path: Path) -> Path:

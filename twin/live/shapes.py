@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from twin import units
 from twin.mechanism import Body
 from twin.spatial import Array
 
@@ -24,15 +25,9 @@ def looks(body: Body) -> list[Look]:
         starts = np.cumsum([0, *(len(v) for v, _ in parts)])
         vertices = np.concatenate([v for v, _ in parts])
         triangles = np.concatenate([f + s for (_, f), s in zip(parts, starts[:-1], strict=True)])
-        out.append((vertices, triangles, srgb(color[:3]), float(color[3])))
+        r, g, b = (round(255 * units.srgb(c)) for c in color[:3])
+        out.append((vertices, triangles, (r, g, b), float(color[3])))
     return out
-
-
-def srgb(linear: tuple[float, ...]) -> tuple[int, int, int]:
-    """Return a linear colour 0..1 as sRGB 0..255 (IEC 61966-2-1)."""
-    c = np.clip(np.asarray(linear, float), 0, 1)
-    r, g, b = np.round(255 * np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)).astype(int)
-    return int(r), int(g), int(b)
 
 
 def creased(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:

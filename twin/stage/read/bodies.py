@@ -9,7 +9,7 @@ from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
 
 from twin.errors import StageError
 from twin.findings import Finding
-from twin.mechanism import Inertia, Mesh
+from twin.mechanism import Finish, Inertia, Mesh
 from twin.spatial import Array
 from twin.stage import gf
 from twin.stage.scan import SCALE_TOL, Scene, rigid
@@ -141,28 +141,31 @@ def _mesh(scene: Scene, body: Usd.Prim, mesh: UsdGeom.Mesh, name: str) -> Mesh |
         triangles = triangles[:, ::-1].copy()
     if not np.array_equal(M, np.eye(4)):
         points = points @ M[:3, :3].T + M[:3, 3]
-    return Mesh(name, points * scene.meters * scene.size(body), triangles, _color(mesh))
+    return Mesh(name, points * scene.meters * scene.size(body), triangles, *_shown(mesh))
 
 
-def _color(mesh: UsdGeom.Mesh) -> tuple[float, float, float, float]:
-    """Return the linear colour of the bound preview surface, else the display colour, else grey."""
+def _shown(mesh: UsdGeom.Mesh) -> tuple[tuple[float, float, float, float], Finish]:
+    """Return linear colour and finish of the bound preview surface, else the display colour, else grey."""
     material, _ = UsdShade.MaterialBindingAPI(mesh.GetPrim()).ComputeBoundMaterial()
     if material:
         shader, *_ = material.ComputeSurfaceSource()
         if shader and shader.GetIdAttr().Get() == "UsdPreviewSurface":
+
+            def value(name: str, default: float) -> float:
+                given = shader.GetInput(name).Get() if shader.GetInput(name) else None
+                return default if given is None else round(float(given), 6)  # 0.35 is 0.3499999 in single precision
+
             color = shader.GetInput("diffuseColor")
-            value = color.Get() if color else None
-            opacity = shader.GetInput("opacity")
-            alpha = opacity.Get() if opacity else None
-            if value is not None:
-                r, g, b = map(float, value)
-                return (r, g, b, 1.0 if alpha is None else float(alpha))
+            if color and (rgb := color.Get()) is not None:
+                r, g, b = map(float, rgb)
+                finish = Finish(material.GetPrim().GetName(), value("metallic", 0.0), value("roughness", 0.5))
+                return (r, g, b, value("opacity", 1.0)), finish
     shown = mesh.GetDisplayColorAttr().Get()
     if shown:
         r, g, b = map(float, shown[0])
         opacity = mesh.GetDisplayOpacityAttr().Get()
-        return (r, g, b, float(opacity[0]) if opacity else 1.0)
-    return (0.6, 0.6, 0.6, 1.0)
+        return (r, g, b, float(opacity[0]) if opacity else 1.0), Finish()
+    return (0.6, 0.6, 0.6, 1.0), Finish()
 
 
 def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia | None:

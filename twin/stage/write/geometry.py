@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade
 
-from twin.mechanism import Mechanism, Mesh
+from twin.mechanism import Material, Mechanism, Mesh
 from twin.spatial import Array
 from twin.stage import gf
 from twin.stage.write.layers import Leaves, describe, new_layer, save
@@ -53,16 +53,17 @@ def write_geometry(mechanism: Mechanism, path: Path, link_poses: Mapping[str, Ar
         # Double: USD turns an orient op into angle and axis by an arc cosine, which in single precision loses
         # every rotation below 3e-4 rad (measured, usd-core 26.11).
         xform.AddOrientOp(UsdGeom.XformOp.PrecisionDouble).Set(gf.quatd(T[:3, :3]))
-    materials: dict[tuple[float, ...], UsdShade.Material] = {}
+    materials: dict[str, UsdShade.Material] = {}
     paths = mesh_paths(mechanism)
     for body in mechanism.bodies:
         for mesh in body.meshes:
             prim = _write_mesh(stage, paths[mesh.name], mesh).GetPrim()
             _name(prim, mesh.name)
-            if mesh.color_rgba not in materials:
-                place = f"/{mechanism.name}/materials/color_{len(materials)}"
-                materials[mesh.color_rgba] = _write_material(stage, place, mesh.color_rgba)
-            UsdShade.MaterialBindingAPI.Apply(prim).Bind(materials[mesh.color_rgba])
+            material = mechanism.materials[mesh.name]
+            if material.name not in materials:
+                place = f"/{mechanism.name}/materials/{material.name}"
+                materials[material.name] = _write_material(stage, place, material)
+            UsdShade.MaterialBindingAPI.Apply(prim).Bind(materials[material.name])
     _write_marks(stage, mechanism)
     return save(layer, path)
 
@@ -130,14 +131,15 @@ def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREAS
     return np.where(size > 0, total / np.where(size > 0, size, 1.0), [0.0, 0.0, 1.0])
 
 
-def _write_material(stage: Usd.Stage, path: str, color_rgba: tuple[float, ...]) -> UsdShade.Material:
+def _write_material(stage: Usd.Stage, path: str, look: Material) -> UsdShade.Material:
     UsdGeom.Scope.Define(stage, Sdf.Path(path).GetParentPath())
     material = UsdShade.Material.Define(stage, path)
+    color_rgba = look.color_rgba
     shader = UsdShade.Shader.Define(stage, f"{path}/surface")
     shader.CreateIdAttr("UsdPreviewSurface")
     shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*color_rgba[:3]))
-    shader.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(0.5)
-    shader.CreateInput("metallic", Sdf.ValueTypeNames.Float).Set(0.0)
+    shader.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(look.finish.roughness)
+    shader.CreateInput("metallic", Sdf.ValueTypeNames.Float).Set(look.finish.metallic)
     if color_rgba[3] < 1:
         shader.CreateInput("opacity", Sdf.ValueTypeNames.Float).Set(float(color_rgba[3]))
     surface = shader.CreateOutput("surface", Sdf.ValueTypeNames.Token)
