@@ -725,6 +725,14 @@ def named_frame(which: str, axis: int, by: float):
     return change
 
 
+def rcm_said_to_be_kept(data):
+    i = next((i for i, has in enumerate(data["phase_has_rcm"]) if has and not data["phase_rcm_enforced"][i]), None)
+    if i is None:
+        return False
+    data["phase_rcm_enforced"][i] = 1
+    return True
+
+
 def shifted_rcm(axis: int, every_rcm: bool = True):
     def change(data):
         for i, has in enumerate(data["phase_has_rcm"]):
@@ -768,6 +776,7 @@ for kind, change, says in (
     ("RCM aside", shifted_rcm(0), "rcm"),
     ("RCM deeper", shifted_rcm(2), "rcm"),
     ("RCM of one phase", shifted_rcm(1, every_rcm=False), "rcm"),
+    ("watched RCM said to be kept", rcm_said_to_be_kept, "rcm"),
     ("assumed emptied", lambda d: d.__setitem__("assumed", []), "assum"),
     ("one assumption gone", cut_assumed, "assum"),
     ("between_position claimed 1 um", lambda d: d.__setitem__("between_position", 1e-6), "between|error between"),

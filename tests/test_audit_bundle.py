@@ -129,7 +129,7 @@ def _other_times(data):
     data["rate"] /= 2
 
 
-def _rcm(data):
+def _rcm(data, enforced=(1, 0)):
     data["frame_names"] = ["shaft"]
     data["frame_links"] = [data["tool_link"]]
     data["frames_local"] = [0.0, 0, 0, 0, 0, 0, 1]
@@ -137,7 +137,7 @@ def _rcm(data):
     data["phase_rcm"] = [0.0] * 6
     seven = np.array(data["poses"]).reshape(data["frames"], -1, 7)[0, data["links"].index(data["tool_link"])]
     data["phase_rcm"][:3] = seven[:3].tolist()
-    data["phase_rcm_enforced"] = [1, 0]
+    data["phase_rcm_enforced"] = list(enforced)
 
 
 def swapped_times(data):
@@ -174,6 +174,7 @@ TRACKS = {
     "model hash": (track(lambda d: d.update(model_hash="sha256:0")), "compare.model_hash"),
     "nested arrays": (track(lambda d: d.update(poses=[d["poses"]])), "tracks.unreadable"),
     "RCM missed": (track(_rcm), "tracks.rcm"),
+    "said of too few phases whether the RCM is kept": (track(lambda d: _rcm(d, [1])), "tracks.shape"),
 }
 
 
@@ -188,6 +189,24 @@ def test_defects_of_tracks(name, bundle):
     if code == "compare.odd_one_out":
         assert found[0].where == "tracks/swing.json: swing"
         assert "it is the one that is wrong" in found[0].message
+
+
+def _unsaid(data):
+    _rcm(data)
+    del data["phase_rcm_enforced"]
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (_rcm, [("tracks.rcm", "disagreement")]),
+        (lambda data: _rcm(data, (0, 0)), []),
+        (_unsaid, [("tracks.rcm_watched", "info")]),
+    ],
+)
+def test_a_shaft_may_pass_an_rcm_that_is_only_watched(change, told, bundle):
+    report = audit(bundle(track(change), "tracks/swing.json"))
+    assert [(f.code, f.severity) for f in report.findings if f.code.startswith("tracks.rcm")] == told
 
 
 @pytest.mark.parametrize(

@@ -75,6 +75,7 @@ def test_lengths_are_those_of_their_names(data):
     phases = len(data["phases"])
     assert len(data["phase_start"]) == len(data["phase_end"]) == len(data["phase_has_rcm"]) == phases
     assert len(data["phase_rcm"]) == 3 * phases
+    assert len(data["phase_rcm_enforced"]) == phases
     assert len(data["frames_local"]) == 7 * len(data["frame_names"]) == 7 * len(data["frame_links"])
 
 
@@ -128,12 +129,13 @@ def test_rcm_is_the_first_registered_one_and_each_phase_has_its_own(sils):
     mechanism, clip = sils
     a, b = np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.5, 0.6])
     phases = (("one", 0.0, 0.1), ("two", 0.1, 0.2), ("three", 0.2, 0.3))
-    several = replace(clip, phases=phases, phase_rcm=(None, a, b))
+    several = replace(clip, phases=phases, phase_rcm=(None, a, b), phase_rcm_enforced=(False, True, False))
     out = track(mechanism, several)
     assert out["rcm"] == [0.1, 0.2, 0.3]
     assert out["phase_has_rcm"] == [0, 1, 1]
+    assert out["phase_rcm_enforced"] == [0, 1, 0]
     assert out["phase_rcm"] == [0, 0, 0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
-    assert track(mechanism, replace(clip, phases=phases, phase_rcm=(None,) * 3))["rcm"] == []
+    assert track(mechanism, replace(clip, phases=phases, phase_rcm=(None,) * 3, phase_rcm_enforced=()))["rcm"] == []
 
 
 def test_a_trocar_of_the_mechanism_is_the_rcm():

@@ -11,6 +11,7 @@ import pytest
 from twin import spatial
 from twin.errors import ProtocolError
 from twin.protocol import load_protocol
+from twin.protocol.model import Insertion, Pivot, Positioning, Retraction
 from twin.trajectory.path import build
 
 CIRCLE = Path(__file__).parents[1] / "trajectories/pa10/circle.toml"
@@ -54,3 +55,21 @@ def test_a_circle_without_radius_is_refused():
     circle = replace(protocol.phases[2], centre=np.array([0.34, 0.48, 0.3]))
     with pytest.raises(ProtocolError, match=r"phase 'circle'.*its radius is 0"):
         build(replace(protocol, phases=(*protocol.phases[:2], circle)), np.eye(4))
+
+
+@pytest.mark.parametrize("rcm", ["enforced", "monitored"])
+def test_a_retraction_keeps_the_rcm_only_if_what_came_before_it_did(rcm):
+    """It goes along the shaft: after a pivot that missed the RCM it misses it as far, to the end."""
+    protocol = load_protocol(CIRCLE)
+    start = protocol.waypoints[protocol.start]
+    tilted = replace(start, name="tilted", angles=start.angles + np.array([0.0, 0.2, 0.0]), depth=0.05)
+    moved = replace(protocol.phases[0], name="aside", to="aside")
+    aside = replace(start, name="aside", position=start.position + np.array([0.01, 0.0, 0.0]))
+    assert isinstance(moved, Positioning)
+    phases = (moved, Insertion("in", 0.05), Pivot("turn", "tilted", rcm), Retraction("out", -0.02))
+    with_them = {**protocol.waypoints, "tilted": tilted, "aside": aside}
+    *_, turn, out = build(replace(protocol, waypoints=with_them, phases=phases), np.eye(4))
+    m = out.motion(np.linspace(0, 1, 5))
+    missed = spatial.point_to_line(out.rcm, m.p, m.Ts_base_tool[:, :3, :3] @ protocol.shaft_axis)
+    assert turn.rcm_mode == out.rcm_mode == rcm
+    assert (missed.max() < 1e-12) == (rcm == "enforced")

@@ -108,8 +108,11 @@ def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> li
     if not fits or len(has) > min(len(start), len(end), len(phases)):
         ledger.add("tracks.shape", "disagreement", "frames or RCMs do not have one entry each.", where="frames_local")
         return None
-    told = data.get("phase_rcm_enforced")
-    enforced = told if isinstance(told, list) and len(told) == len(has) else None
+    enforced = data.get("phase_rcm_enforced")  # tracks of earlier versions do not say
+    if enforced is not None and not (isinstance(enforced, list) and len(enforced) == len(has)):
+        text = f"phase_rcm_enforced is no list with an entry for each of the {len(has)} phases."
+        ledger.add("tracks.shape", "disagreement", text, where="phase_rcm_enforced")
+        return None
     tool, stated = data.get("tool_link"), data.get("rcm")
     out = []
     for i in np.flatnonzero(has).tolist():

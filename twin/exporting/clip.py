@@ -76,6 +76,7 @@ class Clip:
         budget: what the rate was chosen by; None: the keys are those of a file, nothing was chosen.
         frame: name of the frame that the protocol moves.
         phase_rcm: for each phase the RCM (3,) in base in m, or None.
+        phase_rcm_enforced: for each phase whether the shaft must go through its RCM; without, it is only watched.
         assumed: "name: reason" of numbers that the protocol assumes.
         trocar: where the mechanism's trocar is, (3,) in base in m, or None if it has none.
     """
@@ -92,6 +93,7 @@ class Clip:
     budget: Budget | None = None
     frame: str = ""
     phase_rcm: tuple[Array | None, ...] = ()
+    phase_rcm_enforced: tuple[bool, ...] = ()
     assumed: tuple[str, ...] = ()
     trocar: Array | None = None
 
@@ -167,6 +169,7 @@ def make_clip(
                     budget,
                     trajectory.frame,
                     tuple(None if p.rcm is None else np.asarray(p.rcm, float) for p in trajectory.phases),
+                    tuple(p.rcm_mode == "enforced" for p in trajectory.phases),
                     assumed,
                     mechanism.trocar_at if mechanism.trocar else None,
                 )

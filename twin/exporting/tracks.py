@@ -68,6 +68,7 @@ def track(
     trocar = mechanism.trocar_at if mechanism.trocar else None
     rcm = clip.rcm if clip.rcm is not None else trocar
     phase_rcm = clip.phase_rcm or (None,) * len(clip.phases)
+    enforced = clip.phase_rcm_enforced or (False,) * len(clip.phases)
     return {
         "schema": "twin-track",
         "version": 1,
@@ -94,6 +95,7 @@ def track(
         "phase_start": _plain(np.round([t0 for _, t0, _ in clip.phases], 9)),
         "phase_end": _plain(np.round([t1 for _, _, t1 in clip.phases], 9)),
         "phase_has_rcm": [int(p is not None) for p in phase_rcm],
+        "phase_rcm_enforced": [int(p is not None and must) for p, must in zip(phase_rcm, enforced, strict=True)],
         "phase_rcm": _flat([np.zeros(3) if p is None else p for p in phase_rcm]),
         "tool_link": tool.body,
         "tool_frame": _flat(_seven(tool.T_body_frame[None])),

@@ -49,6 +49,12 @@ class Track(Table):
     phase_start: Annotated[list[float], Field(description="s")]
     phase_end: Annotated[list[float], Field(description="s")]
     phase_has_rcm: Annotated[list[Flag], Field(description="1: a remote centre of motion is registered")]
+    phase_rcm_enforced: Annotated[
+        list[Flag],
+        Field(
+            description="1: the shaft, z of a named frame of the tool's link, goes through it; 0: it is only watched"
+        ),
+    ]
     phase_rcm: Annotated[list[float], Field(description="phases x 3, m, in the world; zeros without one")]
     tool_link: Identifier
     tool_frame: Annotated[list[float], Field(min_length=7, max_length=7, description="pose of the tool in its link")]

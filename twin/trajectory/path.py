@@ -273,9 +273,11 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
                     if missed > protocol.tolerances.rcm:
                         raise _refuse(protocol, phase, f"the shaft begins {missed / MM:.3f} mm beside the RCM")
             case Retraction():
-                mode, depth1 = "enforced", phase.depth
                 if rcm is None:
                     raise _refuse(protocol, phase, "no RCM is registered yet")
+                # Along the shaft: after a pivot that missed the RCM it is missed until the end, and watched.
+                kept = spatial.point_to_line(rcm, tip, shaft) <= protocol.tolerances.rcm
+                mode, depth1 = "enforced" if kept else "monitored", phase.depth
                 if depth1 > depth0 + _NO_LENGTH:
                     text = f"it should end at depth {depth1 / MM:.3f} mm, but begins at {depth0 / MM:.3f} mm"
                     raise _refuse(protocol, phase, f"{text}: that is an insertion")

@@ -40,6 +40,7 @@ namespace Twin.Player
         public double[] phase_start = new double[0];
         public double[] phase_end = new double[0];
         public int[] phase_has_rcm = new int[0];
+        public int[] phase_rcm_enforced = new int[0];
         public float[] phase_rcm = new float[0];
         public string tool_link = "";
         public float[] tool_frame = new float[0];
