@@ -543,15 +543,7 @@ for kind, change, says in (
         lambda r: r.find("equality")[0].set("active", "false") if len(r.find("equality")) else False,
         "joint",
     ),
-    (
-        "loop site moved",
-        lambda r: (
-            attribute(f".//site[@name='{r.find('equality')[0].get('site2')}']", "pos", plus(0.003, 0, 0.002))(r)
-            if len(r.find("equality"))
-            else False
-        ),
-        "line or point|joint|equality",
-    ),
+    ("loop anchor moved", attribute("equality/connect", "anchor", plus(0.003, 0, 0.002)), "line or point|joint|equality"),
     ("actuators swapped", mjcf_actuators("joint"), "actuator|stiffness"),
     ("actuator names swapped", mjcf_actuators("name"), "actuator"),
     ("actuator deleted", drop("actuator/*"), "passive|driven|keyframe|ctrl"),

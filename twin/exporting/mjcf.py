@@ -4,11 +4,11 @@ Bodies are placed at home and joints have their coordinates there as `ref`, so t
 starts with closed loops; every coordinate is that of the mechanism. A control is how far a drive is to go from home:
 zero, with which a simulation starts, holds the robot there. A ball has no coordinate: its quaternion counts from home.
 
-Loops are tied site to site, because anchors on bodies would depend on the pose at compile time:
+Loops are closed where joints are at `ref`, so that one anchor says where both bodies are tied; Drake reads no other form:
 
     spherical       one connect at the ball
     revolute        two connects, at two points of the pin
-    fixed           one weld
+    fixed           one weld, site to site
     slides          a carrier of next to no mass slides (and turns) on the one body and is welded to the other
     couplings       a fixed tendon of constant length
 """
@@ -192,20 +192,19 @@ class _Writer:
 
     def _tie(self, equality: ET.Element, joint: Joint) -> None:
         """Add what closes a loop, and remember the sites and carriers that it needs."""
-        along, kind = {"spherical": ((0.0,), "connect"), "revolute": ((-PIN / 2, PIN / 2), "connect")}.get(
-            joint.type, ((0.0,), "weld")
-        )
-        for n, offset in enumerate(along):
-            shift = spatial.pose(p=[0.0, 0.0, offset])
-            ends = [("child", joint.child, joint.T_child_joint)]
-            if 2 in joint.free_axes:
-                self.carriers.setdefault(joint.parent, []).append(joint)
-            else:
-                ends.append(("parent", joint.parent, joint.T_parent_joint))
-            for end, body, T in ends:
-                self.sites.setdefault(body, []).append((f"{joint.name}_{n}_{end}", T @ shift))
-            names = {"site1": f"{joint.name}_{n}_parent", "site2": f"{joint.name}_{n}_child"}
-            ET.SubElement(equality, kind, {"name": f"{joint.name}_{n}", **names, **STIFF})
+        for n, along in enumerate({"spherical": (0.0,), "revolute": (-PIN / 2, PIN / 2)}.get(joint.type, ())):
+            anchor = numbers(joint.T_parent_joint[:3, 3] + along * joint.T_parent_joint[:3, 2])
+            tied = {"body1": joint.parent, "body2": joint.child, "anchor": anchor}
+            ET.SubElement(equality, "connect", {"name": f"{joint.name}_{n}", **tied, **STIFF})
+        if joint.type in ("spherical", "revolute"):
+            return
+        ends = {"site1": f"{joint.name}_0_parent", "site2": f"{joint.name}_0_child"}
+        self.sites.setdefault(joint.child, []).append((ends["site2"], joint.T_child_joint))
+        if 2 in joint.free_axes:
+            self.carriers.setdefault(joint.parent, []).append(joint)
+        else:
+            self.sites.setdefault(joint.parent, []).append((ends["site1"], joint.T_parent_joint))
+        ET.SubElement(equality, "weld", {"name": f"{joint.name}_0", **ends, **STIFF})
 
     def _couplings(self, equality: ET.Element) -> None:
         if not self.mechanism.couplings:
