@@ -543,7 +543,11 @@ for kind, change, says in (
         lambda r: r.find("equality")[0].set("active", "false") if len(r.find("equality")) else False,
         "joint",
     ),
-    ("loop anchor moved", attribute("equality/connect", "anchor", plus(0.003, 0, 0.002)), "line or point|joint|equality"),
+    (
+        "loop anchor moved",
+        attribute("equality/connect", "anchor", plus(0.003, 0, 0.002)),
+        "line or point|joint|equality",
+    ),
     ("actuators swapped", mjcf_actuators("joint"), "actuator|stiffness"),
     ("actuator names swapped", mjcf_actuators("name"), "actuator"),
     ("actuator deleted", drop("actuator/*"), "passive|driven|keyframe|ctrl"),

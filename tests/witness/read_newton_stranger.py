@@ -1,10 +1,12 @@
-"""Newton (on the CPU) as its users start it: a stage, the importer as it is, nothing set by hand, its MuJoCo solver.
+"""Newton (on the CPU) as its users start it: a stage or an MJCF, its importers as they are, its MuJoCo solver.
 
     read_newton_stranger.py job.json
 
-The job: {"stage", "seconds", "step", "stiff"}; with "stiff" the springs of loops get that time constant, which Newton's
-importer cannot be told. Prints {"start": gap, "unplaced": m, "held": gap, "moved": m, "skipped": warnings}: how far the
-farthest loop is open, m, how far forward kinematics is from the authored poses, how far a link has moved, and what the
+The job: {"stage" or "mjcf", "seconds", "step", "ties": [[body, point, body, point]], "stiff", "times", "ways"}. "stiff"
+gives the springs of loops that time constant, which Newton's importer of stages cannot be told. "ways" are how far each
+joint is driven from where it is loaded, {joint: [m or rad]}, at "times". Prints {"start": gap, "unplaced": m, "held":
+gap, "moved": m, "late": m or rad, "skipped": warnings}: how far the farthest tie is open, m, how far forward kinematics
+is from the authored poses, how far a link has moved, how far a driven joint is from its way at the end, and what the
 solver left out.
 """
 
@@ -21,25 +23,24 @@ wp.config.quiet = True
 job = json.loads(Path(sys.argv[1]).read_text())
 builder = newton.ModelBuilder()
 newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
-builder.add_usd(job["stage"])
+if "stage" in job:
+    builder.add_usd(job["stage"])
+else:
+    with warnings.catch_warnings():  # two ties of one pin are two balls between the same bodies
+        warnings.simplefilter("ignore")
+        builder.add_mjcf(job["mjcf"], parse_meshes=False)  # masses are given; meshes would want trimesh
 model = builder.finalize(device="cpu")
 now, then, control = model.state(), model.state(), model.control()
 authored = model.body_q.numpy()[:, :3].copy()
 newton.eval_fk(model, model.joint_q, model.joint_qd, now)
-tied = model.joint_articulation.numpy() < 0
-ends = [
-    (a.numpy()[tied], X.numpy()[tied].astype(float))
-    for a, X in (
-        (model.joint_parent, model.joint_X_p),
-        (model.joint_child, model.joint_X_c),
-    )
-]
+bodies = {label.rsplit("/", 1)[-1]: i for i, label in enumerate(model.body_label)}
+ends = [(np.array([bodies[t[k]] for t in job["ties"]], int), [t[k + 1] for t in job["ties"]]) for k in (0, 2)]
 
 
-def points(T, bodies, frames):
-    """Return where the frames of joints are on their bodies in the world, (n, 3)."""
-    v, w, p = T[bodies, 3:6], T[bodies, 6:7], frames[:, :3]
-    return T[bodies, :3] + p + 2 * np.cross(v, np.cross(v, p) + w * p)
+def points(T, which, at):
+    """Return where points of bodies are in the world, (n, 3)."""
+    v, w, p = T[which, 3:6], T[which, 6:7], np.reshape(at, (-1, 3))
+    return T[which, :3] + p + 2 * np.cross(v, np.cross(v, p) + w * p)
 
 
 def gap():
@@ -49,22 +50,37 @@ def gap():
 
 
 placed = now.body_q.numpy()[:, :3].copy()
-answer = {"start": gap(), "unplaced": float(np.abs(placed - authored).max()), "loops": int(tied.sum())}
-if job["seconds"]:
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        solver = newton.solvers.SolverMuJoCo(model, use_mujoco_cpu=True)
-    answer["skipped"] = [str(w.message) for w in said if "Skipping" in str(w.message)]
-    if job.get("stiff"):
-        solver.mj_model.eq_solref[:] = (job["stiff"], 1.0)
-        solver.mj_model.eq_solimp[:] = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-    held = moved = 0.0
-    for step in range(round(job["seconds"] / job["step"])):
-        now.clear_forces()
-        solver.step(now, then, control, None, job["step"])
-        now, then = then, now
-        if step % 10 == 9:
-            held = max(held, gap())
-            moved = max(moved, float(np.nan_to_num(np.abs(now.body_q.numpy()[:, :3] - placed), nan=np.inf).max()))
-    answer |= {"held": held, "moved": moved}
-print(json.dumps(answer), flush=True)
+tied = int((model.joint_articulation.numpy() < 0).sum())
+answer = {"start": gap(), "unplaced": float(np.abs(placed - authored).max()), "loops": tied}
+joints = {label.rsplit("/", 1)[-1]: i for i, label in enumerate(model.joint_label)}
+begin = model.joint_q.numpy().copy()
+starts = model.joint_q_start.numpy()
+driven = {name: int(starts[joints[name]]) for name in job.get("ways", {})}
+with warnings.catch_warnings(record=True) as said:
+    warnings.simplefilter("always")
+    solver = newton.solvers.SolverMuJoCo(model, use_mujoco_cpu=True)
+answer["skipped"] = [str(w.message) for w in said if "Skipping" in str(w.message)]
+if job.get("stiff"):
+    solver.mj_model.eq_solref[:] = (job["stiff"], 1.0)
+    solver.mj_model.eq_solimp[:] = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+# An MJCF's actuators have controls of their own, in the order of the file; a stage's drives have targets by joint.
+inputs = control.mujoco.ctrl if "mjcf" in job else control.joint_target_q
+rest = inputs.numpy().copy()
+slots = list(range(len(driven))) if "mjcf" in job else list(driven.values())
+held = moved = 0.0
+for step in range(round(job["seconds"] / job["step"])):
+    if driven:
+        wanted = rest.copy()
+        for slot, way in zip(slots, job["ways"].values(), strict=True):
+            wanted[slot] += np.interp((step + 1) * job["step"], job["times"], way)
+        inputs.assign(wanted)
+    now.clear_forces()
+    solver.step(now, then, control, None, job["step"])
+    now, then = then, now
+    if step % 10 == 9:
+        held = max(held, gap())
+        moved = max(moved, float(np.nan_to_num(np.abs(now.body_q.numpy()[:, :3] - placed), nan=np.inf).max()))
+newton.eval_ik(model, now, model.joint_q, model.joint_qd)
+went = model.joint_q.numpy() - begin
+late = [abs(went[at] - np.interp(job["seconds"], job["times"], job["ways"][n])) for n, at in driven.items()]
+print(json.dumps(answer | {"held": held, "moved": moved, "late": float(max(late, default=0.0))}), flush=True)

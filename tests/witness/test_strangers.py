@@ -1,7 +1,7 @@
 """Exports used as a stranger uses them: the file is loaded and stepped, or played from a track, and nothing is set up.
 
-MuJoCo on the MJCF, Newton's default importer on the stage, Pinocchio and yourdfpy on the URDF; every robot, along every
-protocol. PhysX and Drake are in test_engines.py.
+MuJoCo and Drake on the MJCF, Newton's default importer on the stage, Pinocchio and yourdfpy on the URDF; every robot,
+along every protocol. PhysX is in test_engines.py, Drake's URDF too.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ pytestmark = pytest.mark.witness
 ROBOTS = twin.names()
 CASES = [(r, p) for r in ROBOTS for p in twin.load(r).files.protocols()]
 SECONDS = float(os.environ.get("TWIN_STRANGERS_SECONDS", "10"))
+NEWTON_SECONDS = float(os.environ.get("TWIN_NEWTON_SECONDS", "0.5"))
 STARTED, HELD, PLAYED = 1e-6, 100e-6, 1e-6
 """m: how far a loop may be open as loaded, and while it moves; how far a link may be off that plays a track."""
 LEAD = 2.0
@@ -58,28 +59,45 @@ def load_mjcf(mechanism, folder):
     return mujoco, model, mujoco.MjData(model)
 
 
-def open_by(model, data) -> float:
-    """Return how far the sites that are tied are apart, m."""
-    sites = model.eq_objtype == 6
-    apart = data.site_xpos[model.eq_obj1id[sites]] - data.site_xpos[model.eq_obj2id[sites]]
-    return float(np.linalg.norm(apart, axis=1).max(initial=0.0))
+def ties_of(mechanism) -> list[tuple[str, np.ndarray, str, np.ndarray]]:
+    """Return the loops that a file closes as points of two bodies, by the mechanism: of a pin two, 50 mm apart."""
+    from twin.stage.write.spanning import spanning
+
+    out = []
+    for joint in spanning(mechanism).cut:
+        assert joint.type in ("spherical", "revolute")
+        for along in (0.0,) if joint.type == "spherical" else (-0.025, 0.025):
+            ends = (T[:3, 3] + along * T[:3, 2] for T in (joint.T_parent_joint, joint.T_child_joint))
+            (one, two) = ends
+            out.append((joint.parent, one, joint.child, two))
+    return out
+
+
+def open_by(ties, data) -> float:
+    """Return how far points that are tied are apart, m."""
+
+    def at(body, point):
+        return data.body(body).xpos + data.body(body).xmat.reshape(3, 3) @ point
+
+    return float(max((np.linalg.norm(at(a, p) - at(b, q)) for a, p, b, q in ties), default=0.0))
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_mujoco_stands_still_as_loaded(figures, tmp_path, name):
     mechanism = scene(name, next(p for r, p in CASES if r == name))[0]
     mujoco, model, data = load_mjcf(mechanism, tmp_path)
+    ties = ties_of(mechanism)
     mujoco.mj_forward(model, data)
-    start, before = open_by(model, data), data.xpos.copy()
+    start, before = open_by(ties, data), data.xpos.copy()
     held = moved = 0.0
     for _ in range(round(SECONDS / model.opt.timestep)):
         mujoco.mj_step(model, data)
-        held = max(held, open_by(model, data))
+        held = max(held, open_by(ties, data))
         moved = max(moved, float(np.abs(data.xpos - before).max()))
     figures.add("mujoco, as loaded", name, "start", start, float("nan"), "loop gap")
     figures.add("mujoco, as loaded", name, f"{SECONDS:g} s at rest", held, float("nan"), "loop gap")
     figures.add("mujoco, as loaded", name, f"{SECONDS:g} s at rest", moved, float("nan"), "any link")
-    assert (model.neq > 0) == bool(mechanism.loops)
+    assert (model.eq_type == mujoco.mjtEq.mjEQ_CONNECT).sum() == len(ties)
     assert start <= STARTED
     assert held <= HELD
     assert moved <= HELD
@@ -88,7 +106,9 @@ def test_mujoco_stands_still_as_loaded(figures, tmp_path, name):
 
 @pytest.mark.parametrize(("name", "protocol"), CASES)
 def test_mujoco_follows_a_track(figures, tmp_path, name, protocol):
-    mujoco, model, data = load_mjcf(scene(name, protocol)[0], tmp_path)
+    mechanism = scene(name, protocol)[0]
+    mujoco, model, data = load_mjcf(mechanism, tmp_path)
+    ties = ties_of(mechanism)
     track = track_of(name, protocol, tmp_path)
     q = np.reshape(track["positions"], (track["frames"], -1))
     driven = [
@@ -106,12 +126,60 @@ def test_mujoco_follows_a_track(figures, tmp_path, name, protocol):
             wanted = np.interp(max(t - LEAD, 0.0), track["times"], q[:, i])
             data.ctrl[actuator] = way * (wanted - model.qpos0[at])
         mujoco.mj_step(model, data)
-        held = max(held, open_by(model, data))
+        held = max(held, open_by(ties, data))
     figures.add("mujoco, as loaded", name, f"{protocol}, driven", held, float("nan"), "loop gap")
     assert held <= HELD
     assert not any(w.number for w in data.warning)
     last = [abs(data.qpos[at] - q[-1, i]) for _, i, at in driven]
     assert max(last) < 0.05  # its drives are springs, and the weight at home is all that they know of
+
+
+def targets_of(mujoco, model, track) -> tuple[list[float], dict[str, list[float]], dict[str, tuple[float, float]]]:
+    """Return times, where each drive is to go, and stiffness and damping of each: from home along a track.
+
+    What the drive bears at home is added as the way that its stiffness needs for it, as the file's controls do.
+    """
+    q = np.reshape(track["positions"], (track["frames"], -1))
+    s = np.linspace(0, 1, 100)
+    way = s**3 * (10 - 15 * s + 6 * s * s)
+    values, gains = {}, {}
+    for i, joint in enumerate(track["joints"]):
+        if not track["joint_active"][i]:
+            continue
+        actuator = model.actuator(joint)
+        kp, kv = -actuator.biasprm[1], -actuator.biasprm[2]
+        home = model.joint(joint).qpos0[0]
+        ahead = actuator.biasprm[0] / kp - home
+        assert actuator.gainprm[0] == kp
+        values[joint] = [*(home + ahead + way * (q[0, i] - home)), *(ahead + q[1:, i])]
+        gains[joint] = (kp, kv)
+    times = [*(LEAD * s), *(LEAD + np.array(track["times"][1:]))]
+    return times, {n: np.asarray(v).tolist() for n, v in values.items()}, gains
+
+
+@pytest.mark.parametrize(("name", "protocol"), CASES)
+def test_drake_holds_the_loops_of_the_mjcf(foreign, figures, tmp_path, name, protocol):
+    """At rest, then along a protocol: in Drake's discrete solver, with drives of the gains that the file has."""
+    foreign.need("drake")
+    mechanism = scene(name, protocol)[0]
+    ties = [(a, p.tolist(), b, q.tolist()) for a, p, b, q in ties_of(mechanism)]
+    mujoco, model, _ = load_mjcf(mechanism, tmp_path)
+    times, values, gains = targets_of(mujoco, model, track_of(name, protocol, tmp_path))
+    file, path = str(tmp_path / f"{mechanism.name}.xml"), tmp_path / "job.json"
+    job = {"mjcf": file, "step": 1e-3, "drives": gains, "ties": ties}
+    for what, t, goals in (
+        ("2 s at rest", [0.0, 2.0], {n: [v[0]] * 2 for n, v in values.items()}),
+        (f"{protocol}, driven", times, values),
+    ):
+        path.write_text(json.dumps(job | {"times": list(map(float, t)), "targets": goals}))
+        found = foreign.read("drake", "read_drake_stranger.py", path, timeout=900.0)
+        figures.add("drake, as loaded", name, what, found["held"], float("nan"), "loop gap")
+        assert found["constraints"] == len(ties)
+        assert found["start"] <= STARTED
+        assert found["held"] <= HELD
+        if "rest" in what and not mechanism.couplings:  # Drake reads no tendons: belts are not there
+            figures.add("drake, as loaded", name, what, found["moved"], float("nan"), "any link")
+            assert found["moved"] <= HELD
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -123,7 +191,13 @@ def test_newtons_default_importer_starts_at_home(foreign, figures, tmp_path, nam
     foreign.need("newton")
     mechanism = scene(name, next(p for r, p in CASES if r == name))[0]
     write_usd(mechanism, [], tmp_path)
-    job = {"stage": str(tmp_path / f"{mechanism.name}_sim.usda"), "seconds": min(SECONDS, 2.0), "step": 1e-3}
+    ties = [(a, p.tolist(), b, q.tolist()) for a, p, b, q in ties_of(mechanism)]
+    job = {
+        "stage": str(tmp_path / f"{mechanism.name}_sim.usda"),
+        "seconds": min(SECONDS, 2.0),
+        "step": 1e-3,
+        "ties": ties,
+    }
     path, held = tmp_path / "job.json", {}
     for stiff in (0.0, 1e-3):
         path.write_text(json.dumps(job | {"stiff": stiff}))
@@ -139,6 +213,41 @@ def test_newtons_default_importer_starts_at_home(foreign, figures, tmp_path, nam
     if all(j.type == "spherical" for j in spanning(mechanism).cut):
         assert held[0.0] <= 300e-6
         assert held[1e-3] <= HELD
+
+
+@pytest.mark.parametrize(("name", "protocol"), CASES)
+@pytest.mark.parametrize("file", ["MJCF", "USD"])
+def test_newton_is_driven_along_a_protocol(foreign, figures, tmp_path, file, name, protocol):
+    """The MJCF as loaded, with the springs of its loops; the stage with stiff ones, where Newton places them right.
+
+    `TWIN_NEWTON_SECONDS` of motion, 0 is all of it: a second takes half a minute.
+    """
+    from twin.exporting.usd import write_usd
+    from twin.stage.write.spanning import spanning
+
+    foreign.need("newton")
+    mechanism = scene(name, protocol)[0]
+    if file == "USD" and not all(j.type == "spherical" for j in spanning(mechanism).cut):
+        pytest.skip("a hinge that closes a loop: Newton places its second point at joint zero")
+    mujoco, model, _ = load_mjcf(mechanism, tmp_path)
+    times, values, _ = targets_of(mujoco, model, track_of(name, protocol, tmp_path))
+    ways = {model.actuator(i).name: None for i in range(model.nu)}  # in the order of the file's controls
+    ways = {n: (np.array(values[n]) - values[n][0]).tolist() for n in ways}
+    ties = [(a, p.tolist(), b, q.tolist()) for a, p, b, q in ties_of(mechanism)]
+    job = {"step": 1e-3, "ties": ties, "times": list(map(float, times)), "ways": ways}
+    if file == "MJCF":
+        job["mjcf"] = str(tmp_path / f"{mechanism.name}.xml")
+    else:
+        write_usd(mechanism, [], tmp_path)
+        job |= {"stage": str(tmp_path / f"{mechanism.name}_sim.usda"), "stiff": 1e-3}
+    path = tmp_path / "job.json"
+    path.write_text(json.dumps(job | {"seconds": min(float(times[-1]), NEWTON_SECONDS or np.inf)}))
+    found = foreign.read("newton", "read_newton_stranger.py", path, timeout=3600.0)
+    figures.add(f"newton, {file}", name, "start", found["start"], float("nan"), "loop gap")
+    figures.add(f"newton, {file}", name, f"{protocol}, driven", found["held"], float("nan"), "loop gap")
+    assert found["start"] <= STARTED
+    assert found["held"] <= HELD
+    assert found["late"] < 0.05
 
 
 @pytest.mark.parametrize(("name", "protocol"), CASES)
