@@ -347,6 +347,100 @@ def usd_colour(folder):
     stored(layer, folder, "geometry.usdc")
 
 
+def usd_head(key: str, new):
+    def edit(folder):
+        for name in (f"{robot(folder)}{end}.usda" for end in ("", "_sim")):
+            layer, _ = layers(folder, name)
+            layer.pseudoRoot.SetInfo(key, new)
+            stored(layer, folder, name)
+
+    return edit
+
+
+def usd_winding(folder):
+    layer, meshes = geometry(folder, lambda p: p.typeName == "Mesh")
+    indices = meshes[0].attributes["faceVertexIndices"]
+    indices.default = type(indices.default).FromNumpy(np.array(indices.default)[::-1].copy())
+    stored(layer, folder, "geometry.usdc")
+
+
+def usd_link_renamed(folder):
+    layer, name = layers(folder, "geometry.usdc")
+    link = [p for p in layer.GetPrimAtPath(f"/{name}").nameChildren if p.name not in ("joints", "materials")][-1]
+    link.name = f"{link.name}_renamed"
+    stored(layer, folder, "geometry.usdc")
+
+
+def cut(path: Path, share: float = 0.6) -> None:
+    """Leave the first part of a file."""
+    data = path.read_bytes()
+    path.unlink()
+    path.write_bytes(data[: int(share * len(data))])
+
+
+for kind, edit, says in (
+    ("metres said to be millimetres", usd_head("metersPerUnit", 0.001), "unit|mesh|link|joint|mass|density"),
+    ("up axis", usd_head("upAxis", "Y"), "up axis|gravity|link"),
+    ("inside out", usd_winding, "mesh|winding|inside|normal"),
+    ("link renamed", usd_link_renamed, "link|joint|body"),
+    ("cut off", lambda folder: cut(folder / "usd/geometry.usdc"), "read|open"),
+):
+    SEEDS.append(Seed(f"USD: {kind}", edit, r"\.usd", says))
+
+
+def baked(change):
+    """Return an edit of the time samples that a stage plays: (layer, moving links, codes in order) -> None."""
+
+    def edit(folder):
+        name = next(iter(sorted((folder / "usd/motion").glob("*.usdc")))).relative_to(folder / "usd").as_posix()
+        layer, _ = layers(folder, name)
+        moving = prims_of(layer, lambda p: "xformOp:orient" in p.attributes)
+        codes = layer.ListTimeSamplesForPath(f"{moving[-1].path}.xformOp:orient")
+        change(layer, [str(p.path) for p in moving], codes)
+        stored(layer, folder, name)
+
+    return edit
+
+
+def sample(op: str, new):
+    def change(layer, moving, codes):
+        path, code = f"{moving[-1]}.xformOp:{op}", codes[len(codes) // 2]
+        layer.SetTimeSample(path, code, new(layer.QueryTimeSample(path, code)))
+
+    return change
+
+
+def samples_swapped(layer, moving, codes):
+    for op in ("translate", "orient"):
+        one, two = (f"{p}.xformOp:{op}" for p in moving[-2:])
+        for code in codes:
+            a, b = layer.QueryTimeSample(one, code), layer.QueryTimeSample(two, code)
+            layer.SetTimeSample(one, code, b)
+            layer.SetTimeSample(two, code, a)
+
+
+def samples_slower(layer, moving, codes):
+    layer.timeCodesPerSecond /= 2
+
+
+def samples_w_last(layer, moving, codes):
+    for code in codes:
+        path = f"{moving[-1]}.xformOp:orient"
+        q = layer.QueryTimeSample(path, code)
+        x, y, z = q.imaginary
+        layer.SetTimeSample(path, code, type(q)(z, q.real, x, y))
+
+
+for kind, change, says in (
+    ("one key", sample("translate", lambda v: v + type(v)(1e-3, 0, 0)), "link"),
+    ("sign flip", sample("orient", lambda q: -q), "sign"),
+    ("links swapped", samples_swapped, "link"),
+    ("half as fast", samples_slower, "time|key|lasts"),
+    ("quaternions w last", samples_w_last, "link"),
+):
+    SEEDS.append(Seed(f"USD motion: {kind}", baked(change), r"\.usd", says))
+
+
 # ----------------------------------------------------------------------------------------------------- USDZ
 
 
@@ -408,6 +502,55 @@ def usdz_key(folder):
     usdz(folder, change)
 
 
+@seed(r"\.usdz", "sign")
+def usdz_sign_flip(folder):
+    def change(layer):
+        orients = [f"{p.path}.xformOp:orient" for p in prims_of(layer, lambda p: "xformOp:orient" in p.attributes)]
+        path = [p for p in orients if layer.ListTimeSamplesForPath(p)][-1]
+        codes = layer.ListTimeSamplesForPath(path)
+        layer.SetTimeSample(path, codes[len(codes) // 2], -layer.QueryTimeSample(path, codes[len(codes) // 2]))
+
+    usdz(folder, change)
+
+
+@seed(r"\.usdz", "time|key|lasts")
+def usdz_half_as_fast(folder):
+    usdz(folder, lambda layer: setattr(layer, "timeCodesPerSecond", layer.timeCodesPerSecond / 2))
+
+
+@seed(r"\.usdz", "unit|mesh|link")
+def usdz_millimetres(folder):
+    usdz(folder, lambda layer: layer.pseudoRoot.SetInfo("metersPerUnit", 0.001))
+
+
+@seed(r"\.usdz", "up axis|up|link")
+def usdz_z_up(folder):
+    usdz(folder, lambda layer: layer.pseudoRoot.SetInfo("upAxis", "Z"))
+
+
+@seed(r"\.usdz", "link")
+def usdz_link_renamed(folder):
+    def change(layer):
+        link = prims_of(layer, lambda p: "xformOp:orient" in p.attributes)[-1]
+        link.name = f"{link.name}_renamed"
+
+    usdz(folder, change)
+
+
+@seed(r"\.usdz", "mesh|winding|inside|normal")
+def usdz_inside_out(folder):
+    def change(layer):
+        indices = prims_of(layer, lambda p: p.typeName == "Mesh")[0].attributes["faceVertexIndices"]
+        indices.default = type(indices.default).FromNumpy(np.array(indices.default)[::-1].copy())
+
+    usdz(folder, change)
+
+
+@seed(r"\.usdz", "read|open|zip")
+def usdz_cut_off(folder):
+    cut(next(folder.glob("*_ar.usdz")))
+
+
 # ----------------------------------------------------------------------------------------------- MJCF and URDF
 
 
@@ -430,6 +573,27 @@ def xml(suffix: str, change):
 
 def parent_of(root, element):
     return next(p for p in root.iter() if element in list(p))
+
+
+def renamed_everywhere(kind: str):
+    """Return a change of the last element of a kind that has a name, and of whatever refers to it."""
+
+    def change(root):
+        old = [e.get("name") for e in root.iter(kind)][-1]
+        for e in root.iter():
+            for key, value in e.attrib.items():
+                if value == old and (e.tag == kind or key not in ("name", "mesh", "material")):
+                    e.set(key, f"{old}_renamed")
+
+    return change
+
+
+def xml_cut(suffix: str):
+    return lambda folder: [cut(p) for p in folder.glob(f"*{suffix}")]
+
+
+SEEDS.append(Seed("MJCF: cut off", xml_cut(".xml"), r"\.xml", "read|refuses"))
+SEEDS.append(Seed("URDF: cut off", xml_cut(".urdf"), r"\.urdf", "read|refuses"))
 
 
 def xml_seed(kind: str, suffix: str, change, says: str) -> None:
@@ -578,6 +742,8 @@ for kind, change, says in (
     ("base loose", loose_base, "fixed to the world|held|link"),
     ("frame moved", attribute(".//site[@name='frame_tool']", "pos", plus(0.05, 0, 0)), "frame"),
     ("frame turned", attribute(".//site[@name='frame_tool']", "quat", lambda t: "0.9 0.3 0.2 0.1"), "frame"),
+    ("body renamed", renamed_everywhere("body"), "link"),
+    ("degrees", lambda r: r.find("compiler").set("angle", "degree"), "limit|range|joint|link"),
     ("body moved", attribute(".//body/body", "pos", plus(0.002, 0, 0)), "link|equality"),
     ("colour", attribute(".//geom[@mesh]", "rgba", lambda t: "0.9 0.1 0.6 1"), "colour"),
     ("meshes swapped", swapped_meshes, "mesh"),
@@ -656,6 +822,8 @@ for kind, change, says in (
     ("axis tilted", attribute("joint/axis", "xyz", plus(0.02, 0.01, 0)), "axis|link"),
     ("made fixed", urdf_kind("fixed"), "kind|link"),
     ("made a slide", urdf_kind("prismatic"), "kind|link"),
+    ("link renamed", renamed_everywhere("link"), "link"),
+    ("millimetres", every("joint/origin", "xyz", by(1e3)), "link"),
     ("origin moved", attribute("joint/origin", "xyz", plus(0.002, 0, 0)), "link|line"),
     ("origin turned", attribute("joint/origin", "rpy", plus(0.02, 0, 0)), "link|axis"),
     ("on another link", urdf_parent, "link|joint|unreadable"),
@@ -759,7 +927,58 @@ def cut_assumed(data):
     data["assumed"] = data["assumed"][1:]
 
 
+def of_poses(new):
+    """Return a change of the poses (frames, links, 7) of a track, which `new` edits in place."""
+
+    def change(data):
+        rows = np.reshape(data["poses"], (data["frames"], -1, 7)).astype(float)
+        out = new(rows)
+        data["poses"] = (rows if out is None else out).ravel().tolist()
+
+    return change
+
+
+def flipped(rows):
+    rows[len(rows) // 2, -1, 3:] *= -1
+
+
+def links_swapped(rows):
+    rows[:, [-1, -2]] = rows[:, [-2, -1]]
+
+
+def mirrored(rows):
+    rows[..., 1] *= -1
+    rows[..., [3, 5]] *= -1
+
+
+def z_down(rows):
+    rows[..., :3] = rows[..., [0, 2, 1]]
+
+
+def key_dropped(data):
+    k, n = data["frames"] // 2, data["frames"]
+    for key in ("times", "poses", "positions"):
+        values = np.reshape(data[key], (n, -1))
+        data[key] = np.delete(values, k, axis=0).ravel().tolist()
+    data["frames"] = n - 1
+
+
+def twice_as_long(data):
+    for key in ("times", "phase_start", "phase_end"):
+        data[key] = [2 * t for t in data[key]]
+    data["rate"] /= 2
+
+
 for kind, change, says in (
+    ("sign flip", of_poses(flipped), "sign"),
+    ("w first", of_poses(lambda rows: rows[..., [0, 1, 2, 6, 3, 4, 5]]), "link"),
+    ("millimetres", of_poses(lambda rows: rows * [1e3, 1e3, 1e3, 1, 1, 1, 1]), "link|size|millimetre"),
+    ("links swapped", of_poses(links_swapped), "link"),
+    ("mirrored", of_poses(mirrored), "link|mirror"),
+    ("y and z exchanged", of_poses(z_down), "link"),
+    ("one key dropped", key_dropped, "key|time|columns|rows"),
+    ("twice as long", twice_as_long, "time|lasts"),
+    ("link renamed", lambda d: d["links"].__setitem__(-1, d["links"][-1] + "_renamed"), "link"),
     ("driven joint passive", at("joint_active", 0, lambda v: 0), "passive"),
     ("upper limit", at("joint_upper", 0, lambda v: v * 1.2), "limit"),
     ("lower limit", at("joint_lower", 0, lambda v: v - 0.1), "limit"),
@@ -825,6 +1044,8 @@ for kind, change, says in (
     ("tool frame", _head("tool_frame", "[0.05,0,0,0,0,0,1]"), "tool"),
     ("phase RCM", _head("phase_has_rcm", "[0]"), "RCM|phase"),
     ("one number", _cell, "link"),
+    ("row cut off", lambda lines: lines.__setitem__(-1, lines[-1][: len(lines[-1]) // 2]), "row|column|read|number"),
+    ("row lost", lambda lines: lines.pop(len(lines) - 5), "key|time|frames"),
 ):
     SEEDS.append(Seed(f"CSV: {kind}", table(change), r"\.csv", says))
 
@@ -914,6 +1135,37 @@ def glb_scale(glb):
     glb.document["nodes"][0]["scale"] = [1.001] * 3
 
 
+def glb_w_first(glb):
+    _, sampler = list(glb.channels("rotation"))[-1]
+    values = glb.numbers(sampler["output"])
+    values[:] = values[:, [3, 0, 1, 2]]
+
+
+def glb_targets(glb):
+    a, b = [c for c, _ in glb.channels("rotation")][-2:]
+    a["target"]["node"], b["target"]["node"] = b["target"]["node"], a["target"]["node"]
+
+
+def glb_millimetres(glb):
+    for _, sampler in glb.channels("translation"):
+        glb.numbers(sampler["output"])[:] *= 1000
+
+
+def glb_winding(glb):
+    primitive = glb.document["meshes"][0]["primitives"][0]
+    accessor = glb.document["accessors"][primitive["indices"]]
+    view = glb.document["bufferViews"][accessor["bufferView"]]
+    kind = {5123: "<u2", 5125: "<u4"}[accessor["componentType"]]
+    start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+    indices = np.frombuffer(glb.binary, kind, accessor["count"], start)
+    indices[:] = indices[::-1].copy()
+
+
+def glb_same_name(glb):
+    a, b = glb.links()[-2:]
+    a["name"] = b["name"]
+
+
 def glb_clip(glb):
     glb.document["animations"][0]["name"] = "another"
 
@@ -934,6 +1186,11 @@ for kind, change, says in (
     ("link lost", glb_no_link, "missing|link"),
     ("scaled", glb_scale, "scale|link"),
     ("clip renamed", glb_clip, "clip"),
+    ("quaternions w first", glb_w_first, "link"),
+    ("targets swapped", glb_targets, "link"),
+    ("millimetres", glb_millimetres, "link"),
+    ("inside out", glb_winding, "mesh|winding|inside|normal"),
+    ("two links of one name", glb_same_name, "name"),
 ):
 
     def _edit(folder, change=change):
@@ -945,6 +1202,8 @@ for kind, change, says in (
 
     SEEDS.append(Seed(f"GLB: {kind}", _edit, r"\.glb", says))
 
+
+SEEDS.append(Seed("GLB: cut off", lambda folder: cut(next(folder.glob("*.glb"))), r"\.glb", "read|bytes|long|JSON"))
 
 # ------------------------------------------------------------------------------------------------------- OBJ
 
@@ -1127,6 +1386,8 @@ def slim(folder: Path, name: str) -> None:
     if not name.startswith("usdz"):
         for file in folder.glob("*.usdz"):
             file.unlink()
+    if name.startswith("USD motion"):
+        return
     stage = f"{robot(folder)}.usda"
     kept = {stage, "physics.usda", "geometry.usdc"}
     if name.lower().startswith("usd") or "gravity" in name:

@@ -19,6 +19,7 @@ from twin.audit import audit
 HERE = Path(__file__).parent
 base = SimpleNamespace(**runpy.run_path(str(HERE / "test_audit.py")))
 seeds = SimpleNamespace(**runpy.run_path(str(HERE / "audit_seeds.py")))
+review = SimpleNamespace(**runpy.run_path(str(HERE / "audit_review.py")))
 EVERY = os.environ.get("TWIN_SEEDS") == "all"
 ROBOTS = os.environ.get("TWIN_SEEDS_ROBOTS", "pa10,sher,sils").split(",")
 LEAST = 0.98
@@ -54,6 +55,14 @@ def test_seeds_are_many_and_have_names_of_their_own():
     names = [s.name for s in seeds.SEEDS]
     assert len(set(names)) == len(names) >= 144
     assert set(FEW) <= set(names)
+
+
+def test_each_kind_that_an_outsider_seeded_is_seeded_here():
+    names = {s.name for s in seeds.SEEDS}
+    kinds = {**review.PASSED, **review.FOUND}
+    assert len(kinds) == len(review.PASSED) + len(review.FOUND)
+    assert not {kind: lost for kind, ours in kinds.items() if (lost := set(ours) - names) or not ours}
+    assert len({name for ours in kinds.values() for name in ours}) >= 84
 
 
 def share_found(bundles, chosen, tmp_path) -> tuple[float, list[str]]:
