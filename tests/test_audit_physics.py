@@ -164,6 +164,17 @@ def test_a_table_may_hold_a_ball_as_three_numbers(order):
     assert not [f for c in contents for f in c.ledger.findings]
 
 
+def test_a_table_may_hold_a_ball_of_a_scene_that_tells_no_kinds():
+    """A GLB and tracks, handed over alone: the numbers of the ball are no joints that the GLB lacks."""
+    table = [Joint((n,), "", "", kind_said="revolute") for n in ("b_x", "b_y", "b_z", "other")]
+    contents = []
+    for kind, said in (("tracks", table), ("glb", [Joint(("b",), "", "hand")])):
+        physics = Physics(("arm", "hand"), joints=said)
+        contents.append(Content(Ledger(f"file.{kind}"), kind, declared=("arm", "hand"), physics=physics))
+    compare_physics(contents)
+    assert [f.where for c in contents for f in c.ledger.findings] == ["file.glb: joint 'other'"]
+
+
 # ------------------------------------------------------------------------------------------------- small parts
 
 

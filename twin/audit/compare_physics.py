@@ -219,18 +219,18 @@ def _known_links(views: Sequence[View]) -> set[str]:
 def _canonical(views: Sequence[View], known: set[str]) -> dict[str, Joint]:
     """Return joints by name, of the first file that knows them; those that carry their links are preferred."""
     out: dict[str, Joint] = {}
-    several = tuple(
-        f"{_stem(j.names)}_"
-        for v in views
-        for j in v.physics.reduced(known)
-        if v.family != "tracks" and j.names and j.kind not in ("", "fixed", "revolute", "prismatic")
-    )
+    elsewhere = [
+        (_stem(j.names), j.kind) for v in views if v.family != "tracks" for j in v.physics.reduced(known) if j.names
+    ]
+    several = tuple(f"{name}_" for name, kind in elsewhere if kind not in ("", "fixed", "revolute", "prismatic"))
+    # A GLB has names of joints without their kinds.
+    turns = {f"{name}_{part}" for name, kind in elsewhere if not kind for part in ("x", "y", "z", "slide")}
     for view in sorted(views, key=lambda v: v.format in ("mjcf", "urdf")):  # these may split them
         for joint in view.physics.reduced(known):
             within = {joint.parent, joint.child} <= known | {""}
             if not within or not joint.names or _match(joint, out, view):
                 continue
-            if view.family == "tracks" and joint.names[0].startswith(several):
+            if view.family == "tracks" and (joint.names[0].startswith(several) or joint.names[0] in turns):
                 continue  # one of the numbers of a ball
             if joint.kind == "fixed" and view.format == "mjcf":
                 continue

@@ -161,7 +161,7 @@ class Physics:
     def reduced(self, known: Collection[str]) -> list[Joint]:
         """Return the joints between known links; chains over other links become one joint, ties of a pair as well."""
         joints = [j for j in self.joints if not j.tied]
-        pending = [n for n in dict.fromkeys(n for j in joints for n in (j.parent, j.child)) if n not in known]
+        pending = [n for n in dict.fromkeys(n for j in joints for n in (j.parent, j.child)) if n and n not in known]
         while pending:
             ready = [n for n in pending if sum(n in (j.parent, j.child) for j in joints) <= 2]
             if not ready:

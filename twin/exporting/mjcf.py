@@ -4,7 +4,7 @@ Bodies are placed at home and joints have their coordinates there as `ref`, so t
 starts with closed loops; every coordinate is that of the mechanism. A control is how far a drive is to go from home:
 zero, with which a simulation starts, holds the robot there. A ball has no coordinate: its quaternion counts from home.
 
-Loops are closed where joints are at `ref`, so that one anchor says where both bodies are tied; Drake reads no other form:
+Loops are closed where joints are at `ref`, so one anchor says where both bodies are tied; Drake reads no other form:
 
     spherical       one connect at the ball
     revolute        two connects, at two points of the pin

@@ -1,0 +1,113 @@
+"""Exports that other programs only saved again: the audit has nothing to say, but for what the program itself loses.
+
+Of each robot one format is saved again, and audited without proof.json beside its tracks and, where it tells of joints
+and masses, beside the other formats that do.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from twin.audit import audit
+
+pytestmark = pytest.mark.witness
+
+SEVERE = ("error", "disagreement")
+
+
+def by_pxr(foreign, folder: Path) -> None:
+    """Every layer as the text that it stands for."""
+    from pxr import Sdf
+
+    for file in sorted((folder / "usd").rglob("*.usd*")):
+        layer = Sdf.Layer.OpenAsAnonymous(str(file))
+        file.unlink()
+        layer.Export(str(file), args={"format": "usda"} if file.suffix == ".usda" else {})
+
+
+def flattened_by_pxr(foreign, folder: Path) -> None:
+    from pxr import Usd
+
+    file = next((folder / "usd").glob("*_sim.usda"))
+    flat = Usd.Stage.Open(str(file)).Flatten()
+    shutil.rmtree(folder / "usd")
+    (folder / "usd").mkdir()
+    flat.Export(str(file.with_suffix(".usdc")))
+
+
+def by_mujoco(foreign, folder: Path) -> None:
+    import mujoco
+
+    for file in map(str, folder.glob("*.xml")):
+        mujoco.mj_saveLastXML(file, mujoco.MjModel.from_xml_path(file))
+
+
+def by_yourdfpy(foreign, folder: Path) -> None:
+    file = next(folder.glob("*.urdf"))
+    foreign.read("yourdfpy", "resave_yourdfpy.py", file, file)
+
+
+def by_gltf_transform(*steps: str) -> Callable[..., None]:
+    def save(foreign, folder: Path) -> None:
+        file = next(folder.glob("*.glb"))
+        aside = file.with_name("again.glb")
+        assert foreign.read("gltf", "resave_gltf.mjs", file, aside, *steps)["steps"] == list(steps)
+        aside.replace(file)
+
+    return save
+
+
+def by_trimesh(foreign, folder: Path) -> None:
+    import trimesh
+
+    file = next(folder.glob("*.glb"))
+    trimesh.load(file).export(str(file))
+
+
+def by_blender(foreign, folder: Path) -> None:
+    file = next(folder.glob("*.glb"))
+    rates = {json.loads(p.read_text("utf-8"))["rate"] for p in tracks(folder)}
+    rate = next(r for r in range(1, 1000) if all(r % k == 0 for k in rates))
+    aside = file.with_name("again.glb")
+    foreign.read("bpy", "resave_blender.py", file, aside, rate)
+    aside.replace(file)
+
+
+def tracks(folder: Path) -> list[Path]:
+    return sorted(p for p in (folder / "tracks").glob("*.json") if not p.name.endswith(".schema.json"))
+
+
+PHYSICS, SHAPES = ("tracks", "usd", "meshes", "*.xml", "*.urdf"), ("tracks", "*.glb")
+SAVES: dict[str, tuple[Callable[..., None], tuple[str, ...], tuple[str, ...]]] = {
+    "pxr": (by_pxr, PHYSICS, ()),
+    "pxr, flattened": (flattened_by_pxr, PHYSICS, ()),
+    "MuJoCo": (by_mujoco, PHYSICS, ()),
+    "yourdfpy": (by_yourdfpy, PHYSICS, ()),
+    "gltf-transform": (by_gltf_transform(), SHAPES, ()),
+    "gltf-transform, dedup": (by_gltf_transform("dedup"), SHAPES, ()),
+    "gltf-transform, weld": (by_gltf_transform("weld"), SHAPES, ()),
+    "gltf-transform, prune": (by_gltf_transform("prune"), SHAPES, ()),
+    "trimesh": (by_trimesh, SHAPES, ("compare.no_motion",)),
+    "Blender": (by_blender, SHAPES, ()),
+}
+"""Who saves: how, what of the export is there, codes of what the program itself loses (trimesh writes no motion)."""
+
+
+@pytest.mark.parametrize("name", SAVES)
+def test_what_was_only_saved_again_has_no_findings(foreign, figures, case, tmp_path, name):
+    save, kept, lost = SAVES[name]
+    folder = tmp_path / case.robot
+    for path in (p for pattern in kept for p in case.folder.glob(pattern)):
+        folder.mkdir(exist_ok=True)
+        (shutil.copytree if path.is_dir() else shutil.copy)(path, folder / path.name)
+    save(foreign, folder)
+    report = audit(folder)
+    found = [f for f in report.findings if f.severity in SEVERE and f.code not in lost]
+    figures.add(f"saved again: {name}", case.robot, "audit", float("nan"), float("nan"), f"{len(found)} findings")
+    assert report.checks
+    assert not found, [(f.code, f.where, f.message) for f in found]
