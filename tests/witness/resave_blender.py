@@ -2,7 +2,7 @@
 
     python resave_blender.py in.glb out.glb rate
 
-`rate` is that of the keys, Hz: Blender keeps keys at whole frames only.
+`rate` is that of its frames, Hz: what it writes has keys at whole frames only.
 """
 
 from __future__ import annotations
@@ -17,6 +17,6 @@ bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.context.scene.render.fps = round(float(rate))
 bpy.ops.import_scene.gltf(filepath=source)
 bpy.ops.export_scene.gltf(
-    filepath=target, export_extras=True, export_animation_mode="NLA_TRACKS", export_force_sampling=False
+    filepath=target, export_extras=True, export_animation_mode="NLA_TRACKS", export_force_sampling=True
 )
 print(json.dumps({"version": bpy.app.version_string}), flush=True)

@@ -72,9 +72,8 @@ def by_trimesh(foreign, folder: Path) -> None:
 def by_blender(foreign, folder: Path) -> None:
     file = next(folder.glob("*.glb"))
     rates = {json.loads(p.read_text("utf-8"))["rate"] for p in tracks(folder)}
-    rate = next(r for r in range(1, 1000) if all(r % k == 0 for k in rates))
     aside = file.with_name("again.glb")
-    foreign.read("bpy", "resave_blender.py", file, aside, rate)
+    foreign.read("bpy", "resave_blender.py", file, aside, max(rates))
     aside.replace(file)
 
 
@@ -93,9 +92,10 @@ SAVES: dict[str, tuple[Callable[..., None], tuple[str, ...], tuple[str, ...]]] =
     "gltf-transform, weld": (by_gltf_transform("weld"), SHAPES, ()),
     "gltf-transform, prune": (by_gltf_transform("prune"), SHAPES, ()),
     "trimesh": (by_trimesh, SHAPES, ("compare.no_motion",)),
-    "Blender": (by_blender, SHAPES, ()),
+    "Blender": (by_blender, SHAPES, ("compare.times", "compare.pose")),
 }
-"""Who saves: how, what of the export is there, codes of what the program itself loses (trimesh writes no motion)."""
+"""Who saves: how, what of the export is there, codes of what the program itself loses. trimesh writes no motion. Blender
+has keys at whole frames only, begins a frame late and moves the last key: links are up to 0.3 mm off at 120 Hz."""
 
 
 @pytest.mark.parametrize("name", SAVES)

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.witness
 ROBOTS = twin.names()
 CASES = [(r, p) for r in ROBOTS for p in twin.load(r).files.protocols()]
 SECONDS = float(os.environ.get("TWIN_STRANGERS_SECONDS", "10"))
-NEWTON_SECONDS = float(os.environ.get("TWIN_NEWTON_SECONDS", "0.5"))
+NEWTON_SECONDS = float(os.environ.get("TWIN_NEWTON_SECONDS", "3"))
 STARTED, HELD, PLAYED = 1e-6, 100e-6, 1e-6
 """m: how far a loop may be open as loaded, and while it moves; how far a link may be off that plays a track."""
 LEAD = 2.0
@@ -220,7 +220,7 @@ def test_newtons_default_importer_starts_at_home(foreign, figures, tmp_path, nam
 def test_newton_is_driven_along_a_protocol(foreign, figures, tmp_path, file, name, protocol):
     """The MJCF as loaded, with the springs of its loops; the stage with stiff ones, where Newton places them right.
 
-    `TWIN_NEWTON_SECONDS` of motion, 0 is all of it: a second takes half a minute.
+    `TWIN_NEWTON_SECONDS` of motion; 0 is all of it, which takes 17 minutes for the MJCF of all robots.
     """
     from twin.exporting.usd import write_usd
     from twin.stage.write.spanning import spanning
