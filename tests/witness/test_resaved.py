@@ -94,8 +94,11 @@ SAVES: dict[str, tuple[Callable[..., None], tuple[str, ...], tuple[str, ...]]] =
     "trimesh": (by_trimesh, SHAPES, ("compare.no_motion",)),
     "Blender": (by_blender, SHAPES, ("compare.times", "compare.pose")),
 }
-"""Who saves: how, what of the export is there, codes of what the program itself loses. trimesh writes no motion. Blender
-has keys at whole frames only, begins a frame late and moves the last key: links are up to 0.3 mm off at 120 Hz."""
+"""Who saves: how, what of the export is there, and codes of what the program itself loses.
+
+trimesh writes no motion. Blender has keys at whole frames only, begins a frame late and moves the last key: links are
+up to 0.3 mm off at 120 Hz.
+"""
 
 
 @pytest.mark.parametrize("name", SAVES)
