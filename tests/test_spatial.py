@@ -174,19 +174,6 @@ def test_pose_has_defaults_and_broadcasts():
     assert np.array_equal(T[:, 3], np.tile([0, 0, 0, 1.0], (5, 1)))
 
 
-@law(poses(), vectors(3.0, 6))
-def test_adjoint_carries_twists_like_pinocchios_action(T, twist):
-    mine = spatial.adjoint(T) @ twist
-    theirs = pin.SE3(T).act(pin.Motion(twist)).vector
-    assert np.abs(mine - theirs).max() < 5e-14
-
-
-@law(poses(), poses())
-def test_adjoint_is_a_homomorphism(A, B):
-    assert np.abs(spatial.adjoint(A @ B) - spatial.adjoint(A) @ spatial.adjoint(B)).max() < 5e-14
-    assert np.abs(spatial.adjoint(A) @ spatial.adjoint(spatial.inverse(A)) - np.eye(6)).max() < 5e-14
-
-
 def test_all_functions_take_batches(rng):
     w, p = rng.normal(size=(4, 5, 3)), rng.normal(size=(4, 5, 3))
     R = spatial.exp_so3(w)
@@ -196,7 +183,6 @@ def test_all_functions_take_batches(rng):
         assert np.abs(R[i] - spatial.exp_so3(w[i])).max() < 4 * EPS
         assert np.abs(spatial.log_so3(R)[i] - spatial.log_so3(R[i])).max() < 4 * EPS
         assert np.abs(spatial.inverse(T)[i] - spatial.inverse(T[i])).max() < 4 * EPS
-        assert np.abs(spatial.adjoint(T)[i] - spatial.adjoint(T[i])).max() < 4 * EPS
         q = spatial.quat_from_matrix_wxyz(R)[i]
         assert np.abs(q - spatial.quat_from_matrix_wxyz(R[i])).max() < 4 * EPS
     assert spatial.is_pose(T)

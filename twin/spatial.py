@@ -166,13 +166,3 @@ def point_to_line(point: ArrayLike, origin: ArrayLike, direction: ArrayLike) -> 
     d = d / np.linalg.norm(d, axis=-1, keepdims=True)
     w = np.asarray(point, float) - np.asarray(origin, float)
     return np.linalg.norm(w - np.sum(w * d, axis=-1, keepdims=True) * d, axis=-1)
-
-
-def adjoint(T: ArrayLike) -> Array:
-    """Return the (..., 6, 6) matrix that carries a twist (linear first) from frame b to a, T = T_a_b."""
-    T = np.asarray(T, float)
-    R, p = T[..., :3, :3], T[..., :3, 3]
-    out = np.zeros((*T.shape[:-2], 6, 6))
-    out[..., :3, :3] = out[..., 3:, 3:] = R
-    out[..., :3, 3:] = hat(p) @ R
-    return out

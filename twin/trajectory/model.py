@@ -67,8 +67,6 @@ class PathKinematics:
         lower, upper: (n,) hard limits; nothing is planned beyond them.
         soft_lower, soft_upper: (n,) limits that give a warning.
         max_speed, max_acceleration: (n,) per second, per second squared.
-        velocity: (k, 4, 4), (k, n), twists (k, 6) of the tool in base, linear first -> (k, n); None: the
-            derivative of the inverse along the path is used instead.
         branch: (k, 4, 4), (k, n) -> (k,) labels of the working mode; None: not watched.
         gaps: carriages that share a rail.
         revolute: (n,) which joints are in rad; empty: none.
@@ -89,7 +87,6 @@ class PathKinematics:
     soft_upper: Array
     max_speed: Array
     max_acceleration: Array
-    velocity: Callable[[Array, Array, Array], Array] | None = None
     branch: Callable[[Array, Array], np.ndarray] | None = None
     gaps: tuple[Gap, ...] = ()
     revolute: tuple[bool, ...] = ()

@@ -246,7 +246,7 @@ def _driven(
             alone = kin.joints_from_points({n: posed.points[n] for n in names})
     wrong: dict[str, tuple[Residual, str]] = {}
     for i, joint in enumerate(kin.joints):
-        equation = _equation_of(kin, (kin.mode.order[i],))
+        equation = _equation_of(kin, (kin.joints[i],))
         if not np.isfinite(q[:, i]).any():
             continue
         unit = "rad" if kin.revolute[i] else "m"
