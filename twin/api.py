@@ -181,8 +181,7 @@ class Robot:
         """
         from twin.kinematics import solve
 
-        limits = [j.limits or (-np.inf, np.inf) for j in self.mechanism.active]
-        return solve(self._kinematics, task, seed, limits)
+        return solve(self._kinematics, task, seed, self.mechanism.limits)
 
     def reference(self) -> ReferenceModel:
         """Return the independent model: Pinocchio and loop closures, built from the mechanism alone."""

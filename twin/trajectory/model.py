@@ -107,7 +107,7 @@ class PathKinematics:
 def without_equations(mechanism: Mechanism, carrier: Carrier, gaps: Sequence[tuple[str, str, float]]) -> PathKinematics:
     """Return what planning knows of a robot before its equations are asked: joints, limits and the mechanism itself."""
     active = mechanism.active
-    hard = np.array([j.limits or (-np.inf, np.inf) for j in active]).reshape(-1, 2)
+    hard = mechanism.limits
     soft = np.array([j.soft_limits or j.limits or (-np.inf, np.inf) for j in active]).reshape(-1, 2)
     order = [j.name for j in active]
     return PathKinematics(
