@@ -172,6 +172,11 @@ def euler_angles(R: ArrayLike, order: str, first: float = 0.0) -> Array:
     return np.stack([a, b, c], axis=-1) + 0.0
 
 
+def cubic(s: Array | float, a: Array, b: Array, slope_a: Array, slope_b: Array) -> Array:
+    """Return the cubic at s in 0..1 from a to b, whose derivatives by s are slope_a and slope_b at its ends."""
+    return a + s * (slope_a + s * (3 * (b - a) - 2 * slope_a - slope_b + s * (2 * (a - b) + slope_a + slope_b)))
+
+
 def frame_from_axes(z: ArrayLike, x: ArrayLike) -> Array:
     """Return the rotation (3, 3) whose z column is along z and whose x column is x made orthogonal to it.
 

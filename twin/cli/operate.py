@@ -48,7 +48,8 @@ def operate(args: argparse.Namespace) -> int:
         if not any(g.inserts for g in goals):
             raise TwinError(f"protocol '{protocol.name}' inserts nowhere: there is no hole to reach")
         active = robot.mechanism.active
-        limits = Limits(*robot.mechanism.limits.T, np.array([j.max_speed or np.inf for j in active]))
+        low, high = robot.mechanism.limits.T
+        limits = Limits(low, high, np.array([j.max_speed or np.inf for j in active]))
         scale = np.array([1.0 if u == "rad" else args.scale for u in kin.formula.coordinates.units])
 
         def controller() -> Teleoperation:

@@ -257,9 +257,7 @@ class Trajectory:
         x = float(np.clip((t - self.t[0]) / step, 0, len(self.t) - 1))
         i = min(int(x), len(self.t) - 2)
         f = x - i
-        h = f * f * (3 - 2 * f)
-        q = (1 - h) * self.q[i] + h * self.q[i + 1]
-        q = q + step * (f * (1 - f) ** 2 * self.qd[i] - f * f * (1 - f) * self.qd[i + 1])
+        q = spatial.cubic(f, self.q[i], self.q[i + 1], step * self.qd[i], step * self.qd[i + 1])
         return q, self.poses(np.array([t]))[0]
 
     def poses(self, times: Array) -> Array:
@@ -313,3 +311,10 @@ def _plain(value: Any) -> Any:
 
 Cause = Literal["reach", "inverse", "lower", "upper", "gap", "singularity", "branch"]
 """Why a pose cannot be taken."""
+
+
+def key_times(duration: float, rate: float) -> Array:
+    """Return (k,) s: every 1 / rate from 0, and the end."""
+    count = int(np.floor(duration * rate + 1e-9))
+    times = np.arange(count + 1) / rate
+    return times if duration - times[-1] < 1e-9 else np.append(times, duration)
