@@ -399,6 +399,7 @@ def test_progress_is_told_what_is_done(robot):
     assert all(label and 0 <= fraction <= 1 for label, fraction in told)
 
 
+@pytest.mark.slow
 def test_validate_twice_gives_the_same_report(robot):
     """Also: a trajectory from elsewhere is judged; the report is plain data."""
     trajectory = twin.plan(robot, SHORT)
@@ -409,6 +410,7 @@ def test_validate_twice_gives_the_same_report(robot):
     assert json.loads(json.dumps(first, allow_nan=False))["protocol"] == "short"
 
 
+@pytest.mark.slow
 def test_validate_judges_a_stage_that_is_handed_in(robot, tmp_path):
     """A body moved in the stage is seen there, and there only."""
     stage = tmp_path / "usd"

@@ -178,6 +178,17 @@ def test_a_table_may_hold_a_ball_of_a_scene_that_tells_no_kinds():
 # ------------------------------------------------------------------------------------------------- small parts
 
 
+@pytest.mark.parametrize(("other", "codes"), [(4e-12, set()), (1e-4, {"physics.sum"})])
+def test_rounding_of_a_sum_that_is_zero_is_no_difference(other, codes):
+    ledgers = [Ledger("a.usda"), Ledger("b.xml")]
+    contents = []
+    for ledger, form, total in zip(ledgers, ("usda", "mjcf"), (0.0, other), strict=True):
+        said = Physics(links=("base", "arm"), couplings={"belt": ({"q1": 1.0, "q2": 1.0}, total)})
+        contents.append(Content(ledger, form, physics=said))
+    compare_physics(contents, None)
+    assert {f.code for ledger in ledgers for f in ledger.findings} == codes
+
+
 def test_colours_are_compared_by_area():
     red, blue = (0.8, 0.1, 0.1, 1.0), (0.1, 0.1, 0.8, 1.0)
     assert apart({red: 0.3, blue: 0.7}, {blue: 0.7, red: 0.3}) == pytest.approx(0)

@@ -302,12 +302,11 @@ def test_other_content_and_other_tolerances_are_other_entries(fresh, tmp_path):
     assert read_step(altered(tmp_path, "inch.step", ("'block'", "'brick'"))).parts[0].name == "brick"
 
 
-@pytest.mark.parametrize("content", [b"", b"glTF", b"noise" * 100], ids=["empty", "short", "noise"])
-def test_a_damaged_entry_is_read_anew_and_repaired(fresh, content):
+def test_a_damaged_entry_is_read_anew_and_repaired(fresh):
     first = read_step(DATA / "inch.step")
     (entry,) = fresh.iterdir()
     whole = entry.read_bytes()
-    for damaged in (content, whole[: len(whole) // 2]):
+    for damaged in (b"", b"noise" * 100, whole[: len(whole) // 2]):
         entry.write_bytes(damaged)
         assert same(first, read_step(DATA / "inch.step"))
         assert entry.read_bytes() == whole

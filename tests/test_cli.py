@@ -319,6 +319,7 @@ def test_plan_of_a_missed_rcm_disagrees(run):
 # --------------------------------------------------------------------------------------------------- validate
 
 
+@pytest.mark.slow
 def test_validate_agrees(run, tmp_path):
     result = run("validate", "sils", "--protocol", SHORT)
     assert result.code == 0
@@ -400,6 +401,7 @@ def test_all_protocols_of_a_robot_folder(run, robot, no_pictures, tmp_path):
     assert not (robot / "usd").exists(), "only `build` writes into the robot's folder"
 
 
+@pytest.mark.slow
 def test_tolerance_widens_every_row(run, no_pictures):
     result = run("validate", "sils", "--protocol", SHORT, "--tolerance-um", "100", "--json")
     assert result.code == 0

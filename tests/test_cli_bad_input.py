@@ -378,6 +378,7 @@ def judged(robot, capsys, tmp_path):
     return call
 
 
+@pytest.mark.slow
 def test_loop_that_cannot_close(robot, judged, no_pictures):
     """The equations believe in longer bars and plan where the drawn mechanism cannot go: a finding, not an error."""
     text = robot.formula.read_text(encoding="utf-8")
@@ -474,7 +475,8 @@ def test_read_only_output(robot, capsys, tmp_path, monkeypatch):
     ("argv", "most", "cache"),
     [
         (["plan"], 20_000, {}),
-        (["build", "--protocol", "short"], 60_000, {"XDG_CACHE_HOME": "new"}),  # the STEP file is read anew
+        # the STEP file is read anew
+        pytest.param(["build", "--protocol", "short"], 60_000, {"XDG_CACHE_HOME": "new"}, marks=pytest.mark.slow),
         pytest.param(["build", "--protocol", "short"], 300_000, {}, marks=pytest.mark.slow),
         pytest.param(["validate"], 30_000, {}, marks=pytest.mark.slow),
     ],

@@ -10,8 +10,8 @@ from casadi import cos, pi, sin, sqrt, vertcat
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin import api
-from twin.explaining.conventions import ORDERS, conventions, dh_form, euler_angles
+from twin import api, spatial
+from twin.explaining.conventions import ORDERS, conventions, dh_form
 from twin.explaining.explain import known
 from twin.explaining.judge import Judge
 from twin.explaining.numeric import Matrix, Rebuilder
@@ -40,14 +40,14 @@ def turn(axis, a):
 @given(st.sampled_from(ORDERS), st.floats(-3, 3), st.floats(0.1, 1.4), st.floats(-3, 3))
 def test_angles_of_every_sequence(order, a, b, c):
     R = turn(order[0], a) @ turn(order[1], b) @ turn(order[2], c)
-    got = euler_angles(R[None], order)[0]
+    got = spatial.euler_angles(R[None], order)[0]
     again = turn(order[0], got[0]) @ turn(order[1], got[1]) @ turn(order[2], got[2])
     np.testing.assert_allclose(again, R, atol=1e-12)
 
 
 def test_another_euler_sequence(sils):
     formula, truth = sils
-    a, b, c = euler_angles(truth.Ts[:, :3, :3], "xyz").T
+    a, b, c = spatial.euler_angles(truth.Ts[:, :3, :3], "xyz").T
     other = replace(truth, symbols={**truth.symbols, "phi": a, "theta": b, "psi": c})
     found = conventions(Judge(formula, None, other))
     assert found[0].kind == "euler"

@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from twin import api, spatial
 from twin.exporting import clip as clips
-from twin.exporting.clip import Budget, key_rows, key_times, make_clip, measure_between, model_hash
+from twin.exporting.clip import Budget, key_rows, make_clip, measure_between, model_hash
 from twin.mechanism import Body, Frame, Inertia, Joint, Mechanism, Mesh
+from twin.trajectory.model import key_times
 
 SHORT = Path(__file__).parent / "data/short.toml"
 BOX = np.array([[x, y, z] for x in (-0.1, 0.4) for y in (-0.1, 0.1) for z in (0.0, 0.2)])

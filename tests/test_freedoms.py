@@ -150,7 +150,10 @@ def test_wrong_joint_values_are_told_with_the_way_out(five_bar):
             api.plan(robot, wrong)
 
 
-@pytest.mark.parametrize(("old", "new", "code"), [("", "", 0), ("- lift_2", "+ lift_2", 1), ("mm(80,", "mm(80.1,", 1)])
+@pytest.mark.parametrize(
+    ("old", "new", "code"),
+    [("", "", 0), pytest.param("- lift_2", "+ lift_2", 1, marks=pytest.mark.slow), ("mm(80,", "mm(80.1,", 1)],
+)
 def test_the_equations_of_a_planar_robot_agree_and_a_fault_in_them_disagrees(five_bar, old, new, code, capsys):
     formula = five_bar / "formula.py"
     right = formula.read_text()
@@ -161,6 +164,7 @@ def test_the_equations_of_a_planar_robot_agree_and_a_fault_in_them_disagrees(fiv
         formula.write_text(right)
 
 
+@pytest.mark.slow
 def test_equations_that_lead_only_forward_are_judged_by_where_they_put_the_tool(folder_of, capsys):
     folder = folder_of("slider_crank")
     right = linkages.LINKAGES["slider_crank"]().formula

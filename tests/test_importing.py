@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from twin import spatial
 from twin.importing import read
-from twin.importing.text import zyx
 from twin.reference import ReferenceModel
 
 DATA = Path(__file__).parent / "data/importing"
@@ -113,6 +112,6 @@ def test_printed_angles_give_the_rotation_back_also_at_90_degrees(angles, pitch)
     theta = theta if pitch is None else pitch
     ex, ey, ez = np.eye(3)
     R = spatial.exp_so3(psi * ez) @ spatial.exp_so3(theta * ey) @ spatial.exp_so3(phi * ex)
-    a, b, c = zyx(R)
+    a, b, c = spatial.euler_angles(R, "zyx")
     back = spatial.exp_so3(a * ez) @ spatial.exp_so3(b * ey) @ spatial.exp_so3(c * ex)
     np.testing.assert_allclose(back, R, atol=4e-15)

@@ -5,6 +5,7 @@ The files are drawn by tests/data/importing/draw.py. Bad TOML is in tests/data/c
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ import pytest
 from twin import cli
 from twin.errors import BudgetError, SourceError, TwinError
 from twin.foreign import guard
+from twin.foreign.admit import admit_together
 from twin.foreign.budget import Budget
 from twin.importing import read
 from twin.importing.step import read_skeleton
@@ -147,3 +149,15 @@ def test_the_guard_lets_good_files_pass(kind, tmp_path):
     good = {"MJCF": DATA / "good.xml", "USD": DATA / "models/fourbar.usda", "STEP": step, "fine STEP": step}
     arguments = (str(tmp_path / "x.glb"), "1.0", "0.5") if good[kind] == step else ()
     assert guard.run(good[kind], kind, *arguments) == 0
+
+
+def test_files_pass_together_or_none_does(tmp_path, monkeypatch):
+    good = [DATA / "models/fourbar.usda", tmp_path / "again.usda"]
+    shutil.copy(good[0], good[1])
+    assert admit_together(good) == set(good)
+    bad = tmp_path / "bad.usda"
+    bad.write_text("#usda 1.0\ndef {", "utf-8")
+    assert admit_together([*good, bad]) == set()
+    crashing = guard._PROGRAMS["USD"] + "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"
+    monkeypatch.setitem(guard._PROGRAMS, "USD", crashing)
+    assert admit_together(good) == set()

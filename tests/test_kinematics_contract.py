@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twin.errors import KinematicsError
-from twin.kinematics import ActiveJoint, Aspect, Equation, Mode, check_formula, compile_formula
+from twin.kinematics import ActiveJoint, Aspect, Equation, check_formula, compile_formula
 from twin.robots import load_formula
 
 USER = '''
@@ -135,7 +135,6 @@ def changed(formula, equation, **values):
         (lambda f: changed(f, "eq1", outputs=()), "has no outputs"),
         (lambda f: changed(f, "eq1", variants={"corrected": 3}), "is not a function"),
         (lambda f: replace(f, aspects=(Aspect("D", 2, "x"),)), "must be \\+1 or -1"),
-        (lambda f: replace(f, modes=(Mode("Z", ("q1",), "x"),)), "must name each joint once"),
         (lambda f: replace(f, seeds=((1.0,),)), "seed 0 must hold 6 finite numbers"),
         (lambda f: replace(f, coordinates=replace(f.coordinates, units=("mm",) * 6)), "'m' or 'rad'"),
         (lambda f: replace(f, parameters=(replace(f.parameters[0], note=""),)), "has no note"),
@@ -151,7 +150,7 @@ def test_broken_contract_is_named(sils, change, message):
     ("change", "message"),
     [
         (
-            lambda f: replace(f, joints=(*f.joints, ActiveJoint("q7", "prismatic")), modes=()),
+            lambda f: replace(f, joints=(*f.joints, ActiveJoint("q7", "prismatic"))),
             "no equation gives joint 'q7'",
         ),
         (lambda f: replace(f, parameters=f.parameters[1:]), "'eq2' needs symbol 'l_0'. Did you mean"),

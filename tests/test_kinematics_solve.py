@@ -17,7 +17,6 @@ from twin.kinematics import (
     Joints,
     Measure,
     Pose,
-    Position,
     Tip,
     Trocar,
     compile_formula,
@@ -186,7 +185,7 @@ def test_trocar_residual_is_a_distance_and_excludes_the_wrong_side(at_pose):
     "task",
     [
         Pose(spatial.pose(spatial.exp_so3([0.3, 0.2, -0.4]), [0.1, 0.2, 0.3])),
-        Position([0.1, 0.2, 0.3]),
+        Tip([0.1, 0.2, 0.3]),
         Tip([0.1, 0.2, 0.3], TIP),
         Trocar([0.1, 0.2, 0.3], (0, 1, 1), TIP),
         Trocar([0.1, 0.2, 0.3], (0, 1, 1), TIP, depth=0.1),
@@ -232,7 +231,7 @@ def test_limits_are_respected_or_named(arm):
 def test_posture_weight_chooses_among_many(arm):
     """A light pull towards a posture decides what the task leaves free, and costs little of the task."""
     q = np.array(ARM.seeds[0])
-    task = Position(arm.forward(q)[:3, 3])
+    task = Tip(arm.forward(q)[:3, 3])
     pulled = descend(arm, task + 1e-3 * Joints(q), q + 0.2)
     assert np.abs(pulled.q - q).max() < 1e-3
     assert (2.0 * task).terms[0].weight == 2.0
@@ -278,11 +277,11 @@ def test_parallel_trocar_with_free_roll_keeps_the_rails(sils):
 
 def test_unreachable_targets_raise_with_the_best_iterate(sils, arm):
     with pytest.raises(KinematicsError) as caught:
-        solve(sils, Position([2.0, 0, 0]), starts=3)
+        solve(sils, Tip([2.0, 0, 0]), starts=3)
     assert spatial.is_pose(caught.value.best.T_base_tool)
     assert caught.value.residual > 1
     with pytest.raises(KinematicsError) as caught:
-        solve(arm, Position([2.0, 0, 0]), starts=3)
+        solve(arm, Tip([2.0, 0, 0]), starts=3)
     assert caught.value.best.q.shape == (6,)
 
 
@@ -315,11 +314,11 @@ def test_bad_tasks_are_refused(arm):
         (lambda: Trocar([0, 0, 0], (0, 0, 0)), "axis vanishes"),
         (lambda: Trocar([0, 0, 0], depth=-1), "not beyond"),
         (lambda: Joints([np.nan]), "finite vector"),
-        (lambda: 0 * Position([0, 0, 0]), "weight must be positive"),
+        (lambda: 0 * Tip([0, 0, 0]), "weight must be positive"),
         (lambda: solve(arm, Joints([0.0])), "1 values for 6 joints"),
-        (lambda: solve(arm, Position([0, 0, 0]), seed=[1, 2]), "seed must be"),
-        (lambda: solve(arm, Position([0, 0, 0]), limits=[[1, 0]]), "limits must be"),
-        (lambda: solve(arm, Position([0, 0, 0]), length_scale=0), "must be positive"),
+        (lambda: solve(arm, Tip([0, 0, 0]), seed=[1, 2]), "seed must be"),
+        (lambda: solve(arm, Tip([0, 0, 0]), limits=[[1, 0]]), "limits must be"),
+        (lambda: solve(arm, Tip([0, 0, 0]), length_scale=0), "must be positive"),
         (lambda: arm.jacobian(), "give poses"),
     ):
         with pytest.raises(KinematicsError, match=message):
@@ -361,9 +360,9 @@ def test_formula_with_equations_both_ways_and_two_joints():
     T = kin.forward(q)
     np.testing.assert_allclose(kin.inverse(T), q, atol=1e-14)
     np.testing.assert_allclose(kin.inverse_jacobian(T) @ kin.jacobian(q=q), np.eye(2), atol=1e-12)
-    np.testing.assert_allclose(solve(kin, Position(T[:3, 3])).q, q, atol=1e-9)
+    np.testing.assert_allclose(solve(kin, Tip(T[:3, 3])).q, q, atol=1e-9)
     np.testing.assert_allclose(kin.forward_many(q[None])[0], T)
     one_way = compile_formula(replace(BOTH, equations=BOTH.equations[1:]))
-    for ask in (lambda: one_way.forward(q), lambda: solve(one_way, Position(T[:3, 3]))):
+    for ask in (lambda: one_way.forward(q), lambda: solve(one_way, Tip(T[:3, 3]))):
         with pytest.raises(KinematicsError, match="2 joints do not fix the 6 freedoms"):
             ask()

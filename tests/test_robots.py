@@ -209,14 +209,6 @@ def test_parameters_have_provenance_and_can_be_replaced(kin):
         compile_formula(kin.formula, parameters={first.name: float("nan")})
 
 
-def test_modes_are_selectable(kin):
-    for mode in kin.formula.modes:
-        assert compile_formula(kin.formula, mode=mode.name).mode is mode
-        assert mode.note
-    with pytest.raises(KinematicsError, match="no mode 'nope'"):
-        compile_formula(kin.formula, mode="nope")
-
-
 def test_wrong_input_is_named(kin):
     n = len(kin.joints)
     with pytest.raises(KinematicsError, match=r"poses must have shape \(4, 4\)"):

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from twin.kinematics import compile_formula
-from twin.robots import _sher_geometry as closed
 from twin.robots import load_formula
+from twin.robots.sher import platforms
 from twin.units import DEG, MM
 
 SCALE = np.array([MM, MM, MM, DEG, MM])
+U = np.array([[np.cos(a), np.sin(a)] for a in (60 * DEG, 180 * DEG, 300 * DEG)])
 
 
 @pytest.fixture(scope="module")
@@ -31,10 +32,87 @@ def states(kin, count):
     rng = np.random.default_rng(11)
     r = rng.uniform([-18, -18, 70], [18, 18, 150], (count, 3))
     rho = kin.parameters["r_b"] - kin.parameters["r_p"]
-    u = np.array([[np.cos(a), np.sin(a)] for a in (60 * DEG, 180 * DEG, 300 * DEG)])
-    lateral = r[:, None, :2] * MM - rho * u
+    lateral = r[:, None, :2] * MM - rho * U
     q = r[:, 2:] * MM - np.sqrt(kin.parameters["l"] ** 2 - (lateral**2).sum(axis=2))
     return np.column_stack([q, rng.uniform(-80, 80, count) * DEG, rng.uniform(1, 49, count) * MM]), r * MM
+
+
+# -- closed forms
+
+
+def tilt_of(s: float, p: dict[str, float]) -> dict[str, float]:
+    """Return angles in rad and P in {a} in m at the stroke s in m, and their derivatives by s ([A], rates).
+
+    th1, th2, P_x, P_y and dth1, dth2, dP_x, dP_y.
+    """
+    x = p["x_max"] - s
+    L = np.hypot(x, p["y_AR"])
+    al = np.arccos((L**2 + p["AQ"] ** 2 - p["QR"] ** 2) / (2 * L * p["AQ"])) + np.arctan2(p["y_AR"], x)
+    th1 = np.pi - p["phi2"] - al
+    BD = np.sqrt(p["AB"] ** 2 + p["DA"] ** 2 - 2 * p["AB"] * p["DA"] * np.cos(p["phi1"] - th1))
+    b1 = np.arccos((p["AB"] ** 2 + BD**2 - p["DA"] ** 2) / (2 * p["AB"] * BD))
+    de = np.arccos((p["CD"] ** 2 + BD**2 - p["BC"] ** 2) / (2 * p["CD"] * BD))
+    th2 = p["phi1"] + b1 - de
+    be = b1 + np.arccos((p["BC"] ** 2 + BD**2 - p["CD"] ** 2) / (2 * p["BC"] * BD))
+    a1 = p["phi1"] - th1
+    L_JR, L_JQ = x * np.tan(al) - p["y_AR"], x / np.cos(al) - p["AQ"]
+    L_ID = p["AB"] * np.sin(be) / np.sin(a1 + be) - p["DA"]
+    dth1 = -L_JQ / (p["AQ"] * L_JR)
+    dth2 = p["DA"] * L_JQ / (L_ID * p["AQ"] * L_JR)
+    g = th2 - p["phi3"]
+    return {
+        "th1": th1,
+        "th2": th2,
+        "P_x": p["DA"] * np.cos(th1) + p["DP"] * np.cos(g),
+        "P_y": p["DA"] * np.sin(th1) + p["DP"] * np.sin(g),
+        "dth1": dth1,
+        "dth2": dth2,
+        "dP_x": -p["DA"] * np.sin(th1) * dth1 - p["DP"] * np.sin(g) * dth2,
+        "dP_y": p["DA"] * np.cos(th1) * dth1 + p["DP"] * np.cos(g) * dth2,
+    }
+
+
+def _rods(q: np.ndarray, p: dict[str, float]) -> np.ndarray:
+    centre = platforms(q[:3], p)[0]
+    return centre - np.column_stack([(p["r_b"] - p["r_p"]) * U, q[:3]])
+
+
+def jacobian(q: np.ndarray, p: dict[str, float]) -> np.ndarray:
+    """Return (6, 5): twist of P in {b}, linear rows first, per rate of q (5,)."""
+    rods, t = _rods(q, p), tilt_of(q[4], p)
+    c, s = np.cos(q[3]), np.sin(q[3])
+    J = np.zeros((6, 5))
+    J[:3, :3] = np.linalg.solve(rods, np.diag(rods[:, 2]))
+    J[:, 3] = 0, -c * (t["P_y"] + p["d3"]), -s * (t["P_y"] + p["d3"]), 1, 0, 0
+    J[:, 4] = t["dP_x"], -s * t["dP_y"], c * t["dP_y"], 0, -c * t["dth2"], -s * t["dth2"]
+    return J
+
+
+def left_inverse(q: np.ndarray, p: dict[str, float]) -> np.ndarray:
+    """Return (5, 6): joint rates per twist of P in {b}.
+
+    Eq. (4) of the paper inverts the 6x5 Jacobian, which has no inverse. What can be meant is a left inverse,
+    exact for every twist that five joints can make: c_psi w_z = s_psi w_y. This is the one that reads the
+    roll from w_x, the stroke from the turn about the linkage's pins, and the slides from the rest of v.
+    """
+    rods, J = _rods(q, p), jacobian(q, p)
+    c, s = np.cos(q[3]), np.sin(q[3])
+    out = np.zeros((5, 6))
+    out[3, 3] = 1
+    out[4, 4:] = -np.array([c, s]) / tilt_of(q[4], p)["dth2"]
+    rest = np.hstack([np.eye(3), np.zeros((3, 3))]) - J[:3, 3:] @ out[3:]
+    out[:3] = rods @ rest / rods[:, 2:]
+    return out
+
+
+def in_tool(T: np.ndarray, twist: np.ndarray) -> np.ndarray:
+    """Return a twist (6,) given in {b} in the axes of the tool: both halves turned, as [A] prints it."""
+    return np.concatenate([T[:3, :3].T @ twist[:3], T[:3, :3].T @ twist[3:]])
+
+
+def reachable(q: np.ndarray, twist: np.ndarray) -> float:
+    """Return what a twist (6,) in {b} asks of the sixth freedom, in rad/s: 0 for what the robot can do."""
+    return float(np.cos(q[3]) * twist[5] - np.sin(q[3]) * twist[4])
 
 
 # -- [A]: velocity example, scripts and SolidWorks motion study ---------------------------------------------
@@ -46,9 +124,9 @@ def test_velocity_example_of_the_script_and_of_the_motion_study(kin):
     v, w = V[:3] / MM, V[3:] / DEG
     np.testing.assert_allclose(v, [6.87802679, 4.93238197, 5.28504435], atol=1e-6)
     np.testing.assert_allclose(w, [6, -8.14832999, -4.70444052], atol=1e-6)
-    in_tool = closed.in_tool(kin.forward(q), V)
-    np.testing.assert_allclose(in_tool[:3] / MM, [6.97252563, -1.77386034, -6.91409027], atol=1e-6)
-    np.testing.assert_allclose(in_tool[3:] / DEG, [5.12488415, -3.12018628, 9.40888104], atol=1e-6)
+    turned = in_tool(kin.forward(q), V)
+    np.testing.assert_allclose(turned[:3] / MM, [6.97252563, -1.77386034, -6.91409027], atol=1e-6)
+    np.testing.assert_allclose(turned[3:] / DEG, [5.12488415, -3.12018628, 9.40888104], atol=1e-6)
     # Read off a plot: one unit of the last digit, except w_y (0.05 off) and w_z (0.014 off).
     assert (np.abs(v - [6.9, 4.93, 5.29]) <= [0.1, 0.01, 0.01]).all()
     assert (np.abs(w - [6, -8.1, -4.69]) <= [0.1, 0.06, 0.02]).all()
@@ -82,7 +160,7 @@ def test_forward_of_the_delta_stage(kin, q, want, within):
     np.testing.assert_allclose(
         kin.points_many(qs=state, Ts=kin.forward_many(state))["platform"][0] / MM, want, atol=within
     )
-    np.testing.assert_allclose(closed.platforms(state[0, :3], kin.parameters)[0] / MM, want, atol=within)
+    np.testing.assert_allclose(platforms(state[0, :3], kin.parameters)[0] / MM, want, atol=within)
 
 
 def test_both_assemblies_of_the_delta_stage_are_named(kin):
@@ -92,7 +170,7 @@ def test_both_assemblies_of_the_delta_stage_are_named(kin):
     assert lower[2, 3] < upper[2, 3] - 50 * MM
     for T in (upper, lower):  # every rod has its length in both
         centre = T[:3, 3] - upper[:3, 3] + kin.points_many(Ts=upper[None])["platform"][0]
-        c = np.column_stack([26.2154 * MM * closed._U, q[:3]])
+        c = np.column_stack([26.2154 * MM * U, q[:3]])
         np.testing.assert_allclose(np.linalg.norm(centre - c, axis=1), 68 * MM, atol=1e-14)
 
 
@@ -158,13 +236,13 @@ def test_closed_jacobian_equals_the_derivatives(kin):
     q, _ = states(kin, 300)
     J = kin.jacobian_many(qs=q)
     for row, j in zip(q, J, strict=True):
-        written = closed.jacobian(row, kin.parameters)
+        written = jacobian(row, kin.parameters)
         assert np.abs(written - j).max() < 1e-11 * max(1, np.abs(j).max())
-        back = closed.left_inverse(row, kin.parameters)
+        back = left_inverse(row, kin.parameters)
         assert np.abs(back @ j - np.eye(5)).max() < 1e-11
         twist = j @ np.array([0.003, -0.002, 0.004, 0.2, 0.005])
         assert np.abs(j @ (back @ twist) - twist).max() < 1e-13  # consistent on what five joints can do
-        assert abs(closed.reachable(row, twist)) < 1e-13
+        assert abs(reachable(row, twist)) < 1e-13
 
 
 def test_jacobian_against_differences_of_fourth_order(kin):
@@ -195,6 +273,6 @@ def test_a_twist_about_the_tool_is_out_of_reach(kin):
     q = np.array([50, 50, 50, 0, 20]) * SCALE
     T = kin.forward(q)
     twist = np.concatenate([np.zeros(3), -T[:3, 1]])
-    assert abs(closed.reachable(q, twist)) > 0.5
-    J, back = kin.jacobian(q=q), closed.left_inverse(q, kin.parameters)
+    assert abs(reachable(q, twist)) > 0.5
+    J, back = kin.jacobian(q=q), left_inverse(q, kin.parameters)
     assert np.abs(J @ (back @ twist) - twist).max() > 0.1

@@ -64,7 +64,7 @@ def test_positions_are_judged_as_the_equations_say(robots, name):
     values = reach.evaluate(reach.judge(robot, grid), grid, 0, grid.positions)
     Ts = spatial.pose(grid.R_base_tool, grid.position(np.arange(grid.positions)))
     with np.errstate(all="ignore"):
-        q, limits = kin.inverse_many(Ts), reach.limits_of(robot)
+        q, limits = kin.inverse_many(Ts), robot.mechanism.limits
         good = ((q >= limits[:, 0]) & (q <= limits[:, 1])).all(axis=1)
         for i, j, least in reach.gaps_of(robot):
             good &= q[:, j] - q[:, i] >= least
@@ -103,7 +103,7 @@ def test_orientations_are_counted_at_each_position(robots):
     values = reach.evaluate(reach.judge(robot, grid), grid, 0, grid.positions)
     one = reach.Grid(grid.low, grid.step, grid.shape, grid.R_base_tool)
     Ts = poses(grid)
-    kin, limits = robot.kinematics(), reach.limits_of(robot)
+    kin, limits = robot.kinematics(), robot.mechanism.limits
     with np.errstate(all="ignore"):
         q = kin.inverse_many(Ts)
         good = ((q >= limits[:, 0]) & (q <= limits[:, 1])).all(axis=1)

@@ -78,7 +78,6 @@ def reach(Ts):
 SILS = PathKinematics(
     joint_names=("q1", "q2", "q3", "q4", "q5", "q6"),
     inverse=inverse,
-    velocity=velocity,
     reach=reach,
     singularity=singularity,
     singularity_alarm={"type2": 0.15, "type1": 0.1},
@@ -223,21 +222,6 @@ def test_planning_twice_gives_the_same_numbers(planned):
     second = plan(protocol, SILS, T_tool_frame=np.eye(4))
     np.testing.assert_array_equal(first.q, second.q)
     np.testing.assert_array_equal(first.qdd, second.qdd)
-
-
-def test_without_a_jacobian_the_inverse_is_differentiated(planned):
-    protocol, with_jacobian = planned["table2"]
-    without = plan(protocol, replace(SILS, velocity=None), T_tool_frame=np.eye(4))
-    np.testing.assert_allclose(without.qd, with_jacobian.qd, atol=1e-11)
-    np.testing.assert_allclose(without.qdd, with_jacobian.qdd, atol=1e-8)
-
-
-def test_a_wrong_jacobian_is_found_and_not_used(planned):
-    protocol, right = planned["table2"]
-    wrong = replace(SILS, velocity=lambda Ts, q, tw: velocity(Ts, q, tw * [1, 1, 1.001, 1, 1, 1]))
-    trajectory = plan(protocol, wrong, T_tool_frame=np.eye(4))
-    assert {f.severity for f in by_code(trajectory, "trajectory.velocity")} == {"disagreement"}
-    np.testing.assert_allclose(trajectory.qd, right.qd, atol=1e-11)
 
 
 def table2(*phases, **waypoints):

@@ -102,6 +102,7 @@ def test_the_closest_parts_are_named(judged):
     assert "bar1 and bar2" in judged("table2").facts["clearance"]["least distance"]
 
 
+@pytest.mark.slow
 def test_passive_joints_beyond_their_limits_are_told(robot):
     # a cone of 70 degrees is too narrow for s1 and s3 at C, and wide enough for s2
     other = twin.load("sils")
@@ -152,6 +153,7 @@ def test_printed_eq1_is_located_at_s1_and_s3_in_x_and_y(judged):
     assert q6.worst / MM == pytest.approx(2.374, abs=5e-4)
 
 
+@pytest.mark.slow
 def test_printed_eq2_is_on_the_carriages_and_not_on_the_platform(judged):
     report = judged("table2", eq2="printed")
     assert report.exit_code == 1
@@ -166,6 +168,7 @@ def test_printed_eq2_is_on_the_carriages_and_not_on_the_platform(judged):
     assert found(report, "tool.no_assembly", "info")
 
 
+@pytest.mark.slow
 def test_both_printed_equations_are_both_blamed(judged):
     report = judged("table2", eq1="printed", eq2="printed")
     assert {f.where for f in found(report, "point.differs", "disagreement")} == {"s1", "s3"}
@@ -186,6 +189,7 @@ def test_assumed_values_are_listed_with_reasons(judged):
     assert all(p.note for p in report.parameters)
 
 
+@pytest.mark.slow
 def test_a_wrong_length_in_the_equations_is_found_where_it_acts(robot):
     """l_1 only decides where the strut carriages and the apexes are; the platform does not feel it."""
     other = twin.load("sils", parameters={"l_2": 392.1 * MM})

@@ -228,6 +228,7 @@ def test_nothing_is_searched_for_what_is_not_in_the_equations(short):
         assert Cures(untouched).of(judged, None, lambda label, fraction: None) is judged
 
 
+@pytest.mark.slow
 def test_the_printed_commands_work(printed, capsys, monkeypatch):
     monkeypatch.chdir(ROOT)
     line = shlex.split(printed.commands["explain"])

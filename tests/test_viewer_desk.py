@@ -89,7 +89,7 @@ def test_out_of_reach_keeps_the_last_good_pose_and_says_why(any_desk):
 
 
 def test_a_joint_stops_at_its_limit_and_names_it(sils):
-    high = sils.bounds[1, 1]
+    high = sils.mechanism.limits[1, 1]
     moved = to_the_end(lambda: sils.move_joint(1, high + 0.02))
     assert "q2 = 600.000 mm is beyond its limit of 580.000 mm" in moved.reason
     assert sils.assembly.q[1] <= high
@@ -102,7 +102,7 @@ def test_a_limit_that_can_be_reached_is_reached():
     moved = to_the_end(lambda: desk.move_joint(0, 99.0))
     assert "q1 = 5672" in moved.reason
     assert "limit of 177.000°" in moved.reason
-    assert desk.assembly.q[0] == pytest.approx(desk.bounds[0, 1])
+    assert desk.assembly.q[0] == pytest.approx(desk.mechanism.limits[0, 1])
 
 
 def test_any_point_of_a_link_can_be_led_and_the_loops_follow(any_desk):
@@ -358,7 +358,7 @@ def test_the_axis_of_an_rcm_error_has_labels_that_differ(worst):
 
 def turning(desk):
     """Return the active angles that have more than half a turn, with both ends of their way."""
-    for i, (joint, (low, high)) in enumerate(zip(desk.joints, desk.bounds, strict=True)):
+    for i, (joint, (low, high)) in enumerate(zip(desk.joints, desk.mechanism.limits, strict=True)):
         if joint.is_angle and high - low > np.pi:
             yield i, low, high
 
@@ -406,7 +406,7 @@ def mirrored_assembly(desk, rng):
         found = desk.model._move_posed(x[None], T[None])
         state = desk.model.state(found[0][0])
         closed = found[1][0] and state.worst_gap < 1e-9 and max(g[1] for g in state.gap.values()) < 1e-8
-        inside = all(low <= v <= high for v, (low, high) in zip(state.q, desk.bounds, strict=True))
+        inside = all(low <= v <= high for v, (low, high) in zip(state.q, desk.mechanism.limits, strict=True))
         if closed and inside and np.abs(state.T_base_tool - T).max() < 1e-9 and np.abs(state.q - now.q).max() > 0.02:
             return state
     return None
@@ -467,7 +467,7 @@ def test_a_joint_that_would_pass_another_on_its_rail_says_which(sils):
 
 def test_a_slider_ends_where_the_loops_end_whatever_its_speed(any_desk):
     """Each joint towards its limits, in one step and in eight: the same end, and closed."""
-    for i, (low, high) in enumerate(any_desk.bounds):
+    for i, (low, high) in enumerate(any_desk.mechanism.limits):
         for value in (low, high):
             ends = []
             for count in (1, 8):

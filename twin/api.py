@@ -181,8 +181,7 @@ class Robot:
         """
         from twin.kinematics import solve
 
-        limits = [j.limits or (-np.inf, np.inf) for j in self.mechanism.active]
-        return solve(self._kinematics, task, seed, limits)
+        return solve(self._kinematics, task, seed, self.mechanism.limits)
 
     def reference(self) -> ReferenceModel:
         """Return the independent model: Pinocchio and loop closures, built from the mechanism alone."""
@@ -359,6 +358,7 @@ def validate(
     from twin.validation.case import Case
     from twin.validation.commands import commands
     from twin.validation.judge import judge
+    from twin.validation.lengths import check_parameters
     from twin.validation.rows import Tolerances
 
     progress("read CAD", 0.0)
@@ -366,11 +366,13 @@ def validate(
     chosen = robot.protocol(protocol or (trajectory.protocol if trajectory is not None else None))
     said = None if robot._parameters else protocol or chosen.name  # no command line gives other parameters
     robot = robot.bound(chosen)
+    kin = robot.kinematics(variants) if variants is not None or not robot.unwritten else None
+    if kin is not None:
+        check_parameters(kin, robot.cad.description)
     if trajectory is None:
         trajectory = plan(robot, chosen, progress)
     assert robot.files is not None  # it has CAD
     with contextlib.nullcontext(stage) if stage is not None else fresh_stage(robot.files) as root:
-        kin = robot.kinematics(variants) if variants is not None or not robot.unwritten else None
         sides = (kin, robot.cad, chosen, trajectory, root, used)
         report = judge(Case(*sides, robot.path_kinematics(), baked), progress)
     return report if said is None else replace(report, commands=commands(robot.files, kin, said, tolerances))

@@ -276,6 +276,11 @@ class Mechanism:
         return tuple(j for j in self.joints if j.active)
 
     @cached_property
+    def limits(self) -> Array:
+        """Hard limits (n, 2) of the active joints in m or rad, infinite where there is none."""
+        return np.array([j.limits or (-np.inf, np.inf) for j in self.active], float).reshape(-1, 2)
+
+    @cached_property
     def passive(self) -> tuple[Joint, ...]:
         """Passive joints with one coordinate, tree and loop alike, in file order."""
         return tuple(j for j in self.joints if not j.active and len(j.free_axes) == 1)

@@ -142,6 +142,41 @@ def rotation_z(angle: ArrayLike) -> Array:
     return exp_so3(a[..., None] * np.array([0.0, 0.0, 1.0]))
 
 
+def angle_about_z(T: ArrayLike) -> Array:
+    """Return angles (...) in rad of rotations or poses (..., 3, 3) or (..., 4, 4) that turn about z, nearly."""
+    R = np.asarray(T, float)
+    return np.arctan2(R[..., 1, 0] - R[..., 0, 1], R[..., 0, 0] + R[..., 1, 1])
+
+
+def euler_angles(R: ArrayLike, order: str, first: float = 0.0) -> Array:
+    """Return angles (..., 3) in rad with R = R_1 R_2 R_3, turns about the axes `order` ("zyx": R = Rz Ry Rx).
+
+    Exact to 1e-12 in every pose. Where the first and the last turn about one line, the first is `first`.
+    """
+    R = np.asarray(R, float)
+    i, j, last = ("xyz".index(axis) for axis in order)
+    k = 3 - i - j
+    sign = 1.0 if (j - i) % 3 == 1 else -1.0
+    if i == last:
+        level = np.hypot(R[..., j, i], R[..., k, i])
+        a, b = np.arctan2(R[..., j, i], -sign * R[..., k, i]), np.arctan2(level, R[..., i, i])
+    else:
+        level = np.hypot(R[..., j, k], R[..., k, k])
+        a, b = np.arctan2(-sign * R[..., j, k], R[..., k, k]), np.arctan2(sign * R[..., i, k], level)
+    a = np.where(level > 1e-12, a, first)
+    axes = np.eye(3)
+    # The last from what the others leave: where the first is hardly determined, it takes up the error of that.
+    rest = np.swapaxes(exp_so3(a[..., None] * axes[i]) @ exp_so3(b[..., None] * axes[j]), -1, -2) @ R
+    m, n = (last + 1) % 3, (last + 2) % 3
+    c = np.arctan2(rest[..., n, m] - rest[..., m, n], rest[..., m, m] + rest[..., n, n])
+    return np.stack([a, b, c], axis=-1) + 0.0
+
+
+def cubic(s: Array | float, a: Array, b: Array, slope_a: Array, slope_b: Array) -> Array:
+    """Return the cubic at s in 0..1 from a to b, whose derivatives by s are slope_a and slope_b at its ends."""
+    return a + s * (slope_a + s * (3 * (b - a) - 2 * slope_a - slope_b + s * (2 * (a - b) + slope_a + slope_b)))
+
+
 def frame_from_axes(z: ArrayLike, x: ArrayLike) -> Array:
     """Return the rotation (3, 3) whose z column is along z and whose x column is x made orthogonal to it.
 
@@ -166,13 +201,3 @@ def point_to_line(point: ArrayLike, origin: ArrayLike, direction: ArrayLike) -> 
     d = d / np.linalg.norm(d, axis=-1, keepdims=True)
     w = np.asarray(point, float) - np.asarray(origin, float)
     return np.linalg.norm(w - np.sum(w * d, axis=-1, keepdims=True) * d, axis=-1)
-
-
-def adjoint(T: ArrayLike) -> Array:
-    """Return the (..., 6, 6) matrix that carries a twist (linear first) from frame b to a, T = T_a_b."""
-    T = np.asarray(T, float)
-    R, p = T[..., :3, :3], T[..., :3, 3]
-    out = np.zeros((*T.shape[:-2], 6, 6))
-    out[..., :3, :3] = out[..., 3:, 3:] = R
-    out[..., :3, 3:] = hat(p) @ R
-    return out

@@ -14,7 +14,7 @@ diagnose    which of the usual mistakes explains a difference
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,7 +30,7 @@ from twin.audit.physics_truth import mechanism_physics
 from twin.audit.report import AuditReport, Check, Ledger, finished
 from twin.audit.sense import check_sense
 from twin.errors import BudgetError, SourceError
-from twin.foreign.admit import admit
+from twin.foreign.admit import admit, admit_together
 from twin.foreign.archive import check_zip
 from twin.foreign.budget import check_size
 
@@ -115,10 +115,14 @@ def key_times(path: str | Path) -> dict[str, np.ndarray]:
 
 def _read(found: Found, tell: Progress) -> Iterator[tuple[Ledger, Content | None]]:
     """Yield a ledger for each file, and what it holds if it could be read."""
+    stages = (*found.stages, *found.usdz)
+    if stages:
+        tell("try the stages", 0)
+    admitted = admit_together(stages)
     jobs: list[tuple[Callable[[Path, Ledger], Content | None], Path]] = [
         *((_tracks, p) for p in (*found.tracks, *found.csv)),
         *((_gltf, p) for p in found.gltf),
-        *((_usd, p) for p in (*found.stages, *found.usdz)),
+        *((partial(_usd, admitted=admitted), p) for p in stages),
     ]
     tracks: list[Content] = []
     models = [p.stem for p in found.mjcf]
@@ -145,8 +149,6 @@ def _guarded(read: Callable[[Path, Ledger], Any], path: Path, ledger: Ledger) ->
         if not path.stat().st_size:
             ledger.add("file.empty", "error", "it is empty.")
             return None
-        if read is not _usd:  # whose header is looked at first
-            admit(path)
         return read(path, ledger)
     except (BudgetError, SourceError) as error:
         ledger.add("file.budget", "error", f"{error}")
@@ -163,6 +165,7 @@ def _gltf(path: Path, ledger: Ledger) -> Content | None:
     from twin.audit.gltf_file import GltfError
 
     ledger.tool, ledger.version = "twin.audit gltf", "2.0"
+    admit(path)
     try:
         return read_gltf(path, ledger)
     except GltfError as error:
@@ -170,7 +173,7 @@ def _gltf(path: Path, ledger: Ledger) -> Content | None:
     return None
 
 
-def _usd(path: Path, ledger: Ledger) -> Content | None:
+def _usd(path: Path, ledger: Ledger, admitted: Collection[Path]) -> Content | None:
     from pxr import Tf
 
     from twin.audit.usd import UsdError, read_usd
@@ -187,7 +190,8 @@ def _usd(path: Path, ledger: Ledger) -> Content | None:
     if broken := trouble(path.read_bytes()):
         ledger.add("usd.header", "error", f"{broken}.")
         return None
-    admit(path)
+    if path not in admitted:
+        admit(path)
     try:
         content = read_usd(path, ledger)
         check_usd(path, bool(content.extra["physics"]), ledger)
@@ -204,6 +208,7 @@ def _tracks(path: Path, ledger: Ledger) -> Content | None:
     from twin.audit.tracks import TrackError, read_csv, read_json
 
     ledger.tool, ledger.version = "twin.audit tracks", "1"
+    admit(path)
     try:
         return read_csv(path, ledger) if path.suffix.lower() == ".csv" else read_json(path, ledger)
     except TrackError as error:
@@ -224,6 +229,7 @@ def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[st
     """
     from twin.audit.urdf import Urdf, UrdfError
 
+    admit(path)
     try:
         if path.suffix.lower() == ".urdf":
             ledger.tool, ledger.version = "twin.audit urdf", "1"

@@ -37,6 +37,10 @@ def _word(a: Any, b: Any) -> float:
     return 0.0 if a == b else np.inf
 
 
+def _difference(a: float, b: float) -> float:
+    return abs(a - b)
+
+
 def _ends(a: tuple[float, float], b: tuple[float, float]) -> float:
     return max((0.0 if x == y else abs(x - y) / max(1.0, min(abs(x), abs(y)))) for x, y in zip(a, b, strict=True))
 
@@ -134,7 +138,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "gravity": Quantity(_distance, 1e-3, "m/s2"),
     "held": Quantity(_word, 0.0),
     "ratios": Quantity(_distance, 1e-5),
-    "sum": Quantity(_number, 1e-4, "m or rad", True),
+    "sum": Quantity(_difference, 1e-6, "m or rad"),
 }
 """What is compared, of links, joints, frames, couplings and the world."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import filecmp
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from twin import api, assets
 from twin.atomic import Scratch
 from twin.cli import show
 from twin.cli.cure import Cures
+from twin.cli.variants import asked
 from twin.errors import TwinError, unknown
 from twin.findings import EXIT_CODES, verdict
 
@@ -300,30 +301,21 @@ def _protocols(robot: api.Robot, args: argparse.Namespace) -> tuple[str, ...]:
     return chosen
 
 
-def _variants(robot: api.Robot, asked: Mapping | tuple | object) -> list[dict[str, str] | None]:
+def _variants(robot: api.Robot, texts: Sequence[str]) -> list[dict[str, str] | None]:
     """Return the variants to judge, one judgement each."""
-    texts = [str(t) for t in asked] if isinstance(asked, tuple | list) else []
-    if not texts:
-        return [None]
-    choices = robot.variants
-    bare = [t for t in texts if "=" not in t]
-    if bare and len(texts) > 1:
-        raise TwinError("--variant: give either one bare name or EQ=NAME pairs, not both")
-    if bare:
-        having = [eq for eq, names in choices.items() if bare[0] in names]
+    choices, chosen = robot.variants, asked(texts)
+    if isinstance(chosen, str):
+        having = [eq for eq, names in choices.items() if chosen in names]
         if not having:
-            raise TwinError(f"--variant: {unknown('variant', bare[0], {n for v in choices.values() for n in v})}")
-        alone: list[dict[str, str] | None] = [{eq: bare[0]} for eq in having]
-        return [*alone, dict.fromkeys(having, bare[0])] if len(having) > 1 else alone
-    pairs = dict(t.split("=", 1) for t in texts)
-    if len(pairs) < len(texts):
-        raise TwinError("--variant: an equation is given twice; give each once")
-    for eq, name in pairs.items():
+            raise TwinError(f"--variant: {unknown('variant', chosen, {n for v in choices.values() for n in v})}")
+        alone: list[dict[str, str] | None] = [{eq: chosen} for eq in having]
+        return [*alone, dict.fromkeys(having, chosen)] if len(having) > 1 else alone
+    for eq, name in (chosen or {}).items():
         if eq not in choices:
             raise TwinError(f"--variant: {unknown('equation', eq, choices)}")
         if name not in choices[eq]:
             raise TwinError(f"--variant {eq}: {unknown('variant', name, choices[eq])}")
-    return [pairs]
+    return [chosen]
 
 
 def _folder(protocol: str, variants: Mapping[str, str] | None) -> str:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import platform
+import re
 import shutil
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, requires, version
 
 from twin import assets
 from twin.cli import show
@@ -13,20 +14,7 @@ from twin.cli import show
 
 def doctor(args: argparse.Namespace) -> int:
     """Print what is installed and what that allows."""
-    packages = (
-        "numpy",
-        "casadi",
-        "pin",
-        "coal",
-        "usd-core",
-        "cascadio",
-        "trimesh",
-        "toppra",
-        "matplotlib",
-        "scipy",
-        "mujoco",
-        "viser",
-    )
+    packages = _needed()
     extras = {
         "distributed": "sweeps, on several processors or machines (extra: cluster)",
         "pyarrow": "--parquet (extra: parquet)",
@@ -50,6 +38,12 @@ def doctor(args: argparse.Namespace) -> int:
         if missing:
             print(f"\n  missing: {', '.join(missing)}. Install twin again: pip install .")
     return 2 if missing else 0
+
+
+def _needed() -> list[str]:
+    """Return the packages that twin itself asks for, without those of its extras."""
+    asked = [line for line in requires("twin-robotics") or () if "extra ==" not in line]
+    return [re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in asked]
 
 
 def _installed(name: str) -> str | None:

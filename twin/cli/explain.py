@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from twin import api
 from twin.cli import show
+from twin.cli.variants import asked
 from twin.errors import TwinError
 from twin.units import decimals
 
@@ -25,7 +26,7 @@ def explain(args: argparse.Namespace) -> int:
         raise TwinError(f"--seconds {args.seconds:g}: give a number of seconds, 0 or more")
     robot = api.load(args.robot)
     formula = robot.formula
-    chosen = _variants(args.variant)
+    chosen = asked(args.variant)
     with show.progress(args.quiet or args.json) as progress:
         progress("read CAD", 0.0)
         result = explain_(
@@ -49,18 +50,6 @@ def explain(args: argparse.Namespace) -> int:
     for line, style in lines(result):
         console.print(Text(line, style=style))
     return result.exit_code
-
-
-def _variants(texts: list[str]) -> dict[str, str] | str | None:
-    bare = [t for t in texts if "=" not in t]
-    if bare and len(texts) > 1:
-        raise TwinError("--variant: give either one bare name or EQ=NAME pairs, not both")
-    if bare:
-        return bare[0]
-    pairs = dict(t.split("=", 1) for t in texts)
-    if len(pairs) < len(texts):
-        raise TwinError("--variant: an equation is given twice; give each once")
-    return pairs or None
 
 
 def _tolerance(robot: api.Robot, um: float | None):

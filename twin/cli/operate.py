@@ -48,8 +48,8 @@ def operate(args: argparse.Namespace) -> int:
         if not any(g.inserts for g in goals):
             raise TwinError(f"protocol '{protocol.name}' inserts nowhere: there is no hole to reach")
         active = robot.mechanism.active
-        ranges = np.array([j.limits or (-np.inf, np.inf) for j in active])
-        limits = Limits(ranges[:, 0], ranges[:, 1], np.array([j.max_speed or np.inf for j in active]))
+        low, high = robot.mechanism.limits.T
+        limits = Limits(low, high, np.array([j.max_speed or np.inf for j in active]))
         scale = np.array([1.0 if u == "rad" else args.scale for u in kin.formula.coordinates.units])
 
         def controller() -> Teleoperation:

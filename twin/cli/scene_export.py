@@ -178,7 +178,7 @@ def _text(
     ]
     lines += [show.table(rows, ("robot", "protocol", "takes", "checks")), ""]
     lines += [
-        f"  the scene's stage: {c['worst'] / UM:.3f} µm at most from the bundles, of {c['tolerance'] / UM:g}"
+        f"  the scene's stage: {c['worst'] / UM:.3f} µm off the bundles at most; limit {c['tolerance'] / UM:g} µm"
         for c in checks
         if c["worst"] is not None
     ]

@@ -9,6 +9,7 @@ import numpy as np
 
 from twin import api, assets
 from twin.cli import show
+from twin.cli.variants import asked
 from twin.errors import TwinError, unknown
 from twin.units import DEG, MM, UM
 
@@ -27,9 +28,9 @@ def run(robot: api.Robot, args: argparse.Namespace) -> int:
     for name in joints:
         if name not in robot.joints:
             raise TwinError(f"--sweep: {unknown('active joint', name, robot.joints)}")
-    if args.variant and not all("=" in v for v in args.variant):
+    variants = asked(args.variant)
+    if isinstance(variants, str):
         raise TwinError("--sweep judges one choice of variants: give EQ=NAME pairs")
-    variants = dict(v.split("=", 1) for v in args.variant) or None
     folder = (Path(args.out) if args.out else Path("twin-out") / robot.name) / "sweep"
     assets.require_writable(folder)
     with show.progress(args.quiet or args.json) as progress:
@@ -40,15 +41,13 @@ def run(robot: api.Robot, args: argparse.Namespace) -> int:
         for i, joint in enumerate(joints):
             progress(f"sweep {joint}", (i + 0.5) / len(joints))
             sweeps.append(sweep(kin, model, joint, home, standins))
-    asked = robot.cad.description.requirement if robot.files is not None else None
-    requirement = (asked.tool_um * UM, f"required: {asked.tool_um:g} µm") if asked else None
+    need = robot.cad.description.requirement if robot.files is not None else None
+    requirement = (need.tool_um * UM, f"required: {need.tool_um:g} µm") if need else None
     agree = all(s.agrees for s in sweeps)
     data = {
         "verdict": "agree" if agree else "disagree",
         "robot": robot.name,
-        "requirement": {"tool_um": asked.tool_um, "provenance": asked.provenance, "note": asked.note}
-        if asked
-        else None,
+        "requirement": {"tool_um": need.tool_um, "provenance": need.provenance, "note": need.note} if need else None,
         "sweeps": [s.as_dict() for s in sweeps],
         "folder": str(folder),
     }
@@ -79,13 +78,13 @@ def run(robot: api.Robot, args: argparse.Namespace) -> int:
             turned = f"{d['rotation_max'] / DEG:.2g}°"
             if name == "equations":
                 verdict = "ok" if s.agrees else "DIFFERS"
-            elif asked:
-                verdict = "within" if d["position_max"] <= asked.tool_um * UM else f"over {asked.tool_um:g} µm"
+            elif need:
+                verdict = "within" if d["position_max"] <= need.tool_um * UM else f"over {need.tool_um:g} µm"
             else:
                 verdict = ""
             rows.append((s.joint, reach, name, *figures, turned, verdict))
     print(show.table(rows, ("joint", "stroke", "model", "mean", "worst", "turned", "")))
-    if asked:
-        print(f"\n  requirement: {asked.tool_um:g} µm at the tool ({asked.provenance}: {asked.note})")
+    if need:
+        print(f"\n  requirement: {need.tool_um:g} µm at the tool ({need.provenance}: {need.note})")
     print(f"\n  {folder / 'sweep.png'}")
     return 0 if agree else 1

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from twin import spatial
 from twin.explaining.invariants import said
 from twin.explaining.judge import Judge, Place, worst
 from twin.explaining.numeric import Matrix, to_array
@@ -68,23 +69,6 @@ def _turns(axis: str, a: Array) -> Array:
     return R
 
 
-def euler_angles(R: Array, order: str) -> Array:
-    """Return angles (k, 3) in rad with R = R_a(1) R_b(2) R_c(3) for the axes `order`, "zyx" or "zxz"."""
-    i, j, k = ("xyz".index(a) for a in order)
-    if i == k:
-        k = 3 - i - j
-        sign = 1.0 if (j - i) % 3 == 1 else -1.0
-        second = np.arctan2(np.hypot(R[:, i, j], R[:, i, k]), R[:, i, i])
-        first = np.arctan2(R[:, j, i], -sign * R[:, k, i])
-        third = np.arctan2(R[:, i, j], sign * R[:, i, k])
-        return np.column_stack([first, second, third])
-    sign = 1.0 if (j - i) % 3 == 1 else -1.0
-    second = np.arctan2(sign * R[:, i, k], np.hypot(R[:, i, i], R[:, i, j]))
-    first = np.arctan2(-sign * R[:, j, k], R[:, k, k])
-    third = np.arctan2(-sign * R[:, i, j], R[:, i, i])
-    return np.column_stack([first, second, third])
-
-
 ORDERS = tuple("".join(o) for o in product("xyz", repeat=3) if o[0] != o[1] and o[1] != o[2])
 """The twelve sequences of axes."""
 
@@ -104,7 +88,7 @@ def _euler(judge: Judge) -> Iterator[Convention]:
     now = np.column_stack([truth.symbols[a] for a in angles])
     for order in ORDERS:
         for transposed in (False, True):
-            values = euler_angles(np.swapaxes(R, 1, 2) if transposed else R, order)
+            values = spatial.euler_angles(np.swapaxes(R, 1, 2) if transposed else R, order)
             if transposed:
                 values = -values  # the same angles, applied in the opposite order
             for place in permutations(range(3)) if not transposed else ((0, 1, 2), (2, 1, 0)):

@@ -148,10 +148,9 @@ def gather(formula: Formula, run: Run, model: ReferenceModel, parameters: Mappin
         values = rebuild.function(formula.coordinates.from_pose)(symbols[POSE_SYMBOL])
     for name, unit, value in zip(formula.coordinates.names, formula.coordinates.units, values, strict=True):
         symbols[name], kinds[name] = value, "angle" if unit == "rad" else "length"
-    order = formula.modes[0].order if formula.modes else tuple(j.name for j in formula.joints)
     for i, joint in enumerate(formula.joints):
-        symbols[order[i]] = run.q[:, i]
-        kinds[order[i]] = "angle" if joint.kind == "revolute" else "length"
+        symbols[joint.name] = run.q[:, i]
+        kinds[joint.name] = "angle" if joint.kind == "revolute" else "length"
     angular = {j.name: j.is_angle for j in model.mechanism.joints}
     for name in formula.passive:
         if name in run.q_passive:

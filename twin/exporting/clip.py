@@ -18,6 +18,7 @@ import numpy as np
 from twin import spatial
 from twin.mechanism import Body, Joint, Mechanism
 from twin.spatial import Array, Index
+from twin.trajectory.model import key_times
 from twin.units import DEG, UM
 
 if TYPE_CHECKING:
@@ -180,13 +181,6 @@ def make_clip(
 def _first_grid(rate: int) -> int:
     """Return the coarsest grid that has the keys of a rate on it and looks often enough between them."""
     return next(g for g in _GRIDS if g % rate == 0 and g >= _LOOKS * rate)
-
-
-def key_times(duration: float, rate: float) -> Array:
-    """Return (k,) s: every 1 / rate from 0, and the end."""
-    count = int(np.floor(duration * rate + 1e-9))
-    times = np.arange(count + 1) / rate
-    return times if duration - times[-1] < 1e-9 else np.append(times, duration)
 
 
 def key_rows(count: int, stride: int) -> Index:

@@ -65,7 +65,7 @@ def coordinates(mechanism: Mechanism, links: Mapping[str, Array]) -> dict[str, A
             continue
         T = joint.relative(links[joint.parent], links[joint.child])
         if joint.is_angle:
-            angle = np.unwrap(np.arctan2(T[:, 1, 0] - T[:, 0, 1], T[:, 0, 0] + T[:, 1, 1]))
+            angle = np.unwrap(spatial.angle_about_z(T))
             out[joint.name] = np.round(angle, 13) + 0.0
         else:
             out[joint.name] = T[:, 2, 3]

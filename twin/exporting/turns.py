@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twin import spatial
 from twin.mechanism import Mechanism
 from twin.spatial import Array
 from twin.stage.write.spanning import spanning
@@ -45,14 +46,9 @@ def tree_coordinates(mechanism: Mechanism, links: Mapping[str, Array]) -> list[C
         T = joint.relative(links[joint.parent], links[joint.child])
         if joint.type == "cylindrical":
             out.append(Coordinate(f"{joint.name}_slide", "prismatic", T[:, 2, 3]))
-            turn = np.arctan2(T[:, 1, 0] - T[:, 0, 1], T[:, 0, 0] + T[:, 1, 1])
-            out.append(Coordinate(joint.name, "revolute", np.unwrap(turn)))
+            out.append(Coordinate(joint.name, "revolute", np.unwrap(spatial.angle_about_z(T))))
             continue
         R = joint.relative(home[joint.parent], home[joint.child])[:3, :3].T @ T[:, :3, :3]
-        turns = (
-            np.arctan2(-R[:, 1, 2], R[:, 2, 2]),
-            np.arcsin(np.clip(R[:, 0, 2], -1.0, 1.0)),
-            np.arctan2(-R[:, 0, 1], R[:, 0, 0]),
-        )
+        turns = spatial.euler_angles(R, "xyz").T
         out += [Coordinate(f"{joint.name}_{a}", "revolute", np.unwrap(v)) for a, v in zip("xyz", turns, strict=True)]
     return out

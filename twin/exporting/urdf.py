@@ -139,7 +139,7 @@ def _single(
 ) -> None:
     endless = kind == "revolute" and joint.limits is None
     out = ET.SubElement(root, "joint", name=name, type="continuous" if endless else kind)
-    ET.SubElement(out, "origin", xyz=numbers(T[:3, 3]), rpy=numbers(_rpy(T[:3, :3])))
+    ET.SubElement(out, "origin", xyz=numbers(T[:3, 3]), rpy=numbers(spatial.euler_angles(T[:3, :3], "zyx")[::-1]))
     ET.SubElement(out, "parent", link=links[0])
     ET.SubElement(out, "child", link=links[1])
     if kind == "fixed":
@@ -154,15 +154,6 @@ def _single(
     if joint.max_speed is not None:
         limit["velocity"] = numbers([joint.max_speed])
     ET.SubElement(out, "limit", limit)
-
-
-def _rpy(R: Array) -> tuple[float, float, float]:
-    """Return turns about the fixed x, y and z axes, in this order, in rad."""
-    level = float(np.hypot(R[0, 0], R[1, 0]))
-    pitch = float(np.arctan2(-R[2, 0], level))
-    if level < 1e-9:  # roll and yaw turn about one line: let yaw be zero
-        return float(np.arctan2(-R[1, 2], R[1, 1])), pitch, 0.0
-    return float(np.arctan2(R[2, 1], R[2, 2])), pitch, float(np.arctan2(R[1, 0], R[0, 0]))
 
 
 def _inertial(link: ET.Element, inertia: Inertia) -> None:

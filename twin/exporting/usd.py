@@ -75,10 +75,10 @@ def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder:
         trajectory: as planned.
         folder: that of the stage.
     """
-    from twin.exporting.clip import key_times
     from twin.reference import ReferenceModel
     from twin.stage.write import Motion, write_motion
     from twin.stage.write.layers import TIME_CODES_PER_SECOND
+    from twin.trajectory.model import key_times
 
     times = key_times(trajectory.duration, TIME_CODES_PER_SECOND)
     model = ReferenceModel(bound)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
+from twin.errors import BudgetError, SourceError
 from twin.foreign.archive import check_zip
 from twin.foreign.budget import BUDGETS, check_size, over, read_bytes
 from twin.foreign.gltf import check_gltf
-from twin.foreign.guard import try_first
+from twin.foreign.guard import pass_together, try_first
 from twin.foreign.text import check_depth, count_json
 
 _USD = (".usd", ".usda", ".usdc", ".usdz")
@@ -28,7 +31,8 @@ def admit(path: Path) -> None:
     """
     suffix = path.suffix.lower()
     if suffix in _USD:
-        _admit_usd(path, suffix)
+        _look_at_usd(path)
+        try_first(path, "USD")
     elif suffix in (".glb", ".gltf"):
         check_gltf(path)
     elif suffix == ".3mf":
@@ -44,13 +48,22 @@ def admit(path: Path) -> None:
         check_size(path, _OTHER[suffix])
 
 
-def _admit_usd(path: Path, suffix: str) -> None:
+def admit_together(paths: Iterable[Path]) -> set[Path]:
+    """Return the stages, of several, that need no `admit`: they have passed in one process, or none has."""
+    likely = []
+    for path in paths:
+        with contextlib.suppress(BudgetError, SourceError, OSError):
+            _look_at_usd(path)
+            likely.append(path)
+    return set(likely) if len(likely) > 1 and pass_together(likely, "USD") else set()
+
+
+def _look_at_usd(path: Path) -> None:
     check_size(path, "USD")
-    if suffix == ".usdz":
+    if path.suffix.lower() == ".usdz":
         check_zip(path, "USDZ")
     elif path.stat().st_size <= _MOST_TEXT and (data := path.read_bytes()).startswith(b"#"):
         check_depth(path, "USD", data.decode("utf-8", "replace"))
-    try_first(path, "USD")
 
 
 def _check_ply(path: Path) -> None:

@@ -11,8 +11,9 @@ import signal
 import subprocess
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import IO
+from typing import IO, Literal
 
 from twin.errors import BudgetError, SourceError
 from twin.foreign.budget import BODIES, BUDGETS, MB, way
@@ -33,19 +34,20 @@ _PROGRAMS = {
     "MJCF": "import mujoco; mujoco.MjData(mujoco.MjSpec.from_file(sys.argv[3]).compile())",
     "USD": f"""
 from pxr import Usd, UsdGeom, UsdPhysics
-stage = Usd.Stage.Open(sys.argv[3])
-most_prims, most_depth, count, bodies = {BUDGETS["USD"].count}, {BUDGETS["USD"].depth}, 0, 0
-for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
-    count += 1
-    if count > most_prims:
-        over("prims, at least", count, most_prims)
-    if prim.GetPath().pathElementCount > most_depth:
-        over("depth of its prims, at least", prim.GetPath().pathElementCount, most_depth)
-    bodies += prim.HasAPI(UsdPhysics.RigidBodyAPI) or prim.IsA(UsdPhysics.Joint)
-    if bodies > 2 * {BODIES}:
-        over("bodies and joints, at least", bodies, 2 * {BODIES})
-    if prim.IsA(UsdGeom.Mesh):
-        UsdGeom.Mesh(prim).GetPointsAttr().Get(), UsdGeom.Mesh(prim).GetFaceVertexIndicesAttr().Get()
+for path in sys.argv[3:]:
+    most_prims, most_depth, count, bodies = {BUDGETS["USD"].count}, {BUDGETS["USD"].depth}, 0, 0
+    stage = Usd.Stage.Open(path)
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        count += 1
+        if count > most_prims:
+            over("prims, at least", count, most_prims)
+        if prim.GetPath().pathElementCount > most_depth:
+            over("depth of its prims, at least", prim.GetPath().pathElementCount, most_depth)
+        bodies += prim.HasAPI(UsdPhysics.RigidBodyAPI) or prim.IsA(UsdPhysics.Joint)
+        if bodies > 2 * {BODIES}:
+            over("bodies and joints, at least", bodies, 2 * {BODIES})
+        if prim.IsA(UsdGeom.Mesh):
+            UsdGeom.Mesh(prim).GetPointsAttr().Get(), UsdGeom.Mesh(prim).GetFaceVertexIndicesAttr().Get()
 """,
     "STEP": """
 import cascadio
@@ -88,18 +90,7 @@ def run(path: Path, kind: str, *arguments: str) -> int:
         SourceError: it crashed.
     """
     seconds, memory = limits(path, kind)
-    own = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
-    command = isolated(_LIMITED + _PROGRAMS[kind], int(seconds + 1), memory, path.resolve(), *arguments)
-    with tempfile.TemporaryFile() as said:
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=said,
-            stderr=said,
-            env=os.environ | own,
-        )
-        code, idle = _wait(process)
-        text = _tail(said)
+    code, idle, text = _limited(kind, seconds, memory, path.resolve(), *arguments)
     told = f"{path}: the {kind} parser"
     if idle:
         raise BudgetError(f"{told} waits for {_IDLE:g} s: the file names something that has no end. {way(kind)}")
@@ -118,6 +109,13 @@ def run(path: Path, kind: str, *arguments: str) -> int:
     return code
 
 
+def pass_together(paths: Sequence[Path], kind: Literal["USD"]) -> bool:
+    """Return whether files all pass in one process, which imports their parser once; if not, try them one by one."""
+    each = [limits(path, kind) for path in paths]
+    seconds, memory = sum(s for s, _ in each), max(m for _, m in each)
+    return _limited(kind, seconds, memory, *(path.resolve() for path in paths))[:2] == (0, False)
+
+
 def limits(path: Path, kind: str) -> tuple[float, int]:
     """Return the seconds of processor time and the bytes of memory that a file's parser gets."""
     budget, size = BUDGETS[kind], path.stat().st_size
@@ -126,6 +124,15 @@ def limits(path: Path, kind: str) -> tuple[float, int]:
         size += sum(p.stat().st_size for p in beside if p != path and p.suffix.lower() in _BESIDE[kind] and p.is_file())
     seconds = min(budget.seconds + budget.seconds_per_mb * size / MB, _MOST_SECONDS)
     return seconds, int(min(budget.memory + budget.memory_per_byte * size, _MOST_MEMORY))
+
+
+def _limited(kind: str, seconds: float, memory: int, *arguments: object) -> tuple[int, bool, bytes]:
+    """Run a parser; return its exit code, whether it was ended because it waits, and the end of what it said."""
+    own = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
+    command = isolated(_LIMITED + _PROGRAMS[kind], int(seconds + 1), memory, *arguments)
+    with tempfile.TemporaryFile() as said:
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env=os.environ | own)
+        return *_wait(process), _tail(said)
 
 
 def _wait(process: subprocess.Popen[bytes]) -> tuple[int, bool]:

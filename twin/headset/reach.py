@@ -56,7 +56,7 @@ class Reach:
         parameters = {n: float(v) for n, v in desk.kin.parameters.items() if n.startswith("trocar_")}
         T = desk.assembly.T_base_tool.copy()
         self._cloud.start(
-            Job(self._source, dict(desk.kin.variants), parameters, desk.bounds, T, 0.5 * self._size, POSES)
+            Job(self._source, dict(desk.kin.variants), parameters, desk.mechanism.limits, T, 0.5 * self._size, POSES)
         )
 
     def poll(self) -> list[dict[str, Any]]:

@@ -20,7 +20,7 @@ from twin.cad.step import Face, Part
 from twin.errors import CadError
 from twin.importing.pairs import GROSS, Pair, Round, perpendicular, same_axis, shared
 from twin.importing.text import frame as given
-from twin.importing.text import number, numbers, string, zyx
+from twin.importing.text import number, numbers, string
 from twin.mechanism import JointType
 from twin.spatial import Array
 from twin.units import DEG, MM
@@ -174,7 +174,11 @@ class _Frame:
         return name
 
     def _spec(self) -> dict[str, Any]:
-        typed = {} if "x_along" in self.keys else {"angles_deg": tuple(float(v) for v in zyx(self.R) / DEG)}
+        typed = (
+            {}
+            if "x_along" in self.keys
+            else {"angles_deg": tuple(float(v) for v in spatial.euler_angles(self.R, "zyx") / DEG)}
+        )
         return {**self.keys, **typed}
 
     def measured(self, parts: Sequence[Part]) -> Array:

@@ -35,14 +35,5 @@ def one_line(text: str) -> str:
 
 def frame(T: Array) -> str:
     """Return a given frame of a description, position and angles of T (4, 4)."""
-    return f"{{ position_mm = {numbers(T[:3, 3] / MM)}, angles_deg = {numbers(zyx(T[:3, :3]) / DEG)} }}"
-
-
-def zyx(R: Array) -> Array:
-    """Return (psi, theta, phi) in rad with R = Rz(psi) Ry(theta) Rx(phi), exact to rounding in every pose."""
-    psi = np.arctan2(R[1, 0], R[0, 0])
-    theta = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
-    ex, ey, ez = np.eye(3)
-    # phi from what the other two leave: it holds where theta is 90° and psi may be anything
-    rest = (spatial.exp_so3(psi * ez) @ spatial.exp_so3(theta * ey)).T @ R
-    return np.array([psi, theta, np.arctan2(rest[2, 1] - rest[1, 2], rest[1, 1] + rest[2, 2])]) + 0.0 * ex
+    angles = numbers(spatial.euler_angles(T[:3, :3], "zyx") / DEG)
+    return f"{{ position_mm = {numbers(T[:3, 3] / MM)}, angles_deg = {angles} }}"

@@ -11,10 +11,9 @@ from twin.kinematics.contract import (
     Equation,
     Formula,
     Measure,
-    Mode,
     check_formula,
 )
-from twin.kinematics.solve import Joints, Pose, Position, Solution, Task, Tip, Trocar, solve
+from twin.kinematics.solve import Joints, Pose, Solution, Task, Tip, Trocar, solve
 
 __all__ = [
     "ActiveJoint",
@@ -25,9 +24,7 @@ __all__ = [
     "Joints",
     "Kinematics",
     "Measure",
-    "Mode",
     "Pose",
-    "Position",
     "Solution",
     "Task",
     "Tip",

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from twin.errors import KinematicsError, unknown
 from twin.kinematics import assembly, flow, singularity
-from twin.kinematics.contract import Formula, Mode, check_formula
+from twin.kinematics.contract import Formula, check_formula
 from twin.kinematics.program import Program
 from twin.spatial import Array
 from twin.units import MM
@@ -26,7 +26,6 @@ def compile_formula(
     formula: Formula,
     variants: Mapping[str, str] | str | None = None,
     parameters: Mapping[str, float] | None = None,
-    mode: str | None = None,
 ) -> Kinematics:
     """Compile a formula.
 
@@ -34,7 +33,6 @@ def compile_formula(
         formula: the equations.
         variants: equation -> variant, or one name for all equations that have it; default: each its own.
         parameters: parameter -> value in SI, to replace published values.
-        mode: assignment of the actuators; default: the first that the formula names.
 
     Raises:
         KinematicsError: if the formula breaks the contract, or a name is unknown, or a value not finite.
@@ -49,10 +47,7 @@ def compile_formula(
         if not np.isfinite(value):
             raise KinematicsError(f"formula '{formula.name}': parameter '{name}' is {value}, not a finite number.")
         values[name] = float(value)
-    modes = {m.name: m for m in formula.modes} or {"": Mode("", tuple(j.name for j in formula.joints), "")}
-    if mode is not None and mode not in modes:
-        raise KinematicsError(f"formula '{formula.name}': {unknown('mode', mode, modes)}")
-    return Kinematics(formula, chosen, values, modes[mode] if mode is not None else next(iter(modes.values())))
+    return Kinematics(formula, chosen, values)
 
 
 class Kinematics:
@@ -67,7 +62,6 @@ class Kinematics:
         variants: the variant in use, by equation.
         choices: the variants that exist, by equation.
         parameters: the values in use, in SI.
-        mode: the assignment of the actuators in use.
         closed_inverse, closed_forward: whether equations give q from the pose, the pose from q.
         characteristic_length: in m; a rotation by 1 rad counts as much as a translation by this.
         revolute: (n,) bool, which joints are angles.
@@ -75,10 +69,8 @@ class Kinematics:
 
     """
 
-    def __init__(
-        self, formula: Formula, variants: Mapping[str, str], parameters: Mapping[str, float], mode: Mode
-    ) -> None:
-        self.formula, self.mode = formula, mode
+    def __init__(self, formula: Formula, variants: Mapping[str, str], parameters: Mapping[str, float]) -> None:
+        self.formula = formula
         self.joints = tuple(j.name for j in formula.joints)
         self.variants, self.parameters = dict(variants), dict(parameters)
         self.choices = {e.name: tuple(e.variants) for e in formula.equations if e.stage != "helper"}
@@ -86,7 +78,7 @@ class Kinematics:
         self.revolute = np.array([j.kind == "revolute" for j in formula.joints])
         what = f"formula '{formula.name}', characteristic_length"
         self.characteristic_length = float(flow.call(formula.characteristic_length, parameters, what))  # type: ignore[arg-type]
-        self.program = Program(formula, self.variants, self.parameters, mode.order, self.characteristic_length)
+        self.program = Program(formula, self.variants, self.parameters, self.joints, self.characteristic_length)
         if self.closed_inverse:
             self.program.inverse  # noqa: B018 - made now, so that a bad to_pose fails when compiled
 

@@ -117,15 +117,6 @@ class Aspect:
 
 
 @dataclass(frozen=True)
-class Mode:
-    """Which actuator carries which symbol: joint i of the robot is symbol `order[i]`."""
-
-    name: str
-    order: tuple[str, ...]
-    note: str
-
-
-@dataclass(frozen=True)
 class Formula:
     """The equations of one robot.
 
@@ -141,7 +132,6 @@ class Formula:
         reach: margin in m (>= 0: within reach) -> symbol.
         measures: distance from singularities.
         aspects: signs of the preferred assembly.
-        modes: assignments of the actuators; the first is the default. Empty: the order of `joints`.
         branches: numeric enumeration of all assemblies, (q, parameters, variants) -> list of poses, or None.
         seeds: starting values for solvers in SI: coordinates, or joints for a formula that is only forward.
         numbers: (pose, parameters) -> where in the file and why the inverse has no value there, or "".
@@ -161,7 +151,6 @@ class Formula:
     reach: Mapping[str, str] = field(default_factory=dict)
     measures: tuple[Measure, ...] = ()
     aspects: tuple[Aspect, ...] = ()
-    modes: tuple[Mode, ...] = ()
     branches: Callable[[np.ndarray, Mapping[str, float], Mapping[str, str]], list[np.ndarray]] | None = None
     seeds: Sequence[Sequence[float]] = ()
     numbers: Callable[[np.ndarray, Mapping[str, float]], str] | None = None
@@ -205,9 +194,6 @@ def check_formula(formula: Any) -> None:
             fail(f"parameter '{p.name}' has no note; say where it comes from, or why it is assumed.")
     _check_coordinates(formula, fail)
     _check_equations(formula, fail)
-    for mode in formula.modes:
-        if sorted(mode.order) != sorted(names):
-            fail(f"mode '{mode.name}' orders {list(mode.order)}; it must name each joint once: {names}.")
     for aspect in formula.aspects:
         if aspect.preferred not in (-1, 1):
             fail(f"aspect '{aspect.symbol}': preferred is {aspect.preferred}; it must be +1 or -1.")

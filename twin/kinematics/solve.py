@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike
 from twin import spatial
 from twin.errors import KinematicsError
 from twin.kinematics.descent import Iteration
-from twin.kinematics.tasks import Joints, Pose, Position, Task, Tip, Trocar, is_length
+from twin.kinematics.tasks import Joints, Pose, Task, Tip, Trocar, is_length
 from twin.spatial import Array
 
 if TYPE_CHECKING:
     from twin.kinematics.compile import Kinematics
 
-__all__ = ["Joints", "Pose", "Position", "Solution", "Task", "Tip", "Trocar", "descend", "seeds", "solve"]
+__all__ = ["Joints", "Pose", "Solution", "Task", "Tip", "Trocar", "descend", "seeds", "solve"]
 
 TOLERANCE = 1e-10
 """Norm of the dimensionless residual at which a task counts as fulfilled: 8e-12 m for SILS."""

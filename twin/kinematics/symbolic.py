@@ -148,35 +148,6 @@ def retract(T: SX, xi: SX) -> SX:
     return pose(exp_so3(xi[3:6]) @ T[0:3, 0:3], T[0:3, 3] + xi[0:3])
 
 
-def exp_se3(xi: SX) -> SX:
-    """Return the pose (4, 4) reached by the constant twist xi (6), linear rows first, in unit time."""
-    v, w = xi[0:3], xi[3:6]
-    s = ca.sumsqr(w)
-    small = s < _SERIES
-    safe = ca.if_else(small, 1, s)
-    angle = ca.sqrt(safe)
-    b = ca.if_else(small, 0.5 - s / 24 + s**2 / 720, 2 * ca.sin(angle / 2) ** 2 / safe)
-    c = ca.if_else(small, 1 / 6 - s / 120 + s**2 / 5040, (angle - ca.sin(angle)) / (angle * safe))
-    K = hat(w)
-    return pose(exp_so3(w), v + b * K @ v + c * K @ (K @ v))
-
-
-def log_se3(T: SX) -> SX:
-    """Return the constant twist (6), linear rows first, that reaches T (4, 4) in unit time."""
-    w = log_so3(T[0:3, 0:3])
-    s = ca.sumsqr(w)
-    small = s < 1e-4  # the quotient below loses digits earlier than the others
-    safe = ca.if_else(small, 1, s)
-    angle = ca.sqrt(safe)
-    c = ca.if_else(
-        small,
-        1 / 12 + s / 720 + s**2 / 30240,
-        (1 - angle * ca.cos(angle / 2) / (2 * ca.sin(angle / 2))) / safe,
-    )
-    K, p = hat(w), T[0:3, 3]
-    return ca.vertcat(p - K @ p / 2 + c * K @ (K @ p), w)
-
-
 def pose_residual(T: SX, T_target: SX) -> SX:
     """Return the 6 errors of T against T_target, in the axes of the target: position in m, rotation in rad.
 

@@ -63,11 +63,6 @@ def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  #
     return _task("pose", T.ravel(), tuple(i for i in range(6) if mask[i]))
 
 
-def Position(p_base: ArrayLike) -> Task:  # noqa: N802
-    """Return the task to bring the tool origin to a point (3,) in m."""
-    return Tip(p_base)
-
-
 def Tip(p_base: ArrayLike, p_tool_tip: ArrayLike = (0.0, 0.0, 0.0)) -> Task:  # noqa: N802
     """Return the task to bring a point of the tool, p_tool_tip (3,), to the point p_base (3,), in m."""
     return _task("tip", np.concatenate([_vector("Tip", p_base), _vector("Tip", p_tool_tip)]), (0, 1, 2))

@@ -109,11 +109,6 @@ class Desk:
         """Active joints, in the order of q."""
         return self.mechanism.active
 
-    @property
-    def bounds(self) -> Array:
-        """Hard limits (n, 2) in m or rad, infinite where there is none."""
-        return np.array([j.limits or (-np.inf, np.inf) for j in self.joints], float).reshape(-1, 2)
-
     # -- moving ---------------------------------------------------------------------------------------
 
     def move_tool(self, T_base_tool: Array) -> Moved:
@@ -246,11 +241,11 @@ class Desk:
         if self.kin is None:
             return None
         if len(self.joints) > 6:  # a freedom to spare: the nearest of many postures
-            return solve(self.kin, Pose(T), self.assembly.q, self.bounds, starts=1, any_branch=True).q
+            return solve(self.kin, Pose(T), self.assembly.q, self.mechanism.limits, starts=1, any_branch=True).q
         return self.kin.inverse(T, self.assembly.q)
 
     def _assembled(self, q: Array) -> Assembly:
-        for joint, value, (low, high) in zip(self.joints, q, self.bounds, strict=True):
+        for joint, value, (low, high) in zip(self.joints, q, self.mechanism.limits, strict=True):
             if not low - 1e-9 <= value <= high + 1e-9:
                 raise KinematicsError(_beyond(joint, float(value), low, high))
         for bound in self.hand.bounds:
@@ -310,7 +305,7 @@ class Desk:
 
     def _stopped(self, number: int, value: float, led: Led) -> str:
         """Return why a joint did not come to a value: what forbids the value, and what stopped it before."""
-        joint, (low, high) = self.joints[number], self.bounds[number]
+        joint, (low, high) = self.joints[number], self.mechanism.limits[number]
         q = self.assembly.q.copy()
         q[number] = value
         reasons = [] if low <= value <= high else [_beyond(joint, value, low, high)]

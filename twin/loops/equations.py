@@ -134,7 +134,7 @@ class Equations:
         q, states = np.zeros(len(self._active)), []
         for joint in self.mechanism.tree:
             T = joint.relative(rest.get(joint.parent, np.eye(4)), rest.get(joint.child, np.eye(4)))
-            angle = np.arctan2(T[1, 0] - T[0, 1], T[0, 0] + T[1, 1])
+            angle = spatial.angle_about_z(T)
             if joint.name in self._active:
                 q[self._active[joint.name]] = angle if joint.is_angle else T[2, 3]
             elif joint.name in self._passive:

@@ -147,15 +147,10 @@ class Loops:
         out = {}
         for i, joint in enumerate(self.joints):
             if joint.type == "revolute":
-                out[joint.name] = about_z(T[:, i])
+                out[joint.name] = spatial.angle_about_z(T[:, i])
             elif joint.type == "prismatic":
                 out[joint.name] = T[:, i, 2, 3]
         return out
-
-
-def about_z(T: Array) -> Array:
-    """Return the angle (...) in rad about z of poses (..., 4, 4) that turn about z, nearly."""
-    return np.arctan2(T[..., 1, 0] - T[..., 0, 1], T[..., 0, 0] + T[..., 1, 1])
 
 
 def sine_of_rotation(R: Array) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed bes
 from twin import spatial
 from twin.errors import MechanismError
 from twin.mechanism import Joint, Mechanism
-from twin.reference.loops import Coupled, Loops, about_z
+from twin.reference.loops import Coupled, Loops
 from twin.spatial import Array
 
 _JOINT_MODELS = {
@@ -155,7 +155,7 @@ class Tree:
                 continue
             T = joint.relative(rest[joint.parent], rest[joint.child])
             i = self.model.joints[self.joint_id[joint.name]].idx_q
-            angle = float(about_z(T))
+            angle = float(spatial.angle_about_z(T))
             if joint.type == "revolute":
                 x[i] = angle
             elif joint.type == "prismatic":

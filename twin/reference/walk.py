@@ -54,5 +54,4 @@ def interpolate(at: Index, knots: Array, slopes: Array, count: int) -> Array:
     i = np.clip(np.searchsorted(at, where, side="right") - 1, 0, len(at) - 2)
     width = (at[i + 1] - at[i])[:, None].astype(float)
     s = (where - at[i])[:, None] / width
-    a, b, m, n = knots[i], knots[i + 1], slopes[i] * width, slopes[i + 1] * width
-    return a + s * (m + s * (3 * (b - a) - 2 * m - n + s * (2 * (a - b) + m + n)))
+    return spatial.cubic(s, knots[i], knots[i + 1], slopes[i] * width, slopes[i + 1] * width)

@@ -12,12 +12,15 @@ frame. Five joints hold five freedoms: position of P and direction of the tool. 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+import numpy as np
 from casadi import acos, atan2, cos, cross, dot, norm_2, pi, sin, sqrt, vertcat
 
 from twin.kinematics import symbolic
 from twin.kinematics.contract import ActiveJoint, Aspect, Coordinates, Equation, Formula, Measure
 from twin.provenance import Parameter
-from twin.robots._sher_geometry import branches
+from twin.spatial import Array
 from twin.units import DEG, MM
 
 _A = "sher3-kinematics (MIT, JHU LCSR 2025)"
@@ -226,6 +229,46 @@ _PINS = ("pin_r", "e_a", "e_b", "e_d", "e_c", "pin_q")
 _ALARM = "alarm ASSUMED: no published threshold"
 _DRAWN = "R runs 10 mm above A, as the drawing of [A] shows it. At s = 0 P is then (160.1, -45.9) mm in {a}."
 _BELOW = "R runs 10 mm below A (y_AR = -10). Only so is P (145.2, -45.4) mm at s = 0, as [A] publishes."
+
+_U = np.array([[np.cos(a), np.sin(a)] for a in _AZIMUTHS])
+
+
+def platforms(q: Array, p: Mapping[str, float]) -> list[Array]:
+    """Return the platform centres (3,) in m at slides q (3,): the upper solution, then the lower; none: empty.
+
+    The points at distance l from three centres, on both sides of the plane through these.
+    """
+    c = np.column_stack([(p["r_b"] - p["r_p"]) * _U, q])
+    d = np.linalg.norm(c[1] - c[0])
+    e_x = (c[1] - c[0]) / d
+    i = e_x @ (c[2] - c[0])
+    e_y = c[2] - c[0] - i * e_x
+    e_y /= np.linalg.norm(e_y)
+    j = e_y @ (c[2] - c[0])
+    X = d / 2
+    Y = (i**2 + j**2 - 2 * i * X) / (2 * j)
+    H2 = p["l"] ** 2 - X**2 - Y**2
+    if H2 < 0:
+        return []
+    foot, up = c[0] + X * e_x + Y * e_y, np.sqrt(H2) * np.cross(e_x, e_y)
+    return sorted((foot + up, foot - up), key=lambda r: -r[2])
+
+
+def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> list[Array]:
+    """Return T_base_tool (4, 4) of both assemblies at q (5,), the upper one first."""
+    from twin.kinematics import compile_formula
+
+    centres = platforms(q[:3], p)
+    if not centres:
+        return []
+    T = compile_formula(FORMULA, dict(variants), p).forward(q)
+    out = []
+    for r in centres:  # the rest of the chain is the same, moved with the platform
+        moved = T.copy()
+        moved[:3, 3] += r - centres[0]
+        out.append(moved)
+    return out
+
 
 FORMULA = Formula(
     name="sher",

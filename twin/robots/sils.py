@@ -26,7 +26,6 @@ from twin.kinematics.contract import (
     Equation,
     Formula,
     Measure,
-    Mode,
 )
 from twin.provenance import Parameter
 from twin.robots._sils_assembly import branches
@@ -258,7 +257,8 @@ FORMULA = Formula(
                 "belongs, and imply struts of 244 to 396 mm instead of l_1.",
                 "corrected": "Radicals repaired; in the odd rows (l_1 + l_2) -> (l_2 - l_1), the same as an index "
                 "misprint q_odd for q_even on the left. Only so is the strut l_1 long at every pose, and the "
-                "carriages of Table 2 lie within the frame (mode N).",
+                "carriages of Table 2 lie within the frame. That odd carriages hold the strut and even ones the bar "
+                "(R-PRR-PRS read in order) is inferred, not published.",
             },
         ),
         Equation(
@@ -317,18 +317,6 @@ FORMULA = Formula(
         Aspect("X_E", 1, "the platform is in front of the portal"),
         Aspect("z_up", 1, "z_p points up, the instrument down"),
         Aspect("D", -1, "the aspect of all poses of Table 2"),
-    ),
-    modes=(
-        Mode(
-            "N",
-            ("q1", "q2", "q3", "q4", "q5", "q6"),
-            "odd carriages hold the strut, even ones the bar: R-PRR-PRS read in order (inferred, not published)",
-        ),
-        Mode(
-            "M",
-            ("q2", "q1", "q4", "q3", "q6", "q5"),
-            "the same mechanism with the two labels of a rail swapped",
-        ),
     ),
     branches=branches,
     seeds=tuple((x * MM, y * MM, z * MM, a * DEG, b * DEG, c * DEG) for x, y, z, a, b, c in _TABLE2),

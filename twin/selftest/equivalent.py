@@ -85,7 +85,7 @@ class Chain:
             return float(T[axis, 3])
         if joint.name in self.balls:
             return 0.0
-        return float(np.arctan2(T[1, 0] - T[0, 1], T[0, 0] + T[1, 1]))
+        return float(spatial.angle_about_z(T))
 
     def bodies(self, q: Array, x: Array) -> dict[str, Array]:
         """Return T_base_body of every body for active joints q (n,) and the other coordinates x."""

@@ -20,7 +20,7 @@ from twin.kinematics import Kinematics
 from twin.mechanism import Joint, Mechanism
 from twin.spatial import Array
 from twin.sweeps.tolerance import Spread, Tolerances
-from twin.sweeps.workspace import Grid, centre, gaps_of, limits_of, volume_error
+from twin.sweeps.workspace import Grid, centre, gaps_of, volume_error
 from twin.units import DEG, MM, UM
 
 OBJECTIVES = {
@@ -231,7 +231,7 @@ def _good(work: Job, kin: Kinematics) -> tuple[Array, Array, np.ndarray]:
     Ts = spatial.pose(np.array(work.R), grid.position(np.arange(grid.positions)))
     with np.errstate(all="ignore"):
         q = kin.inverse_many(Ts)
-        limits = limits_of(robot)
+        limits = robot.mechanism.limits
         good = ((q >= limits[:, 0]) & (q <= limits[:, 1])).all(axis=1)
         for i, j, least in gaps_of(robot):
             good &= q[:, j] - q[:, i] >= least
@@ -247,7 +247,7 @@ def _reach(work: Job, robot: api.Robot, parameters: dict[str, float]) -> dict[st
     except TwinError:
         return dict.fromkeys(("volume", "conditioning", "margin"), float("nan"))
     Ts, q, good = _good(work, kin)
-    limits = limits_of(robot)
+    limits = robot.mechanism.limits
     span = limits[:, 1] - limits[:, 0]
     with np.errstate(all="ignore"):
         near = np.where(np.isfinite(span), 2 * np.minimum(q - limits[:, 0], limits[:, 1] - q) / span, 1.0)

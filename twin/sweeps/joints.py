@@ -17,7 +17,7 @@ from twin.api import Robot
 from twin.errors import TwinError
 from twin.spatial import Array
 from twin.sweeps import measure
-from twin.sweeps.workspace import CHUNK, Grid, Workspace, gaps_of, limits_of
+from twin.sweeps.workspace import CHUNK, Grid, Workspace, gaps_of
 
 _FIRST = 50_000
 """Samples that tell how large the box is."""
@@ -89,7 +89,7 @@ def by_joints(
 
 
 def _ranges(robot: Robot) -> Array:
-    ranges = limits_of(robot)
+    ranges = robot.mechanism.limits
     for joint, r in zip(robot.mechanism.active, ranges, strict=True):
         if not np.isfinite(r).all():
             if not joint.is_angle:

@@ -185,11 +185,6 @@ def _least(x: np.ndarray) -> float | None:
     return float(good.min()) if len(good) else None
 
 
-def limits_of(robot: Robot) -> Array:
-    """Return the hard limits (n, 2) of the active joints, infinite where there is none."""
-    return np.array([j.limits or (-np.inf, np.inf) for j in robot.mechanism.active])
-
-
 def gaps_of(robot: Robot) -> list[tuple[int, int, float]]:
     """Return the pairs of carriages on one rail: numbers of the joints, and the least distance in m."""
     order = [j.name for j in robot.mechanism.active]
@@ -208,7 +203,7 @@ def judge(robot: Robot, grid: Grid) -> Kernel:
         raise KinematicsError(
             f"{robot.name}: its equations have no closed inverse; solving pose by pose would take hours"
         )
-    return measure.kernel(kin, limits_of(robot), grid.pose, gaps=gaps_of(robot))
+    return measure.kernel(kin, robot.mechanism.limits, grid.pose, gaps=gaps_of(robot))
 
 
 def chunks(grid: Grid, size: int = CHUNK) -> Iterator[tuple[int, int]]:

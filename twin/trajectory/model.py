@@ -67,8 +67,6 @@ class PathKinematics:
         lower, upper: (n,) hard limits; nothing is planned beyond them.
         soft_lower, soft_upper: (n,) limits that give a warning.
         max_speed, max_acceleration: (n,) per second, per second squared.
-        velocity: (k, 4, 4), (k, n), twists (k, 6) of the tool in base, linear first -> (k, n); None: the
-            derivative of the inverse along the path is used instead.
         branch: (k, 4, 4), (k, n) -> (k,) labels of the working mode; None: not watched.
         gaps: carriages that share a rail.
         revolute: (n,) which joints are in rad; empty: none.
@@ -89,7 +87,6 @@ class PathKinematics:
     soft_upper: Array
     max_speed: Array
     max_acceleration: Array
-    velocity: Callable[[Array, Array, Array], Array] | None = None
     branch: Callable[[Array, Array], np.ndarray] | None = None
     gaps: tuple[Gap, ...] = ()
     revolute: tuple[bool, ...] = ()
@@ -110,7 +107,7 @@ class PathKinematics:
 def without_equations(mechanism: Mechanism, carrier: Carrier, gaps: Sequence[tuple[str, str, float]]) -> PathKinematics:
     """Return what planning knows of a robot before its equations are asked: joints, limits and the mechanism itself."""
     active = mechanism.active
-    hard = np.array([j.limits or (-np.inf, np.inf) for j in active]).reshape(-1, 2)
+    hard = mechanism.limits
     soft = np.array([j.soft_limits or j.limits or (-np.inf, np.inf) for j in active]).reshape(-1, 2)
     order = [j.name for j in active]
     return PathKinematics(
@@ -260,9 +257,7 @@ class Trajectory:
         x = float(np.clip((t - self.t[0]) / step, 0, len(self.t) - 1))
         i = min(int(x), len(self.t) - 2)
         f = x - i
-        h = f * f * (3 - 2 * f)
-        q = (1 - h) * self.q[i] + h * self.q[i + 1]
-        q = q + step * (f * (1 - f) ** 2 * self.qd[i] - f * f * (1 - f) * self.qd[i + 1])
+        q = spatial.cubic(f, self.q[i], self.q[i + 1], step * self.qd[i], step * self.qd[i + 1])
         return q, self.poses(np.array([t]))[0]
 
     def poses(self, times: Array) -> Array:
@@ -316,3 +311,10 @@ def _plain(value: Any) -> Any:
 
 Cause = Literal["reach", "inverse", "lower", "upper", "gap", "singularity", "branch"]
 """Why a pose cannot be taken."""
+
+
+def key_times(duration: float, rate: float) -> Array:
+    """Return (k,) s: every 1 / rate from 0, and the end."""
+    count = int(np.floor(duration * rate + 1e-9))
+    times = np.arange(count + 1) / rate
+    return times if duration - times[-1] < 1e-9 else np.append(times, duration)

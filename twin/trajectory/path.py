@@ -176,17 +176,9 @@ def angles_of(R: Array, order: RotationOrder, near: Array) -> Array:
     A phase is linear in the angles: far ones for the same rotation would turn the tool round on its way.
     Where the middle angle is a right angle, the first one is that of `near`.
     """
-    i, j, k = ("xyz".index(axis) for axis in order)
-    sign = 1.0 if (j - i) % 3 == 1 else -1.0
-    level = float(np.hypot(R[j, k], R[k, k]))
-    first = np.arctan2(-sign * R[j, k], R[k, k]) if level > 1e-9 else near[0]
-    middle = np.arctan2(sign * R[i, k], level)
-    found = []
-    for a, b in ((first, middle), (first + np.pi, np.pi - middle)):
-        # The last from what the others leave: near a right angle it takes up the error of the first.
-        rest = rotation(np.array([a, b, 0.0]), order).T @ R
-        angles = np.array([a, b, np.arctan2(sign * rest[j, i], rest[i, i])])
-        found.append(angles - 2 * np.pi * np.round((angles - near) / (2 * np.pi)))
+    a, b, c = spatial.euler_angles(R, order, near[0])
+    found = np.array([[a, b, c], [a + np.pi, np.pi - b, c + np.pi]])
+    found -= 2 * np.pi * np.round((found - near) / (2 * np.pi))
     return min(found, key=lambda angles: float(np.linalg.norm(angles - near)))
 
 

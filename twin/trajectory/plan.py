@@ -14,7 +14,7 @@ from twin.protocol import Limits, Protocol
 from twin.spatial import Array
 from twin.trajectory.check import check, rcm_error
 from twin.trajectory.feasible import pose_margins, require_feasible
-from twin.trajectory.following import Followed, Follower
+from twin.trajectory.following import Follower
 from twin.trajectory.model import PathKinematics, PhaseSpan, Trajectory
 from twin.trajectory.path import Motion, PhasePath, build
 from twin.trajectory.smooth import Smooth, fit
@@ -25,9 +25,6 @@ _ROUGH = 1e-6
 
 _LOOKED = 9
 """Poses of a phase that are held against the robot's freedoms before it is planned."""
-
-_JACOBIAN_TOLERANCE = 1e-5
-"""Relative disagreement of `velocity` with the derivative of `inverse` that is reported."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +97,7 @@ def _guide(protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array) 
 def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float) -> tuple[_Leg, list[Finding]]:
     where = f"{protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
     require_feasible(path, kinematics, protocol.frame, protocol.name)
-    rate, found = _rates(path, kinematics, where)
+    rate = _rates(path, kinematics, where)
     bend = rate.derivative()
     limits = protocol.limits[path.phase.type]
     max_speed, max_acceleration = _joint_limits(path, protocol, kinematics)
@@ -139,6 +136,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
         )
     except TimingError as error:
         raise TimingError(f"{where}: {error}") from error
+    found = []
     if timing.solver != "passes":
         text = f"the optimal rate was found by {timing.solver}, since the passes of our own failed"
         found.append(Finding("trajectory.timing", "info", text, when=f"phase '{path.phase.name}'"))
@@ -167,8 +165,8 @@ def _joint_limits(path: PhasePath, protocol: Protocol, kinematics: PathKinematic
     )
 
 
-def _rates(path: PhasePath, kinematics: PathKinematics, where: str) -> tuple[Smooth, list[Finding]]:
-    """Return dq/ds along the phase, from `velocity` if there is one, compared with the inverse."""
+def _rates(path: PhasePath, kinematics: PathKinematics, where: str) -> Smooth:
+    """Return dq/ds along the phase."""
     joints = fit(lambda s: path.joints(s, kinematics))
     if np.max(joints.tail) > _ROUGH:
         j = int(np.argmax(joints.tail))
@@ -177,33 +175,7 @@ def _rates(path: PhasePath, kinematics: PathKinematics, where: str) -> tuple[Smo
             f"jump of about {joints.tail[j]:.2g} m or rad): it passes close to a singularity, or the inverse "
             "changes its branch"
         )
-    slope = joints.derivative()
-    velocity = kinematics.velocity
-    if velocity is None or isinstance(path, Followed):
-        return slope, []
-
-    def rate(s: Array) -> Array:
-        m = path.motion(s)
-        return velocity(m.Ts_base_tool, kinematics.inverse(m.Ts_base_tool), m.twists)
-
-    rates = fit(rate)
-    s = np.linspace(0, 1, 101)
-    scale = float(np.max(np.abs(slope(s))))
-    error = float(np.max(np.abs(rates(s) - slope(s)))) / scale
-    if error <= _JACOBIAN_TOLERANCE:
-        return rates, []
-    finding = Finding(
-        "trajectory.velocity",
-        "disagreement",
-        f"joint speeds from the Jacobian differ from the derivative of the inverse by {100 * error:.2g} % "
-        "of the largest; the derivative of the inverse is used",
-        when=f"phase '{path.phase.name}'",
-        size=100 * error,
-        unit="%",
-        limit=100 * _JACOBIAN_TOLERANCE,
-        suggestion="check the Jacobian against finite differences",
-    )
-    return slope, [finding]
+    return joints.derivative()
 
 
 def _vectors(m: Motion, limits: Limits) -> tuple[tuple[Array, Array, float, float], ...]:

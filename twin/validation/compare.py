@@ -246,7 +246,7 @@ def _driven(
             alone = kin.joints_from_points({n: posed.points[n] for n in names})
     wrong: dict[str, tuple[Residual, str]] = {}
     for i, joint in enumerate(kin.joints):
-        equation = _equation_of(kin, (kin.mode.order[i],))
+        equation = _equation_of(kin, (kin.joints[i],))
         if not np.isfinite(q[:, i]).any():
             continue
         unit = "rad" if kin.revolute[i] else "m"
@@ -402,10 +402,3 @@ def _add(out: Comparison, r: Residual, message: str, cause: str = "") -> None:
             cause=cause,
         )
     )
-
-
-def angles_zyx(Ts: Array) -> Array:
-    """Return psi, theta, phi (k, 3) in rad of poses (k, 4, 4), R = Rz Ry Rx."""
-    R = Ts[:, :3, :3]
-    theta = np.arctan2(-R[:, 2, 0], np.hypot(R[:, 0, 0], R[:, 1, 0]))
-    return np.stack([np.arctan2(R[:, 1, 0], R[:, 0, 0]), theta, np.arctan2(R[:, 2, 1], R[:, 2, 2])], axis=1)

@@ -9,6 +9,7 @@ from importlib.metadata import version
 
 import numpy as np
 
+from twin import spatial
 from twin.errors import AssemblyError, StageError
 from twin.findings import Finding
 from twin.kinematics import Kinematics
@@ -18,7 +19,7 @@ from twin.trajectory.model import Trajectory
 from twin.units import DEG, MM
 from twin.validation.beside import Beside
 from twin.validation.case import PARTS, Case, Known, Part, summaries
-from twin.validation.compare import Comparison, angles_zyx, compare
+from twin.validation.compare import Comparison, compare
 from twin.validation.content import content
 from twin.validation.fulcrum import fulcrum
 from twin.validation.lengths import lengths, put_down
@@ -153,7 +154,7 @@ def _curves(out: Comparison, trajectory: Trajectory) -> None:
         "p_tool": trajectory.Ts_base_tool[:, :3, 3],
         "v_tool": trajectory.tip_velocity + np.cross(w, lever),
         "a_tool": trajectory.tip_acceleration + np.cross(dw, lever) + np.cross(w, np.cross(w, lever)),
-        "angles": np.unwrap(angles_zyx(trajectory.Ts_base_tool), axis=0),
+        "angles": np.unwrap(spatial.euler_angles(trajectory.Ts_base_tool[:, :3, :3], "zyx"), axis=0),
         "rcm_error": trajectory.rcm_error,
         "fulcrum": fulcrum(trajectory),
         "limit_margin": trajectory.limit_margin.min(axis=1),

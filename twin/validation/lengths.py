@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from twin.cad.build import CadModel
+from twin.cad.description import Description
 from twin.cad.lengths import measure
 from twin.errors import TwinError, unknown
 from twin.findings import Finding
@@ -17,22 +18,32 @@ from twin.validation.result import Residual
 from twin.validation.rows import Clock, Tolerances, row
 
 
+def check_parameters(kin: Kinematics, description: Description) -> None:
+    """Do nothing if the equations have each parameter that a declared length names.
+
+    Raises:
+        TwinError: they have no parameter of that name.
+    """
+    for length in description.length:
+        if length.parameter not in kin.parameters:
+            raise TwinError(
+                f"[[length]] of body '{length.body}': the equations have "
+                f"{unknown('parameter', length.parameter, kin.parameters).removeprefix('there is ')}"
+            )
+
+
 def lengths(
     kin: Kinematics, cad: CadModel, clock: Clock, tolerances: Tolerances
 ) -> tuple[list[Residual], list[Finding]]:
     """Return a row for each length that the description declares, and a finding for each that differs.
 
     Raises:
-        TwinError: the equations have no parameter of that name.
+        TwinError: as `check_parameters`.
     """
+    check_parameters(kin, cad.description)
     rows, findings = [], []
     at = clock.at(np.zeros(1, np.intp))
     for length in measure(cad):
-        if length.parameter not in kin.parameters:
-            raise TwinError(
-                f"[[length]] of body '{length.body}': the equations have "
-                f"{unknown('parameter', length.parameter, kin.parameters).removeprefix('there is ')}"
-            )
         used = kin.parameters[length.parameter]
         where, note = f"{length.parameter} on {length.body}", f"{' to '.join(length.between)}, as drawn"
         r = row("A-B", "length", where, "m", np.array([length.value - used]), tolerances.position, at, note=note)

@@ -21,7 +21,7 @@ from twin.reference.mating import Mate, mates
 from twin.spatial import Array
 from twin.stage.read import read_motion
 from twin.stage.write import Motion, write_motion, write_stage
-from twin.trajectory.model import Trajectory
+from twin.trajectory.model import Trajectory, key_times
 from twin.units import MM
 from twin.validation.result import PhaseSummary, Residual
 from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
@@ -106,16 +106,9 @@ class Written:
     missing: tuple[str, ...] = ()
 
 
-def key_times(trajectory: Trajectory) -> Array:
-    """Return the time codes (k,) in s of a baked motion: every 1/60 s, and the end."""
-    count = int(np.floor(trajectory.duration * KEY_RATE + 1e-9))
-    times = np.arange(count + 1) / KEY_RATE
-    return times if trajectory.duration - times[-1] < 1e-9 else np.append(times, trajectory.duration)
-
-
 def samples(trajectory: Trajectory) -> Samples:
     """Return when and where `measure` is to look."""
-    keys = key_times(trajectory)
+    keys = key_times(trajectory.duration, KEY_RATE)
     middle = (0.5 * (keys[1:] + keys[:-1]))[::MIDDLE]
     sparse = np.linspace(0.0, trajectory.duration, max(2, int(trajectory.duration * CLEARANCE_RATE) + 1))
 

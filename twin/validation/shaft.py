@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin import spatial
 from twin.errors import AssemblyError
 from twin.findings import Finding
 from twin.reference import ReferenceModel
@@ -90,7 +91,7 @@ def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
     d = np.gradient(e, axis=0)
     s = _INSIDE[:, None, None]
     a, b, m, n = e[:-1], e[1:], d[:-1], d[1:]
-    curve = _cubic(s, a, b, m, n)
+    curve = spatial.cubic(s, a, b, m, n)
     longest = np.linalg.norm(curve, axis=2).max(axis=0)
     # where it is long, and where it bends most: there the samples know least of it
     bend = np.zeros(len(longest))
@@ -102,18 +103,13 @@ def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
     return span.start + np.array(sorted(chosen))
 
 
-def _cubic(s: Array, a: Array, b: Array, m: Array, n: Array) -> Array:
-    """Return the cubic at s in 0..1 from a to b with slopes m and n."""
-    return a + s * (m + s * (3 * (b - a) - 2 * m - n + s * (2 * (a - b) + m + n)))
-
-
 def _poses(model: ReferenceModel, trajectory: Trajectory, x: Array) -> Array:
     """Return T_base_tool (k, 4, 4) of the mechanism at fractional samples x (k,), the joints on their cubics."""
     i = np.minimum(x.astype(int), len(trajectory.t) - 2)
     f = (x - i)[:, None]
     a, b = trajectory.q[i], trajectory.q[i + 1]
     m, n = trajectory.step * trajectory.qd[i], trajectory.step * trajectory.qd[i + 1]
-    return model.run(_cubic(f, a, b, m, n)).Ts_base_tool
+    return model.run(spatial.cubic(f, a, b, m, n)).Ts_base_tool
 
 
 def _passage(trajectory: Trajectory, span: PhaseSpan, at: Index, seen: Array) -> Passage:

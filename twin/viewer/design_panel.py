@@ -260,7 +260,7 @@ class DesignPanel:
             poses = int(count.value.replace(" ", ""))
             parameters = {n: v for n, v in desk.kin.parameters.items() if n in desk.parameters}
             self._cloud.start(
-                Job(a.source, dict(desk.kin.variants), parameters, desk.bounds, T, edge.value * MM, poses)
+                Job(a.source, dict(desk.kin.variants), parameters, desk.mechanism.limits, T, edge.value * MM, poses)
             )
 
         def hide() -> None:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 from pxr import Usd, UsdPhysics
 
+from twin import spatial
 from twin.findings import Finding
 from twin.spatial import Array
 from twin.stage.check.timeline import Timeline
@@ -36,7 +37,7 @@ def coordinate(joint: RawJoint, A: Array) -> Array:
     """Return the coordinate (k,) of a joint in degrees (first in -180..180, then unwrapped) or metres."""
     if joint.type == "prismatic":
         return A[:, 2, 3]
-    return np.unwrap(np.arctan2(A[:, 1, 0] - A[:, 0, 1], A[:, 0, 0] + A[:, 1, 1])) / DEG
+    return np.unwrap(spatial.angle_about_z(A)) / DEG
 
 
 def check_coordinate(joint: RawJoint, line: Timeline, q: Array, ordered: bool) -> Iterator[Finding]:
