@@ -56,7 +56,8 @@ _USES = [
         "- Isaac Sim, Omniverse, Newton, PhysX: open usd/<robot>_sim.usda to simulate (joint state is authored, loops "
         "are outside of the articulation, self collision is off); usd/<robot>_<protocol>.usda to watch a motion. "
         "Newton starts at home by its default importer, but its MuJoCo solver gives loops soft springs of its own: set "
-        "solver.mj_model.eq_solref to (0.001, 1) and eq_solimp to (0.9999, 0.9999, 0.001, 0.5, 2).",
+        "solver.mj_model.eq_solref to (0.001, 1) and eq_solimp to (0.9999, 0.9999, 0.001, 0.5, 2), or load the MJCF, "
+        "whose springs it reads.",
     ),
     ("unity", "- Unity: add unity/ as a package from disk, then use its menu to import the GLB and the tracks."),
     ("tracks", "- Anything else: tracks/*.csv opens in a spreadsheet, tracks/*.json follows track.schema.json."),
@@ -64,7 +65,8 @@ _USES = [
         "mjcf",
         "- MuJoCo 3.13 or newer: load <robot>.xml and step, 1 ms at a time. It starts at home with closed loops, which "
         "equality constraints hold; a control is how far a drive is to go from home (ctrl = coordinate - ref), so that "
-        "zero holds the robot where it is.",
+        "zero holds the robot where it is. Newton (add_mjcf) and Drake hold its loops as well; Drake leaves out its "
+        "actuators and tendons.",
     ),
     (
         "urdf",
