@@ -576,10 +576,10 @@ def parent_of(root, element):
 
 
 def renamed_everywhere(kind: str):
-    """Return a change of the last element of a kind that has a name, and of whatever refers to it."""
+    """Return a change of the name of the last element of a kind that has a shape, and of whatever refers to it."""
 
     def change(root):
-        old = [e.get("name") for e in root.iter(kind)][-1]
+        old = [e.get("name") for e in root.iter(kind) if e.find("visual") is not None or e.find("geom") is not None][-1]
         for e in root.iter():
             for key, value in e.attrib.items():
                 if value == old and (e.tag == kind or key not in ("name", "mesh", "material")):

@@ -97,7 +97,7 @@ class Mjcf:
                 size=worst * 1e6,
                 unit="um",
                 limit=LOOP_TOL * 1e6,
-                suggestion="check the anchors of its sites, and the joint zeros",
+                suggestion="check the anchors of its ties, and the joint zeros",
             )
         T = poses.pose(poses.rotation(turn[..., [1, 2, 3, 0]]), place)
         return Clip(clip.name, clip.times, {n: T[:, self.bodies[n]] for n in names})
