@@ -227,8 +227,7 @@ def test_newton_is_driven_along_a_protocol(foreign, figures, tmp_path, file, nam
 
     foreign.need("newton")
     mechanism = scene(name, protocol)[0]
-    if file == "USD" and not all(j.type == "spherical" for j in spanning(mechanism).cut):
-        pytest.skip("a hinge that closes a loop: Newton places its second point at joint zero")
+    hinges = any(j.type == "revolute" for j in spanning(mechanism).cut)
     mujoco, model, _ = load_mjcf(mechanism, tmp_path)
     times, values, _ = targets_of(mujoco, model, track_of(name, protocol, tmp_path))
     ways = {model.actuator(i).name: None for i in range(model.nu)}  # in the order of the file's controls
@@ -246,6 +245,8 @@ def test_newton_is_driven_along_a_protocol(foreign, figures, tmp_path, file, nam
     figures.add(f"newton, {file}", name, "start", found["start"], float("nan"), "loop gap")
     figures.add(f"newton, {file}", name, f"{protocol}, driven", found["held"], float("nan"), "loop gap")
     assert found["start"] <= STARTED
+    if file == "USD" and hinges and found["held"] > 1e-3:
+        pytest.skip(f"Newton takes the second point of a hinge from joint zero: open by {found['held'] * 1e3:.0f} mm")
     assert found["held"] <= HELD
     assert found["late"] < 0.05
 
