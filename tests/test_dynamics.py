@@ -142,7 +142,7 @@ def test_gravity_of_the_stretched_arm(table, load, expected):
     arm = inertia.arm(table, instrument=load == "instrument")
     if load == "10 kg":
         ball = Inertia(10.0, np.zeros(3), 1e-6 * np.eye(3))
-        arm = replace(arm, links=(*arm.links[:6], inertia.joined(arm.links[6], ball)))
+        arm = replace(arm, links=(*arm.links[:6], arm.links[6] + ball))
     q = np.array([0, 90 * DEG, 0, 0, 0, 0, 0])
     half_digit = 0.05 if load == "10 kg" else 0.005
     assert np.abs(dynamics(arm).gravity(q)[[1, 3, 5]]) == pytest.approx(expected, abs=half_digit)
@@ -176,7 +176,7 @@ def test_both_engines_have_the_same_mass_matrix_motion_and_tip(arm):
 
 def test_engines_agree_on_tensors_with_products(arm):
     turned = replace(
-        arm, links=tuple(inertia.moved(b, spatial.pose(spatial.exp_so3([0.3, -0.5, 0.2 + i]), [0.01, 0.02, -0.03]))
+        arm, links=tuple(b.seen_from(spatial.pose(spatial.exp_so3([0.3, -0.5, 0.2 + i]), [0.01, 0.02, -0.03]))
                          for i, b in enumerate(arm.links)),
     )  # fmt: skip
     for q, qd, torque in random_states(10):
@@ -296,7 +296,7 @@ def test_links_weighed_in_the_cad_are_found_in_their_joint_frames_with_what_is_f
     bodies = []
     for body in m.bodies:
         if body.name in weights:
-            body = replace(body, inertia=inertia.moved(weights[body.name], frames[body.name]))
+            body = replace(body, inertia=weights[body.name].seen_from(frames[body.name]))
         elif body.name == "instrument":  # its frame is that of the last link in the file
             body = replace(body, inertia=inertia._inertia(table.instrument))
         bodies.append(body)

@@ -14,6 +14,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import permutations
 from typing import Literal
 
 import numpy as np
@@ -89,6 +90,35 @@ class Inertia:
     mass: float
     p_body_com: Array
     I_com: Array
+
+    def __add__(self, other: Inertia) -> Inertia:
+        """Return the inertia of two bodies fixed to each other, both in one frame (parallel axes)."""
+        mass = self.mass + other.mass
+        centre = (self.mass * self.p_body_com + other.mass * other.p_body_com) / mass
+        tensor = np.zeros((3, 3))
+        for part in (self, other):
+            r = part.p_body_com - centre
+            tensor += part.I_com + part.mass * ((r @ r) * np.eye(3) - np.outer(r, r))
+        return Inertia(mass, centre, tensor)
+
+    def seen_from(self, T: Array) -> Inertia:
+        """Return it in another frame, T (4, 4) the pose of its own frame in that."""
+        R = T[:3, :3]
+        return Inertia(self.mass, R @ self.p_body_com + T[:3, 3], R @ self.I_com @ R.T)
+
+    def principal(self) -> tuple[Array, Array]:
+        """Return principal moments (3,) and the rotation (3, 3) of their axes, as near to identity as they allow.
+
+        The order of eigenvectors is arbitrary; the choice nearest to identity keeps a part that is already
+        aligned readable, and stable when a length changes a little.
+        """
+        moments, axes = np.linalg.eigh(0.5 * (self.I_com + self.I_com.T))
+        best = max(permutations(range(3)), key=lambda p: np.sum(np.abs(np.diag(axes[:, p]))))
+        moments, axes = moments[list(best)], axes[:, best]
+        axes = axes * np.where(np.diag(axes) < 0, -1.0, 1.0)
+        if np.linalg.det(axes) < 0:
+            axes[:, np.argmin(np.diag(axes))] *= -1
+        return moments, axes
 
     def violations(self) -> list[str]:
         """Return what makes this tensor impossible for a rigid body; empty if nothing does."""

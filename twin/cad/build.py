@@ -6,6 +6,8 @@ import fnmatch
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 from pathlib import Path
 
 import numpy as np
@@ -175,7 +177,7 @@ def _shapes(
             )
             if with_mass:
                 _weigh(d, loaded.name, vertices, loaded.triangles, masses[body], found)
-    weighed = {name: mesh.combine(list_) for name, list_ in masses.items() if list_}
+    weighed = {name: reduce(add, list_) for name, list_ in masses.items() if list_}
     given = {n: _given(s.mass, drawn[n]) for n, s in d.body.items() if s.mass is not None}
     return meshes, {**weighed, **given}
 

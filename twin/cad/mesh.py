@@ -124,14 +124,3 @@ def inertia(vertices: Array, triangles: np.ndarray, density: float) -> Inertia |
         return None
     mesh.density = density
     return Inertia(float(mesh.mass), np.asarray(mesh.center_mass), np.asarray(mesh.moment_inertia))
-
-
-def combine(parts: list[Inertia]) -> Inertia:
-    """Return the inertia of several bodies moving as one (parallel axes)."""
-    mass = sum(p.mass for p in parts)
-    com = sum((p.mass * p.p_body_com for p in parts), np.zeros(3)) / mass
-    total = np.zeros((3, 3))
-    for part in parts:
-        r = part.p_body_com - com
-        total += part.I_com + part.mass * ((r @ r) * np.eye(3) - np.outer(r, r))
-    return Inertia(mass, com, total)

@@ -206,7 +206,7 @@ def arm(
     ours = chain(table)
     links = [_inertia(link) for link in table.link]
     if instrument and table.instrument is not None:
-        links[-1] = joined(links[-1], _inertia(table.instrument))
+        links[-1] = links[-1] + _inertia(table.instrument)
     if placements is not None:
         theirs = np.asarray(placements, float)
         if theirs.shape != ours.shape:
@@ -221,7 +221,7 @@ def arm(
                     f"joint {table.link[i].joint}: the axis of the mechanism is {aside * 1e3:.3g} mm beside that of "
                     f"the inertia file and {tilt / DEG:.3g} deg off: which link is meant cannot be told"
                 )
-            links[i] = moved(links[i], T)
+            links[i] = links[i].seen_from(T)
         ours = theirs
     return Arm(
         tuple(link.joint for link in table.link),
@@ -232,24 +232,6 @@ def arm(
         np.array([link.torque.value for link in table.link]),
         tuple(_parameters(table)),
     )
-
-
-def moved(inertia: Inertia, T: ArrayLike) -> Inertia:
-    """Return an inertia expressed in another frame, T (4, 4) the pose of its own frame in that."""
-    T = np.asarray(T, float)
-    R = T[:3, :3]
-    return Inertia(inertia.mass, R @ inertia.p_body_com + T[:3, 3], R @ inertia.I_com @ R.T)
-
-
-def joined(a: Inertia, b: Inertia) -> Inertia:
-    """Return the inertia of two bodies fixed to each other, both in one frame."""
-    mass = a.mass + b.mass
-    centre = (a.mass * a.p_body_com + b.mass * b.p_body_com) / mass
-    tensor = np.zeros((3, 3))
-    for part in (a, b):
-        K = spatial.hat(part.p_body_com - centre)
-        tensor += part.I_com + part.mass * K.T @ K
-    return Inertia(mass, centre, tensor)
 
 
 def scaled(links: tuple[Inertia, ...], factors: ArrayLike) -> tuple[Inertia, ...]:

@@ -15,7 +15,7 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed bes
 from numpy.typing import ArrayLike
 
 from twin import spatial
-from twin.dynamics.inertia import joined, moved, scaled
+from twin.dynamics.inertia import scaled
 from twin.errors import MechanismError
 from twin.mechanism import Inertia, Joint, Mechanism
 from twin.spatial import Array
@@ -211,8 +211,8 @@ def links_of(mechanism: Mechanism) -> tuple[Inertia, ...]:
             if mechanism.body(body).meshes:
                 raise MechanismError(f"{mechanism.name}: body '{body}' has no mass: give its material a density")
             continue
-        part = moved(weighed, T)
-        links[i] = joined(links[i], part) if i in links else part
+        part = weighed.seen_from(T)
+        links[i] = links[i] + part if i in links else part
     missing = [j.name for i, j in enumerate(mechanism.active) if i not in links]
     if missing:
         raise MechanismError(f"{mechanism.name}: nothing that has a mass is moved by {', '.join(missing)}")

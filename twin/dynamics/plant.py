@@ -64,7 +64,7 @@ class MujocoPlant:
         body = spec.worldbody
         parts = zip(np.asarray(placements, float), links, np.asarray(rotor), np.asarray(friction), strict=True)
         for j, (T, link, armature, damping) in enumerate(parts):
-            moments, axes = _principal(link.I_com)
+            moments, axes = link.principal()
             body = body.add_body(
                 name=f"link{j + 1}",
                 pos=T[:3, 3],
@@ -137,14 +137,6 @@ def _engine() -> Any:
             "(--plant pinocchio)"
         ) from None
     return mujoco
-
-
-def _principal(I_com: Array) -> tuple[Array, Array]:
-    """Return principal moments (3,) and axes (3, 3), right-handed."""
-    moments, axes = np.linalg.eigh(np.asarray(I_com, float))
-    if np.linalg.det(axes) < 0:
-        axes[:, 0] *= -1
-    return moments, axes
 
 
 def _as_field(present: Any, value: float) -> Any:

@@ -8,7 +8,6 @@ sees what a foreign reader sees. What UsdPhysics has no word for is a `twin:` at
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -149,27 +148,12 @@ def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
 
 
 def _write_inertia(prim: Usd.Prim, inertia: Inertia) -> None:
-    moments, axes = principal(inertia.I_com)
+    moments, axes = inertia.principal()
     mass = UsdPhysics.MassAPI.Apply(prim)
     mass.CreateMassAttr(float(inertia.mass))
     mass.CreateCenterOfMassAttr(gf.vec3f(inertia.p_body_com))
     mass.CreateDiagonalInertiaAttr(gf.vec3f(moments))
     mass.CreatePrincipalAxesAttr(gf.quatf(axes))
-
-
-def principal(inertia: Array) -> tuple[Array, Array]:
-    """Return principal moments (3,) and the rotation (3, 3) of their axes, as near to identity as they allow.
-
-    The order of eigenvectors is arbitrary; the choice nearest to identity keeps a part that is already
-    aligned readable, and stable when a length changes a little.
-    """
-    moments, axes = np.linalg.eigh(0.5 * (inertia + inertia.T))
-    best = max(permutations(range(3)), key=lambda p: np.sum(np.abs(np.diag(axes[:, p]))))
-    moments, axes = moments[list(best)], axes[:, best]
-    axes = axes * np.where(np.diag(axes) < 0, -1.0, 1.0)
-    if np.linalg.det(axes) < 0:
-        axes[:, np.argmin(np.diag(axes))] *= -1
-    return moments, axes
 
 
 def _write_anchor(stage: Usd.Stage, mechanism: Mechanism, T_world_base: Array) -> None:
