@@ -336,9 +336,9 @@ class Mechanism:
             if key not in known:
                 color = _hex(mesh.color_rgba)
                 made_of = mesh.finish.material.removesuffix(f"_{color}") or "color"
-                name = f"{made_of}_{color}"
-                while name in taken:  # another finish, or colours that 8 bits do not tell apart
-                    name = f"{made_of}_{len(taken)}_{color}"
+                # numbered: another finish, or colours that 8 bits do not tell apart
+                names = (f"{made_of}_{color}", *(f"{made_of}_{n}_{color}" for n in range(2, len(taken) + 3)))
+                name = next(n for n in names if n not in taken)
                 taken.add(name)
                 known[key] = Material(name, mesh.color_rgba, mesh.finish)
             out[mesh.name] = known[key]

@@ -303,14 +303,17 @@ def _protocols(robot: api.Robot, args: argparse.Namespace) -> tuple[str, ...]:
 
 def _variants(robot: api.Robot, texts: Sequence[str]) -> list[dict[str, str] | None]:
     """Return the variants to judge, one judgement each."""
-    choices, chosen = robot.variants, asked(texts)
+    chosen = asked(texts)
+    if chosen is None:
+        return [None]
+    choices = robot.variants
     if isinstance(chosen, str):
         having = [eq for eq, names in choices.items() if chosen in names]
         if not having:
             raise TwinError(f"--variant: {unknown('variant', chosen, {n for v in choices.values() for n in v})}")
         alone: list[dict[str, str] | None] = [{eq: chosen} for eq in having]
         return [*alone, dict.fromkeys(having, chosen)] if len(having) > 1 else alone
-    for eq, name in (chosen or {}).items():
+    for eq, name in chosen.items():
         if eq not in choices:
             raise TwinError(f"--variant: {unknown('equation', eq, choices)}")
         if name not in choices[eq]:
