@@ -37,6 +37,7 @@ EXIT_1 = (
 
 ELSEWHERE = {
     "twin run sils": "make demo",
+    "twin run vsrs": "test_three_robots_work_without_meeting",
     "twin selftest sils --count 10": ".ci/run seeds 59",
     "twin validate sils --all-protocols": "test_validate_all_protocols_of_sils",
 }

@@ -185,17 +185,6 @@ def test_a_stage_has_no_equations_to_spoil(capsys):
     assert "equations" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-def test_the_score_on_sils(capsys, tmp_path):
-    assert main(["selftest", "sils", "--count", "15", "--json", "--out", str(tmp_path)]) == 0
-    data = json.loads(capsys.readouterr().out)
-    assert data["verdict"] == "agree"
-    assert data["share"] >= 0.95
-    assert data["false_alarms"] == []
-    assert {f["family"] for f in data["families"]} == set(FAMILIES)
-    assert (tmp_path / "selftest.json").is_file()
-
-
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 7, 15, 118, 1000])
 @pytest.mark.parametrize("families", [*combinations(SHARES, 1), *combinations(SHARES, 2), tuple(SHARES)])
 def test_as_many_faults_are_drawn_as_were_asked_for(count, families):

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.witness
 ROBOTS = twin.names()
 CASES = [(r, p) for r in ROBOTS for p in twin.load(r).files.protocols()]
 SECONDS = float(os.environ.get("TWIN_STRANGERS_SECONDS", "10"))
-NEWTON_SECONDS = float(os.environ.get("TWIN_NEWTON_SECONDS", "3"))
+NEWTON_SECONDS = float(os.environ.get("TWIN_NEWTON_SECONDS", "1"))
 STARTED, HELD, PLAYED = 1e-6, 100e-6, 1e-6
 """m: how far a loop may be open as loaded, and while it moves; how far a link may be off that plays a track."""
 LEAD = 2.0

@@ -140,7 +140,7 @@ def run(file: Path, args: argparse.Namespace) -> int:
                 raise TwinError(f"{place.name}: protocol '{place.protocol}' registers no RCM: it works through no port")
             robots[place.name] = robot
             actors.append(Actor(place, mechanism, trajectory, trocar))
-        props = None if scene.props is None else read_mechanism(scene.props).mechanism
+        props = None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
         played = play(scene, actors, props, lambda label, f: progress(label, 0.5 + f / 2))
         with assets.atomic_folder(root) as work:
             stages = {}

@@ -66,7 +66,7 @@ def _write_stage(scene: Scene, bundles: dict[str, Bundle], folder: Path) -> Path
 
     stages = {p.name: Path("..") / p.name / "usd" / f"{p.name}_{p.protocol}.usda" for p in scene.places}
     mechanisms = {n: b.order.mechanism for n, b in bundles.items()}
-    props = None if scene.props is None else read_mechanism(scene.props).mechanism
+    props = None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
     return write_scene(scene, folder, stages, mechanisms, props, _duration(bundles))
 
 
