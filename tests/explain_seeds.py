@@ -287,6 +287,14 @@ class Slopes:
         return out
 
 
+def _read(faulty, equation, values, output):
+    """Return the slopes of a row of a faulty formula; none where a slip names what is not there: it has no value."""
+    try:
+        return Slopes(faulty, equation, values).of(output)
+    except NameError:
+        return {}
+
+
 def empty(case, judge, faulty, candidate, rows, folder):
     """Return what a cure has lost without saying so: a symbol that a row read, or its own unknown; "" if nothing."""
     from twin.explaining.source import patched
@@ -308,12 +316,12 @@ def empty(case, judge, faulty, candidate, rows, folder):
             into.update(
                 Slopes(cured, place.equation, values).of(place.symbol, left.get((place.statement, place.symbol), ""))
             )
-            for n, x in Slopes(faulty, place.equation, values).of(place.symbol).items():
+            for n, x in _read(faulty, place.equation, values, place.symbol).items():
                 was[n] = max(was.get(n, 0.0), x)
         lost = {n for n, x in was.items() if x > 1e-9 and max(now.get(n, 0.0), far.get(n, 0.0)) < 1e-12}
         lost -= set(candidate.dropped)
         for output in set(candidate.dropped) & set(step.equation.outputs):  # and all that was read only through it
-            lost -= {n for n, x in Slopes(faulty, place.equation, on).of(output).items() if x}
+            lost -= {n for n, x in _read(faulty, place.equation, on, output).items() if x}
         if lost or max(*now.values(), *far.values()) < 1e-12:
             return f"{place.symbol} lost {sorted(lost)}: " + "; ".join(e.text for e in candidate.edits)
         unknown = [n for n in step.equation.outputs if n in now]
