@@ -288,10 +288,10 @@ class Slopes:
 
 
 def _read(faulty, equation, values, output):
-    """Return the slopes of a row of a faulty formula; none where a slip names what is not there: it has no value."""
+    """Return the slopes of a row of a faulty formula; none where a slip asks for a name or a row that is not there."""
     try:
         return Slopes(faulty, equation, values).of(output)
-    except NameError:
+    except (NameError, IndexError, RuntimeError):
         return {}
 
 
