@@ -152,6 +152,15 @@ def test_a_drag_ends_where_it_ends_in_one_step_and_in_many(robot, rng):
     assert not found.flips + found.disagreeing + found.opened + found.apart
 
 
+def test_a_point_that_slides_along_two_limits_ends_in_one_place():
+    """Where one way is hard and a limit stands in the other, a step of no length was taken for the last one."""
+    desk = Desk(twin.load("sils"))
+    p, way = np.array([22.0, -2.8, -8.0]) * MM, np.array([-5.158, 5.119, 19.595]) * MM
+    ends = [led(desk, "strut1", p, way, step) for step in (1 * MM, 50 * MM)]
+    assert {e.reason for e in ends} == {"q# is at its limit of # mm"}
+    np.testing.assert_allclose(ends[0].p, ends[1].p, atol=1e-6 * MM)
+
+
 @pytest.mark.slow
 def test_the_speed_of_the_hand_does_not_matter_and_the_assembly_stays(robot, rng):
     desk = Desk(robot)
