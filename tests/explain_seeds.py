@@ -322,7 +322,8 @@ def empty(case, judge, faulty, candidate, rows, folder):
         lost -= set(candidate.dropped)
         for output in set(candidate.dropped) & set(step.equation.outputs):  # and all that was read only through it
             lost -= {n for n, x in _read(faulty, place.equation, on, output).items() if x}
-        if lost or max(*now.values(), *far.values()) < 1e-12:
+        # An equation behind the faulty one may have no value at what that computes: then there was no slope to lose.
+        if lost or (max(was.values(), default=1.0) > 1e-12 and max(*now.values(), *far.values()) < 1e-12):
             return f"{place.symbol} lost {sorted(lost)}: " + "; ".join(e.text for e in candidate.edits)
         unknown = [n for n in step.equation.outputs if n in now]
         if place.symbol in unknown and max(now[n] for n in unknown) < 1e-9:
