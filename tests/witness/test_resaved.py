@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from math import inf
 from pathlib import Path
 
 import pytest
@@ -82,20 +83,21 @@ def tracks(folder: Path) -> list[Path]:
 
 
 PHYSICS, SHAPES = ("tracks", "usd", "meshes", "*.xml", "*.urdf"), ("tracks", "*.glb")
-SAVES: dict[str, tuple[Callable[..., None], tuple[str, ...], tuple[str, ...]]] = {
-    "pxr": (by_pxr, PHYSICS, ()),
-    "pxr, flattened": (flattened_by_pxr, PHYSICS, ()),
-    "MuJoCo": (by_mujoco, PHYSICS, ()),
-    "yourdfpy": (by_yourdfpy, PHYSICS, ()),
-    "gltf-transform": (by_gltf_transform(), SHAPES, ()),
-    "gltf-transform, dedup": (by_gltf_transform("dedup"), SHAPES, ()),
-    "gltf-transform, weld": (by_gltf_transform("weld"), SHAPES, ()),
-    "gltf-transform, prune": (by_gltf_transform("prune"), SHAPES, ()),
-    "trimesh": (by_trimesh, SHAPES, ("compare.no_motion",)),
-    "Blender": (by_blender, SHAPES, ("compare.times", "compare.pose")),
+SAVES: dict[str, tuple[Callable[..., None], tuple[str, ...], dict[str, float]]] = {
+    "pxr": (by_pxr, PHYSICS, {}),
+    "pxr, flattened": (flattened_by_pxr, PHYSICS, {}),
+    "MuJoCo": (by_mujoco, PHYSICS, {"mjcf.loop": 3.0, "compare.pose": 3.0}),
+    "yourdfpy": (by_yourdfpy, PHYSICS, {}),
+    "gltf-transform": (by_gltf_transform(), SHAPES, {}),
+    "gltf-transform, dedup": (by_gltf_transform("dedup"), SHAPES, {}),
+    "gltf-transform, weld": (by_gltf_transform("weld"), SHAPES, {}),
+    "gltf-transform, prune": (by_gltf_transform("prune"), SHAPES, {}),
+    "trimesh": (by_trimesh, SHAPES, {"compare.no_motion": inf}),
+    "Blender": (by_blender, SHAPES, {"compare.times": inf, "compare.pose": inf}),
 }
-"""Who saves: how, what of the export is there, and codes of what the program itself loses.
+"""Who saves: how, what of the export is there, and what the program itself loses: codes, and the largest size.
 
+MuJoCo writes six digits: loops of HIBOU are 1.6 um open, belts of LAPBOT 2.1 um, and 1 um is what an export may have.
 trimesh writes no motion. Blender has keys at whole frames only, begins a frame late and moves the last key: links are
 up to 0.3 mm off at 120 Hz.
 """
@@ -110,7 +112,7 @@ def test_what_was_only_saved_again_has_no_findings(foreign, figures, case, tmp_p
         (shutil.copytree if path.is_dir() else shutil.copy)(path, folder / path.name)
     save(foreign, folder)
     report = audit(folder)
-    found = [f for f in report.findings if f.severity in SEVERE and f.code not in lost]
+    found = [f for f in report.findings if f.severity in SEVERE and (f.size or 0.0) > lost.get(f.code, -1.0)]
     figures.add(f"saved again: {name}", case.robot, "audit", float("nan"), float("nan"), f"{len(found)} findings")
     assert report.checks
     assert not found, [(f.code, f.where, f.message) for f in found]
