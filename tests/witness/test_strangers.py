@@ -23,7 +23,7 @@ CASES = [(r, p) for r in ROBOTS for p in twin.load(r).files.protocols()]
 SECONDS = float(os.environ.get("TWIN_STRANGERS_SECONDS", "10"))
 NEWTON_SECONDS = float(os.environ.get("TWIN_NEWTON_SECONDS", "1"))
 DRIVEN = [(r, twin.load(r).protocol().name) for r in ROBOTS] if NEWTON_SECONDS else CASES
-"""Motions of which Newton is driven along the first second; `TWIN_NEWTON_SECONDS=0` takes all to their ends."""
+"""Motions along which Drake and, for a second, Newton are driven; `TWIN_NEWTON_SECONDS=0` takes all to their ends."""
 STARTED, HELD, PLAYED = 1e-6, 100e-6, 1e-6
 """m: how far a loop may be open as loaded, and while it moves; how far a link may be off that plays a track."""
 LEAD = 2.0
@@ -159,7 +159,7 @@ def targets_of(mujoco, model, track) -> tuple[list[float], dict[str, list[float]
     return times, {n: np.asarray(v).tolist() for n, v in values.items()}, gains
 
 
-@pytest.mark.parametrize(("name", "protocol"), CASES)
+@pytest.mark.parametrize(("name", "protocol"), DRIVEN)
 def test_drake_holds_the_loops_of_the_mjcf(foreign, figures, tmp_path, name, protocol):
     """At rest, then along a protocol: in Drake's discrete solver, with drives of the gains that the file has."""
     foreign.need("drake")
