@@ -19,14 +19,17 @@ class Glb:
         self.binary = bytearray(data[28 + size :])
 
     def numbers(self, accessor: int) -> np.ndarray:
+        """Return an accessor as an array (n, width) that writes through."""
         a = self.document["accessors"][accessor]
         view = self.document["bufferViews"][a["bufferView"]]
         width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[a["type"]]
+        dtype = np.dtype({5126: "<f4", 5125: "<u4", 5123: "<u2"}[a["componentType"]])
+        assert view.get("byteStride", dtype.itemsize * width) == dtype.itemsize * width
         start = view.get("byteOffset", 0) + a.get("byteOffset", 0)
-        return np.frombuffer(self.binary, "<f4", a["count"] * width, start).reshape(-1, width)
+        return np.frombuffer(self.binary, dtype, a["count"] * width, start).reshape(-1, width)
 
     def node(self, name: str) -> dict[str, Any]:
-        return next(n for n in self.document["nodes"] if n["name"] == name)
+        return next(n for n in self.document["nodes"] if n.get("name") == name)
 
     def links(self) -> list[dict[str, Any]]:
         return [n for n in self.document["nodes"] if n.get("extras", {}).get("link")]

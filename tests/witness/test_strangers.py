@@ -26,6 +26,8 @@ DRIVEN = [(r, twin.load(r).protocol().name) for r in ROBOTS] if NEWTON_SECONDS e
 """Motions along which Drake and, for a second, Newton are driven; `TWIN_NEWTON_SECONDS=0` takes all to their ends."""
 STARTED, HELD, PLAYED = 1e-6, 100e-6, 1e-6
 """m: how far a loop may be open as loaded, and while it moves; how far a link may be off that plays a track."""
+OPENS = {("USD", "sher"): 0.1}
+"""m: loops that Newton does not hold, as docs/headset.md says: it takes a hinge's second point from joint zero."""
 LEAD = 2.0
 """s from home to the first key of a track."""
 
@@ -225,11 +227,9 @@ def test_newton_is_driven_along_a_protocol(foreign, figures, tmp_path, file, nam
     `TWIN_NEWTON_SECONDS` of motion; 0 is all of it, which takes 17 minutes for the MJCF of all robots.
     """
     from twin.exporting.usd import write_usd
-    from twin.stage.write.spanning import spanning
 
     foreign.need("newton")
     mechanism = scene(name, protocol)[0]
-    hinges = any(j.type == "revolute" for j in spanning(mechanism).cut)
     mujoco, model, _ = load_mjcf(mechanism, tmp_path)
     times, values, _ = targets_of(mujoco, model, track_of(name, protocol, tmp_path))
     ways = {model.actuator(i).name: None for i in range(model.nu)}  # in the order of the file's controls
@@ -247,8 +247,9 @@ def test_newton_is_driven_along_a_protocol(foreign, figures, tmp_path, file, nam
     figures.add(f"newton, {file}", name, "start", found["start"], float("nan"), "loop gap")
     figures.add(f"newton, {file}", name, f"{protocol}, driven", found["held"], float("nan"), "loop gap")
     assert found["start"] <= STARTED
-    if file == "USD" and hinges and found["held"] > 1e-3:
-        pytest.skip(f"Newton takes the second point of a hinge from joint zero: open by {found['held'] * 1e3:.0f} mm")
+    if (file, name) in OPENS:
+        assert HELD < found["held"] <= OPENS[file, name], "Newton holds it now: docs/headset.md says that it does not"
+        return
     assert found["held"] <= HELD
     assert found["late"] < 0.05
 
