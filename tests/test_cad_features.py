@@ -159,7 +159,7 @@ def test_a_face_that_is_grossly_off_is_an_error_with_its_distance():
         find(wanted("sphere", (103.5, 0, 0), radius_mm=8), *PARTS)
     assert str(caught.value) == (
         "feature 'thing' of body 'bar': the nearest sphere (on 'ball', at (100.00, 0.00, 0.00) mm) is 3.500 mm and "
-        "0.00° off; gross tolerance 2 mm, 2°. Correct near_mm or the drawing."
+        "0.00° off; gross tolerance 2 mm, 2°. Correct near_mm, the drawing, or tolerance.gross_mm."
     )
 
 

@@ -159,16 +159,17 @@ def test_what_is_wrong_is_red(desk, robot):
 
 def test_nothing_is_drawn_while_nothing_moves(desk, robot):
     time.sleep(7.0)  # a sentence that is said goes after six seconds
-    for _ in range(3):  # a slow machine is still drawing what it was told before
+    for _ in range(8):  # a slow machine is still drawing what it was told before
         first, frames = desk("twin.app.world.renderer.info.render.frame"), desk("twin.app.line.frames")
-        time.sleep(6.0)
+        time.sleep(3.0)
         if desk("twin.app.world.renderer.info.render.frame") == first:
             break
     else:
         pytest.fail("the page draws although nothing moves")
     assert desk("twin.app.line.frames") > frames + 10  # the stream goes on
     desk("twin.app.ask('posture', {name: 'insertion'})")
-    desk.until(f"twin.app.world.renderer.info.render.frame > {first} + 2", "a picture of what has moved")
+    # a machine that needs seconds for one picture draws the whole move in one
+    desk.until(f"twin.app.world.renderer.info.render.frame > {first}", "a picture of what has moved")
 
 
 CONTRAST = """(() => {

@@ -68,7 +68,7 @@ def shown(name, protocol=None):
 class Looker:
     """A page, its canvas, and what it looks like."""
 
-    def __init__(self, browser, front, width=1400, height=900):
+    def __init__(self, browser, front, width=1100, height=720):
         self.front, self.errors = front, []
         self.page = browser.new_page(viewport={"width": width, "height": height})
         self.page.set_default_timeout(1000 * WAIT)
@@ -81,6 +81,17 @@ class Looker:
     @property
     def clients(self):
         return list(self.front.server.get_clients().values())
+
+    @contextmanager
+    def aside(self):
+        """Make the page small while others are open: it draws without end, on the processor."""
+        size = self.page.viewport_size
+        self.page.set_viewport_size({"width": 200, "height": 150})
+        try:
+            yield
+        finally:
+            self.page.set_viewport_size(size)
+            time.sleep(0.5)
 
     def shot(self):
         box = self.page.locator("canvas").first.bounding_box()

@@ -76,7 +76,7 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
         raise CadError(
             f"{label}: the nearest {spec.kind} (on '{part_name}', at {_mm(face.point)} mm) is "
             f"{distance / MM:.3f} mm and {tilt / DEG:.2f}° off; gross tolerance {tolerance.gross_mm:g} mm, "
-            f"{tolerance.gross_deg:g}°. Correct near_mm or the drawing."
+            f"{tolerance.gross_deg:g}°. Correct near_mm, the drawing, or tolerance.gross_mm."
         )
     good.sort(key=lambda f: f[0])
     distance, _, face, part_name = good[0]
