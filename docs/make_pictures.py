@@ -30,14 +30,14 @@ from PIL import Image, ImageDraw, ImageFont
 from trimesh.visual.color import linear_to_srgb
 
 import twin
-from twin import assets, spatial
 from twin.cad.build import read_mechanism
-from twin.mechanism import Mechanism
+from twin.core import assets, spatial
+from twin.core.spatial import Array
+from twin.model.mechanism import Mechanism
+from twin.model.scene import load_scene
+from twin.planning.path import rotation
 from twin.reference import ReferenceModel
-from twin.scene.load import load_scene
-from twin.spatial import Array
-from twin.stage.read import read_motion, read_stage
-from twin.trajectory.path import rotation
+from twin.usd.read import read_motion, read_stage
 
 FLAGS = (
     "headless no-sandbox use-angle=swiftshader enable-unsafe-swiftshader disable-dev-shm-usage no-first-run "

@@ -11,7 +11,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from twin.cad.description import Description
-from twin.protocol.tables import ProtocolTable
+from twin.planning.protocol.tables import ProtocolTable
 from twin.schema import json_schema
 from twin.schema.track import Track
 

@@ -20,10 +20,11 @@ from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 import twin
-from twin.live.desk import Desk
-from twin.units import MM
-from twin.viewer.front import Actor, Front
-from twin.viewer.server import serve
+from twin.core.units import MM
+from twin.ui.session.desk import Desk
+from twin.ui.viewer.front import Actor, Front
+from twin.ui.viewer.page import open_page
+from twin.ui.viewer.server import serve
 
 FOLDER = Path(__file__).parent / "pictures"
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
@@ -87,7 +88,7 @@ def main() -> None:
         for name in args.only:
             robot, prepare = PICTURES[name]
             actor = Actor(robot, robot, Desk(twin.load(robot)))
-            front = Front(f"twin · {robot}", [actor], None, serve(robot, "127.0.0.1", 0))
+            front = open_page(f"twin · {robot}", [actor], None, serve(robot, "127.0.0.1", 0))
             thread = threading.Thread(target=front.run)
             thread.start()
             page = browser.new_page(viewport={"width": 1500, "height": 900})

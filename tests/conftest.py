@@ -37,7 +37,7 @@ def at_pose():
     """Residual (m,) of a term that asks for no joints, and its Jacobian (m, 6) by the twist, unweighted."""
     import casadi as ca
 
-    from twin.kinematics import symbolic
+    from twin.formula import symbolic
     from twin.kinematics.tasks import Term, residual
 
     def evaluate(term: Term, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin import api, spatial
+from twin import api
 from twin.cad import build
 from twin.cad.build import CadModel
 from twin.cad.features import Measured
 from twin.cad.step import Face, Part, StepModel, read_step
-from twin.units import DEG, MM
+from twin.core import spatial
+from twin.core.units import DEG, MM
 
 
 @dataclass(frozen=True)

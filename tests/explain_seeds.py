@@ -37,8 +37,8 @@ class Case:
 
 def built_in(name):
     from twin import api
-    from twin.explaining.explain import known
     from twin.robots import load_formula
+    from twin.validation.explain.explain import known
 
     formula = load_formula(name)
     path = Path(inspect.getfile(inspect.unwrap(formula.equations[0].variants[formula.equations[0].default])))
@@ -47,8 +47,8 @@ def built_in(name):
 
 def stranger(path):
     """A plain formula of another robot; its mechanism is the formula itself, run as ordinary Python on numbers."""
-    from twin.explaining.numeric import Matrix, Rebuilder
-    from twin.explaining.truth import SAMPLES, Truth
+    from twin.validation.explain.numeric import Matrix, Rebuilder
+    from twin.validation.explain.truth import SAMPLES, Truth
 
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
@@ -75,7 +75,7 @@ class _Joints:
     """Just enough of a formula to load another one with the same joints."""
 
     def __init__(self, joints):
-        from twin.kinematics.contract import ActiveJoint
+        from twin.formula.contract import ActiveJoint
 
         self.joints = [ActiveJoint(n, "revolute" if angle else "prismatic") for n, angle in joints]
 
@@ -157,8 +157,8 @@ def faults(f, rng, count):
 
 def seeded(case, path, rng, count=1):
     """A file with faults in one function of it, what was done; None for a draw in which one of them changes nothing."""
-    from twin.errors import TwinError
-    from twin.explaining.judge import Judge
+    from twin.core.errors import TwinError
+    from twin.validation.explain.judge import Judge
 
     choices = functions(case.formula)
     f = choices[rng.integers(len(choices))]
@@ -191,7 +191,7 @@ def seeded(case, path, rng, count=1):
 
 def same_function(formula, other, truth):
     """Whether two formulas say the same, also where no mechanism is."""
-    from twin.explaining.judge import Judge, worst
+    from twin.validation.explain.judge import Judge, worst
 
     shaken = truth.perturbed(5)
     a, b = (
@@ -211,9 +211,9 @@ def same_function(formula, other, truth):
 
 def outcome(case, faulty, folder, budget):
     """How a fault was explained: "rank 1", "tie", or why it was not; "no fault", "no formula" if there is none."""
-    from twin.explaining.judge import Judge
-    from twin.explaining.repair import Search
-    from twin.explaining.source import patched
+    from twin.validation.explain.judge import Judge
+    from twin.validation.explain.repair import Search
+    from twin.validation.explain.source import patched
 
     truth = case.truth
     judge, whole = Judge(faulty, None, truth), Judge(case.formula, None, truth)
@@ -297,7 +297,7 @@ def _read(faulty, equation, values, output):
 
 def empty(case, judge, faulty, candidate, rows, folder):
     """Return what a cure has lost without saying so: a symbol that a row read, or its own unknown; "" if nothing."""
-    from twin.explaining.source import patched
+    from twin.validation.explain.source import patched
 
     edits = [e for e in candidate.edits if e.kind != "left side"]
     path = folder / "cure.py"

@@ -51,8 +51,8 @@ class Reader:
 
 
 def _description(path: Path, on: bool) -> None:
-    from twin.importing import read
-    from twin.importing.closing import close
+    from twin.exchange.read import read
+    from twin.exchange.read.closing import close
 
     found = read(path, guarded=False)
     if on and len(found.mechanism.joints) < 40:
@@ -60,8 +60,8 @@ def _description(path: Path, on: bool) -> None:
 
 
 def _closures(path: Path, on: bool) -> None:
-    from twin.importing.closures import read_closures
-    from twin.importing.urdf import read_urdf
+    from twin.exchange.read.closures import read_closures
+    from twin.exchange.read.urdf import read_urdf
 
     read_urdf(DATA / "models/fourbar.urdf", path) if on else read_closures(path)
 
@@ -78,7 +78,7 @@ def _robot(path: Path, on: bool) -> None:
 
 
 def _protocol(path: Path, on: bool) -> None:
-    from twin.protocol import load_protocol
+    from twin.planning.protocol import load_protocol
 
     load_protocol(path)
 
@@ -159,7 +159,7 @@ def inputs(name: str, seed: int):
 
 def _work(name: str, seed: int, first: int, last: int, place: str, pipe) -> None:
     """Run inputs first..last; say which one is next, and how each ended."""
-    from twin.errors import TwinError
+    from twin.core.errors import TwinError
 
     warnings.simplefilter("ignore")
     reader, folder = readers()[name], Path(place)

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from twin import spatial
+from twin.core import spatial
 
 ROOT = Path(__file__).parents[1]
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]

@@ -6,12 +6,12 @@ import numpy as np
 
 from twin import api
 from twin.cad.build import read_mechanism
-from twin.errors import AssemblyError
-from twin.importing import read
-from twin.importing.closing import close
-from twin.importing.folder import write_folder
+from twin.core.errors import AssemblyError
+from twin.exchange.read import read
+from twin.exchange.read.closing import close
+from twin.exchange.read.folder import write_folder
 from twin.reference import ReferenceModel
-from twin.stage.read import read_stage
+from twin.usd.read import read_stage
 
 
 def made(source, name, folder, closures=None, root=None):

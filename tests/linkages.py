@@ -185,8 +185,8 @@ LINKAGES: dict[str, Callable[[], Linkage]] = {
 
 def mechanism(linkage: Linkage, name: str):
     """Return the mechanism of a linkage without a drawing: the same joints, bodies without shapes."""
-    from twin import spatial
-    from twin.mechanism import Body, Frame, Joint, Mechanism
+    from twin.core import spatial
+    from twin.model.mechanism import Body, Frame, Joint, Mechanism
 
     def frame(at, z):
         return spatial.pose(spatial.frame_from_axes(z, np.eye(3)[int(np.argmin(np.abs(z)))]), at / 1000)

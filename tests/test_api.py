@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import twin
-from twin import spatial
-from twin.errors import KinematicsError, TwinError
+from twin.core import spatial
+from twin.core.errors import KinematicsError, TwinError
+from twin.core.units import DEG, MM
 from twin.kinematics import Pose, Tip, Trocar
-from twin.units import DEG, MM
 
 ROOT = Path(__file__).parents[1]
 SHORT = ROOT / "tests/data/short.toml"

@@ -137,7 +137,7 @@ def test_list_of_longer_files_holds_no_others():
 
 
 def test_files_say_what_they_are_about():
-    vague = {"utils", "util", "helpers", "helper", "common", "misc", "core", "base", "tools"}
+    vague = {"utils", "util", "helpers", "helper", "common", "misc", "base", "tools"}
     assert not [p for p in SOURCES if p.stem in vague or p.parent.name in vague]
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from twin import assets
-from twin.errors import TwinError
+from twin.core import assets
+from twin.core.errors import TwinError
 
 ROOT = Path(__file__).parents[1]
 

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from twin import atomic
-from twin.atomic import Scratch, atomic_folder, require_writable, settle
-from twin.errors import OutputError
+from twin.core import atomic
+from twin.core.atomic import Scratch, atomic_folder, require_writable, settle
+from twin.core.errors import OutputError
 
 
 def _tree(folder: Path) -> dict[str, str]:
@@ -253,7 +253,7 @@ def test_folder_in_use_is_left_alone(tmp_path):
 
 def test_temporary_folder_of_a_killed_process_goes_and_others_stay(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    program = "import os\nfrom twin.atomic import Scratch\ns = Scratch()\nos.kill(os.getpid(), 9)"
+    program = "import os\nfrom twin.core.atomic import Scratch\ns = Scratch()\nos.kill(os.getpid(), 9)"
     done = subprocess.run([sys.executable, "-c", program], env=os.environ | {"TMPDIR": str(tmp_path)})
     assert done.returncode == -signal.SIGKILL
     (tmp_path / ".twin-settings").mkdir()

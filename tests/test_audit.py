@@ -18,12 +18,12 @@ import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom
 
-from twin.audit import audit, key_times
-from twin.audit.chain import Link, along, fit
-from twin.audit.poses import about, angle, from_seven, inverse, pose, quaternion, rotation, rpy, slerp, split
 from twin.cli import main
-from twin.errors import TwinError
-from twin.findings import Finding
+from twin.core.errors import TwinError
+from twin.core.findings import Finding
+from twin.exchange.audit import audit, key_times
+from twin.exchange.audit.chain import Link, along, fit
+from twin.exchange.audit.poses import about, angle, from_seven, inverse, pose, quaternion, rotation, rpy, slerp, split
 
 ROOT = Path(__file__).parents[1]
 rotation_matrix = rotation
@@ -46,7 +46,7 @@ def states_at(times):
 
 def between(times):
     """Return what straight lines between keys cost halfway between them, from the closed form."""
-    from twin.exporting.clip import Between
+    from twin.exchange.write.clip import Between
 
     robot, keys, halfway = made.four_bar(), states_at(times), states_at((times[1:] + times[:-1]) / 2)
     position = rotation = gap = 0.0
@@ -68,7 +68,7 @@ def between(times):
 
 def swing():
     """Return a clip of the four-bar, 2 s at 20 Hz, from its closed form."""
-    from twin.exporting.clip import Clip
+    from twin.exchange.write.clip import Clip
 
     times = np.arange(41) / 20
     states = states_at(times)
@@ -89,12 +89,12 @@ def swing():
 
 def write_good(folder: Path) -> Path:
     """Write the four-bar with its swing in every format, a Unity package and a proof; return the folder."""
-    from twin.exporting.glb import write_glb
-    from twin.exporting.mjcf import write_mjcf
-    from twin.exporting.tracks import write_tracks
-    from twin.exporting.urdf import write_urdf
-    from twin.exporting.usd import write_usd
-    from twin.exporting.usdz import write_usdz
+    from twin.exchange.write.glb import write_glb
+    from twin.exchange.write.mjcf import write_mjcf
+    from twin.exchange.write.tracks import write_tracks
+    from twin.exchange.write.urdf import write_urdf
+    from twin.exchange.write.usd import write_usd
+    from twin.exchange.write.usdz import write_usdz
 
     robot, clip = made.four_bar(), swing()
     folder.mkdir(parents=True, exist_ok=True)
@@ -318,8 +318,8 @@ def test_values_of_a_ball_are_found_from_its_poses(rng):
 
 
 def test_the_audit_loads_no_writer():
-    code = "import sys, twin.audit.gltf, twin.audit.usd_checks, twin.audit.mjcf; print(*sys.modules)"
+    code = "import sys; from twin.exchange.audit import gltf, mjcf, usd_checks; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     loaded = set(done.stdout.split())
-    wrong = ("twin.exporting", "twin.stage.write", "twin.reference", "twin.trajectory", "casadi", "pinocchio")
+    wrong = ("twin.exchange.write", "twin.usd.write", "twin.reference", "twin.planning", "casadi", "pinocchio")
     assert not {m for m in loaded if m.startswith(wrong)}

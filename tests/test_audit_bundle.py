@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twin.audit import audit
+from twin.exchange.audit import audit
 
 base = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_audit.py"))))
 

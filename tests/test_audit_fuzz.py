@@ -11,8 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from twin.audit import audit
-from twin.findings import EXIT_CODES
+from twin.core.findings import EXIT_CODES
+from twin.exchange.audit import audit
 
 base = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_audit.py"))))
 

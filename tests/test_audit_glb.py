@@ -12,9 +12,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twin.audit import audit
-from twin.audit.gltf import read_gltf
-from twin.audit.report import Ledger
+from twin.exchange.audit import audit
+from twin.exchange.audit.gltf import read_gltf
+from twin.exchange.audit.report import Ledger
 
 base = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_audit.py"))))
 
@@ -349,7 +349,7 @@ def test_matrix_nodes_clips_and_samplers_of_others_are_read(mode, tmp_path):
 
 
 def test_samplers_between_their_keys(tmp_path):
-    from twin.audit.gltf_clips import Channel
+    from twin.exchange.audit.gltf_clips import Channel
 
     t, values = np.array([0.0, 2.0]), np.array([[0.0, 0, 0], [2.0, 0, 0]])
     zero = np.zeros_like(values)

@@ -11,15 +11,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twin.audit import audit
-from twin.audit.colors import apart, linear
-from twin.audit.compare_physics import compare_physics
-from twin.audit.csharp import CSharpError, Script, Value
-from twin.audit.motion import Content
-from twin.audit.physics import Drive, Joint, Physics, along
-from twin.audit.poses import about, inverse, pose
-from twin.audit.report import Ledger
-from twin.mechanism import Inertia
+from twin.exchange.audit import audit
+from twin.exchange.audit.colors import apart, linear
+from twin.exchange.audit.compare_physics import compare_physics
+from twin.exchange.audit.csharp import CSharpError, Script, Value
+from twin.exchange.audit.motion import Content
+from twin.exchange.audit.physics import Drive, Joint, Physics, along
+from twin.exchange.audit.poses import about, inverse, pose
+from twin.exchange.audit.report import Ledger
+from twin.model.mechanism import Inertia
 
 HERE = Path(__file__).parent
 base = SimpleNamespace(**runpy.run_path(str(HERE / "test_audit.py")))

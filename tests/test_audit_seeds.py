@@ -14,7 +14,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from twin.audit import audit
+from twin.exchange.audit import audit
 
 HERE = Path(__file__).parent
 base = SimpleNamespace(**runpy.run_path(str(HERE / "test_audit.py")))
@@ -85,7 +85,7 @@ def share_found(bundles, chosen, tmp_path) -> tuple[float, list[str]]:
 def real(tmp_path_factory) -> dict[str, Path]:
     """Return exports of real robots with one protocol and few keys: nothing else is seeded in the others."""
     import twin
-    from twin.exporting.clip import Budget
+    from twin.exchange.write.clip import Budget
 
     out = {}
     for name in ROBOTS if EVERY else ROBOTS[:1]:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
-from twin.audit import audit
+from twin.exchange.audit import audit
 
 base = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_audit.py"))))
 seeds = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_stage_check.py"))))
@@ -301,8 +301,8 @@ def foreign(path: Path, up: str = "Y", meters: float = 0.01, physics: bool = Fal
 
 @pytest.mark.parametrize("suffix", ["usd", "usda", "usdc"])
 def test_units_and_up_axis_of_a_foreign_stage_are_honoured(suffix, tmp_path):
-    from twin.audit.report import Ledger
-    from twin.audit.usd import read_usd
+    from twin.exchange.audit.report import Ledger
+    from twin.exchange.audit.usd import read_usd
 
     content = read_usd(foreign(tmp_path / f"x.{suffix}"), Ledger("x"))
     (clip,) = content.clips

@@ -11,10 +11,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twin.audit import audit
-from twin.audit.diagnose import why
-from twin.audit.poses import about, pose
-from twin.audit.report import quantity, told_apart
+from twin.exchange.audit import audit
+from twin.exchange.audit.diagnose import why
+from twin.exchange.audit.poses import about, pose
+from twin.exchange.audit.report import quantity, told_apart
 
 HERE = Path(__file__).parent
 base = SimpleNamespace(**runpy.run_path(str(HERE / "test_audit.py")))

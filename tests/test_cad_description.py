@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from twin.cad import references
 from twin.cad.build import fingerprint, read_mechanism
 from twin.cad.description import load
-from twin.errors import CadError, DescriptionError, MechanismError
+from twin.core.errors import CadError, DescriptionError, MechanismError
 
 DATA = Path(__file__).parent / "data/cad"
 FILES = sorted(DATA.glob("error_*.toml"))

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin import spatial
 from twin.cad import features
 from twin.cad.description import Feature, FrameSpec, NamedPoint, Tolerance
 from twin.cad.features import Measured
 from twin.cad.step import Face, Part
-from twin.errors import CadError
-from twin.units import DEG, MM
+from twin.core import spatial
+from twin.core.errors import CadError
+from twin.core.units import DEG, MM
 
 TOLERANCE = Tolerance(gross_mm=2.0, gross_deg=2.0, meeting_um=1.0, meeting_deg=0.001)
 X, Y, Z = np.eye(3)

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin import spatial
 from twin.cad.build import read_mechanism
+from twin.core import spatial
 from twin.kinematics import compile_formula
 from twin.reference import ReferenceModel
 from twin.reference.clearance import clearance

@@ -12,8 +12,8 @@ import pytest
 import twin
 from twin.cad.build import read_mechanism
 from twin.cad.lengths import measure
-from twin.errors import CadError, DescriptionError, TwinError
-from twin.units import MM
+from twin.core.errors import CadError, DescriptionError, TwinError
+from twin.core.units import MM
 
 ROOT = Path(__file__).parents[1]
 

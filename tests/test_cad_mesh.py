@@ -12,11 +12,11 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin import spatial
 from twin.cad import mesh
-from twin.errors import CadError
-from twin.mechanism import Inertia
-from twin.units import LENGTH
+from twin.core import spatial
+from twin.core.errors import CadError
+from twin.core.units import LENGTH
+from twin.model.mechanism import Inertia
 
 SIZE = np.array([40.0, 30.0, 20.0])
 

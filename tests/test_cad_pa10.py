@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin import spatial
 from twin.cad.build import read_mechanism
+from twin.core import spatial
+from twin.core.units import DEG
 from twin.reference import ReferenceModel
 from twin.reference.clearance import clearance
-from twin.units import DEG
 
 ROOT = Path(__file__).parents[1]
 PA10 = ROOT / "cad/pa10"

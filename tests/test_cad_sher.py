@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin import spatial
 from twin.cad.build import read_mechanism
 from twin.cad.mesh import inertia
 from twin.cad.step import MASS_TOLERANCE, read_step
+from twin.core import spatial
+from twin.core.units import DEG, MM
 from twin.reference import ReferenceModel
 from twin.reference.clearance import clearance
-from twin.units import DEG, MM
 
 ROOT = Path(__file__).parents[1]
 SHER = ROOT / "cad/sher"

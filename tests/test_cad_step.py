@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin import spatial
 from twin.cad import step
 from twin.cad.step import length_unit, read_step
-from twin.errors import CadError
-from twin.units import DEG, MM
+from twin.core import spatial
+from twin.core.errors import CadError
+from twin.core.units import DEG, MM
 
 DATA = Path(__file__).parent / "data/cad"
 

@@ -18,11 +18,12 @@ from pathlib import Path
 import pytest
 
 import twin
-from twin import api, assets
+from twin import api
 from twin.cli import commands, doctor, main, show
 from twin.cli import scene as scenes
 from twin.cli.parser import NAMES, parser
-from twin.errors import TwinError
+from twin.core import assets
+from twin.core.errors import TwinError
 
 ROOT = Path(__file__).parents[1]
 SHORT = ROOT / "tests/data/short.toml"
@@ -61,7 +62,7 @@ def run(capsys, tmp_path, monkeypatch):
 @pytest.fixture
 def no_pictures(monkeypatch):
     """Write report.json only: plots and HTML take most of a short judgement's time."""
-    from twin.report import files
+    from twin.ui.report import files
 
     monkeypatch.setattr(files, "write_report", _json_only)
 

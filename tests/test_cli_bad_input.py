@@ -17,7 +17,7 @@ import pytest
 
 from twin import api
 from twin.cli import main
-from twin.errors import TwinError
+from twin.core.errors import TwinError
 
 ROOT = Path(__file__).parents[1]
 SHORT = ROOT / "tests/data/short.toml"
@@ -316,7 +316,9 @@ def test_formula_raises(robot, refused):
 
 def test_formula_imports_what_is_not_there(robot, refused):
     robot.change(
-        robot.formula, "from twin.units import DEG, MM", "from twin.units import DEG, MM\nimport no_such_module"
+        robot.formula,
+        "from twin.core.units import DEG, MM",
+        "from twin.core.units import DEG, MM\nimport no_such_module",
     )
     assert re.search(rf"{re.escape(str(robot.formula))}:\d+: ModuleNotFoundError: .*no_such_module", refused())
 
@@ -359,7 +361,7 @@ def test_formula_drives_joints_that_the_drawing_lacks(robot, refused):
 
 @pytest.fixture
 def no_pictures(monkeypatch):
-    from twin.report import files
+    from twin.ui.report import files
 
     def write(report, folder):
         (folder / "report.json").write_text(report.to_json())

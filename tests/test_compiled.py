@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin.compiled import Kernel, Stage, machine
-from twin.compiled.lower import lowered
+from twin.codegen import Kernel, Stage, machine
+from twin.codegen.lower import lowered
 
 a, b = ca.SX.sym("a"), ca.SX.sym("b")
 
@@ -298,8 +298,8 @@ def test_cache_keeps_the_newest(cache, monkeypatch):
 @pytest.mark.parametrize("name", ["sils", "sher", "pa10", "lapbot", "hibou"])
 def test_formulas_give_the_same_in_many_rows_and_in_few(name, monkeypatch):
     import twin
-    from twin import spatial
-    from twin.kinematics import flow
+    from twin.core import spatial
+    from twin.formula import flow
 
     rng = np.random.default_rng(5)
     robot = twin.load(name)

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin.control.contract import clutch, play
-from twin.control.teleoperation import Gains, Teleoperation
-from twin.control.velocity import Limits, pose_error, step
-from twin.errors import KinematicsError
+from twin.core.errors import KinematicsError
+from twin.core.units import DEG, MM
 from twin.kinematics import compile_formula
 from twin.robots import load_formula
-from twin.units import DEG, MM
+from twin.simulation.control.contract import clutch, play
+from twin.simulation.control.teleoperation import Gains, Teleoperation
+from twin.simulation.control.velocity import Limits, pose_error, step
 
 SCALE = np.array([MM, MM, MM, DEG, MM])
 HOME = np.array([50, 50, 50, 0, 20.25077]) * SCALE

@@ -13,14 +13,24 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twin import spatial
-from twin.dynamics import inertia, model
-from twin.dynamics.model import Dynamics, links_of, placements, poses, tool_in_last
-from twin.dynamics.plant import MujocoPlant
-from twin.dynamics.track import ENCODER, EXACT_LIMIT, TIP_LIMIT, Conditions, Motion, curve, model_of, run, torque_table
-from twin.errors import DescriptionError, MechanismError, TwinError
-from twin.mechanism import Body, Frame, Inertia, Joint, Mechanism
-from twin.units import DEG
+from twin.core import spatial
+from twin.core.errors import DescriptionError, MechanismError, TwinError
+from twin.core.units import DEG
+from twin.model.mechanism import Body, Frame, Inertia, Joint, Mechanism
+from twin.simulation.dynamics import inertia, model
+from twin.simulation.dynamics.model import Dynamics, links_of, placements, poses, tool_in_last
+from twin.simulation.dynamics.plant import MujocoPlant
+from twin.simulation.dynamics.track import (
+    ENCODER,
+    EXACT_LIMIT,
+    TIP_LIMIT,
+    Conditions,
+    Motion,
+    curve,
+    model_of,
+    run,
+    torque_table,
+)
 
 FOLDER = Path(__file__).parents[1] / "cad/pa10"
 LIMITS = np.array([177, 94, 174, 137, 255, 165, 255]) * DEG
@@ -498,7 +508,7 @@ def test_command_prints_and_writes(command, tmp_path, capsys):
 
 
 def test_command_disagrees_beyond_a_millimetre(command, tmp_path, capsys, monkeypatch):
-    from twin.dynamics import track as module
+    from twin.simulation.dynamics import track as module
 
     monkeypatch.setattr(module, "Conditions", partial(Conditions, w=8.0))
     assert command(out=str(tmp_path), json=True, curve=True, plant="pinocchio") == 1

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from twin import api
-from twin.errors import ProtocolError
-from twin.explaining.explain import explain, known
-from twin.explaining.judge import Judge
-from twin.explaining.repair import Search
-from twin.explaining.source import patched
+from twin.core.errors import ProtocolError
+from twin.validation.explain.explain import explain, known
+from twin.validation.explain.judge import Judge
+from twin.validation.explain.repair import Search
+from twin.validation.explain.source import patched
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs/examples/hexapod"

@@ -10,13 +10,14 @@ from casadi import cos, pi, sin, sqrt, vertcat
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin import api, spatial
-from twin.explaining.conventions import ORDERS, conventions, dh_form
-from twin.explaining.explain import known
-from twin.explaining.judge import Judge
-from twin.explaining.numeric import Matrix, Rebuilder
-from twin.kinematics import symbolic
+from twin import api
+from twin.core import spatial
+from twin.formula import symbolic
 from twin.robots import _khalil, load_formula
+from twin.validation.explain.conventions import ORDERS, conventions, dh_form
+from twin.validation.explain.explain import known
+from twin.validation.explain.judge import Judge
+from twin.validation.explain.numeric import Matrix, Rebuilder
 
 
 @pytest.fixture(scope="module")

@@ -19,14 +19,14 @@ import numpy as np
 import pytest
 
 import twin
+from twin.analysis.mutation.cad import drawn_anew
 from twin.cad import frames
-from twin.explaining.explain import explain
-from twin.explaining.identify import Identified, Moved
-from twin.explaining.repair import Found
-from twin.explaining.weigh import weigh
+from twin.core.units import MM
 from twin.reference import ReferenceModel
-from twin.selftest.cad import drawn_anew
-from twin.units import MM
+from twin.validation.explain.explain import explain
+from twin.validation.explain.identify import Identified, Moved
+from twin.validation.explain.repair import Found
+from twin.validation.explain.weigh import weigh
 
 ROOT = Path(__file__).parents[1]
 

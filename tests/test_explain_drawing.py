@@ -19,9 +19,9 @@ import twin
 from twin import api
 from twin.cad.faulty import faults
 from twin.cli import main
-from twin.explaining.explain import explain
+from twin.core.units import DEG, MM
 from twin.reference import ReferenceModel
-from twin.units import DEG, MM
+from twin.validation.explain.explain import explain
 
 spec = importlib.util.spec_from_file_location("drawing_faults", Path(__file__).with_name("drawing_faults.py"))
 drawing = importlib.util.module_from_spec(spec)

@@ -36,7 +36,7 @@ def cases(strangers):
 
 def run(cases, count, tokens, budget, tmp_path, capsys, seed):
     """Seed faults, explain each, print a table; return the part that was undone."""
-    from twin.errors import TwinError
+    from twin.core.errors import TwinError
 
     rng = np.random.default_rng(seed)
     results, seen = [], set()
@@ -121,7 +121,7 @@ def rewritten(case, rng):
 
 
 def check_rewrites(cases, count, tmp_path):
-    from twin.explaining.judge import Judge
+    from twin.validation.explain.judge import Judge
 
     rng, done = np.random.default_rng(8), 0
     while done < count:

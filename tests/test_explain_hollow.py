@@ -12,10 +12,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twin.errors import TwinError
-from twin.explaining.judge import Judge
-from twin.explaining.repair import Search
-from twin.explaining.source import Edit
+from twin.core.errors import TwinError
+from twin.validation.explain.judge import Judge
+from twin.validation.explain.repair import Search
+from twin.validation.explain.source import Edit
 
 seeds = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("explain_seeds.py"))))
 SEARCHES = int(os.environ.get("TWIN_SEARCHES", "12"))
@@ -24,8 +24,8 @@ SEARCHES = int(os.environ.get("TWIN_SEARCHES", "12"))
 
 @pytest.fixture(scope="module")
 def sils(sils_model):
-    from twin.explaining.explain import known
     from twin.robots import load_formula
+    from twin.validation.explain.explain import known
 
     formula = load_formula("sils")
     return formula, known(formula, sils_model)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from twin import api
-from twin.explaining.explain import explain, known
-from twin.explaining.identify import Numbers, identify
-from twin.explaining.judge import Judge
+from twin.core.units import DEG
 from twin.robots import load_formula
-from twin.units import DEG
+from twin.validation.explain.explain import explain, known
+from twin.validation.explain.identify import Numbers, identify
+from twin.validation.explain.judge import Judge
 
 
 @pytest.fixture(scope="module")

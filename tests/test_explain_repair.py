@@ -7,11 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from twin.explaining.explain import explain, known
-from twin.explaining.judge import Judge
-from twin.explaining.repair import Search
-from twin.explaining.source import patched
 from twin.robots import load_formula
+from twin.validation.explain.explain import explain, known
+from twin.validation.explain.judge import Judge
+from twin.validation.explain.repair import Search
+from twin.validation.explain.source import patched
 
 
 @pytest.fixture(scope="module")
@@ -164,7 +164,7 @@ def test_the_search_leaves_the_truth_as_it_was(sils, truth):
     Search(Judge(sils, {"eq2": "literal"}, truth)).run(budget=0.0)
     for name, value in before.items():
         np.testing.assert_array_equal(getattr(truth.symbols[name], "a", truth.symbols[name]), value)
-    from twin.explaining.numeric import _FUNCTIONS
+    from twin.validation.explain.numeric import _FUNCTIONS
 
     for name in ("sin", "sqrt", "acos"):
         with pytest.raises(TypeError):

@@ -7,10 +7,10 @@ import inspect
 import numpy as np
 import pytest
 
-from twin.errors import KinematicsError
-from twin.explaining.explain import explain, known
-from twin.explaining.tidy import tidy
+from twin.core.errors import KinematicsError
 from twin.robots import load_formula
+from twin.validation.explain.explain import explain, known
+from twin.validation.explain.tidy import tidy
 
 TIDY = (
     ("x = a - -rb**2", "-rb", "x = a + rb**2"),

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 import twin
-import twin.audit
+import twin.exchange.audit
 from twin import api
 from twin.cad import build
 from twin.cli import main
-from twin.errors import TwinError
-from twin.exporting import bundle as bundles
-from twin.exporting.clip import Budget
-from twin.findings import Finding
+from twin.core.errors import TwinError
+from twin.core.findings import Finding
+from twin.exchange.write import bundle as bundles
+from twin.exchange.write.clip import Budget
 
 ROOT = Path(__file__).parents[1]
 SHORT = ROOT / "tests/data/short.toml"
@@ -65,7 +65,7 @@ class Judged:
 @pytest.fixture
 def no_audit(monkeypatch):
     """Skip the audit: the test is of something else."""
-    monkeypatch.setattr(twin.audit, "audit", lambda folder, **_: Judged())
+    monkeypatch.setattr(twin.exchange.audit, "audit", lambda folder, **_: Judged())
 
 
 def tree(folder: Path) -> dict[str, bytes]:
@@ -193,7 +193,7 @@ def test_an_error_leaves_the_folder_as_it_was(robot, monkeypatch, tmp_path):
     def broken(folder, **_):
         raise TwinError("the audit cannot read")
 
-    monkeypatch.setattr(twin.audit, "audit", broken)
+    monkeypatch.setattr(twin.exchange.audit, "audit", broken)
     (tmp_path / "mine.txt").write_text("keep")
     with pytest.raises(TwinError, match="the audit cannot read"):
         api.export(robot, folder=tmp_path, formats=("glb",), protocols=[SHORT])
@@ -218,7 +218,7 @@ def run(capsys, tmp_path, monkeypatch):
 
 def test_an_audit_that_disagrees_ends_with_1_and_says_so(monkeypatch, run):
     finding = Finding("audit.pose", "disagreement", "bar1 is 3 mm off", "sils.glb")
-    monkeypatch.setattr(twin.audit, "audit", lambda folder, **_: Judged((finding,)))
+    monkeypatch.setattr(twin.exchange.audit, "audit", lambda folder, **_: Judged((finding,)))
     code, out, _ = run("export", "sils", "--to", "glb", "--protocol", SHORT)
     assert code == 1
     assert "DISAGREE: do not hand this folder over" in out
@@ -230,7 +230,7 @@ def test_an_audit_that_disagrees_ends_with_1_and_says_so(monkeypatch, run):
 
 def test_a_defect_in_a_file_is_seen_by_the_audit(robot, monkeypatch, tmp_path):
     """The chain from writer to verdict has teeth: a millimetre in one link's keys."""
-    from twin.exporting import glb
+    from twin.exchange.write import glb
 
     true = glb.glb_bytes
 
@@ -319,7 +319,7 @@ def test_a_stage_at_rest_has_no_motion(tmp_path):
 
 
 def test_a_stage_with_motion_hands_its_samples_on(tmp_path):
-    from twin.stage.read import read_motion
+    from twin.usd.read import read_motion
 
     stage = ROOT / "usd/pa10/pa10_circle.usda"
     made = api.export(api.load(stage), folder=tmp_path, formats=("glb", "tracks"))
@@ -375,7 +375,7 @@ def test_a_planned_trajectory_is_the_only_motion(robot, no_audit, tmp_path):
 
 
 def test_quick_looks_are_the_default_and_those_asked_for():
-    from twin.exporting.order import _quick_looks
+    from twin.exchange.write.order import _quick_looks
 
     assert _quick_looks("b", ["a", "b", "c"], asked=False) == ("b",)
     assert _quick_looks("b", ["a", "b", "c"], asked=True) == ("b", "a", "c")

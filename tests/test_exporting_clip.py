@@ -11,11 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from twin import api, spatial
-from twin.exporting import clip as clips
-from twin.exporting.clip import Budget, key_rows, make_clip, measure_between, model_hash
-from twin.mechanism import Body, Frame, Inertia, Joint, Mechanism, Mesh
-from twin.trajectory.model import key_times
+from twin import api
+from twin.core import spatial
+from twin.exchange.write import clip as clips
+from twin.exchange.write.clip import Budget, key_rows, make_clip, measure_between, model_hash
+from twin.model.mechanism import Body, Frame, Inertia, Joint, Mechanism, Mesh
+from twin.planning.trajectory import key_times
 
 SHORT = Path(__file__).parent / "data/short.toml"
 BOX = np.array([[x, y, z] for x in (-0.1, 0.4) for y in (-0.1, 0.1) for z in (0.0, 0.2)])

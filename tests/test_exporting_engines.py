@@ -13,14 +13,14 @@ import pytest
 from pxr import Usd, UsdGeom, UsdPhysics, UsdUtils, UsdValidation
 
 import twin
-from twin import spatial
-from twin.exporting.clip import Clip
-from twin.exporting.mjcf import mjcf_findings, write_mjcf
-from twin.exporting.urdf import urdf_findings, write_urdf
-from twin.exporting.usd import write_usd
-from twin.exporting.usdz import HOLD, write_usdz
+from twin.core import spatial
+from twin.exchange.write.clip import Clip
+from twin.exchange.write.mjcf import mjcf_findings, write_mjcf
+from twin.exchange.write.urdf import urdf_findings, write_urdf
+from twin.exchange.write.usd import write_usd
+from twin.exchange.write.usdz import HOLD, write_usdz
 from twin.reference import ReferenceModel
-from twin.stage.write.spanning import spanning
+from twin.usd.write.spanning import spanning
 
 ROBOTS = ("sils", "lapbot")
 FRAMES = 21

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from twin import spatial
-from twin.exporting.clip import Between, Clip, home_poses
-from twin.exporting.glb import glb_bytes, moving_paths, surface, write_glb
-from twin.mechanism import Body, Frame, Inertia, Joint, Mechanism, Mesh
-from twin.stage.write.geometry import corner_normals
+from twin.core import spatial
+from twin.exchange.write.clip import Between, Clip, home_poses
+from twin.exchange.write.glb import glb_bytes, moving_paths, surface, write_glb
+from twin.model.mechanism import Body, Frame, Inertia, Joint, Mechanism, Mesh
+from twin.usd.write.geometry import corner_normals
 
 C = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """Z up to y up."""

@@ -14,15 +14,15 @@ import pytest
 from pxr import Usd, UsdGeom, UsdShade
 
 import twin
-from twin import spatial
 from twin.cad.description import load
-from twin.exporting.glb import write_glb
-from twin.exporting.mjcf import write_mjcf
-from twin.exporting.urdf import write_urdf
-from twin.exporting.usdz import write_usdz
-from twin.mechanism import Body, Finish, Frame, Inertia, Joint, Mechanism, Mesh
-from twin.stage.read import read_stage
-from twin.stage.write import write_stage
+from twin.core import spatial
+from twin.exchange.write.glb import write_glb
+from twin.exchange.write.mjcf import write_mjcf
+from twin.exchange.write.urdf import write_urdf
+from twin.exchange.write.usdz import write_usdz
+from twin.model.mechanism import Body, Finish, Frame, Inertia, Joint, Mechanism, Mesh
+from twin.usd.read import read_stage
+from twin.usd.write import write_stage
 
 GREY, SEEN_THROUGH = (0.4, 0.4, 0.4, 1.0), (0.4, 0.4, 0.4, 0.5)
 STEEL, PLASTIC = Finish("steel", 1.0, 0.35), Finish("plastic", 0.0, 0.6)

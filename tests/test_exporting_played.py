@@ -10,11 +10,11 @@ import pinocchio as pin
 import pytest
 
 import twin
-from twin import spatial
-from twin.exporting.clip import Between, Clip
-from twin.exporting.tracks import write_tracks
-from twin.exporting.urdf import write_urdf
-from twin.mechanism import Body, Frame, Joint, Mechanism
+from twin.core import spatial
+from twin.exchange.write.clip import Between, Clip
+from twin.exchange.write.tracks import write_tracks
+from twin.exchange.write.urdf import write_urdf
+from twin.model.mechanism import Body, Frame, Joint, Mechanism
 from twin.reference import ReferenceModel
 
 FRAMES, TOL = 9, 1e-6

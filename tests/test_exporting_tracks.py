@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from twin import api, spatial
-from twin.exporting.clip import make_clip, model_hash
-from twin.exporting.tracks import schema_text, track, write_tracks
+from twin import api
+from twin.core import spatial
+from twin.exchange.write.clip import make_clip, model_hash
+from twin.exchange.write.tracks import schema_text, track, write_tracks
 from twin.schema.track import Track
 
 SHORT = Path(__file__).parent / "data/short.toml"

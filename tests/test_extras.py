@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from twin.errors import TwinError
-from twin.extras import EXTRAS, require
+from twin.core.errors import TwinError
+from twin.core.extras import EXTRAS, require
 
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
 DECLARED = PROJECT["project"]["optional-dependencies"]

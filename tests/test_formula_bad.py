@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.errors import KinematicsError
+from twin.core.errors import KinematicsError
 from twin.kinematics import compile_formula
 from twin.robots import load_formula
 

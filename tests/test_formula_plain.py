@@ -13,13 +13,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin import spatial
-from twin.explaining.plain import Samples, leave
+from twin.core import spatial
 from twin.formula import deg, if_else, mm, number
 from twin.formula.lift import scope
+from twin.formula.plain import Symbol
 from twin.kinematics import compile_formula
-from twin.kinematics.plain import Symbol
 from twin.robots import load_formula
+from twin.validation.explain.plain import Samples, leave
 
 ROOT = Path(__file__).parents[1]
 

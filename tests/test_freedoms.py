@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from twin import api, cli
-from twin.errors import ProtocolError
-from twin.importing.closing import close
-from twin.importing.folder import write_folder
-from twin.importing.source import Imported
-from twin.protocol import load_protocol
+from twin.core.errors import ProtocolError
+from twin.exchange.read.closing import close
+from twin.exchange.read.folder import write_folder
+from twin.exchange.read.source import Imported
+from twin.planning.protocol import load_protocol
 from twin.reference.leading import Leader
 
 spec = util.spec_from_file_location("twin_linkages", Path(__file__).with_name("linkages.py"))
@@ -182,7 +182,7 @@ def test_six_freedoms_are_planned_by_the_equations_and_joints_by_the_mechanism()
     start = replace(protocol.waypoints[protocol.start], position=None, joints={}, name="drawn")
     joints = dict(zip(robot.joints, home + 0.004 * np.array([1, -1, 1, 1, -1, 1]), strict=True))
     goal = replace(start, joints=joints, name="moved")
-    from twin.protocol import Joints
+    from twin.planning.protocol import Joints
 
     limits = {**protocol.limits, "joints": protocol.limits["positioning"]}
     mixed = replace(
@@ -218,7 +218,7 @@ def drawn(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_drawn_linkage_passes_every_command(name, drawn, tmp_path, capsys):
-    from twin.live.desk import Desk
+    from twin.ui.session.desk import Desk
 
     linkage, folder = linkages.LINKAGES[name](), tmp_path / name
     assert cli.main(["new", name, "--from", str(drawn(name)), "--out", str(folder), "--quiet"]) == 0

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.errors import SourceError
+from twin.core.errors import SourceError
 
 HERE = Path(__file__).parent
 spec = importlib.util.spec_from_file_location("fuzz_readers", HERE / "fuzz_readers.py")

@@ -13,13 +13,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin import spatial
-from twin.door import limits
-from twin.errors import TwinError
-from twin.headset import protocol as wire
-from twin.headset import server
-from twin.headset.client import STALL
-from twin.headset.protocol import RefusedError, pack, pack_body, parse, unpack
+from twin.core import spatial
+from twin.core.errors import TwinError
+from twin.ui.door import limits
+from twin.ui.headset import protocol as wire
+from twin.ui.headset import server
+from twin.ui.headset.client import STALL
+from twin.ui.headset.protocol import RefusedError, pack, pack_body, parse, unpack
 
 DOCS = (Path(__file__).parents[1] / "docs/stream.md").read_text(encoding="utf-8")
 EXAMPLES = [line for line in re.findall(r"```json\n(.*?)```", DOCS, re.DOTALL)[0].splitlines() if line]

@@ -21,24 +21,24 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import twin
 from twin.cli import serve as command_line
-from twin.door import connection as connections
-from twin.door.answers import File
-from twin.door.gate import Gate
-from twin.door.limits import Bucket, Doorman, household
-from twin.errors import TwinError
-from twin.headset import client as clients
-from twin.headset import protocol as wire
-from twin.headset import reach
-from twin.headset import recording as recordings
-from twin.headset import server as servers
-from twin.headset import twin as live
-from twin.headset.files import robot_files
-from twin.headset.protocol import RefusedError, sevens, unpack
-from twin.headset.recording import Recording, Replay
-from twin.headset.server import StreamServer
-from twin.live import workspace
-from twin.live.timeline import prepare
-from twin.units import MM
+from twin.core.errors import TwinError
+from twin.core.units import MM
+from twin.ui.door import connection as connections
+from twin.ui.door.answers import File
+from twin.ui.door.gate import Gate
+from twin.ui.door.limits import Bucket, Doorman, household
+from twin.ui.headset import client as clients
+from twin.ui.headset import protocol as wire
+from twin.ui.headset import reach
+from twin.ui.headset import recording as recordings
+from twin.ui.headset import server as servers
+from twin.ui.headset import twin as live
+from twin.ui.headset.files import robot_files
+from twin.ui.headset.protocol import RefusedError, sevens, unpack
+from twin.ui.headset.recording import Recording, Replay
+from twin.ui.headset.server import StreamServer
+from twin.ui.session import workspace
+from twin.ui.session.timeline import prepare
 
 PAGE = {
     "/": File(b"<html>a page for the test</html>" * 40, "text/html; charset=utf-8"),
@@ -573,7 +573,7 @@ def test_a_robot_without_protocols_or_equations_is_served(tmp_path):
     """A bare stage: it has no equations, no protocol, no title; it is dragged by its loops."""
 
     async def go():
-        robot = twin.load(twin.assets.data_folder() / "usd/lapbot/lapbot.usda")
+        robot = twin.load(twin.core.assets.data_folder() / "usd/lapbot/lapbot.usda")
         async with serving(robot) as s, joined(s.port) as peer:
             about = s.twin.description
             assert (about["protocols"], about["variants"], about["has_equations"]) == ([], [], False)

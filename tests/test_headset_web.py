@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from twin.door.answers import POLICY
-from twin.headset.files import page_files
+from twin.ui.door.answers import POLICY
+from twin.ui.headset.files import page_files
 
 
 def _load(name):
@@ -28,7 +28,7 @@ def _load(name):
 
 headset = _load("headset_page")
 ROOT = Path(__file__).parents[1]
-WEB = ROOT / "twin/headset/web"
+WEB = ROOT / "twin/ui/headset/web"
 DIST = WEB / "dist"
 FILES = {"THIRD_PARTY.txt", "icon.svg", "index.html", "twin.css", "twin.js"}
 

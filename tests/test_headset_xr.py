@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import twin
-from twin.units import MM
+from twin.core.units import MM
 
 pytestmark = pytest.mark.browser
 

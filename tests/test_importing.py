@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin import spatial
-from twin.importing import read
+from twin.core import spatial
+from twin.exchange.read import read
 from twin.reference import ReferenceModel
 
 DATA = Path(__file__).parent / "data/importing"

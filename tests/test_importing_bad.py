@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from twin import cli
-from twin.errors import BudgetError, SourceError, TwinError
-from twin.foreign import guard
-from twin.foreign.admit import admit_together
-from twin.foreign.budget import Budget
-from twin.importing import read
-from twin.importing.step import read_skeleton
+from twin.core.errors import BudgetError, SourceError, TwinError
+from twin.core.foreign import guard
+from twin.core.foreign.admit import admit_together
+from twin.core.foreign.budget import Budget
+from twin.exchange.read import read
+from twin.exchange.read.step import read_skeleton
 
 DATA = Path(__file__).parent / "data/importing"
 

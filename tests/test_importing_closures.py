@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twin.errors import SourceError
-from twin.importing import read
-from twin.importing.closing import close
-from twin.importing.closures import RETYPED
+from twin.core.errors import SourceError
+from twin.exchange.read import read
+from twin.exchange.read.closing import close
+from twin.exchange.read.closures import RETYPED
 from twin.reference import ReferenceModel
 
 HINGE = (

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from twin import api, cli
-from twin.errors import KinematicsError, OutputError
-from twin.importing import read
-from twin.importing.closing import close
-from twin.importing.folder import write_folder
-from twin.live.desk import Desk
+from twin.core.errors import KinematicsError, OutputError
+from twin.exchange.read import read
+from twin.exchange.read.closing import close
+from twin.exchange.read.folder import write_folder
+from twin.ui.session.desk import Desk
 
 DATA = Path(__file__).parent / "data/importing"
 MODELS = DATA / "models"
@@ -120,7 +120,7 @@ def test_force_writes_over_a_robot_folder_but_keeps_equations_and_protocols(tmp_
 
 
 def test_a_write_that_fails_leaves_nothing(tmp_path, monkeypatch):
-    from twin.importing import folder
+    from twin.exchange.read import folder
 
     def full(*_):
         raise OSError(28, "No space left on device")

@@ -13,13 +13,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twin import assets
 from twin.cad.build import read_mechanism
-from twin.importing import read
-from twin.importing.closing import close
-from twin.importing.folder import write_folder
+from twin.core import assets
+from twin.exchange.read import read
+from twin.exchange.read.closing import close
+from twin.exchange.read.folder import write_folder
 from twin.reference import ReferenceModel
-from twin.stage.read import read_stage
+from twin.usd.read import read_stage
 
 HERE = Path(__file__).parent
 MODELS = HERE / "data/importing/models"

@@ -15,13 +15,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin import cli, spatial
+from twin import cli
 from twin.cad.build import read_mechanism
 from twin.cad.step import Face, Part, read_step
-from twin.importing.pairs import find_pairs
-from twin.importing.proposals import propose
-from twin.importing.step import bodies, read_skeleton, write_skeleton
-from twin.units import DEG, MM
+from twin.core import spatial
+from twin.core.units import DEG, MM
+from twin.exchange.read.pairs import find_pairs
+from twin.exchange.read.proposals import propose
+from twin.exchange.read.step import bodies, read_skeleton, write_skeleton
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent

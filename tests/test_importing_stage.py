@@ -11,11 +11,11 @@ import pytest
 from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
 from twin import api, cli
-from twin.errors import TwinError
-from twin.importing import read
-from twin.importing.closing import close
-from twin.live.desk import Desk
-from twin.stage.read import inspect_stage
+from twin.core.errors import TwinError
+from twin.exchange.read import read
+from twin.exchange.read.closing import close
+from twin.ui.session.desk import Desk
+from twin.usd.read import inspect_stage
 
 HERE = Path(__file__).parent
 MODELS = HERE / "data/importing/models"

@@ -9,9 +9,9 @@ import pytest
 
 from twin import cli
 from twin.cad.build import read_mechanism
-from twin.errors import SourceError
-from twin.importing import read
-from twin.importing.closing import close
+from twin.core.errors import SourceError
+from twin.exchange.read import read
+from twin.exchange.read.closing import close
 from twin.reference import ReferenceModel
 
 WORLDS = Path(__file__).parent / "data/importing/worlds"

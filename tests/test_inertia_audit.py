@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twin.dynamics import audit
-from twin.errors import DescriptionError
+from twin.core.errors import DescriptionError
+from twin.validation.masses import audit
 
 FOLDER = Path(__file__).parents[1] / "cad/pa10"
 FILE = FOLDER / "exhibit.toml"

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from twin import spatial
 from twin.cli import main
-from twin.dynamics import collect, possible
-from twin.dynamics.guess import guesses, misfit
-from twin.dynamics.possible import Stated, judged, stated
-from twin.mechanism import Inertia, Mesh
+from twin.core import spatial
+from twin.model.mechanism import Inertia, Mesh
+from twin.validation.masses import collect, possible
+from twin.validation.masses.guess import guesses, misfit
+from twin.validation.masses.possible import Stated, judged, stated
 
 SLOW = settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
 
@@ -185,7 +185,7 @@ def test_a_hollow_body_is_not_accused():
 
 
 def test_the_printed_tables_of_the_pa10():
-    from twin import assets
+    from twin.core import assets
 
     source = collect.of_exhibit(assets.files("pa10").cad / "exhibit.toml")
     assert [round(b.least, 3) for b in source.bodies] == [10.036, 9.801, 5.945, 4.906, 2.472, 0.452, 0.087]
@@ -225,7 +225,7 @@ def test_the_command_on_the_pa10(capsys):
 
 
 def test_the_command_on_a_stage_and_on_one_without_masses(capsys, tmp_path):
-    from twin import assets
+    from twin.core import assets
 
     assert main(["info", str(assets.files("sher").stage), "--inertia"]) == 0
     out = capsys.readouterr().out

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from twin.errors import KinematicsError
+from twin.core.errors import KinematicsError
 from twin.kinematics import ActiveJoint, Aspect, Equation, check_formula, compile_formula
 from twin.robots import load_formula
 
@@ -13,7 +13,7 @@ USER = '''
 """A user's formula: two sliders that carry a stage in x and y."""
 import casadi as ca
 from twin.kinematics import ActiveJoint, Coordinates, Equation, Formula, symbolic
-from twin.provenance import Parameter
+from twin.core.provenance import Parameter
 
 
 def eq1(x, y, gain):

@@ -6,8 +6,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from twin import spatial
-from twin.errors import KinematicsError
+from twin.core import spatial
+from twin.core.errors import KinematicsError
+from twin.core.provenance import Parameter
+from twin.formula import symbolic
 from twin.kinematics import (
     ActiveJoint,
     Aspect,
@@ -21,10 +23,8 @@ from twin.kinematics import (
     Trocar,
     compile_formula,
     solve,
-    symbolic,
 )
 from twin.kinematics.solve import descend
-from twin.provenance import Parameter
 from twin.robots import load_formula
 
 TIP_TOL = 1e-10  # m

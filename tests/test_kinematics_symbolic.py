@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin import spatial
-from twin.kinematics import symbolic as sym
+from twin.core import spatial
+from twin.formula import symbolic as sym
 
 angle = st.floats(-3.1, 3.1)
 vector = st.tuples(*(st.floats(-1.7, 1.7),) * 3).map(np.array)

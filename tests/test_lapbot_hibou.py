@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twin import spatial
-from twin.errors import KinematicsError
+from twin.core import spatial
+from twin.core.errors import KinematicsError
+from twin.core.units import DEG
 from twin.kinematics import compile_formula
 from twin.robots import load_formula
-from twin.units import DEG
 
 TROCAR = np.array([0.40, 0.0, 0.30])
 

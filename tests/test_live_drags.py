@@ -18,9 +18,9 @@ import pytest
 
 import twin
 from twin.cli import main
-from twin.live.desk import Desk
-from twin.live.instruments import read
-from twin.units import MM
+from twin.core.units import MM
+from twin.ui.session.desk import Desk
+from twin.ui.session.instruments import read
 
 DRAGS = int(os.environ.get("TWIN_DRAGS", "42"))
 SPEEDS = (50 * MM, 5 * MM, 1 * MM, 0.2 * MM)

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import twin
-from twin import spatial
-from twin.errors import AssemblyError, MechanismError
-from twin.loops import LoopSolver, linear
-from twin.loops.equations import Equations
-from twin.mechanism import Coupling
+from twin.core import spatial
+from twin.core.errors import AssemblyError, MechanismError
+from twin.kinematics.closed_loops import LoopSolver, linear
+from twin.kinematics.closed_loops.equations import Equations
+from twin.model.mechanism import Coupling
 from twin.reference import ReferenceModel
 
 made = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_reference.py"))))

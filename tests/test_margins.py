@@ -25,7 +25,7 @@ SEEDED = {"sher": ("margins",), "pa10": ("margins",), "lapbot": ("margins",)}
 def setting(name):
     """Formula, independent model and states of a robot."""
     from twin import api
-    from twin.explaining.truth import sample
+    from twin.validation.explain.truth import sample
 
     robot = api.load(name)
     return robot.formula, robot.reference(), sample(robot.reference())
@@ -129,7 +129,7 @@ def test_a_margin_that_accepts_what_no_joint_can_do_is_found():
 
 def test_a_measure_of_the_formulas_own_angles_is_named_and_not_accused():
     formula, model, _ = setting("pa10")
-    from twin.explaining.explain import known
+    from twin.validation.explain.explain import known
 
     found = judged(formula, model, known(formula, model).run)
     assert found["swivel_zero", "type1"].status != "disagrees"
@@ -142,11 +142,11 @@ def seeded(name, rng):
     """Yield formulas with one edit in a helper that gives margins, the rows that it changes, and what was done."""
     import tempfile
 
-    from twin.errors import TwinError
-    from twin.explaining.edits import edits, pool
-    from twin.explaining.source import Source, patched
+    from twin.analysis.mutation.formula import KINDS
+    from twin.core.errors import TwinError
     from twin.robots import load_formula
-    from twin.selftest.formula import KINDS
+    from twin.validation.explain.edits import edits, pool
+    from twin.validation.explain.source import Source, patched
 
     formula, model, run = setting(name)
     sources = [Source(e.variants[e.default]) for e in formula.equations if e.name in SEEDED[name]]
@@ -239,7 +239,7 @@ def test_the_same_rows_written_otherwise_are_not_accused(name, tmp_path):
 
 def test_validate_reports_a_wrong_measure_with_row_pose_and_size(tmp_path):
     """The whole way: the formula of a file, judged, with a finding that names the row."""
-    from twin.findings import verdict
+    from twin.core.findings import verdict
     from twin.kinematics import compile_formula
     from twin.validation.compare import Comparison
     from twin.validation.measures import measures
@@ -260,8 +260,8 @@ def test_validate_reports_a_wrong_measure_with_row_pose_and_size(tmp_path):
 
 def test_explain_counts_what_was_judged_and_locates_a_wrong_measure(tmp_path):
     from twin.cli.explain import lines
-    from twin.explaining.explain import explain
     from twin.robots import load_formula, pa10
+    from twin.validation.explain.explain import explain
 
     formula, model, _ = setting("pa10")
     result = explain("pa10", formula, model)

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin import spatial
-from twin.errors import MechanismError
-from twin.mechanism import FREE_AXES, Body, Frame, Inertia, Joint, Mechanism, Point
+from twin.core import spatial
+from twin.core.errors import MechanismError
+from twin.model.mechanism import FREE_AXES, Body, Frame, Inertia, Joint, Mechanism, Point
 from twin.reference import ReferenceModel
 
 

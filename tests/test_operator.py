@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from twin.cli import main
-from twin.control.operator import Goal, Hand, Record, measure, minimum_jerk, operate, remaining, tremor
-from twin.control.teleoperation import Gains, Teleoperation
-from twin.control.velocity import Limits
-from twin.errors import KinematicsError
+from twin.core.errors import KinematicsError
+from twin.core.units import DEG, MM
 from twin.kinematics import compile_formula
 from twin.robots import load_formula
-from twin.units import DEG, MM
+from twin.simulation.control.operator import Goal, Hand, Record, measure, minimum_jerk, operate, remaining, tremor
+from twin.simulation.control.teleoperation import Gains, Teleoperation
+from twin.simulation.control.velocity import Limits
 
 UNITS = np.array([MM, MM, MM, DEG, MM])
 HOME = np.array([50, 50, 50, 0, 20.25077]) * UNITS

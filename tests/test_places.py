@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 import twin
-from twin import api, assets, spatial
-from twin.errors import TwinError
-from twin.live.desk import ENDOSCOPE, Desk
-from twin.live.patient import Patient, floor_of, none_there, patient_of, read_patient
-from twin.mechanism import Mechanism, Mesh
+from twin import api
+from twin.core import assets, spatial
+from twin.core.errors import TwinError
+from twin.core.units import MM
+from twin.model.mechanism import Mechanism, Mesh
 from twin.reference.clearance import _distance, _Shape
-from twin.units import MM
+from twin.ui.session.desk import ENDOSCOPE, Desk
+from twin.ui.session.patient import Patient, floor_of, none_there, patient_of, read_patient
 
 SAMPLES = 16
 """Places along a protocol that are looked at; its ends and those of its phases besides."""

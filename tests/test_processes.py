@@ -14,10 +14,10 @@ import pytest
 
 import twin
 from twin.cli import main
-from twin.errors import CodeRefusedError
-from twin.live import planner
-from twin.processes import Apart, isolated
+from twin.core.errors import CodeRefusedError
+from twin.core.processes import Apart, isolated
 from twin.robots import NO_CODE
+from twin.ui.session import planner
 
 TWIN = Path(twin.__file__).parent
 HOSTILE = ("twin", "numpy", "json", "pickle", "socket", "multiprocessing", "tempfile", "pydantic", "rich", "logging")

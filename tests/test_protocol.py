@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.errors import DescriptionError
-from twin.protocol import Home, Insertion, Pivot, Positioning, ProtocolTable, Retraction, load_protocol
+from twin.core.errors import DescriptionError
+from twin.planning.protocol import Home, Insertion, Pivot, Positioning, ProtocolTable, Retraction, load_protocol
 from twin.schema import json_schema, key_lines
 
 ROOT = Path(__file__).resolve().parent

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import Field, model_validator
 
-from twin.errors import DescriptionError
+from twin.core.errors import DescriptionError
 from twin.schema import Identifier, Range, Table, Vector, at, error_at, key_lines, load_toml, parse_toml
 
 

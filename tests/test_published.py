@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin import spatial
-from twin.errors import KinematicsError
+from twin.core import spatial
+from twin.core.errors import KinematicsError
+from twin.core.units import DEG, MM
 from twin.kinematics import compile_formula
 from twin.robots import load_formula
-from twin.units import DEG, MM
 
 DATA = tomllib.loads((Path(__file__).parent / "data" / "sils_published.toml").read_text(encoding="utf-8"))
 TOL = DATA["tolerance"]

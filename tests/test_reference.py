@@ -11,12 +11,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from twin import spatial
-from twin.errors import AssemblyError, MechanismError
-from twin.mechanism import Body, Coupling, Frame, Joint, Mechanism
+from twin.core import spatial
+from twin.core.errors import AssemblyError, MechanismError
+from twin.core.units import DEG, MM
+from twin.model.mechanism import Body, Coupling, Frame, Joint, Mechanism
 from twin.reference import ReferenceModel, sensitivity
 from twin.reference.model import GAP_TOLERANCE
-from twin.units import DEG, MM
 
 made = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_stage_mechanisms.py"))))
 

@@ -8,11 +8,11 @@ import coal
 import numpy as np
 import pytest
 
-from twin import spatial
-from twin.mechanism import Body, Frame, Joint, Mechanism, Mesh
+from twin.core import spatial
+from twin.core.units import MM
+from twin.model.mechanism import Body, Frame, Joint, Mechanism, Mesh
 from twin.reference import ReferenceModel
 from twin.reference.clearance import clearance
-from twin.units import MM
 
 X = spatial.pose(spatial.frame_from_axes([1, 0, 0], [0, 0, -1]))
 """A joint frame whose z is the x of its body."""

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from twin import spatial
+from twin.core import spatial
 
 KINDS = {"revolute": "hinge", "prismatic": "slide", "spherical": "ball"}
 APART = 0.05

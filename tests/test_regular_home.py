@@ -11,9 +11,9 @@ import pytest
 
 import twin
 from twin import cli
-from twin.errors import AssemblyError
-from twin.importing import read
-from twin.importing.closing import close
+from twin.core.errors import AssemblyError
+from twin.exchange.read import read
+from twin.exchange.read.closing import close
 from twin.reference import ReferenceModel
 from twin.reference.departing import breach
 from twin.reference.regular import regularity
@@ -95,7 +95,7 @@ def test_info_warns_of_a_singular_home_and_new_does_not_pick_it(drawn, tmp_path,
     capsys.readouterr()
     assert cli.main(["info", str(folder), "--json"]) == 0
     assert "home.singular" not in capsys.readouterr().out
-    from twin.importing.folder import describe
+    from twin.exchange.read.folder import describe
 
     (folder / "cad/own.toml").write_text(
         describe(replace(drawn.mechanism, name="own"), "knees.xml")

@@ -12,11 +12,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twin import errors
-from twin.findings import Finding
-from twin.provenance import Parameter
-from twin.report import render_html, write_report
-from twin.report.html import command, key_figures, reason
+from twin.core import errors
+from twin.core.findings import Finding
+from twin.core.provenance import Parameter
+from twin.ui.report import render_html, write_report
+from twin.ui.report.html import command, key_figures, reason
 from twin.validation.result import Report
 
 made = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_report_example.py"))))
@@ -252,8 +252,8 @@ def test_numbers_that_are_none(agree):
 
 
 def test_revolute_joints_are_in_degrees(agree):
-    from twin.report.plots import active_joints
-    from twin.report.style import styled
+    from twin.ui.report.plots import active_joints
+    from twin.ui.report.style import styled
 
     rows = tuple(replace(r, unit="rad") if r.quantity == "driven" and r.name < "q4" else r for r in agree.residuals)
     with styled():

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from twin.findings import Finding
-from twin.provenance import Parameter
-from twin.units import DEG, MM
+from twin.core.findings import Finding
+from twin.core.provenance import Parameter
+from twin.core.units import DEG, MM
 from twin.validation.result import PhaseSummary, Report, Residual
 
 PHASES = (

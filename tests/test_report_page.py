@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.report import render_html
+from twin.ui.report import render_html
 
 pytestmark = pytest.mark.browser
 

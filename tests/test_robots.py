@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from twin import spatial
-from twin.errors import KinematicsError
+from twin.core import spatial
+from twin.core.errors import KinematicsError
 from twin.kinematics import Pose, compile_formula, solve
 from twin.kinematics.solve import seeds
 from twin.robots import load_formula, names

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
 
-from twin import spatial
 from twin.cli import main, scene_export
-from twin.errors import DescriptionError
-from twin.mechanism import Body, Frame, Joint, Mechanism, Mesh
+from twin.core import spatial
+from twin.core.errors import DescriptionError
+from twin.model.mechanism import Body, Frame, Joint, Mechanism, Mesh
+from twin.model.scene import load_scene
 from twin.reference.clearance import between
-from twin.scene.load import load_scene
-from twin.scene.play import too_near
+from twin.simulation.scene_play import too_near
 
 ROOT = Path(__file__).parents[1]
 VSRS = ROOT / "cad/vsrs/scene.toml"

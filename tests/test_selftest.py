@@ -9,17 +9,17 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from twin import spatial
+from twin.analysis.mutation import cad, formula, timing, units, usd
+from twin.analysis.mutation.bench import Bench
+from twin.analysis.mutation.equivalent import Chain, same_equations, same_motion
+from twin.analysis.mutation.fault import FAMILIES, Fault, Outcome
+from twin.analysis.mutation.result import Score, from_dict
+from twin.analysis.mutation.run import SHARES, bench_of, drawn, shared_out
 from twin.cli import main
-from twin.findings import Finding
-from twin.report.selftest import HEADING, with_selftest
-from twin.selftest import cad, formula, timing, units, usd
-from twin.selftest.bench import Bench
-from twin.selftest.equivalent import Chain, same_equations, same_motion
-from twin.selftest.fault import FAMILIES, Fault, Outcome
-from twin.selftest.result import Score, from_dict
-from twin.selftest.run import SHARES, bench_of, drawn, shared_out
-from twin.units import MM
+from twin.core import spatial
+from twin.core.findings import Finding
+from twin.core.units import MM
+from twin.ui.report.selftest import HEADING, with_selftest
 
 
 @pytest.fixture(scope="module")
@@ -134,8 +134,8 @@ def test_a_validator_that_is_deaf_misses(bench, monkeypatch):
     assert bench.outcome(slow).code == "timing.claimed"
     monkeypatch.setattr("twin.validation.timing._claims", lambda *_: ())
     monkeypatch.setattr("twin.validation.compare._rates", lambda *_: None)
-    monkeypatch.setattr("twin.trajectory.check._consistent", lambda *_: [])
-    monkeypatch.setattr("twin.selftest.bench.PARTS", frozenset(("protocol", "equations")))
+    monkeypatch.setattr("twin.planning.check._consistent", lambda *_: [])
+    monkeypatch.setattr("twin.analysis.mutation.bench.PARTS", frozenset(("protocol", "equations")))
     monkeypatch.setattr(Bench, "_found", lambda self, fault, folder: iter([self._new(_thin(self, fault))]))
     assert bench.outcome(slow).state == "missed"
 
@@ -179,7 +179,7 @@ def test_bad_input_is_told(argv, says, capsys, tmp_path, monkeypatch):
 
 
 def test_a_stage_has_no_equations_to_spoil(capsys):
-    from twin import assets
+    from twin.core import assets
 
     assert main(["selftest", str(assets.files("sils").stage)]) == 2
     assert "equations" in capsys.readouterr().err

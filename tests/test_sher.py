@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import twin
-from twin import spatial
-from twin.protocol import Positioning
-from twin.trajectory.plan import plan
-from twin.units import DEG, MM
+from twin.core import spatial
+from twin.core.units import DEG, MM
+from twin.planning.plan import plan
+from twin.planning.protocol import Positioning
 
 ROOT = Path(__file__).parents[1]
 REACH = 30 * MM

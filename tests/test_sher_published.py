@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from twin.core.units import DEG, MM
 from twin.kinematics import compile_formula
 from twin.robots import load_formula
 from twin.robots.sher import platforms
-from twin.units import DEG, MM
 
 SCALE = np.array([MM, MM, MM, DEG, MM])
 U = np.array([[np.cos(a), np.sin(a)] for a in (60 * DEG, 180 * DEG, 300 * DEG)])

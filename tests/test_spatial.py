@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from twin import spatial
+from twin.core import spatial
 
 EPS = 1e-15
 

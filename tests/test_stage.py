@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 
-from twin import spatial
-from twin.errors import StageError
-from twin.mechanism import Inertia, Joint
-from twin.spatial import continuous_signs
-from twin.stage.check import check_stage, parse_with_usdphysics, run_usd_validators
-from twin.stage.read import inspect_stage, read_motion, read_stage
-from twin.stage.write import Motion, write_motion, write_stage
-from twin.stage.write.geometry import corner_normals
-from twin.stage.write.spanning import spanning
-from twin.units import DEG, MM
+from twin.core import spatial
+from twin.core.errors import StageError
+from twin.core.spatial import continuous_signs
+from twin.core.units import DEG, MM
+from twin.model.mechanism import Inertia, Joint
+from twin.usd.check import check_stage, parse_with_usdphysics, run_usd_validators
+from twin.usd.read import inspect_stage, read_motion, read_stage
+from twin.usd.write import Motion, write_motion, write_stage
+from twin.usd.write.geometry import corner_normals
+from twin.usd.write.spanning import spanning
 
 made = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_stage_mechanisms.py"))))
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 
-from twin.errors import StageError
-from twin.findings import verdict
-from twin.stage.check import check_stage, run_usd_validators
-from twin.stage.read import read_stage
-from twin.stage.write import Motion, write_stage
-from twin.units import DEG, MM
+from twin.core.errors import StageError
+from twin.core.findings import verdict
+from twin.core.units import DEG, MM
+from twin.usd.check import check_stage, run_usd_validators
+from twin.usd.read import read_stage
+from twin.usd.write import Motion, write_stage
 
 made = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_stage_mechanisms.py"))))
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pxr import Gf, Vt
 
-from twin import spatial
-from twin.stage import gf
+from twin.core import spatial
+from twin.usd import gf
 
 FLOAT32_TOL = 1e-7
 """Rounding of unit quaternions to single precision."""

@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twin import spatial
-from twin.mechanism import Body, Drive, Frame, Inertia, Joint, Mechanism, Mesh, Point
-from twin.provenance import Parameter
-from twin.units import DEG, MM
+from twin.core import spatial
+from twin.core.provenance import Parameter
+from twin.core.units import DEG, MM
+from twin.model.mechanism import Body, Drive, Frame, Inertia, Joint, Mechanism, Mesh, Point
 
 GROUND, CRANK, COUPLER, ROCKER = 0.3, 0.1, 0.28, 0.22
 """Lengths in m; crank + ground < coupler + rocker, so the crank turns fully."""

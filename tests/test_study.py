@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from twin.cli import main
-from twin.errors import DescriptionError
-from twin.study import load, recompute
+from twin.core.errors import DescriptionError
+from twin.validation.study import load, recompute
 
 FILE = Path(__file__).parents[1] / "trajectories/sher/study/insertion.toml"
 

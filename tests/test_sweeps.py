@@ -20,15 +20,16 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as stn
 
 import twin
-from twin import cli, spatial
-from twin.errors import TwinError
-from twin.mechanism import Body as MechanismBody
-from twin.mechanism import Frame, Joint, Mechanism
+from twin import cli
+from twin.analysis import cluster, design, joints, table
+from twin.analysis import workspace as reach
+from twin.analysis.tolerance import Spread, Tolerances
+from twin.core import spatial
+from twin.core.errors import TwinError
+from twin.core.units import DEG, MM, UM
+from twin.model.mechanism import Body as MechanismBody
+from twin.model.mechanism import Frame, Joint, Mechanism
 from twin.reference import ReferenceModel
-from twin.sweeps import cluster, design, joints, table
-from twin.sweeps import workspace as reach
-from twin.sweeps.tolerance import Spread, Tolerances
-from twin.units import DEG, MM, UM
 
 ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")
 
@@ -134,7 +135,7 @@ def test_the_box_holds_all_that_is_reached(robots, name):
 
 def test_sils_reaches_the_volume_that_was_derived_for_it(robots):
     """14.6 dm3 with level tool (1 to 2 %), for wider limits, and with every ball in front of the frame."""
-    from twin.sweeps import measure
+    from twin.analysis import measure
 
     robot = robots["sils"]
     kin = robot.kinematics()
@@ -345,7 +346,7 @@ def test_a_design_is_on_the_front_if_none_beats_it(rows):
 
 
 def test_a_stretched_part_has_its_length_and_the_mechanism_follows(robots):
-    from twin.loops import LoopSolver
+    from twin.kinematics.closed_loops import LoopSolver
 
     m = robots["sher"].mechanism
     assert design.distance(m, "l4:e_a-e_d") == pytest.approx(73.5 * MM)

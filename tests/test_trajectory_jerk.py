@@ -11,11 +11,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import twin
-from twin.errors import TimingError
-from twin.protocol import load_protocol
-from twin.trajectory import timing
-from twin.trajectory.sampling import sample
-from twin.trajectory.timing import time_path
+from twin.core.errors import TimingError
+from twin.planning import timing
+from twin.planning.protocol import load_protocol
+from twin.planning.sampling import sample
+from twin.planning.timing import time_path
 from twin.validation.timing import timing as audit
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -132,7 +132,7 @@ def test_a_protocol_with_jerks_is_timed_within_them_and_one_without_is_not(tmp_p
 
 
 def test_planner_s_own_check_sees_a_jerk(tmp_path):
-    from twin.trajectory.check import check
+    from twin.planning.check import check
 
     robot = twin.load("sils")
     found = check(twin.plan(robot, "table2_printed"), load_protocol(with_jerk(tmp_path, 1000, 800)),

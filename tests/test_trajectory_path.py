@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin import spatial
-from twin.errors import ProtocolError
-from twin.protocol import load_protocol
-from twin.protocol.model import Insertion, Pivot, Positioning, Retraction
-from twin.trajectory.path import build
+from twin.core import spatial
+from twin.core.errors import ProtocolError
+from twin.planning.path import build
+from twin.planning.protocol import load_protocol
+from twin.planning.protocol.model import Insertion, Pivot, Positioning, Retraction
 
 CIRCLE = Path(__file__).parents[1] / "trajectories/pa10/circle.toml"
 

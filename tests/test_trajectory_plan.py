@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin import spatial
-from twin.errors import ProtocolError, TimingError
-from twin.findings import verdict
-from twin.protocol import Insertion, Pivot, Retraction, Waypoint, load_protocol
-from twin.trajectory.check import check
-from twin.trajectory.model import Gap, PathKinematics
-from twin.trajectory.plan import plan
+from twin.core import spatial
+from twin.core.errors import ProtocolError, TimingError
+from twin.core.findings import verdict
+from twin.planning.check import check
+from twin.planning.plan import plan
+from twin.planning.protocol import Insertion, Pivot, Retraction, Waypoint, load_protocol
+from twin.planning.trajectory import Gap, PathKinematics
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "trajectories" / "sils"
@@ -410,6 +410,6 @@ def test_a_micrometre_insertion_is_planned(planned):
 
 def test_toppra_is_loaded_only_when_something_is_timed():
     heavy = "('toppra', 'scipy', 'matplotlib')"
-    code = f"import sys, twin.trajectory.plan; print([m for m in {heavy} if m in sys.modules])"
+    code = f"import sys, twin.planning.plan; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.strip() == "[]"

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin import spatial
-from twin.errors import ProtocolError, TimingError
-from twin.protocol import Insertion, Limits, Pivot, Positioning, Protocol, Retraction, Tolerances, Waypoint
-from twin.trajectory import timing
-from twin.trajectory.path import build, rotation
-from twin.trajectory.smooth import fit
-from twin.trajectory.timing import time_path
+from twin.core import spatial
+from twin.core.errors import ProtocolError, TimingError
+from twin.planning import timing
+from twin.planning.path import build, rotation
+from twin.planning.protocol import Insertion, Limits, Pivot, Positioning, Protocol, Retraction, Tolerances, Waypoint
+from twin.planning.smooth import fit
+from twin.planning.timing import time_path
 
 SPEED, ACCELERATION = np.full(6, 0.1), np.full(6, 0.5)
 RATE_TOLERANCE = 1e-8

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from scipy.optimize import linprog
 
-from twin.errors import TimingError
-from twin.trajectory import timing, topp
-from twin.trajectory.timing import time_path
+from twin.core.errors import TimingError
+from twin.planning import timing, topp
+from twin.planning.timing import time_path
 
 ROOT = Path(__file__).resolve().parent.parent
 SAME = 1e-4

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twin import spatial
-from twin.errors import KinematicsError
+from twin.core import spatial
+from twin.core.errors import KinematicsError
+from twin.core.units import DEG
 from twin.kinematics import Tip, Trocar, compile_formula, solve
 from twin.kinematics.srs import SrsArm
 from twin.robots import load_formula
-from twin.units import DEG
 
 RANGE = np.array([177, 94, 174, 137, 255, 165, 255]) * DEG
 LIMITS = np.stack([-RANGE, RANGE], axis=1)

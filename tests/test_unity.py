@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 import twin
-from twin.errors import OutputError
-from twin.exporting import unity
-from twin.exporting.unity import PACKAGE, package_files, write_unity
+from twin.core.errors import OutputError
+from twin.core.spatial import matrix_from_quat_wxyz
+from twin.exchange.write import unity
+from twin.exchange.write.unity import PACKAGE, package_files, write_unity
 from twin.schema.track import Track
-from twin.spatial import matrix_from_quat_wxyz
 
 ROOT = Path(__file__).parents[1]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import twin
-from twin.units import DEG, MM
+from twin.core.units import DEG, MM
 
 PROTOCOLS = ["table2", pytest.param("lowered_patient", marks=pytest.mark.slow)]
 

@@ -10,8 +10,8 @@ import time
 import numpy as np
 import pytest
 
-from twin import assets
-from twin.errors import TwinError
+from twin.core import assets
+from twin.core.errors import TwinError
 from twin.validation.beside import Beside
 
 

@@ -16,8 +16,8 @@ import twin
 from twin.cli import show
 from twin.cli.cure import Cures
 from twin.cli.parser import parser
-from twin.findings import SEVERITIES, Finding
-from twin.units import MM
+from twin.core.findings import SEVERITIES, Finding
+from twin.core.units import MM
 from twin.validation.cause import SIDES, causes, side
 from twin.validation.result import Report, Residual, headline
 from twin.validation.rows import Tolerances
@@ -171,7 +171,7 @@ def printed(short):
 
 
 def test_one_fault_has_one_number_everywhere(printed):
-    from twin.report.html import key_figures, reason, word
+    from twin.ui.report.html import key_figures, reason, word
 
     (cause,) = printed.causes
     assert cause.name == "eq1 (printed)"
@@ -193,7 +193,7 @@ def test_one_fault_has_one_number_everywhere(printed):
 
 def test_what_to_do_is_the_last_line_on_the_terminal_and_on_the_first_screen_of_the_page(printed, capsys):
     from twin.cli.commands import _finish
-    from twin.report import render_html
+    from twin.ui.report import render_html
 
     assert _finish([(printed, Path("here"))], SimpleNamespace(json=False)) == 1
     said = capsys.readouterr().out

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from twin import spatial
-from twin.dynamics import solid
-from twin.mechanism import Drive, Inertia, Mesh
-from twin.stage.read import read_stage
-from twin.units import DEG, MM
+from twin.core import spatial
+from twin.core.units import DEG, MM
+from twin.model.mechanism import Drive, Inertia, Mesh
+from twin.usd.read import read_stage
 from twin.validation.content import content, estimate
+from twin.validation.masses import solid
 from twin.validation.motion import Written, written_rows
 from twin.validation.rows import Tolerances
 

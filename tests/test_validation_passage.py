@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import twin
-from twin import spatial
-from twin.trajectory.plan import plan
-from twin.units import DEG, MM
+from twin.core import spatial
+from twin.core.units import DEG, MM
+from twin.planning.plan import plan
 from twin.validation import consistent, margins, shaft, timing
 from twin.validation.rows import Clock
 
@@ -232,7 +232,7 @@ def test_a_wrong_sign_of_an_angle_is_recognised(sils, printed):
     protocol, trajectory = printed
     w = protocol.waypoints["t"]
     span = trajectory.phase("sweep")
-    from twin.trajectory.path import rotation
+    from twin.planning.path import rotation
 
     R = rotation(w.angles, "zyx")
     right = span.rcm + 40 * MM * (R @ trajectory.shaft_axis)

@@ -9,7 +9,7 @@ import pytest
 
 import twin
 from twin.cli import main
-from twin.units import DEG, UM
+from twin.core.units import DEG, UM
 from twin.validation.sweep import STANDINS, sweep
 
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import twin
-from twin import spatial
-from twin.errors import MechanismError
-from twin.mechanism import Body, Joint, Mechanism
+from twin.core import spatial
+from twin.core.errors import MechanismError
+from twin.model.mechanism import Body, Joint, Mechanism
 from twin.reference import ReferenceModel
-from twin.viewer.design import Distance, distances, with_distance
+from twin.ui.viewer.design import Distance, distances, with_distance
 
 SHIFT = 1e-4
 

@@ -16,19 +16,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import twin
-from twin import spatial
 from twin.cli import main
-from twin.errors import KinematicsError, MechanismError, TwinError
-from twin.headset.track import measured
-from twin.live.desk import Desk
-from twin.live.instruments import read
-from twin.live.shapes import CREASE, behind, creased, looks
-from twin.live.timeline import Clock, Playback
-from twin.units import MM
-from twin.viewer import readout
-from twin.viewer.design import with_distance
-from twin.viewer.design_panel import differs, refused
-from twin.viewer.panels import LEAST_SPAN, curves
+from twin.core import spatial
+from twin.core.errors import KinematicsError, MechanismError, TwinError
+from twin.core.units import MM
+from twin.ui.headset.track import measured
+from twin.ui.session.desk import Desk
+from twin.ui.session.instruments import read
+from twin.ui.session.shapes import CREASE, behind, creased, looks
+from twin.ui.session.timeline import Clock, Playback
+from twin.ui.viewer import readout
+from twin.ui.viewer.design import with_distance
+from twin.ui.viewer.design_panel import differs, refused
+from twin.ui.viewer.panels import LEAST_SPAN, curves
 
 ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")
 
@@ -379,7 +379,7 @@ def test_every_residual_is_told_in_its_own_unit(any_desk):
     """Joint by joint, equations that are off by a known amount: millimetres of a slide, degrees of a turn."""
     from types import SimpleNamespace
 
-    from twin.live.instruments import _joints_apart
+    from twin.ui.session.instruments import _joints_apart
 
     q = any_desk.assembly.q
     for i, joint in enumerate(any_desk.joints):

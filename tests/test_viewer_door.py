@@ -24,16 +24,17 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import twin
 from twin.cli.terminal import Terminal
-from twin.door.gate import Gate
-from twin.errors import TwinError
-from twin.live import session as session_files
-from twin.live.desk import Desk
-from twin.live.session import Session
+from twin.core.errors import TwinError
 from twin.robots import NO_CODE
-from twin.viewer import letters
-from twin.viewer import server as servers
-from twin.viewer.front import Actor, Front
-from twin.viewer.server import serve
+from twin.ui.door.gate import Gate
+from twin.ui.session import session as session_files
+from twin.ui.session.desk import Desk
+from twin.ui.session.session import Session
+from twin.ui.viewer import letters
+from twin.ui.viewer import server as servers
+from twin.ui.viewer.front import Actor
+from twin.ui.viewer.page import open_page
+from twin.ui.viewer.server import serve
 
 PROTOCOL = f"viser-v{viser.__version__}"
 CAMERA = {
@@ -59,7 +60,7 @@ def page_of(robot, host="127.0.0.1", **more):
         s.bind(("127.0.0.1", 0))
         port = s.getsockname()[1]
     server = serve("door", "127.0.0.1", port, Gate(host, port, False, tokens.append))
-    front = Front("door", [Actor(robot.name, robot.name, Desk(robot))], None, server, **more)
+    front = open_page("door", [Actor(robot.name, robot.name, Desk(robot))], None, server, **more)
     front.tokens = tokens  # type: ignore[attr-defined]
     try:
         yield front
@@ -256,8 +257,8 @@ class Answers:
 def test_a_posture_is_written_if_the_terminal_says_yes(tmp_path, yes):
     import shutil
 
-    shutil.copytree(twin.assets.data_folder() / "cad/hibou", tmp_path / "hibou/cad")
-    shutil.copytree(twin.assets.data_folder() / "trajectories/hibou", tmp_path / "hibou/trajectories")
+    shutil.copytree(twin.core.assets.data_folder() / "cad/hibou", tmp_path / "hibou/cad")
+    shutil.copytree(twin.core.assets.data_folder() / "trajectories/hibou", tmp_path / "hibou/trajectories")
     robot = twin.load(tmp_path / "hibou")
     assert robot.files is not None
     before = robot.files.description.read_bytes()
@@ -553,7 +554,7 @@ def test_memory_stays_when_large_files_come(front):
 
 
 def test_what_security_says_is_so():
-    from twin.headset import recording
+    from twin.ui.headset import recording
 
     text = " ".join((Path(twin.__file__).parents[1] / "SECURITY.md").read_text(encoding="utf-8").split())
     for figure in (

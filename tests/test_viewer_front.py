@@ -9,20 +9,21 @@ import numpy as np
 import pytest
 
 import twin
-from twin import spatial
-from twin.errors import TwinError
-from twin.live.desk import Desk
-from twin.live.timeline import prepare
-from twin.units import MM
-from twin.viewer.front import Actor, Front
-from twin.viewer.panels import curves
-from twin.viewer.server import serve
+from twin.core import spatial
+from twin.core.errors import TwinError
+from twin.core.units import MM
+from twin.ui.session.desk import Desk
+from twin.ui.session.timeline import prepare
+from twin.ui.viewer.front import Actor
+from twin.ui.viewer.page import open_page
+from twin.ui.viewer.panels import curves
+from twin.ui.viewer.server import serve
 
 
 @contextmanager
 def front_of(*robots):
     actors = [Actor(r.name, r.name, Desk(r)) for r in robots]
-    front = Front("test", actors, None, serve("test", "127.0.0.1", 0))
+    front = open_page("test", actors, None, serve("test", "127.0.0.1", 0))
     try:
         yield front
     finally:

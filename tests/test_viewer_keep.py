@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 import twin
-from twin import spatial
 from twin.cad.build import read_mechanism
-from twin.errors import DescriptionError, OutputError, ProtocolError, TwinError
-from twin.protocol import load_protocol
-from twin.trajectory.path import angles_of, build, rotation
-from twin.units import DEG
-from twin.viewer.keep import Session, append_phase, save_posture
-from twin.viewer.rewrite import rewrite
+from twin.core import spatial
+from twin.core.errors import DescriptionError, OutputError, ProtocolError, TwinError
+from twin.core.units import DEG
+from twin.planning.path import angles_of, build, rotation
+from twin.planning.protocol import load_protocol
+from twin.ui.viewer.keep import Session, append_phase, save_posture
+from twin.ui.viewer.rewrite import rewrite
 
 ROOT = Path(__file__).parents[1]
 PROTOCOLS = sorted(ROOT.glob("trajectories/*/*.toml"))
@@ -224,7 +224,7 @@ def test_a_disk_that_cannot_be_written_is_named(copied, left_alone, robots, monk
         raise OSError(28, "No space left on device")
 
     path = copied("pa10")
-    monkeypatch.setattr("twin.atomic.os.replace", full)
+    monkeypatch.setattr("twin.core.atomic.os.replace", full)
     values = robots["pa10"].mechanism.postures["home"]
     left_alone(path, lambda: save_posture(path, "up", values), OutputError, "No space left", "where you may write")
 

@@ -14,11 +14,11 @@ import pytest
 from PIL import Image
 
 import twin
-from twin import spatial
-from twin.live.desk import Desk
-from twin.live.instruments import read
-from twin.units import MM
-from twin.viewer import recording
+from twin.core import spatial
+from twin.core.units import MM
+from twin.ui.session.desk import Desk
+from twin.ui.session.instruments import read
+from twin.ui.viewer import recording
 
 pytestmark = pytest.mark.browser
 
@@ -50,11 +50,12 @@ def chromium():
 @contextmanager
 def shown(name, protocol=None):
     """Yield a running front with one robot."""
-    from twin.viewer.front import Actor, Front
-    from twin.viewer.server import serve
+    from twin.ui.viewer.front import Actor
+    from twin.ui.viewer.page import open_page
+    from twin.ui.viewer.server import serve
 
     actor = Actor(name, name, Desk(twin.load(name)), protocol=protocol)
-    front = Front(f"twin · {name}", [actor], None, serve(name, "127.0.0.1", 0))
+    front = open_page(f"twin · {name}", [actor], None, serve(name, "127.0.0.1", 0))
     thread = threading.Thread(target=front.run)
     thread.start()
     try:
@@ -534,7 +535,7 @@ def test_another_site_in_the_same_browser_stays_outside(chromium, sils):
 @pytest.mark.parametrize("query", ["?websocket={ws}", "?playbackPath={http}/scene.viser"])
 def test_a_link_to_our_page_lets_no_other_server_write_into_it(chromium, query, guarded, monkeypatch):
     """viser's page connects with any server that its address names; without our policy it does."""
-    from twin.viewer import server as servers
+    from twin.ui.viewer import server as servers
 
     if not guarded:
         monkeypatch.setattr(servers, "POLICY", "default-src * 'unsafe-inline' 'unsafe-eval' data: blob:")
@@ -554,13 +555,14 @@ def test_a_link_to_our_page_lets_no_other_server_write_into_it(chromium, query, 
 
 
 def test_the_page_opens_by_its_token_when_it_is_open_to_the_network(chromium):
-    from twin.door.gate import Gate
-    from twin.viewer.front import Actor, Front
-    from twin.viewer.server import serve
+    from twin.ui.door.gate import Gate
+    from twin.ui.viewer.front import Actor
+    from twin.ui.viewer.page import open_page
+    from twin.ui.viewer.server import serve
 
     tokens = []
     server = serve("hibou", "127.0.0.1", 0, Gate("0.0.0.0", 0, False, tokens.append))
-    front = Front("twin · hibou", [Actor("hibou", "hibou", Desk(twin.load("hibou")))], None, server, local=False)
+    front = open_page("twin · hibou", [Actor("hibou", "hibou", Desk(twin.load("hibou")))], None, server, local=False)
     thread = threading.Thread(target=front.run)
     thread.start()
     try:

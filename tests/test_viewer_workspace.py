@@ -14,18 +14,18 @@ import numpy as np
 import pytest
 
 import twin
-from twin.errors import KinematicsError, TwinError
+from twin.core.errors import KinematicsError, TwinError
+from twin.core.units import MM
 from twin.kinematics import singularity
-from twin.live import workspace
-from twin.live.workspace import Cloud, Job, evaluate, poses
-from twin.units import MM
+from twin.ui.session import workspace
+from twin.ui.session.workspace import Cloud, Job, evaluate, poses
 
 REACH = {"sils": 0.3, "sher": 0.05, "pa10": 0.8, "lapbot": 0.15, "hibou": 0.1}
 ENDLESS = 10**9
 
 FORWARD_ONLY = '''
 import casadi as ca
-from twin.kinematics.contract import ActiveJoint, Coordinates, Equation, Formula
+from twin.formula.contract import ActiveJoint, Coordinates, Equation, Formula
 from twin.kinematics import symbolic
 
 FORMULA = Formula(
@@ -264,7 +264,7 @@ def test_close_leaves_no_process_and_start_begins_another(sils):
 VIEWER = """
 import time
 import numpy as np
-from twin.live.workspace import Cloud, Job
+from twin.ui.session.workspace import Cloud, Job
 
 if __name__ == "__main__":
     try:

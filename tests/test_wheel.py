@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.extras import EXTRAS
+from twin.core.extras import EXTRAS
 
 pytestmark = pytest.mark.wheel
 
@@ -84,7 +84,7 @@ def test_wheel_holds_the_data_of_every_robot(names):
 
 def test_wheel_holds_the_package_and_nothing_else(names):
     files = [p.relative_to(ROOT) for p in (ROOT / "twin").rglob("*") if p.is_file() and p.suffix != ".pyc"]
-    web = Path("twin/headset/web")
+    web = Path("twin/ui/headset/web")
     modules = {str(p) for p in files if web not in p.parents or web / "dist" in p.parents}
     assert modules <= names
     assert {n for n in names if n.startswith(f"{web}/")} == {str(p) for p in files if web / "dist" in p.parents}
@@ -173,7 +173,7 @@ def test_installed_twin_runs_the_main_job_from_another_directory(venv, tmp_path)
 def test_stage_in_the_wheel_is_current(venv, tmp_path):
     """The installed stage is used as it is; a stale one would be rebuilt on every call."""
     code = (
-        "from twin import api, assets; from twin.cad.build import fingerprint; from twin.stage.read import made_from\n"
+        "from twin import api, assets; from twin.cad.build import fingerprint; from twin.usd.read import made_from\n"
         "f = assets.files('sils'); print(fingerprint(f.description) in made_from(f.stage))"
     )
     assert _ok(_run(venv / "bin/python", "-c", code, cwd=tmp_path)).strip() == "True"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from twin.version import __version__
+from twin.core.version import __version__
 
 if TYPE_CHECKING:
     from twin.api import Robot, build, export, load, names, plan, validate

@@ -12,21 +12,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin import assets
-from twin.errors import ProtocolError, TwinError
-from twin.foreign.admit import admit
-from twin.spatial import Array
+from twin.core import assets
+from twin.core.errors import ProtocolError, TwinError
+from twin.core.foreign.admit import admit
+from twin.core.spatial import Array
 
 if TYPE_CHECKING:
     from twin.cad.build import CadModel
-    from twin.exporting.bundle import Bundle
-    from twin.exporting.clip import Budget
+    from twin.exchange.write.bundle import Bundle
+    from twin.exchange.write.clip import Budget
     from twin.kinematics import Formula, Kinematics, Solution, Task
-    from twin.loops import LoopSolver
-    from twin.mechanism import Mechanism
-    from twin.protocol import Protocol
+    from twin.kinematics.closed_loops import LoopSolver
+    from twin.model.mechanism import Mechanism
+    from twin.planning.protocol import Protocol
+    from twin.planning.trajectory import PathKinematics, Trajectory
     from twin.reference import ReferenceModel
-    from twin.trajectory.model import PathKinematics, Trajectory
     from twin.validation.result import Report
     from twin.validation.rows import Tolerances
 
@@ -88,7 +88,7 @@ class Robot:
         """Bodies, joints and loops, from the CAD or from the stage."""
         if self._stage is None:
             return self.cad.mechanism
-        from twin.stage.read import read_stage, with_tool
+        from twin.usd.read import read_stage, with_tool
 
         mechanism, self.told = with_tool(read_stage(self._stage), self._tool)
         return mechanism
@@ -122,7 +122,7 @@ class Robot:
     @cached_property
     def loops(self) -> LoopSolver:
         """The mechanism's own forward kinematics, loops closed by compiled code: `forward(q)`, `forward_many(qs)`."""
-        from twin.loops import LoopSolver
+        from twin.kinematics.closed_loops import LoopSolver
 
         return LoopSolver(self.mechanism)
 
@@ -195,7 +195,7 @@ class Robot:
         Raises:
             TwinError: no such protocol, or the file is wrong.
         """
-        from twin.protocol import load_protocol
+        from twin.planning.protocol import load_protocol
         from twin.schema import error_at
 
         given = name is not None and Path(name).suffix == ".toml"
@@ -258,8 +258,8 @@ class Robot:
 
     def path_kinematics(self) -> PathKinematics:
         """Return what planning needs: limits, equations, and the mechanism, which leads alone while there are none."""
+        from twin.planning.trajectory import without_equations
         from twin.reference.leading import Leader
-        from twin.trajectory.model import without_equations
 
         leader = Leader(self.reference)
         mechanical = without_equations(self.mechanism, leader, self.cad.gaps if self.files else ())
@@ -319,8 +319,8 @@ def plan(robot: Robot, protocol: str | Path | Protocol | None = None, progress: 
         ProtocolError: it cannot be carried out; phase, place and size are named.
         TimingError: no timing within the limits.
     """
-    from twin.protocol import Protocol
-    from twin.trajectory.plan import plan as plan_
+    from twin.planning.plan import plan as plan_
+    from twin.planning.protocol import Protocol
 
     chosen = protocol if isinstance(protocol, Protocol) else robot.protocol(protocol)
     robot = robot.bound(chosen)
@@ -354,7 +354,7 @@ def validate(
     Raises:
         TwinError: something is missing or wrong, so that nothing could be judged.
     """
-    from twin.exporting.usd import fresh_stage
+    from twin.exchange.write.usd import fresh_stage
     from twin.validation.case import Case
     from twin.validation.commands import commands
     from twin.validation.judge import judge
@@ -399,7 +399,7 @@ def build(
     Raises:
         OutputError: the folder cannot be written; nothing half-written is left.
     """
-    from twin.exporting.usd import bake, write_usd
+    from twin.exchange.write.usd import bake, write_usd
 
     if robot.files is None:
         raise TwinError(f"{robot.name} is a stage already")
@@ -453,9 +453,9 @@ def export(
     Raises:
         TwinError: something is missing or wrong; the folder is then left as it was.
     """
-    from twin.audit import audit
-    from twin.exporting.bundle import chosen_formats, write_bundle
-    from twin.exporting.order import order
+    from twin.exchange.audit import audit
+    from twin.exchange.write.bundle import chosen_formats, write_bundle
+    from twin.exchange.write.order import order
 
     kinds = chosen_formats(formats)
     assets.require_writable(folder := Path(folder or Path("twin-out") / robot.name / "export"))

@@ -17,9 +17,9 @@ import numpy as np
 from race import Contender, Effort, Table, installed, race
 
 import twin
-from twin import spatial
-from twin.compiled import Kernel, Stage
-from twin.kinematics import flow
+from twin.codegen import Kernel, Stage
+from twin.core import spatial
+from twin.formula import flow
 
 FLAGS = ("-O3", "-march=native", "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC")
 JUDGE = "largest difference of a joint in m to numpy's, pose by pose"

@@ -7,7 +7,7 @@ from loop_peers import Casadi, Drake, Judge, MuJoCo, Ours, Pinocchio, Scipy
 from race import Contender, Effort, Table, installed, race
 
 import twin
-from twin import spatial
+from twin.core import spatial
 
 JUDGE = "largest gap of a loop in m, by Pinocchio's model of the mechanism (twin.reference)"
 RIGHT = 1e-4

@@ -8,7 +8,7 @@ import numpy as np
 from race import Contender, Effort, Fact, Table, race
 
 import twin
-from twin.control.velocity import Limits, pose_error, step
+from twin.simulation.control.velocity import Limits, pose_error, step
 
 
 def topic(effort: Effort) -> list[Table]:

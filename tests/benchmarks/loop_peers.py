@@ -13,10 +13,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from twin import spatial
-from twin.loops import LoopSolver
-from twin.loops.equations import STATES
-from twin.mechanism import Mechanism
+from twin.core import spatial
+from twin.kinematics.closed_loops import LoopSolver
+from twin.kinematics.closed_loops.equations import STATES
+from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 
 CLOSED, STEPS, DAMPING = 1e-11, 30, 1e-13
@@ -24,7 +24,7 @@ Common = dict[str, Any]
 
 
 class Ours:
-    """The states of `twin.loops` as `common`, and back."""
+    """The states of `twin.kinematics.closed_loops` as `common`, and back."""
 
     def __init__(self, solver: LoopSolver) -> None:
         self.solver, self.at, start = solver, {}, 0
@@ -279,7 +279,7 @@ def _rotation(wxyz: np.ndarray) -> np.ndarray:
 
 
 class Casadi:
-    """The equations of `twin.loops` in CasADi itself: rootfinder `fast_newton`, called through its buffer."""
+    """The equations of `closed_loops` in CasADi itself: rootfinder `fast_newton`, called through its buffer."""
 
     def __init__(self, solver: LoopSolver) -> None:
         self.ours, e = Ours(solver), solver.equations
@@ -316,7 +316,7 @@ class Scipy:
     def __init__(self, solver: LoopSolver) -> None:
         from scipy.optimize import root
 
-        from twin.kinematics.flow import Evaluator
+        from twin.formula.flow import Evaluator
 
         self.root, self.ours, e = root, Ours(solver), solver.equations
         rows = [r for b in solver.blocks for r in b.rows]

@@ -10,10 +10,10 @@ import numpy as np
 from race import Effort, Fact, Row, Table, show
 
 import twin
-from twin import spatial
-from twin.compiled import Kernel, Stage
-from twin.loops import LoopSolver
-from twin.mechanism import Body, Frame, Joint, Mechanism
+from twin.codegen import Kernel, Stage
+from twin.core import spatial
+from twin.kinematics.closed_loops import LoopSolver
+from twin.model.mechanism import Body, Frame, Joint, Mechanism
 
 BAR = 1.05
 
@@ -82,7 +82,7 @@ def poses(effort: Effort) -> Table:
 def grid(effort: Effort) -> Table:
     """The timing of a path, from 100 grid points to 10 000."""
     table = Table("grid", "Cost of timing a path against its grid points")
-    from twin.trajectory.timing import time_path
+    from twin.planning.timing import time_path
 
     rng = np.random.default_rng(3)
     a, b = rng.normal(size=(2, 6, 4))

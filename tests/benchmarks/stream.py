@@ -30,8 +30,8 @@ import numpy as np
 from websockets.asyncio.client import connect
 
 import twin
-from twin.headset.protocol import Frame, sevens, unpack
-from twin.live.timeline import RATE, prepare
+from twin.ui.headset.protocol import Frame, sevens, unpack
+from twin.ui.session.timeline import RATE, prepare
 
 BAR_MS = 50.0
 

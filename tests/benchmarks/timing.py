@@ -9,8 +9,8 @@ import numpy as np
 from race import Contender, Effort, Fact, Table, installed, race, show
 from scipy.interpolate import CubicSpline
 
-from twin.errors import TimingError
-from twin.trajectory import timing, topp
+from twin.core.errors import TimingError
+from twin.planning import timing, topp
 
 PATHS = 3
 WAYPOINTS = np.linspace(0, 1, 10)

@@ -17,8 +17,8 @@ import time
 import numpy as np
 
 import twin
-from twin.live.workspace import Cloud, Job
-from twin.units import MM
+from twin.core.units import MM
+from twin.ui.session.workspace import Cloud, Job
 
 ROUNDS, ALONE, RATE = 4, 4.0, 60.0
 

@@ -10,8 +10,8 @@ import numpy as np
 from race import Contender, Effort, Fact, Table, race, show
 
 import twin
-from twin import spatial
-from twin.sweeps import workspace as reach
+from twin.analysis import workspace as reach
+from twin.core import spatial
 
 _PEAK = """
 import pathlib, re, sys

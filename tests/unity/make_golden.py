@@ -3,7 +3,7 @@
 What C# computes with quaternions is computed here with 4x4 matrices: a mirror M, the placement of the model and the
 pose of a link are multiplied out. No formula of the package is used.
 
-    python tests/unity/make_golden.py           write twin/headset/unity/Runtime/Resources/twin-golden.json
+    python tests/unity/make_golden.py           write twin/ui/headset/unity/Runtime/Resources/twin-golden.json
     python tests/unity/make_golden.py --check   exit 1 if it is not what the robot gives now
 """
 
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-FILE = Path(__file__).resolve().parents[2] / "twin/headset/unity/Runtime/Resources/twin-golden.json"
+FILE = Path(__file__).resolve().parents[2] / "twin/ui/headset/unity/Runtime/Resources/twin-golden.json"
 
 STEP = 2.0
 """Seconds between the keys that are taken of the clip: links turn far between them. Every rate of a clip has them."""
@@ -57,8 +57,8 @@ def matrix(pose: np.ndarray) -> np.ndarray:
 def robot() -> tuple[Any, Any, Any]:
     """Return the mechanism of SILS, the Clip of its protocol table2, and a track of some of its keys."""
     import twin
-    from twin.exporting.clip import make_clip
-    from twin.exporting.tracks import track
+    from twin.exchange.write.clip import make_clip
+    from twin.exchange.write.tracks import track
 
     loaded = twin.load("sils")
     protocol = loaded.protocol("table2")

@@ -13,7 +13,7 @@ import hashlib
 import sys
 from pathlib import Path
 
-PACKAGE = Path(__file__).resolve().parents[2] / "twin/headset/unity"
+PACKAGE = Path(__file__).resolve().parents[2] / "twin/ui/headset/unity"
 NAME = "com.twin.player"
 
 _IMPORTERS = {

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-PACKAGE = HERE.parents[1] / "twin/headset/unity"
+PACKAGE = HERE.parents[1] / "twin/ui/headset/unity"
 
 _FRAMEWORK = "/usr/lib/cli/nunit.framework-2.6.3/nunit.framework.dll"
 _LANGUAGE = ("-langversion:7.2", "-nologo", "-optimize+")

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.assets import files
+from twin.core.assets import files
 
 ROOT = Path(__file__).parents[2]
 KEPT = ROOT / "twin-out/witness"

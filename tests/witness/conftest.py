@@ -21,7 +21,7 @@ from typing import Any
 
 import pytest
 
-from twin import assets
+from twin.core import assets
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

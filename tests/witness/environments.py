@@ -5,7 +5,7 @@ A witness has a name and one file that pins what it needs:
     tests/witness/<name>.txt                 packages of PyPI            -> a virtual environment
                                              (`# --no-deps` at its head: they alone, for the files in them)
     tests/witness/<name>/package-lock.json   packages of npm             -> a folder with node_modules
-    twin/headset/web/package-lock.json       the same, named `web`
+    twin/ui/headset/web/package-lock.json       the same, named `web`
     tests/witness/<name>.apt                 packages of Debian, one a line (they go into the machine itself)
 
 The first three are built below `${TWIN_WITNESS_CACHE:-~/.cache/twin-witness}/<name>-<hash of what pins it>`, so that
@@ -39,7 +39,7 @@ from typing import Any, Literal
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-WEB = ROOT / "twin/headset/web"
+WEB = ROOT / "twin/ui/headset/web"
 TRIES = 2
 """A download that breaks off is tried once more."""
 

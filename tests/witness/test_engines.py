@@ -17,7 +17,7 @@ import pytest
 from pxr import Gf, Usd, UsdPhysics
 
 import twin
-from twin import spatial
+from twin.core import spatial
 
 pytestmark = pytest.mark.witness
 
@@ -55,7 +55,7 @@ def case(name: str, protocol: str) -> Case:
 
 
 def stage_of(mechanism, folder: Path) -> Path:
-    from twin.exporting.usd import write_usd
+    from twin.exchange.write.usd import write_usd
 
     write_usd(mechanism, [], folder)
     return folder / f"{mechanism.name}_sim.usda"
@@ -92,7 +92,7 @@ def stage_frames(stage: Path, mechanism, links) -> list[dict]:
 def urdf_frames(mechanism, links) -> list[dict]:
     """Return the value of each joint of the URDF at each frame: a ball is three turns, zero at home."""
     from twin.reference import ReferenceModel
-    from twin.stage.write.spanning import spanning
+    from twin.usd.write.spanning import spanning
 
     home = ReferenceModel(mechanism).home().link_poses
     out: list[dict] = [{} for _ in range(FRAMES)]
@@ -154,7 +154,7 @@ def test_simulators_put_links_of_the_stage_where_they_are(foreign, figures, tmp_
 
 @pytest.mark.parametrize(("name", "protocol"), CASES)
 def test_drake_puts_links_of_the_urdf_where_they_are(foreign, figures, tmp_path, name, protocol):
-    from twin.exporting.urdf import write_urdf
+    from twin.exchange.write.urdf import write_urdf
 
     foreign.need("drake")
     this = case(name, protocol)
@@ -169,9 +169,9 @@ def test_drake_puts_links_of_the_urdf_where_they_are(foreign, figures, tmp_path,
 def test_mujoco_puts_links_of_the_mjcf_where_they_are(figures, tmp_path, name, protocol):
     import mujoco
 
-    from twin.exporting.mjcf import write_mjcf
+    from twin.exchange.write.mjcf import write_mjcf
     from twin.reference import ReferenceModel
-    from twin.stage.write.spanning import spanning
+    from twin.usd.write.spanning import spanning
 
     this = case(name, protocol)
     model = mujoco.MjModel.from_xml_path(str(write_mjcf(this.mechanism, tmp_path)))

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twin.importing import read
+from twin.exchange.read import read
 from twin.reference import ReferenceModel
 
 TESTS = Path(__file__).parents[1]

@@ -240,7 +240,7 @@ async def silence(folder: Path) -> None:
 
 async def orders(folder: Path) -> None:
     """Grab, drag and release arrive in order, as the server reads them."""
-    from twin.headset import protocol as wire
+    from twin.ui.headset import protocol as wire
 
     async with Station(free_port()) as station, listening(folder, f"http://127.0.0.1:{station.port}/", LINKS) as seen:
         ws = await station.line(1)
@@ -314,11 +314,11 @@ def test_a_mistake_is_seen(build, tmp_path, name):
 async def our_own(folder: Path) -> None:
     """`twin serve`, open to the network: in by its token, grab the tool, and the loops follow."""
     import twin
-    from twin.door.answers import File
-    from twin.door.gate import Gate
-    from twin.headset.files import robot_files
-    from twin.headset.server import StreamServer
-    from twin.headset.twin import Twin
+    from twin.ui.door.answers import File
+    from twin.ui.door.gate import Gate
+    from twin.ui.headset.files import robot_files
+    from twin.ui.headset.server import StreamServer
+    from twin.ui.headset.twin import Twin
 
     robot = twin.load("sils")
     port, tokens = free_port(), []

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 from pxr import Usd, UsdGeom
 
-from twin.stage.write import write_stage
+from twin.usd.write import write_stage
 
 pytestmark = pytest.mark.witness("omniverse")
 

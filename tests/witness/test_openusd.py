@@ -15,9 +15,9 @@ from types import SimpleNamespace
 import pytest
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade
 
-from twin.audit import audit
-from twin.exporting.usdz import package, write_usdz
-from twin.stage.check import run_usd_validators
+from twin.exchange.audit import audit
+from twin.exchange.write.usdz import package, write_usdz
+from twin.usd.check import run_usd_validators
 
 made = SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[1] / "test_stage_mechanisms.py")))
 NO = float("nan")

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.audit import audit
+from twin.exchange.audit import audit
 
 pytestmark = pytest.mark.witness
 

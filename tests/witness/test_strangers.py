@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import twin
-from twin import spatial
+from twin.core import spatial
 
 pytestmark = pytest.mark.witness
 
@@ -36,7 +36,7 @@ LEAD = 2.0
 def scene(name: str, protocol: str):
     """Return the mechanism with its trocar where the protocol has it, the one as drawn, and the clip."""
     from twin.cad.build import read_mechanism
-    from twin.exporting.clip import make_clip
+    from twin.exchange.write.clip import make_clip
 
     robot = twin.load(name)
     robot.cad = read_mechanism(robot.files.description)
@@ -47,7 +47,7 @@ def scene(name: str, protocol: str):
 
 
 def track_of(name: str, protocol: str, folder) -> dict:
-    from twin.exporting.tracks import write_tracks
+    from twin.exchange.write.tracks import write_tracks
 
     mechanism, drawn, clip = scene(name, protocol)
     return json.loads(write_tracks(mechanism, clip, folder, drawn)[0].read_text("utf-8"))
@@ -56,7 +56,7 @@ def track_of(name: str, protocol: str, folder) -> dict:
 def load_mjcf(mechanism, folder):
     import mujoco
 
-    from twin.exporting.mjcf import write_mjcf
+    from twin.exchange.write.mjcf import write_mjcf
 
     model = mujoco.MjModel.from_xml_path(str(write_mjcf(mechanism, folder)))
     assert model.opt.timestep == 1e-3
@@ -65,7 +65,7 @@ def load_mjcf(mechanism, folder):
 
 def ties_of(mechanism) -> list[tuple[str, np.ndarray, str, np.ndarray]]:
     """Return the loops that a file closes as points of two bodies, by the mechanism: of a pin two, 50 mm apart."""
-    from twin.stage.write.spanning import spanning
+    from twin.usd.write.spanning import spanning
 
     out = []
     for joint in spanning(mechanism).cut:
@@ -189,8 +189,8 @@ def test_drake_holds_the_loops_of_the_mjcf(foreign, figures, tmp_path, name, pro
 @pytest.mark.parametrize("name", ROBOTS)
 def test_newtons_default_importer_starts_at_home(foreign, figures, tmp_path, name):
     """Its MuJoCo solver gives loops springs of its own, and places the second point of a hinge at joint zero."""
-    from twin.exporting.usd import write_usd
-    from twin.stage.write.spanning import spanning
+    from twin.exchange.write.usd import write_usd
+    from twin.usd.write.spanning import spanning
 
     foreign.need("newton")
     mechanism = scene(name, next(p for r, p in CASES if r == name))[0]
@@ -226,7 +226,7 @@ def test_newton_is_driven_along_a_protocol(foreign, figures, tmp_path, file, nam
 
     `TWIN_NEWTON_SECONDS` of motion; 0 is all of it, which takes 17 minutes for the MJCF of all robots.
     """
-    from twin.exporting.usd import write_usd
+    from twin.exchange.write.usd import write_usd
 
     foreign.need("newton")
     mechanism = scene(name, protocol)[0]
@@ -257,7 +257,7 @@ def test_newton_is_driven_along_a_protocol(foreign, figures, tmp_path, file, nam
 @pytest.mark.parametrize(("name", "protocol"), CASES)
 @pytest.mark.parametrize("player", ["pinocchio", "yourdfpy"])
 def test_a_urdf_is_played_from_a_track(foreign, figures, tmp_path, player, name, protocol):
-    from twin.exporting.urdf import write_urdf
+    from twin.exchange.write.urdf import write_urdf
 
     _, drawn, _ = scene(name, protocol)
     track = track_of(name, protocol, tmp_path)

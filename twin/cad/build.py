@@ -20,12 +20,12 @@ from twin.cad.frames import Drawn, into
 from twin.cad.meeting import meetings
 from twin.cad.parameters import SCALES, parameters
 from twin.cad.step import MASS_TOLERANCE, Part, StepModel, read_step
-from twin.errors import CadError, unknown
-from twin.findings import Finding
-from twin.mechanism import Body, Coupling, Drive, Finish, Inertia, Joint, Mechanism, Mesh
-from twin.provenance import Parameter
-from twin.spatial import Array
-from twin.units import DEG, MM, UM
+from twin.core.errors import CadError, unknown
+from twin.core.findings import Finding
+from twin.core.provenance import Parameter
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM, UM
+from twin.model.mechanism import Body, Coupling, Drive, Finish, Inertia, Joint, Mechanism, Mesh
 
 
 @dataclass(frozen=True)

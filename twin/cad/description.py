@@ -12,8 +12,8 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from twin.mechanism import JointType
-from twin.provenance import Provenance
+from twin.core.provenance import Provenance
+from twin.model.mechanism import JointType
 from twin.schema import Identifier, Range, Table, Vector, at, error_at, load_toml
 
 

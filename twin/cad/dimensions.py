@@ -11,11 +11,11 @@ from typing import Literal
 
 from pydantic import Field, ValidationError
 
-from twin.errors import DescriptionError
-from twin.foreign.text import read_text
-from twin.provenance import Parameter, Provenance
+from twin.core.errors import DescriptionError
+from twin.core.foreign.text import read_text
+from twin.core.provenance import Parameter, Provenance
+from twin.core.units import DEG, MM
 from twin.schema import Table, Vector, error_at
-from twin.units import DEG, MM
 
 _SCALES = {"mm": MM, "deg": DEG}
 

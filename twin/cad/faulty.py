@@ -11,16 +11,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from twin import spatial
 from twin.cad import features, meeting
 from twin.cad.build import CadModel
 from twin.cad.description import Description, FrameSpec, JointSpec
 from twin.cad.features import Measured
 from twin.cad.frames import Drawn, Faces, Given, drawn
 from twin.cad.lengths import measure
-from twin.errors import CadError
-from twin.spatial import Array
-from twin.units import DEG, MM, UM, decimals
+from twin.core import spatial
+from twin.core.errors import CadError
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM, UM, decimals
 
 _LEVER = 0.1
 """Metres by which turns are weighed against offsets."""

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin import spatial
 from twin.cad.description import Feature, FrameSpec, NamedPoint, Tolerance
 from twin.cad.step import Face, Part
-from twin.errors import CadError, unknown
-from twin.spatial import Array
-from twin.units import DEG, MM
+from twin.core import spatial
+from twin.core.errors import CadError, unknown
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
 
 _RADIUS_TOLERANCE = 0.005 * MM
 """Two faces whose radii differ by more are different features."""

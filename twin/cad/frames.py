@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin import spatial
 from twin.cad import features
 from twin.cad.description import BodySpec, Description, FrameSpec
 from twin.cad.features import Measured
-from twin.errors import CadError
-from twin.mechanism import Frame, Mechanism, Point
-from twin.spatial import Array
+from twin.core import spatial
+from twin.core.errors import CadError
+from twin.core.spatial import Array
+from twin.model.mechanism import Frame, Mechanism, Point
 
 Faces = Mapping[str, Mapping[str, Measured]]
 """Every feature by body and name, in drawn coordinates."""

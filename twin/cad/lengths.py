@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin import spatial
 from twin.cad.build import CadModel
 from twin.cad.features import Measured
-from twin.errors import CadError
+from twin.core import spatial
+from twin.core.errors import CadError
 
 _PARALLEL = 1e-3
 """Sine of the angle up to which two axes have one distance: a bore that is further off is no link of a plane."""

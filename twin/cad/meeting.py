@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin import spatial
 from twin.cad.description import Description
 from twin.cad.frames import Drawn
-from twin.findings import Finding
-from twin.spatial import Array
-from twin.units import DEG, MM, UM
+from twin.core import spatial
+from twin.core.findings import Finding
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM, UM
 
 
 def meetings(d: Description, at: Drawn) -> list[Finding]:

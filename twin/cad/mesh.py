@@ -13,12 +13,12 @@ from typing import Literal
 import numpy as np
 
 from twin.cad.threemf import UNITS, read_3mf
-from twin.errors import BudgetError, CadError
-from twin.findings import Finding
-from twin.foreign.admit import admit
-from twin.mechanism import Inertia, Mesh
-from twin.spatial import Array
-from twin.units import LENGTH, MM
+from twin.core.errors import BudgetError, CadError
+from twin.core.findings import Finding
+from twin.core.foreign.admit import admit
+from twin.core.spatial import Array
+from twin.core.units import LENGTH, MM
+from twin.model.mechanism import Inertia, Mesh
 
 SUFFIXES = (".stl", ".obj", ".glb", ".gltf", ".3mf", ".ply")
 

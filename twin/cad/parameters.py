@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from twin.cad.description import Description, DriveSpec, LimitSpec
-from twin.provenance import Parameter
-from twin.units import DEG, MM
+from twin.core.provenance import Parameter
+from twin.core.units import DEG, MM
 
 SCALES = {"mm": MM, "deg": DEG, "mm/s": MM, "deg/s": DEG, "mm/s2": MM, "deg/s2": DEG, "kg/m3": 1.0}
 """From the units of the files to SI."""

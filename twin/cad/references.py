@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from twin.cad.description import Description, FrameSpec
-from twin.errors import unknown
+from twin.core.errors import unknown
 from twin.schema import Keys, error_at
 
 UNITS = {"revolute": "deg", "prismatic": "mm"}

@@ -19,12 +19,12 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.atomic import Scratch, atomic_folder, cache_folder
-from twin.errors import CadError, OutputError, SourceError
-from twin.foreign.budget import read_bytes
-from twin.foreign.guard import run
-from twin.spatial import Array
-from twin.units import MM
+from twin.core.atomic import Scratch, atomic_folder, cache_folder
+from twin.core.errors import CadError, OutputError, SourceError
+from twin.core.foreign.budget import read_bytes
+from twin.core.foreign.guard import run
+from twin.core.spatial import Array
+from twin.core.units import MM
 
 VISUAL_TOLERANCE = 0.1 * MM
 """Chord tolerance of the meshes that are shown, with 0.5 rad between normals."""

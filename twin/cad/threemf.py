@@ -8,9 +8,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from twin.foreign.budget import BUDGETS, over
-from twin.foreign.text import parse_xml
-from twin.spatial import Array
+from twin.core.foreign.budget import BUDGETS, over
+from twin.core.foreign.text import parse_xml
+from twin.core.spatial import Array
 
 _MODEL = "3D/3dmodel.model"
 

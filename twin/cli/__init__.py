@@ -15,10 +15,10 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from twin.atomic import cache_folder, no_room, settle
 from twin.cli.parser import UsageError, parser
-from twin.errors import TwinError
-from twin.findings import Finding
+from twin.core.atomic import cache_folder, no_room, settle
+from twin.core.errors import TwinError
+from twin.core.findings import Finding
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import socket
 
-from twin.errors import TwinError
-from twin.extras import require
+from twin.core.errors import TwinError
+from twin.core.extras import require
 
 
 def free_port(host: str, port: int) -> int:

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin import api
-from twin.audit import audit as audit_
-from twin.audit import key_times
-from twin.audit.report import POSITION_TOL, ROTATION_TOL, quantity
 from twin.cli import show
-from twin.errors import TwinError
-from twin.findings import by_severity
+from twin.core.errors import TwinError
+from twin.core.findings import by_severity
+from twin.exchange.audit import audit as audit_
+from twin.exchange.audit import key_times
+from twin.exchange.audit.report import POSITION_TOL, ROTATION_TOL, quantity
 
 if TYPE_CHECKING:
-    from twin.audit import AuditReport, Check
+    from twin.exchange.audit import AuditReport, Check
 
 _VERDICTS = {
     "agree": "AGREE: nothing is wrong with these files, and they say the same",

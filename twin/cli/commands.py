@@ -10,16 +10,17 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from twin import api, assets
-from twin.atomic import Scratch
+from twin import api
 from twin.cli import show
 from twin.cli.cure import Cures
 from twin.cli.variants import asked
-from twin.errors import TwinError, unknown
-from twin.findings import EXIT_CODES, verdict
+from twin.core import assets
+from twin.core.atomic import Scratch
+from twin.core.errors import TwinError, unknown
+from twin.core.findings import EXIT_CODES, verdict
 
 if TYPE_CHECKING:
-    from twin.mechanism import Joint, Mechanism
+    from twin.model.mechanism import Joint, Mechanism
 
 
 def list_robots(args: argparse.Namespace) -> int:
@@ -177,7 +178,7 @@ def _same(a: Path, b: Path) -> bool:
         return True
     from pxr import Tf
 
-    from twin.stage.same import same_layer
+    from twin.usd.same import same_layer
 
     try:
         return same_layer(a, b)
@@ -187,7 +188,7 @@ def _same(a: Path, b: Path) -> bool:
 
 def plan(args: argparse.Namespace) -> int:
     """Time a protocol; print its phases and what the check found; write CSV and JSON."""
-    from twin.trajectory.tracks import write_csv
+    from twin.planning.tracks import write_csv
 
     robot = api.load(args.robot)
     with show.progress(args.quiet or args.json) as progress:
@@ -196,7 +197,7 @@ def plan(args: argparse.Namespace) -> int:
     with assets.atomic_folder(folder) as work:
         write_csv(trajectory, work / "trajectory.csv", [j.is_angle for j in robot.mechanism.active])
         (work / "trajectory.json").write_text(show.as_json(trajectory.as_dict(arrays=False)), encoding="utf-8")
-    from twin.findings import EXIT_CODES, by_severity, verdict
+    from twin.core.findings import EXIT_CODES, by_severity, verdict
 
     result = verdict(trajectory.findings)
     if args.json:
@@ -215,7 +216,7 @@ def plan(args: argparse.Namespace) -> int:
 
 def validate(args: argparse.Namespace) -> int:
     """Judge the chosen protocols and variants; write a report for each."""
-    from twin.exporting.usd import fresh_stage
+    from twin.exchange.write.usd import fresh_stage
     from twin.validation.rows import Tolerances
 
     tolerances = None
@@ -327,8 +328,8 @@ def _folder(protocol: str, variants: Mapping[str, str] | None) -> str:
 
 def _write(report, folder: Path, root: Path) -> None:
     """Write a report into a folder, with the score of the validator that lies in `root`."""
-    from twin.report.files import write_report
-    from twin.report.selftest import with_selftest
+    from twin.ui.report.files import write_report
+    from twin.ui.report.selftest import with_selftest
 
     folder.mkdir(parents=True, exist_ok=True)
     write_report(with_selftest(report, root / "selftest.json"), folder)

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin import api
-from twin.errors import TwinError
+from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
-    from twin.explaining.result import Explanation, Reading
+    from twin.validation.explain.result import Explanation, Reading
     from twin.validation.result import Report
 
 SECONDS = 5.0
@@ -53,8 +53,8 @@ class Cures:
         return replace(report, cure=self._known[key])
 
     def _look(self, robot: api.Robot, report: Report, progress: Progress) -> str:
-        from twin.explaining.explain import explain
-        from twin.explaining.judge import Tolerance
+        from twin.validation.explain.explain import explain
+        from twin.validation.explain.judge import Tolerance
 
         until, at_last = time.thread_time() + self.seconds, time.monotonic() + _PATIENCE * self.seconds
 

@@ -8,8 +8,8 @@ import re
 import shutil
 from importlib.metadata import PackageNotFoundError, requires, version
 
-from twin import assets
 from twin.cli import show
+from twin.core import assets
 
 
 def doctor(args: argparse.Namespace) -> int:

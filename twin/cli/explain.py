@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 from twin import api
 from twin.cli import show
 from twin.cli.variants import asked
-from twin.errors import TwinError
-from twin.units import decimals
+from twin.core.errors import TwinError
+from twin.core.units import decimals
 
 if TYPE_CHECKING:
-    from twin.explaining.result import Explanation, Identified, Repair
+    from twin.validation.explain.result import Explanation, Identified, Repair
 
 
 def explain(args: argparse.Namespace) -> int:
     """Explain, print; the exit code is 0 agree, 1 disagree, 2 could not check."""
-    from twin.explaining.explain import explain as explain_
+    from twin.validation.explain.explain import explain as explain_
 
     if not (math.isfinite(args.seconds) and args.seconds >= 0):
         raise TwinError(f"--seconds {args.seconds:g}: give a number of seconds, 0 or more")
@@ -53,8 +53,8 @@ def explain(args: argparse.Namespace) -> int:
 
 
 def _tolerance(robot: api.Robot, um: float | None):
-    from twin.explaining.judge import Tolerance
-    from twin.units import UM
+    from twin.core.units import UM
+    from twin.validation.explain.judge import Tolerance
     from twin.validation.rows import Tolerances
 
     if um is not None and not (math.isfinite(um) and um > 0):

@@ -9,11 +9,11 @@ from pathlib import Path
 from twin import api
 from twin.cli import scene as scenes
 from twin.cli import show
-from twin.errors import TwinError
-from twin.exporting.bundle import Bundle, chosen_formats
-from twin.exporting.clip import Budget
-from twin.findings import by_severity
-from twin.units import DEG, UM
+from twin.core.errors import TwinError
+from twin.core.findings import by_severity
+from twin.core.units import DEG, UM
+from twin.exchange.write.bundle import Bundle, chosen_formats
+from twin.exchange.write.clip import Budget
 
 _VERDICTS = {
     "agree": "AGREE: readers of their own see the same robot in every file, at every key",

@@ -7,13 +7,13 @@ import math
 
 from twin import api
 from twin.cli import show
-from twin.errors import TwinError
-from twin.findings import EXIT_CODES, by_severity, verdict
+from twin.core.errors import TwinError
+from twin.core.findings import EXIT_CODES, by_severity, verdict
 
 
 def run(robot: api.Robot, args: argparse.Namespace) -> int:
     """Print the audit of every place where masses of the robot are stated; exit 1 if one of them cannot be."""
-    from twin.dynamics import collect
+    from twin.validation.masses import collect
 
     sources = []
     with show.progress(args.quiet or args.json) as progress:
@@ -26,7 +26,7 @@ def run(robot: api.Robot, args: argparse.Namespace) -> int:
             weighed = read_mechanism(robot.files.description).mechanism
             sources.append(collect.of_mechanism(weighed, "weighed on the CAD"))
             if robot.files.stage.is_file():
-                from twin.stage.read import read_stage
+                from twin.usd.read import read_stage
 
                 progress("USD stage", 0.0)
                 sources.append(collect.of_mechanism(read_stage(robot.files.stage), f"stage {robot.files.stage.name}"))

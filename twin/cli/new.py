@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from twin.cli import show
-from twin.errors import TwinError
-from twin.findings import Finding
+from twin.core.errors import TwinError
+from twin.core.findings import Finding
 
 _SHOWN = 3
 """How many findings of one kind are printed; all are in the notes."""
@@ -16,8 +16,8 @@ _SHOWN = 3
 
 def new(args: argparse.Namespace) -> int:
     """Read a description or CAD and write the robot folder."""
-    from twin.importing import SUFFIXES
-    from twin.stage.read.names import identifier
+    from twin.exchange.read import SUFFIXES
+    from twin.usd.read.names import identifier
 
     source, name = Path(args.source or args.name), args.name
     if args.source is None:
@@ -47,15 +47,15 @@ def new(args: argparse.Namespace) -> int:
 def _make(
     args: argparse.Namespace, name: str, source: Path, target: Path, progress
 ) -> tuple[dict[str, Any], list[Finding]]:
-    from twin.importing import kind_of, read
-    from twin.importing.closing import close
-    from twin.importing.folder import require_free, write_folder
+    from twin.exchange.read import kind_of, read
+    from twin.exchange.read.closing import close
+    from twin.exchange.read.folder import require_free, write_folder
     from twin.reference import ReferenceModel
 
     require_free(target, args.force)
     progress(f"read {source.name}", 0.0)
     if kind_of(source) == "STEP":
-        from twin.importing.step import read_skeleton, write_skeleton
+        from twin.exchange.read.step import read_skeleton, write_skeleton
 
         if args.closures or args.root:
             raise TwinError(f"{source}: a STEP has neither a closure YAML nor prims")

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from twin import api, assets
+from twin import api
 from twin.cli import show
-from twin.errors import TwinError
-from twin.findings import EXIT_CODES, Finding, by_severity, verdict
-from twin.units import MM, UM
+from twin.core import assets
+from twin.core.errors import TwinError
+from twin.core.findings import EXIT_CODES, Finding, by_severity, verdict
+from twin.core.units import MM, UM
 
 _NEAR, _THROUGH = 0.1e-3, 0.05e-3
 """How near the tool must come to the end of a phase, in m; ASSUMED: a tenth, and a twentieth before a hole."""
@@ -19,14 +20,14 @@ _NEAR, _THROUGH = 0.1e-3, 0.05e-3
 
 def operate(args: argparse.Namespace) -> int:
     """Let the hand work, print its measures, write JSON, CSV and a picture; exit 1 if a hole was not reached."""
-    from twin.control.contract import clutch
-    from twin.control.operator import Goal, measure
-    from twin.control.operator import operate as work_through
-    from twin.control.teleoperation import Gains, Teleoperation
-    from twin.control.velocity import Limits
-    from twin.report.operate import figure
-    from twin.report.style import png
-    from twin.trajectory.path import build
+    from twin.planning.path import build
+    from twin.simulation.control.contract import clutch
+    from twin.simulation.control.operator import Goal, measure
+    from twin.simulation.control.operator import operate as work_through
+    from twin.simulation.control.teleoperation import Gains, Teleoperation
+    from twin.simulation.control.velocity import Limits
+    from twin.ui.report.operate import figure
+    from twin.ui.report.style import png
 
     if args.trials < 1:
         raise TwinError(f"--trials {args.trials}: at least 1")

@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 from twin import __version__
 from twin.cli.parser_sweeps import add_sweeps
-from twin.errors import unknown
+from twin.core.errors import unknown
 
 _EPILOG = """\
 examples:

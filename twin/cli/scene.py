@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from twin import api, assets
+from twin import api
 from twin.cli import show
-from twin.errors import TwinError, unknown
-from twin.findings import EXIT_CODES, by_severity, verdict
-from twin.units import MM
+from twin.core import assets
+from twin.core.errors import TwinError, unknown
+from twin.core.findings import EXIT_CODES, by_severity, verdict
+from twin.core.units import MM
 
 
 def names() -> list[str]:
@@ -41,7 +42,7 @@ def refuse(args: argparse.Namespace) -> None:
     Raises:
         TwinError: it is; what works with the scene, and which robots are in it.
     """
-    from twin.scene.load import load_scene
+    from twin.model.scene import load_scene
 
     name = getattr(args, "robot", None)
     if not isinstance(name, str):
@@ -59,7 +60,7 @@ def refuse(args: argparse.Namespace) -> None:
 
 def listed() -> list[dict[str, Any]]:
     """Return the built-in scenes for `twin list`."""
-    from twin.scene.load import load_scene
+    from twin.model.scene import load_scene
 
     scenes = [load_scene(assets.data_folder() / "cad" / n / "scene.toml") for n in names()]
     return [{"name": s.name, "title": s.title, "robots": [p.name for p in s.places]} for s in scenes]
@@ -67,7 +68,7 @@ def listed() -> list[dict[str, Any]]:
 
 def info(file: Path, args: argparse.Namespace) -> int:
     """Print what stands where in a scene, and which numbers are assumed."""
-    from twin.scene.load import load_scene
+    from twin.model.scene import load_scene
 
     scene = load_scene(file)
     data = {
@@ -118,11 +119,11 @@ def _point(mm: list[float]) -> str:
 def run(file: Path, args: argparse.Namespace) -> int:
     """Plan every robot's protocol, play them together, write stage, table and picture; exit 1 if they meet."""
     from twin.cad.build import read_mechanism
-    from twin.report.scene import figure
-    from twin.report.style import png
-    from twin.scene.load import load_scene
-    from twin.scene.play import Actor, play, trocar_of
-    from twin.scene.stage import write_scene
+    from twin.model.scene import load_scene
+    from twin.simulation.scene_play import Actor, play, trocar_of
+    from twin.simulation.scene_stage import write_scene
+    from twin.ui.report.scene import figure
+    from twin.ui.report.style import png
 
     scene = load_scene(file)
     root = Path(args.out) if args.out else Path("twin-out") / scene.name

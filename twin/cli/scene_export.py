@@ -13,14 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from twin import api, assets
+from twin import api
 from twin.cli import show
-from twin.errors import TwinError
-from twin.exporting.bundle import Bundle
-from twin.exporting.clip import Budget
-from twin.findings import EXIT_CODES, Finding, by_severity, verdict
-from twin.scene.load import Scene, load_scene
-from twin.units import UM
+from twin.core import assets
+from twin.core.errors import TwinError
+from twin.core.findings import EXIT_CODES, Finding, by_severity, verdict
+from twin.core.units import UM
+from twin.exchange.write.bundle import Bundle
+from twin.exchange.write.clip import Budget
+from twin.model.scene import Scene, load_scene
 
 _TOLERANCE = 1 * UM
 """Between a link in the scene's stage and its place times the link of its bundle, in m."""
@@ -62,7 +63,7 @@ def export_scene(file: Path, args: argparse.Namespace, formats: tuple[str, ...],
 
 def _write_stage(scene: Scene, bundles: dict[str, Bundle], folder: Path) -> Path:
     from twin.cad.build import read_mechanism
-    from twin.scene.stage import write_scene
+    from twin.simulation.scene_stage import write_scene
 
     stages = {p.name: Path("..") / p.name / "usd" / f"{p.name}_{p.protocol}.usda" for p in scene.places}
     mechanisms = {n: b.order.mechanism for n, b in bundles.items()}

@@ -7,19 +7,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin import assets
 from twin.cli import show
-from twin.errors import TwinError, unknown
+from twin.core import assets
+from twin.core.errors import TwinError, unknown
 
 if TYPE_CHECKING:
-    from twin.selftest.fault import Family
-    from twin.selftest.result import Score
+    from twin.analysis.mutation.fault import Family
+    from twin.analysis.mutation.result import Score
 
 
 def selftest(args: argparse.Namespace) -> int:
     """Seed, judge, print and keep the score; exit 1 if it is below the bar or the correct robot is accused."""
-    from twin.selftest.fault import FAMILIES
-    from twin.selftest.run import selftest as run
+    from twin.analysis.mutation.fault import FAMILIES
+    from twin.analysis.mutation.run import selftest as run
 
     if args.count < 1:
         raise TwinError(f"--count {args.count}: give a number of faults, 1 or more")

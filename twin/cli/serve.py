@@ -12,9 +12,10 @@ import webbrowser
 from importlib import resources
 from pathlib import Path
 
-from twin import api, assets
+from twin import api
 from twin.cli.address import Address, free_port
-from twin.errors import TwinError
+from twin.core import assets
+from twin.core.errors import TwinError
 
 _ADVICE = "a headset enters AR only over https (--cert and --key), or over its cable, see --help"
 
@@ -35,17 +36,17 @@ def serve(args: argparse.Namespace) -> int:
 
 
 async def _run(args: argparse.Namespace, robot: api.Robot, port: int, context: ssl.SSLContext | None) -> None:
-    from twin.door.gate import Gate
-    from twin.headset import files
-    from twin.headset.recording import Recording, Replay
-    from twin.headset.server import StreamServer
-    from twin.headset.twin import Twin
+    from twin.ui.door.gate import Gate
+    from twin.ui.headset import files
+    from twin.ui.headset.recording import Recording, Replay
+    from twin.ui.headset.server import StreamServer
+    from twin.ui.headset.twin import Twin
 
     # Each send lets go of the interpreter; the thread that solves would keep it for 5 ms each time.
     sys.setswitchinterval(5e-4)
     stopping = asyncio.Event()
     _on_ctrl_c(stopping)
-    from twin.exporting.glb import glb_bytes
+    from twin.exchange.write.glb import glb_bytes
 
     twin = Twin(robot, str(args.robot), args.protocol, plans=args.replay is None)
     source, recording = twin, None
@@ -55,7 +56,7 @@ async def _run(args: argparse.Namespace, robot: api.Robot, port: int, context: s
             source = Replay(Path(args.replay), robot.name, about["model_hash"])
         if args.record is not None:
             recording = Recording(Path(args.record), robot.name, about["model_hash"], twin.links, robot.joints)
-        own = files.page_files(Path(str(resources.files("twin.headset"))) / "web" / "dist")
+        own = files.page_files(Path(str(resources.files("twin.ui.headset"))) / "web" / "dist")
         own |= files.robot_files(glb_bytes(robot.mechanism), about)
         own |= files.patient_files({n: glb_bytes(p.mechanism, (), p.poses) for n, p in twin.patients.items()})
         advice = "" if context is not None else _ADVICE
@@ -65,7 +66,7 @@ async def _run(args: argparse.Namespace, robot: api.Robot, port: int, context: s
         server.stopping = stopping
         await server.start(args.host, port, context)
         if "/" not in own:
-            print("twin: twin/headset/web/dist is missing: there is no page, only the stream", file=sys.stderr)
+            print("twin: twin/ui/headset/web/dist is missing: there is no page, only the stream", file=sys.stderr)
         if not gate.open:
             address.say("")
             if not args.no_browser:

@@ -8,8 +8,8 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from twin.findings import Finding, by_severity
-from twin.units import DEG, MM
+from twin.core.findings import Finding, by_severity
+from twin.core.units import DEG, MM
 from twin.validation.cause import SIDES, Cause
 from twin.validation.result import Report, as_json, headline
 
@@ -118,7 +118,7 @@ def info(data: Mapping[str, Any], bodies: int) -> str:
 
 def report(r: Report, *, all_findings: bool = False) -> str:
     """Return a report for the terminal: verdict, what is wrong by cause, the matrix in short."""
-    from twin.report.format import quantity
+    from twin.ui.report.format import quantity
 
     lines = [f"{r.robot} · {r.protocol} · {', '.join(f'{k} {v}' for k, v in r.variants.items())}", ""]
     unjudged = not r.variants and r.verdict == "agree"
@@ -173,7 +173,7 @@ def cause(c: Cause) -> str:
 
 def _sizes(found: Sequence[Finding], most: int = 6) -> str:
     """Return places and sizes, the first few of them."""
-    from twin.report.format import shown
+    from twin.ui.report.format import shown
 
     words = [
         f.code.partition(".")[2].replace("_", " ") if f.size is None else f"{f.where} {shown(f.size, f.unit)}".strip()

@@ -7,17 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from twin import api, assets
+from twin import api
 from twin.cli import show
 from twin.cli.variants import asked
-from twin.errors import TwinError, unknown
-from twin.units import DEG, MM, UM
+from twin.core import assets
+from twin.core.errors import TwinError, unknown
+from twin.core.units import DEG, MM, UM
 
 
 def run(robot: api.Robot, args: argparse.Namespace) -> int:
     """Sweep, print a table, write sweep.json, sweep.csv and sweep.png; exit 1 if the equations disagree."""
-    from twin.report.style import png
-    from twin.report.sweep import figure
+    from twin.ui.report.style import png
+    from twin.ui.report.sweep import figure
     from twin.validation.sweep import STANDINS, sweep
 
     standins = tuple(dict.fromkeys(filter(None, (args.compare or "").split(","))))

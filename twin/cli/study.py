@@ -7,15 +7,15 @@ from pathlib import Path
 
 from twin import api
 from twin.cli import show
-from twin.errors import TwinError
-from twin.findings import EXIT_CODES, Finding, by_severity, verdict
+from twin.core.errors import TwinError
+from twin.core.findings import EXIT_CODES, Finding, by_severity, verdict
 
 _NEXT = "compare the numbers above with the document; if it prints them so, cite the recomputed ones beside them"
 
 
 def study(args: argparse.Namespace) -> int:
     """Print the recomputed tables of a robot's studies, or of one file; exit 1 if print and rows disagree."""
-    from twin.study import load, recompute
+    from twin.validation.study import load, recompute
 
     path = Path(args.robot)
     if path.suffix == ".toml":
@@ -54,7 +54,7 @@ def study(args: argparse.Namespace) -> int:
 
 def _inertias(robot: api.Robot, args: argparse.Namespace) -> int:
     """Print what the published inertia tables of a robot imply; exit 1 if they cannot be used as printed."""
-    from twin.dynamics.audit import audit_report
+    from twin.validation.masses.audit import audit_report
 
     exhibit, rows, findings = audit_report(robot)
     if exhibit is None:  # the caller has looked

@@ -10,22 +10,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twin import api, assets
+from twin import api
 from twin.cli import show
-from twin.errors import TwinError
-from twin.spatial import Array
-from twin.units import MM
+from twin.core import assets
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.core.units import MM
 
 if TYPE_CHECKING:
-    from twin.sweeps.design import Job
-    from twin.sweeps.table import Table
+    from twin.analysis.design import Job
+    from twin.analysis.table import Table
 
 
 def sweep(args: argparse.Namespace) -> int:
     """Judge every design, keep each as it is judged, print the best; what was judged before is not judged again."""
-    from twin.report.design import figure
-    from twin.report.style import png
-    from twin.sweeps import design, table
+    from twin.analysis import design, table
+    from twin.ui.report.design import figure
+    from twin.ui.report.style import png
 
     if not args.vary:
         raise TwinError("--vary: say what is varied, as in --vary l_p=120..150mm; it may be given more than once")
@@ -82,7 +83,7 @@ def sweep(args: argparse.Namespace) -> int:
 
 
 def _grid(work: Job) -> dict[str, float]:
-    from twin.sweeps.design import grid_error
+    from twin.analysis.design import grid_error
 
     return {"step_mm": work.step / MM, "volume_error_dm3": grid_error(work)}
 
@@ -90,8 +91,8 @@ def _grid(work: Job) -> dict[str, float]:
 def _judge(
     work: Job, designs: Array, kept: Table, args: argparse.Namespace, progress: Callable[[str, float], None]
 ) -> None:
-    from twin.sweeps.cluster import HERE, cluster, each
-    from twin.sweeps.design import judge
+    from twin.analysis.cluster import HERE, cluster, each
+    from twin.analysis.design import judge
 
     todo = [i for i in range(len(designs)) if i not in kept.done]
     if not todo:

@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 
-from twin.errors import TwinError
+from twin.core.errors import TwinError
 
 PATIENCE = 60.0
 """Seconds after which no answer is a no."""

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from twin import api, assets
+from twin import api
 from twin.cli import show
-from twin.errors import TwinError
-from twin.spatial import Array
-from twin.units import DEG, UM
+from twin.core import assets
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.core.units import DEG, UM
 
 _ALONG = 12
 """States along a protocol."""
@@ -21,9 +22,9 @@ _ALONG = 12
 
 def tolerance(args: argparse.Namespace) -> int:
     """Compute, print, write a picture and a file; exit 1 if a requirement is not met."""
-    from twin.report.style import png
-    from twin.report.tolerance import figure
-    from twin.sweeps.tolerance import Spread, Tolerances, all_states, as_dict
+    from twin.analysis.tolerance import Spread, Tolerances, all_states, as_dict
+    from twin.ui.report.style import png
+    from twin.ui.report.tolerance import figure
 
     given = (args.sigma_um, args.sigma_deg, args.encoder_um, args.encoder_deg)
     if args.samples and args.samples < 1000:

@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin import api, assets
+from twin import api
 from twin.cli import show
-from twin.errors import TwinError
-from twin.findings import EXIT_CODES, Finding, by_severity, verdict
-from twin.units import MM, UM
+from twin.core import assets
+from twin.core.errors import TwinError
+from twin.core.findings import EXIT_CODES, Finding, by_severity, verdict
+from twin.core.units import MM, UM
 
 if TYPE_CHECKING:
-    from twin.dynamics.inertia import Arm
-    from twin.dynamics.track import Motion, Run
-    from twin.trajectory.model import Trajectory
+    from twin.planning.trajectory import Trajectory
+    from twin.simulation.dynamics.inertia import Arm
+    from twin.simulation.dynamics.track import Motion, Run
 
 _SEEDS = (0, 1)
 """Runs in which links and frictions are wrong by chance, each with its own sign."""
@@ -35,10 +36,10 @@ _INERTIA = {
 def track(args: argparse.Namespace) -> int:
     """Control the arm along a protocol, print errors and torques, write JSON, CSV and a picture; exit 1 above 1 mm."""
     from twin.cad.build import read_mechanism
-    from twin.dynamics import inertia, model
-    from twin.dynamics.track import ENCODER, Conditions, curve, run, torque_table
-    from twin.report.style import png
-    from twin.report.track import figure
+    from twin.simulation.dynamics import inertia, model
+    from twin.simulation.dynamics.track import ENCODER, Conditions, curve, run, torque_table
+    from twin.ui.report.style import png
+    from twin.ui.report.track import figure
 
     if not 0 <= args.mismatch < 100:
         raise TwinError(f"--mismatch {args.mismatch:g}: give percent from 0 to below 100")
@@ -128,14 +129,14 @@ def track(args: argparse.Namespace) -> int:
 
 def _motion(trajectory: Trajectory, T_last_tip: np.ndarray) -> Motion:
     """Return a planned trajectory as the controller takes it."""
-    from twin.dynamics.track import Motion
+    from twin.simulation.dynamics.track import Motion
 
     t = trajectory
     return Motion(t.t, t.q, t.qd, t.qdd, T_last_tip, t.shaft_axis, t.rcm)
 
 
 def _findings(runs: dict[str, Run], arm: Arm) -> list[Finding]:
-    from twin.dynamics.track import EXACT_LIMIT, TIP_LIMIT
+    from twin.simulation.dynamics.track import EXACT_LIMIT, TIP_LIMIT
 
     out = []
     for name, r in runs.items():

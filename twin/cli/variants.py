@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from twin.errors import TwinError
+from twin.core.errors import TwinError
 
 
 def asked(texts: Sequence[str]) -> str | dict[str, str] | None:

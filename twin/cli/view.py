@@ -11,15 +11,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin import api, assets
+from twin import api
 from twin.cli import scene as scenes
 from twin.cli import show
 from twin.cli.address import Address, free_port
-from twin.errors import TwinError
+from twin.core import assets
+from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
-    from twin.mechanism import Mechanism
-    from twin.viewer.front import Actor, Front
+    from twin.model.mechanism import Mechanism
+    from twin.ui.viewer.front import Actor, Front
 
 
 _ADVICE = "whoever comes in can move and load what is shown; nothing can be written from there"
@@ -31,8 +32,9 @@ def view(args: argparse.Namespace) -> int:
     title, load = _what(args)
     if args.html is not None:
         assets.require_writable(Path(args.html).parent)
-    from twin.door.gate import Gate
-    from twin.viewer.server import serve, stop
+    from twin.ui.door.gate import Gate
+    from twin.ui.viewer.page import open_page
+    from twin.ui.viewer.server import serve, stop
 
     front, stopping = None, threading.Event()
 
@@ -48,19 +50,16 @@ def view(args: argparse.Namespace) -> int:
     server = serve(f"twin · {title}", args.host, port, gate)
     try:
         if args.html is not None:
-            from twin.viewer.front import Front
-
-            front = Front(f"twin · {title}", *load(), server)
+            front = open_page(f"twin · {title}", *load(), server)
             return _page(front, Path(args.html), args.quiet)
         if not gate.open:
             address.say("")
             if not args.no_browser:  # it starts while the CAD is read
                 threading.Thread(target=webbrowser.open, args=(address.url,), daemon=True).start()
         from twin.cli.terminal import Terminal
-        from twin.viewer.front import Front
 
         terminal = None if gate.open else Terminal.here()
-        front = Front(f"twin · {title}", *load(), server, stopping, local=not gate.open, terminal=terminal)
+        front = open_page(f"twin · {title}", *load(), server, stopping=stopping, local=not gate.open, terminal=terminal)
         front.load_soon()
         front.run()
     finally:
@@ -83,8 +82,8 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor]
             robot.protocol(args.protocol)
 
         def load_robot() -> tuple[list[Actor], Mechanism | None]:
-            from twin.live.desk import Desk
-            from twin.viewer.front import Actor
+            from twin.ui.session.desk import Desk
+            from twin.ui.viewer.front import Actor
 
             return [Actor(robot.name, str(args.robot), Desk(robot), protocol=args.protocol)], None
 
@@ -93,14 +92,14 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor]
         raise TwinError(f"{args.robot} is a scene: its robots say what their tools are")
     if args.protocol is not None:
         raise TwinError(f"{args.robot} is a scene: its file says what each robot plays; leave the protocol out")
-    from twin.scene.load import load_scene
+    from twin.model.scene import load_scene
 
     scene = load_scene(file)
 
     def load_scene_robots() -> tuple[list[Actor], Mechanism | None]:
         from twin.cad.build import read_mechanism
-        from twin.live.desk import Desk
-        from twin.viewer.front import Actor
+        from twin.ui.session.desk import Desk
+        from twin.ui.viewer.front import Actor
 
         actors = [Actor(p.name, p.name, Desk(api.load(p.name)), p.T_world_base, p.protocol) for p in scene.places]
         return actors, None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
@@ -109,7 +108,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor]
 
 
 def _page(front: Front, path: Path, quiet: bool) -> int:
-    from twin.viewer import recording
+    from twin.ui.viewer import recording
 
     with show.progress(quiet) as progress:
         progress("plan", 0.0)

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twin import api, assets
+from twin import api
 from twin.cli import show
-from twin.errors import TwinError
-from twin.units import DEG, MM
+from twin.core import assets
+from twin.core.errors import TwinError
+from twin.core.units import DEG, MM
 
 if TYPE_CHECKING:
-    from twin.sweeps.workspace import Workspace
+    from twin.analysis.workspace import Workspace
 
 
 _POSITIONS = 50_000_000
@@ -24,9 +25,9 @@ _POSITIONS = 50_000_000
 
 def workspace(args: argparse.Namespace) -> int:
     """Sweep, print the volumes, write a picture and clouds of points."""
-    from twin.report.style import png
-    from twin.report.workspace import figure
-    from twin.sweeps import cloud
+    from twin.analysis import cloud
+    from twin.ui.report.style import png
+    from twin.ui.report.workspace import figure
 
     for name, value, least in (("--count", args.count, 1000), ("--turns", args.turns, 1)):
         if value < least:
@@ -57,9 +58,9 @@ def workspace(args: argparse.Namespace) -> int:
 
 
 def _found(robot: api.Robot, args: argparse.Namespace, work: Path, progress: Callable[[str, float], None]) -> Workspace:
-    from twin.sweeps.cluster import cluster
-    from twin.sweeps.joints import by_joints
-    from twin.sweeps.workspace import Grid, box, centre, workspace
+    from twin.analysis.cluster import cluster
+    from twin.analysis.joints import by_joints
+    from twin.analysis.workspace import Grid, box, centre, workspace
 
     step = args.step_mm * MM if args.step_mm else None
     closed = robot.files is not None and robot.files.has_equations and robot.kinematics().closed_inverse

@@ -1,8 +1,8 @@
 """What a plain `formula.py` may import beside NumPy: parameters with units, conditions, rotations."""
 
+from twin.core.provenance import Parameter
 from twin.formula.functions import if_else, pose, rotation_x, rotation_y, rotation_z
 from twin.formula.quantities import deg, m, mm, number, rad
-from twin.provenance import Parameter
 
 __all__ = [
     "Parameter",

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.errors import no_inverse
+from twin.core.errors import no_inverse
 from twin.formula.functions import if_else, plain
 from twin.formula.scalar import Scalar
 

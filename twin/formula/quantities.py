@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from twin.provenance import Parameter, Provenance
-from twin.units import DEG, MM
+from twin.core.provenance import Parameter, Provenance
+from twin.core.units import DEG, MM
 
 
 def mm(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Parameter:

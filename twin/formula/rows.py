@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.errors import KinematicsError, unknown
+from twin.core.errors import KinematicsError, unknown
 from twin.formula.scalar import NeedsNumberError
 
 POSE, JOINTS = "pose", "q"

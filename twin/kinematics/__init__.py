@@ -3,8 +3,7 @@
 Importing this package imports CasADi; nothing above it should do so before it needs an equation.
 """
 
-from twin.kinematics.compile import Kinematics, compile_formula
-from twin.kinematics.contract import (
+from twin.formula.contract import (
     ActiveJoint,
     Aspect,
     Coordinates,
@@ -13,6 +12,7 @@ from twin.kinematics.contract import (
     Measure,
     check_formula,
 )
+from twin.kinematics.compile import Kinematics, compile_formula
 from twin.kinematics.solve import Joints, Pose, Solution, Task, Tip, Trocar, solve
 
 __all__ = [

@@ -7,16 +7,13 @@ checked: a Newton step can jump to another assembly that has the same joints.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from twin import spatial
-from twin.errors import KinematicsError
-from twin.spatial import Array
-
-if TYPE_CHECKING:
-    from twin.kinematics.compile import Kinematics
+from twin.core import spatial
+from twin.core.errors import KinematicsError
+from twin.core.spatial import Array
+from twin.kinematics.compiled import Compiled
+from twin.kinematics.solve import Joints, Pose, descend, seeds, solve
 
 FORWARD_TOL = 1e-11
 """Norm of the error of the joints, in m or rad, at which a forward solution is accepted."""
@@ -29,7 +26,7 @@ _TRAVEL = 0.5
 answer might be on another branch, and the way there is walked in steps."""
 
 
-def forward(kin: Kinematics, q: Array, seed: Array | None) -> Array:
+def forward(kin: Compiled, q: Array, seed: Array | None) -> Array:
     """Return the pose (4, 4) at q (n,); see `Kinematics.forward`."""
     if kin.closed_forward:
         T = kin.program.forward.one(q)
@@ -44,7 +41,7 @@ def forward(kin: Kinematics, q: Array, seed: Array | None) -> Array:
     return _cold(kin, q)
 
 
-def forward_many(kin: Kinematics, qs: Array, seed: Array | None) -> Array:
+def forward_many(kin: Compiled, qs: Array, seed: Array | None) -> Array:
     """Return poses (k, 4, 4) at qs (k, n); see `Kinematics.forward_many`."""
     if kin.closed_forward:
         Ts = kin.program.forward.many(qs)
@@ -67,7 +64,7 @@ def forward_many(kin: Kinematics, qs: Array, seed: Array | None) -> Array:
     return out
 
 
-def branches(kin: Kinematics, q: Array) -> list[Array]:
+def branches(kin: Compiled, q: Array) -> list[Array]:
     """Return all assemblies at q (n,); see `Kinematics.branches`."""
     if kin.closed_forward and kin.formula.branches is None:
         return [forward(kin, q, None)]
@@ -88,14 +85,12 @@ def branches(kin: Kinematics, q: Array) -> list[Array]:
     return [found[i] for i in np.argsort(-scores, kind="stable")]
 
 
-def inverse_by_solver(kin: Kinematics, T: Array, seed: object) -> Array:
+def inverse_by_solver(kin: Compiled, T: Array, seed: object) -> Array:
     """Return q (n,) at a pose (4, 4) for a formula that only goes forward."""
-    from twin.kinematics.solve import Pose, solve
-
     return solve(kin, Pose(T), seed=seed).q  # type: ignore[arg-type]
 
 
-def inverse_by_solver_many(kin: Kinematics, Ts: Array, seed: object = None) -> Array:
+def inverse_by_solver_many(kin: Compiled, Ts: Array, seed: object = None) -> Array:
     """Return q (k, n) at poses (k, 4, 4), each from the one before it; NaN rows where there is none."""
     out = np.full((len(Ts), len(kin.joints)), np.nan)
     for i, T in enumerate(Ts):
@@ -106,9 +101,7 @@ def inverse_by_solver_many(kin: Kinematics, Ts: Array, seed: object = None) -> A
     return out
 
 
-def _from_seed(kin: Kinematics, q: Array, seed: Array) -> Array:
-    from twin.kinematics.solve import Joints, descend
-
+def _from_seed(kin: Compiled, q: Array, seed: Array) -> Array:
     label = np.sign(kin.program.group["aspect"].one(seed.ravel()))
     T, error, travel, signs = _newton(kin, q, seed)
     if error <= FORWARD_TOL and travel < _TRAVEL and (signs == label).all():
@@ -140,9 +133,7 @@ def _from_seed(kin: Kinematics, q: Array, seed: Array) -> Array:
     )
 
 
-def _cold(kin: Kinematics, q: Array) -> Array:
-    from twin.kinematics.solve import Joints, descend, seeds
-
+def _cold(kin: Compiled, q: Array) -> Array:
     preferred = np.array([a.preferred for a in kin.formula.aspects])
     if kin.formula.branches is not None:
         candidates = [T for T in branches(kin, q) if _signs(kin, T, preferred)]
@@ -163,7 +154,7 @@ def _cold(kin: Kinematics, q: Array) -> Array:
     )
 
 
-def _newton(kin: Kinematics, q: Array, T: Array) -> tuple[Array, float, float, Array]:
+def _newton(kin: Compiled, q: Array, T: Array) -> tuple[Array, float, float, Array]:
     """Return the pose that Newton reaches from T, its joint error, its travel and aspect signs.
 
     Where Newton fails the error is NaN, which is below no tolerance.
@@ -172,7 +163,7 @@ def _newton(kin: Kinematics, q: Array, T: Array) -> tuple[Array, float, float, A
     return out[:16].reshape(4, 4), out[16], out[17], np.sign(out[18:])
 
 
-def _newton_many(kin: Kinematics, qs: Array, seeds: Array) -> Array:
+def _newton_many(kin: Compiled, qs: Array, seeds: Array) -> Array:
     """Return the poses (k, 4, 4) that Newton reaches from seeds (k, 4, 4); NaN where not to be trusted."""
     flat = seeds.reshape(-1, 16)
     out = kin.program.newton.many(np.hstack([qs, flat]))
@@ -181,12 +172,10 @@ def _newton_many(kin: Kinematics, qs: Array, seeds: Array) -> Array:
     return out[:, :16].reshape(-1, 4, 4).copy()
 
 
-def _score(kin: Kinematics, Ts: Array) -> Array:
+def _score(kin: Compiled, Ts: Array) -> Array:
     """Return how many aspects of each pose are the preferred ones; ties go to the pose nearest to a seed."""
     preferred = np.array([a.preferred for a in kin.formula.aspects])
     agree = (kin.aspect_signs(Ts) == preferred).sum(axis=1).astype(float)
-    from twin.kinematics.solve import seeds
-
     home = list(seeds(kin, rng=0, starts=1))
     if home:
         away = np.array([_distance(T, home[0], kin.characteristic_length) for T in Ts])
@@ -194,7 +183,7 @@ def _score(kin: Kinematics, Ts: Array) -> Array:
     return agree
 
 
-def _signs(kin: Kinematics, T: Array, wanted: Array) -> bool:
+def _signs(kin: Compiled, T: Array, wanted: Array) -> bool:
     return bool(np.all(kin.aspect_signs(T[None])[0] == wanted))
 
 
@@ -203,5 +192,5 @@ def _distance(T: Array, other: Array, length: float = 1.0) -> float:
     return float(max(d, spatial.rotation_angle(T[:3, :3].T @ other[:3, :3])))
 
 
-def _text(kin: Kinematics, q: Array) -> str:
+def _text(kin: Compiled, q: Array) -> str:
     return ", ".join(f"{n} {v:.6g}" for n, v in zip(kin.joints, q, strict=True))

@@ -7,17 +7,16 @@ are one CasADi function, because numpy around it would cost five times as much a
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
 
-from twin.kinematics import symbolic, tasks
-from twin.kinematics.flow import Evaluator
-from twin.spatial import Array
-
-if TYPE_CHECKING:
-    from twin.kinematics.program import Program
+from twin.core.spatial import Array
+from twin.formula import symbolic
+from twin.formula.flow import Evaluator
+from twin.formula.program import Program
+from twin.kinematics import tasks
 
 MAX_ITERATIONS = 120
 
@@ -115,6 +114,17 @@ class Iteration:
             if out[k + 4] >= 3 or out[k + 2] > 1e12:
                 break
         return out[:k], float(np.sqrt(out[k + 1])), tried
+
+
+_ITERATIONS: WeakKeyDictionary[Program, dict[Kinds, Iteration]] = WeakKeyDictionary()
+
+
+def iteration(program: Program, kinds: Kinds) -> Iteration:
+    """Return the iteration of a robot and a kind of task, compiled at its first use."""
+    of_program = _ITERATIONS.setdefault(program, {})
+    if kinds not in of_program:
+        of_program[kinds] = Iteration(program, kinds)
+    return of_program[kinds]
 
 
 def _solve(A: ca.SX, b: ca.SX) -> ca.SX:

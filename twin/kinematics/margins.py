@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.core.spatial import Array
 from twin.kinematics.compile import Kinematics, compile_formula
-from twin.spatial import Array
 
 _CLOSE = 1e-6
 """Difference (m, rad) up to which equations give the state that they are asked about."""

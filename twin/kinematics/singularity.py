@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.spatial import Array
+from twin.core.spatial import Array
 
 _WELL = 1e-8
 """Square of the inverse condition number down to which eigenvalues of J J^T keep eight digits of it."""

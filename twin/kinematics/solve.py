@@ -8,19 +8,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import chain, islice
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twin import spatial
-from twin.errors import KinematicsError
-from twin.kinematics.descent import Iteration
+from twin.core import spatial
+from twin.core.errors import KinematicsError
+from twin.core.spatial import Array
+from twin.kinematics.compiled import Compiled
+from twin.kinematics.descent import iteration
 from twin.kinematics.tasks import Joints, Pose, Task, Tip, Trocar, is_length
-from twin.spatial import Array
-
-if TYPE_CHECKING:
-    from twin.kinematics.compile import Kinematics
 
 __all__ = ["Joints", "Pose", "Solution", "Task", "Tip", "Trocar", "descend", "seeds", "solve"]
 
@@ -62,7 +59,7 @@ class Descent:
 
 
 def solve(
-    kin: Kinematics,
+    kin: Compiled,
     task: Task,
     seed: ArrayLike | None = None,
     limits: ArrayLike | None = None,
@@ -127,7 +124,7 @@ def solve(
     )
 
 
-def seeds(kin: Kinematics, rng: int, starts: int, bounds: Array | None = None) -> Iterator[Array]:
+def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> Iterator[Array]:
     """Yield starting states: q (n,) if there is a forward equation, else poses (4, 4).
 
     First the formula's seeds, then random ones: about them for poses, within the limits (or a full turn,
@@ -153,7 +150,7 @@ def seeds(kin: Kinematics, rng: int, starts: int, bounds: Array | None = None) -
 
 
 def descend(
-    kin: Kinematics,
+    kin: Compiled,
     task: Task,
     start: Array,
     bounds: Array | None = None,
@@ -169,8 +166,6 @@ def descend(
     for term in task.terms:
         if term.kind == "joints" and len(term.numbers) != len(kin.joints):
             raise KinematicsError(f"task Joints: {len(term.numbers)} values for {len(kin.joints)} joints.")
-    if kinds not in kin.program.iterations:
-        kin.program.iterations[kinds] = Iteration(kin.program, kinds)
     weights = (
         t.weight * (joint_scale if t.kind == "joints" else np.where(is_length(t), 1 / scale, 1.0)) for t in task.terms
     )
@@ -178,13 +173,13 @@ def descend(
     columns = 1 / joint_scale if kin.closed_forward else np.repeat([scale, 1.0], 3)
     inputs = np.concatenate([*(t.numbers for t in task.terms), *weights, columns, joint_scale, low, high])
     begin = np.minimum(np.maximum(start, low), high) if kin.closed_forward else start.ravel()
-    end, residual, tried = kin.program.iterations[kinds].run(begin, inputs, 0.01 * tolerance)
+    end, residual, tried = iteration(kin.program, kinds).run(begin, inputs, 0.01 * tolerance)
     if kin.closed_forward:
         return Descent(kin.program.forward.one(end), end, residual, tried)
     return Descent(end.reshape(4, 4), kin.program.inverse.one(end)[:-1], residual, tried)
 
 
-def _from_formula(kin: Kinematics, seed: Array) -> Array:
+def _from_formula(kin: Compiled, seed: Array) -> Array:
     """Return the state of a seed of the formula: coordinates, or q for a formula that is only forward."""
     if not kin.closed_inverse:
         return seed
@@ -192,7 +187,7 @@ def _from_formula(kin: Kinematics, seed: Array) -> Array:
     return kin.inverse(T) if kin.closed_forward else T
 
 
-def _state(kin: Kinematics, seed: ArrayLike) -> Array:
+def _state(kin: Compiled, seed: ArrayLike) -> Array:
     """Return the state of a seed, q (n,) or pose (4, 4)."""
     seed = np.asarray(seed, float)
     if seed.shape == (4, 4):
@@ -204,12 +199,12 @@ def _state(kin: Kinematics, seed: ArrayLike) -> Array:
     raise KinematicsError(f"a seed must be q ({len(kin.joints)},) or a pose (4, 4), not {seed.shape}.")
 
 
-def _label(kin: Kinematics, state: Array) -> str:
+def _label(kin: Compiled, state: Array) -> str:
     """Return the branch of a state, q (n,) or pose (4, 4)."""
     return str((kin.branch(qs=state[None]) if state.ndim == 1 else kin.branch(Ts=state[None]))[0])
 
 
-def _bounds(kin: Kinematics, limits: ArrayLike | None) -> Array:
+def _bounds(kin: Compiled, limits: ArrayLike | None) -> Array:
     n = len(kin.joints)
     if limits is None:
         return np.tile([-np.inf, np.inf], (n, 1))
@@ -219,7 +214,7 @@ def _bounds(kin: Kinematics, limits: ArrayLike | None) -> Array:
     return bounds
 
 
-def _breaches(kin: Kinematics, q: Array, bounds: Array) -> list[str]:
+def _breaches(kin: Compiled, q: Array, bounds: Array) -> list[str]:
     unit = np.where(kin.revolute, "rad", "m")
     return [
         f"{name} = {v:.6g} {u} is outside {low:g} .. {high:g}"

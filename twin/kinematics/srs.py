@@ -19,11 +19,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twin.errors import KinematicsError
-from twin.kinematics import symbolic
-from twin.kinematics.flow import Evaluator
-from twin.spatial import Array
-from twin.units import MM
+from twin.core.errors import KinematicsError
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.formula import symbolic
+from twin.formula.flow import Evaluator
 
 SWIVELS = 72
 """How many swivels a scan looks at: every 5 deg."""

@@ -13,10 +13,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twin import spatial
-from twin.errors import KinematicsError
-from twin.kinematics import symbolic
-from twin.spatial import Array
+from twin.core import spatial
+from twin.core.errors import KinematicsError
+from twin.core.spatial import Array
+from twin.formula import symbolic
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.mechanism import Mechanism
+from twin.core.spatial import Array, Index
+from twin.model.mechanism import Mechanism
 from twin.reference.departing import scattered
 from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
 from twin.reference.states import Assembly
-from twin.spatial import Array, Index
 
 CLOSED = (1e-9, 1e-8)
 """Gap in m and rad up to which a loop counts as closed."""

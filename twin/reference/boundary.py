@@ -12,14 +12,14 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from twin import spatial
-from twin.findings import Finding
+from twin.core import spatial
+from twin.core.findings import Finding
+from twin.core.spatial import Array, Index
+from twin.core.units import DEG, MM
 from twin.reference.degeneracy import Degeneracy
 from twin.reference.model import ReferenceModel
 from twin.reference.seeking import NEARLY, Mask, Valid, Walks, seek, wander
 from twin.reference.states import Run
-from twin.spatial import Array, Index
-from twin.units import DEG, MM
 
 _DEGENERATE = 1e-2
 """Part of its usual value below which a mechanism's singular value has vanished: walks end within 1e-5 of it."""

@@ -9,10 +9,10 @@ from itertools import combinations, product
 import coal  # pyright: ignore[reportMissingImports] - installed beside site-packages
 import numpy as np
 
-from twin import spatial
-from twin.mechanism import Mechanism, Mesh
-from twin.spatial import Array
-from twin.units import MM
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.model.mechanism import Mechanism, Mesh
 
 TOUCHING = 0.05 * MM
 """Parts of two jointed bodies that are nearer than this as drawn are mating (pin and bore, washer and eye)."""

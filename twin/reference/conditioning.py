@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.core.spatial import Array
 from twin.reference.model import ReferenceModel
-from twin.spatial import Array
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from twin import spatial
+from twin.core import spatial
+from twin.core.spatial import Array, Index
 from twin.reference.loops import LENGTH_SCALE
 from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
-from twin.spatial import Array, Index
 
 _RANK = 1e-6
 """Singular value relative to the largest above which a rank counts at regular states."""

@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from twin.core.spatial import Array, Index
 from twin.reference.tree import Tree
-from twin.spatial import Array, Index
 
 _KICKS = (0.003, 0.01, 0.03, 0.1, 0.3)
 """Standard deviations in rad of the kicks of turns; those of slides are a tenth, in m."""

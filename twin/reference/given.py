@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.errors import MechanismError
-from twin.mechanism import Mechanism
-from twin.spatial import Array
+from twin.core.errors import MechanismError
+from twin.core.spatial import Array
+from twin.model.mechanism import Mechanism
 
 
 def one(mechanism: Mechanism, q: Array) -> Array:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.mechanism import Mechanism
+from twin.core.spatial import Array
+from twin.model.mechanism import Mechanism
 from twin.reference.model import ReferenceModel
 from twin.reference.states import Assembly
-from twin.spatial import Array
 
 GRAVITY = 9.81
 """m/s2, along -z of base."""

@@ -10,14 +10,14 @@ from functools import cached_property
 
 import numpy as np
 
-from twin import spatial
-from twin.errors import AssemblyError
+from twin.core import spatial
+from twin.core.errors import AssemblyError
+from twin.core.spatial import Array
 from twin.reference import walk
 from twin.reference.loops import LENGTH_SCALE
 from twin.reference.model import GAP_TOLERANCE, ReferenceModel
 from twin.reference.newton import minimise
 from twin.reference.posing import posed
-from twin.spatial import Array
 
 _JUMP = 0.5
 """Largest change (m, rad) of any coordinate between samples; more is another branch."""

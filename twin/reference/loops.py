@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin import spatial
-from twin.mechanism import Joint
-from twin.spatial import Array, Index
+from twin.core import spatial
+from twin.core.spatial import Array, Index
+from twin.model.mechanism import Joint
 
 LENGTH_SCALE = 0.1
 """Metres of misfit that weigh as much as one radian of it."""

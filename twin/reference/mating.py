@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin import spatial
-from twin.mechanism import Joint, Mechanism, Mesh
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.model.mechanism import Joint, Mechanism, Mesh
 from twin.reference.clearance import _distance, _Shape
-from twin.spatial import Array
-from twin.units import MM
 
 LOOSE = 0.5 * MM
 """More play than any joint has whose parts carry each other."""

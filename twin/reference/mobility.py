@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.core.spatial import Array, Index
 from twin.reference.loops import AXES, Loops
-from twin.spatial import Array, Index
 
 _FLAT = 1e-9
 """Relative size of singular values that count as zero."""

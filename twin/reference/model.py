@@ -13,17 +13,17 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed beside site-packages
 
-from twin import spatial
-from twin.errors import AssemblyError, MechanismError
-from twin.mechanism import Mechanism
+from twin.core import spatial
+from twin.core.errors import AssemblyError, MechanismError
+from twin.core.spatial import Array, Index
+from twin.core.units import MM
+from twin.model.mechanism import Mechanism
 from twin.reference import departing, given, mobility, walk
 from twin.reference.mobility import Mobility
 from twin.reference.newton import minimise
 from twin.reference.posing import posed
 from twin.reference.states import Assembly, Run
 from twin.reference.tree import Tree
-from twin.spatial import Array, Index
-from twin.units import MM
 
 _STRIDE = 0.02
 """Largest change (m, rad) of a target in one step of continuation."""

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from twin.core.spatial import Array, Index
 from twin.reference.tree import Tree
-from twin.spatial import Array, Index
 
 _STEP_LAST = 1e-9
 """A step (m, rad) below this is the last: convergence is quadratic, so what remains is below rounding."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin import spatial
+from twin.core import spatial
+from twin.core.spatial import Array, Index
 from twin.reference.loops import LENGTH_SCALE, sine_of_rotation
 from twin.reference.newton import Residual
 from twin.reference.tree import Tree
-from twin.spatial import Array, Index
 
 ALL = np.ones(6, bool)
 """Every direction."""

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.findings import Finding
+from twin.core.findings import Finding
+from twin.core.spatial import Array
 from twin.reference.departing import scattered
 from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
-from twin.spatial import Array
 
 SINGULAR = 1e-4
 """Smallest singular value of the loops in the passive joints, by the largest, below which a state is singular."""

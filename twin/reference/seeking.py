@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.core.spatial import Array, Index
 from twin.reference.degeneracy import Degeneracy
-from twin.spatial import Array, Index
 
 Values = Callable[[Array], Array]
 """States (k, nq) -> numbers (k, rows)."""

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin import spatial
-from twin.mechanism import Joint
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.model.mechanism import Joint
 from twin.reference.loops import LENGTH_SCALE
 from twin.reference.model import ReferenceModel
-from twin.spatial import Array
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from twin.spatial import Array
+from twin.core.spatial import Array
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed beside site-packages
 
-from twin import spatial
-from twin.errors import MechanismError
-from twin.mechanism import Joint, Mechanism
+from twin.core import spatial
+from twin.core.errors import MechanismError
+from twin.core.spatial import Array
+from twin.model.mechanism import Joint, Mechanism
 from twin.reference.loops import Coupled, Loops
-from twin.spatial import Array
 
 _JOINT_MODELS = {
     "revolute": pin.JointModelRZ,

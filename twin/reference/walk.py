@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin import spatial
-from twin.spatial import Array, Index
+from twin.core import spatial
+from twin.core.spatial import Array, Index
 
 _EVERY = 32
 """Of a dense motion, each such sample is solved from the one before ..."""

@@ -1,7 +1,7 @@
 """One file per robot: its published equations, and how such files are found and loaded.
 
-A file here and a user's `formula.py` elsewhere obey the same contract (`twin.kinematics.contract`) and
-load the same way; or they hold plain functions, `inverse(pose)` and `forward(q)` (`twin.kinematics.plain`).
+A file here and a user's `formula.py` elsewhere obey the same contract (`twin.formula.contract`) and
+load the same way; or they hold plain functions, `inverse(pose)` and `forward(q)` (`twin.formula.plain`).
 Loading a formula runs its file. Importing this package imports no CasADi; loading a formula does.
 """
 
@@ -17,11 +17,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.errors import CodeRefusedError, KinematicsError, unknown
+from twin.core.errors import CodeRefusedError, KinematicsError, unknown
 
 if TYPE_CHECKING:
-    from twin.kinematics.contract import Formula
-    from twin.spatial import Array
+    from twin.core.spatial import Array
+    from twin.formula.contract import Formula
 
 _FOLDER = Path(__file__).resolve().parent
 _said: set[Path] = set()
@@ -62,8 +62,8 @@ def load_formula(
     if not path.is_file():
         raise KinematicsError(f"{unknown('formula', str(robot), names())} A path to a formula.py is accepted too.")
     module = _import(path.resolve(), trial)
-    from twin.kinematics.contract import check_formula
-    from twin.kinematics.plain import is_plain, plain_formula
+    from twin.formula.contract import check_formula
+    from twin.formula.plain import is_plain, plain_formula
 
     formula = getattr(module, "FORMULA", None)
     if formula is None and is_plain(module):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from casadi import vertcat
 
-from twin.kinematics import symbolic
-from twin.kinematics.contract import Coordinates, Equation, Rows, Stage
-from twin.provenance import Parameter, Provenance
-from twin.units import MM
+from twin.core.provenance import Parameter, Provenance
+from twin.core.units import MM
+from twin.formula import symbolic
+from twin.formula.contract import Coordinates, Equation, Rows, Stage
 
 PAPER = "Design and Modeling of PA-10 Virtual Surgery Robot"
 ASSUMED = "ASSUMED: nothing is published"

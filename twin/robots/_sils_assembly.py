@@ -10,8 +10,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from twin import spatial
-from twin.spatial import Array
+from twin.core import spatial
+from twin.core.spatial import Array
 
 _GRID = 2048
 """Angles alpha_1 that are scanned; two assemblies nearer than 0.2 deg in alpha_1 may be missed as a pair."""

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from casadi import acos, asin, atan2, cos, fabs, if_else, norm_2, pi, sin, sqrt, vertcat
 
-from twin.kinematics import symbolic
-from twin.kinematics.contract import ActiveJoint, Aspect, Formula, Measure
+from twin.core.units import DEG
+from twin.formula import symbolic
+from twin.formula.contract import ActiveJoint, Aspect, Formula, Measure
 from twin.robots._khalil import ASSUMED, PAPER, ZYX, derived, mm, row, trocar
-from twin.units import DEG
 
 _OFF = 1e-6
 """Largest entry of a rotation matrix by which a pose may be off what five joints can take."""

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from casadi import acos, asin, atan2, cos, if_else, norm_2, pi, sin, sqrt, vertcat
 
-from twin.kinematics.contract import ActiveJoint, Aspect, Formula, Measure
+from twin.core.units import DEG
+from twin.formula.contract import ActiveJoint, Aspect, Formula, Measure
 from twin.robots._khalil import ASSUMED, PAPER, ZYX, derived, mm, row, trocar
-from twin.units import DEG
 
 
 def shaft(T_base_tool, r7, r10, trocar_x, trocar_y, trocar_z):

@@ -12,11 +12,11 @@ from __future__ import annotations
 
 from casadi import atan2, cos, cross, dot, if_else, norm_2, pi, sin, sqrt, vertcat
 
-from twin.kinematics import symbolic
-from twin.kinematics.contract import ActiveJoint, Aspect, Equation, Formula, Measure
-from twin.provenance import Parameter
+from twin.core.provenance import Parameter
+from twin.core.units import DEG
+from twin.formula import symbolic
+from twin.formula.contract import ActiveJoint, Aspect, Equation, Formula, Measure
 from twin.robots._khalil import PAPER, ZYX, mm, row
-from twin.units import DEG
 
 _INRIA = "siconos HuMAns_pa10 (INRIA)"
 

@@ -17,11 +17,11 @@ from collections.abc import Mapping
 import numpy as np
 from casadi import acos, atan2, cos, cross, dot, norm_2, pi, sin, sqrt, vertcat
 
-from twin.kinematics import symbolic
-from twin.kinematics.contract import ActiveJoint, Aspect, Coordinates, Equation, Formula, Measure
-from twin.provenance import Parameter
-from twin.spatial import Array
-from twin.units import DEG, MM
+from twin.core.provenance import Parameter
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.formula import symbolic
+from twin.formula.contract import ActiveJoint, Aspect, Coordinates, Equation, Formula, Measure
 
 _A = "sher3-kinematics (MIT, JHU LCSR 2025)"
 _PAPER = "paper on the SHER 3.0 simulation"

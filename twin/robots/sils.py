@@ -18,8 +18,10 @@ from __future__ import annotations
 
 from casadi import atan2, cos, cross, dot, fabs, pi, sin, sqrt, vertcat
 
-from twin.kinematics import symbolic
-from twin.kinematics.contract import (
+from twin.core.provenance import Parameter
+from twin.core.units import DEG, MM
+from twin.formula import symbolic
+from twin.formula.contract import (
     ActiveJoint,
     Aspect,
     Coordinates,
@@ -27,9 +29,7 @@ from twin.kinematics.contract import (
     Formula,
     Measure,
 )
-from twin.provenance import Parameter
 from twin.robots._sils_assembly import branches
-from twin.units import DEG, MM
 
 _PAPER = "RJTS-AM 68(1), 2023"
 _EQ3 = f"{_PAPER}, eq. (3)"

@@ -23,8 +23,8 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from twin.errors import DescriptionError
-from twin.foreign.text import check_depth, read_text
+from twin.core.errors import DescriptionError
+from twin.core.foreign.text import check_depth, read_text
 from twin.schema.explain import explain, explain_syntax
 from twin.schema.lines import Key, Keys, key_lines, nearest_line, spell
 

@@ -16,9 +16,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from twin.atomic import Scratch, no_room
-from twin.errors import TwinError
-from twin.processes import isolated
+from twin.core.atomic import Scratch, no_room
+from twin.core.errors import TwinError
+from twin.core.processes import isolated
 
 _PROGRAM = "from twin.validation.beside import serve; serve()"
 

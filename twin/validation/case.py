@@ -8,8 +8,8 @@ from typing import Literal
 
 from twin.cad.build import CadModel
 from twin.kinematics import Kinematics
-from twin.protocol import Protocol
-from twin.trajectory.model import PathKinematics, Trajectory
+from twin.planning.protocol import Protocol
+from twin.planning.trajectory import PathKinematics, Trajectory
 from twin.validation.compare import Comparison
 from twin.validation.motion import Measured
 from twin.validation.result import PhaseSummary

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from twin.findings import Finding, by_severity
+from twin.core.findings import Finding, by_severity
 
 Side = Literal["CAD", "equations", "stage", "motion", "protocol"]
 

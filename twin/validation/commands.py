@@ -7,9 +7,9 @@ import shlex
 from collections.abc import Mapping
 from pathlib import Path
 
-from twin import assets
+from twin.core import assets
+from twin.core.units import UM
 from twin.kinematics import Kinematics
-from twin.units import UM
 from twin.validation.rows import Tolerances
 
 SECONDS = 60

@@ -15,13 +15,13 @@ from itertools import combinations
 
 import numpy as np
 
-from twin.errors import AssemblyError
-from twin.findings import Finding
+from twin.core.errors import AssemblyError
+from twin.core.findings import Finding
+from twin.core.spatial import Array, Index
+from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics
+from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel, Run
-from twin.spatial import Array, Index
-from twin.trajectory.model import Trajectory
-from twin.units import DEG, MM
 from twin.validation.forward import forward
 from twin.validation.result import Quantity, Residual, headline
 from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text

@@ -13,16 +13,16 @@ from itertools import product
 
 import numpy as np
 
-from twin import spatial
-from twin.errors import ProtocolError, TimingError
-from twin.findings import Finding
-from twin.protocol import Pivot, Protocol, Waypoint
-from twin.spatial import Array
-from twin.trajectory.check import rcm_error
-from twin.trajectory.model import PathKinematics, PhaseSpan, Trajectory
-from twin.trajectory.path import angles_of, rotation
-from twin.trajectory.plan import plan
-from twin.units import DEG, MM
+from twin.core import spatial
+from twin.core.errors import ProtocolError, TimingError
+from twin.core.findings import Finding
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.planning.check import rcm_error
+from twin.planning.path import angles_of, rotation
+from twin.planning.plan import plan
+from twin.planning.protocol import Pivot, Protocol, Waypoint
+from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
 STEP = 0.02
 """Seconds between the samples of a fix that is planned."""

@@ -11,13 +11,13 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from twin import spatial
 from twin.cad.description import Description
-from twin.dynamics import solid
-from twin.findings import Finding
-from twin.mechanism import Body, Inertia, Joint, Mechanism, reversed_joint
-from twin.spatial import Array
-from twin.units import DEG, MM
+from twin.core import spatial
+from twin.core.findings import Finding
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.model.mechanism import Body, Inertia, Joint, Mechanism, reversed_joint
+from twin.validation.masses import solid
 
 SINGLE = 1e-5
 """Relative difference that single precision may make of a number."""

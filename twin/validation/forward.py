@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.findings import Finding
+from twin.core.findings import Finding
+from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics
 from twin.reference import Run
-from twin.units import DEG, MM
 from twin.validation.result import Residual
 from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.spatial import Array
-from twin.trajectory.model import Trajectory
+from twin.core.spatial import Array
+from twin.planning.trajectory import Trajectory
 
 OUTSIDE = 0.1
 """Length in m of shaft between the trocar and the point outside that is shown."""

@@ -9,14 +9,14 @@ from importlib.metadata import version
 
 import numpy as np
 
-from twin import spatial
-from twin.errors import AssemblyError, StageError
-from twin.findings import Finding
+from twin.core import spatial
+from twin.core.errors import AssemblyError, StageError
+from twin.core.findings import Finding
+from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics
-from twin.mechanism import Mechanism
+from twin.model.mechanism import Mechanism
+from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
-from twin.trajectory.model import Trajectory
-from twin.units import DEG, MM
 from twin.validation.beside import Beside
 from twin.validation.case import PARTS, Case, Known, Part, summaries
 from twin.validation.compare import Comparison, compare
@@ -178,8 +178,8 @@ def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
 def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, progress: Progress) -> None:
     """C against B: the same solver on the stage read back, and what single precision explains."""
     from twin.reference.sensitivity import of_rounding
-    from twin.stage.check import check_stage, run_usd_validators
-    from twin.stage.read import read_stage
+    from twin.usd.check import check_stage, run_usd_validators
+    from twin.usd.read import read_stage
 
     run = out.posed
     if run is None:

@@ -9,11 +9,11 @@ import numpy as np
 from twin.cad.build import CadModel
 from twin.cad.description import Description
 from twin.cad.lengths import measure
-from twin.errors import TwinError, unknown
-from twin.findings import Finding
+from twin.core.errors import TwinError, unknown
+from twin.core.findings import Finding
+from twin.core.units import MM, UM
+from twin.formula.contract import arguments
 from twin.kinematics import Kinematics
-from twin.kinematics.contract import arguments
-from twin.units import MM, UM
 from twin.validation.result import Residual
 from twin.validation.rows import Clock, Tolerances, row
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.findings import Finding
-from twin.mechanism import Mechanism
+from twin.core.findings import Finding
+from twin.core.spatial import Array, Index
+from twin.core.units import DEG, MM
+from twin.model.mechanism import Mechanism
+from twin.planning.trajectory import PathKinematics, Trajectory
 from twin.reference import ReferenceModel, Run
 from twin.reference.conditioning import conditioning
 from twin.reference.loops import LENGTH_SCALE
-from twin.spatial import Array, Index
-from twin.trajectory.model import PathKinematics, Trajectory
-from twin.units import DEG, MM
 from twin.validation.rows import Clock
 
 SINGULAR = 1e-6

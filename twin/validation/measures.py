@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from twin.findings import Finding
+from twin.core.findings import Finding
 from twin.kinematics import Kinematics
 from twin.kinematics.margins import Margins
 from twin.reference import ReferenceModel

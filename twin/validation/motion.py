@@ -11,18 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.atomic import Scratch
-from twin.errors import StageError
-from twin.findings import Finding, Severity
-from twin.mechanism import Mechanism
+from twin.core.atomic import Scratch
+from twin.core.errors import StageError
+from twin.core.findings import Finding, Severity
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.model.mechanism import Mechanism
+from twin.planning.trajectory import Trajectory, key_times
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Clearance, clearance
 from twin.reference.mating import Mate, mates
-from twin.spatial import Array
-from twin.stage.read import read_motion
-from twin.stage.write import Motion, write_motion, write_stage
-from twin.trajectory.model import Trajectory, key_times
-from twin.units import MM
+from twin.usd.read import read_motion
+from twin.usd.write import Motion, write_motion, write_stage
 from twin.validation.result import PhaseSummary, Residual
 from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
 

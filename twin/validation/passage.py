@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin import spatial
-from twin.findings import Finding
+from twin.core import spatial
+from twin.core.findings import Finding
+from twin.core.units import DEG, MM
+from twin.planning.check import check
 from twin.reference import ReferenceModel
-from twin.trajectory.check import check
-from twin.units import DEG, MM
 from twin.validation.case import Case, summaries
 from twin.validation.compare import Comparison
 from twin.validation.consistent import fixes

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from twin.findings import Finding
-from twin.mechanism import Mechanism
+from twin.core.findings import Finding
+from twin.core.units import DEG, MM
+from twin.model.mechanism import Mechanism
 from twin.reference.mating import LOOSE, Mate
-from twin.units import DEG, MM
 
 TURNS = 8 * np.pi
 """Range of an angle, in rad, above which its limits limit nothing: they are of another unit."""

@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
-from twin.findings import EXIT_CODES, Finding, Verdict, by_severity, verdict
-from twin.provenance import Parameter
-from twin.spatial import Array
+from twin.core.findings import EXIT_CODES, Finding, Verdict, by_severity, verdict
+from twin.core.provenance import Parameter
+from twin.core.spatial import Array
 from twin.validation.cause import Cause, causes
 
 

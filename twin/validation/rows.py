@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin import spatial
-from twin.spatial import Array, Index
-from twin.units import DEG, MM, UM
+from twin.core import spatial
+from twin.core.spatial import Array, Index
+from twin.core.units import DEG, MM, UM
 from twin.validation.result import PhaseSummary, Quantity, Residual
 
 

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin import spatial
-from twin.errors import AssemblyError
-from twin.findings import Finding
+from twin.core import spatial
+from twin.core.errors import AssemblyError
+from twin.core.findings import Finding
+from twin.core.spatial import Array, Index
+from twin.core.units import MM
+from twin.planning.trajectory import PhaseSpan, Trajectory
 from twin.reference import ReferenceModel
-from twin.spatial import Array, Index
-from twin.trajectory.model import PhaseSpan, Trajectory
-from twin.units import MM
 from twin.validation.result import Residual
 from twin.validation.rows import Clock, row, text
 

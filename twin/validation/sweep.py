@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from twin import spatial
-from twin.errors import AssemblyError, KinematicsError, TwinError
+from twin.core import spatial
+from twin.core.errors import AssemblyError, KinematicsError, TwinError
+from twin.core.spatial import Array
 from twin.kinematics import Kinematics
 from twin.reference import ReferenceModel, Run
-from twin.spatial import Array
 from twin.validation.rows import Tolerances, rotation_vectors
 
 STANDINS = ("serial", "mimic")

@@ -13,14 +13,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from twin import spatial
-from twin.findings import Finding
-from twin.mechanism import Mechanism
-from twin.protocol import Protocol
-from twin.spatial import Array
-from twin.trajectory.check import AGAIN
-from twin.trajectory.model import Trajectory
-from twin.units import DEG, MM
+from twin.core import spatial
+from twin.core.findings import Finding
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.model.mechanism import Mechanism
+from twin.planning.check import AGAIN
+from twin.planning.protocol import Protocol
+from twin.planning.trajectory import Trajectory
 
 OVER = 2e-3
 """Fraction by which a mean may exceed its limit: the plan may by half of that, the rest is rounding."""

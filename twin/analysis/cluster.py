@@ -1,0 +1,79 @@
+"""Work on other processors: Dask's scheduler, a running one by its address, or one of our own on this machine.
+
+What a task returns is fetched as soon as it is done, so that a worker that is lost takes no result with it; what it
+was at is done again by another.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+from twin.core.errors import TwinError
+from twin.core.extras import require
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+HERE = "local"
+"""In place of an address: workers of our own, one for each processor."""
+
+
+PATIENCE = "10s"
+"""For a scheduler to answer."""
+
+
+@contextlib.contextmanager
+def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]:
+    """Yield a client of the scheduler at an address such as tcp://10.0.0.1:8786, or of workers on this machine.
+
+    Raises:
+        TwinError: nobody answers there, or `distributed` is not installed.
+    """
+    require("distributed", "work on several processors or machines")
+    import dask
+    from distributed import Client, LocalCluster
+
+    logging.getLogger("distributed").setLevel(logging.ERROR)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # ports of dashboards, slow starts: nothing that concerns a result
+        if address == HERE:
+            count = workers or len(os.sched_getaffinity(0))
+            # Workers stay on this machine's own address, and no page is served.
+            with (
+                dask.config.set({"distributed.worker.daemon": False}),
+                LocalCluster(count, threads_per_worker=1, host="127.0.0.1", dashboard_address="") as own,
+                Client(own) as client,
+            ):
+                yield client
+            return
+        try:
+            client = Client(address, timeout=PATIENCE)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise TwinError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from error
+        with client:
+            if not client.scheduler_info()["workers"]:
+                raise TwinError(f"--scheduler {address}: no workers; start some: dask worker {address}")
+            yield client
+
+
+def each(client: Client, function: Callable[..., Any], tasks: Iterable[tuple]) -> Iterator[tuple[int, Any]]:
+    """Yield the number and the result of each task as it is done, in any order.
+
+    Args:
+        client: of a scheduler.
+        function: of a module that the workers have too; the same arguments must give the same result.
+        tasks: arguments.
+
+    Raises:
+        Exception: what a task raised.
+    """
+    from distributed import as_completed
+
+    futures = {client.submit(function, *task, pure=False, retries=3): i for i, task in enumerate(tasks)}
+    for future in as_completed(futures):
+        yield futures[future], future.result()

@@ -1,0 +1,279 @@
+"""Designs beside the drawn one: parameters and distances varied, each design judged by what it reaches and keeps.
+
+A factor is a parameter of the equations, or a distance between two joints on one body of the mechanism, written
+`body:joint-joint`; the second joint moves along the line between them. Each design is judged by itself, so that work
+can go to any processor, and stop and go on at any time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from twin import api
+from twin.analysis.tolerance import Spread, Tolerances
+from twin.analysis.workspace import Grid, centre, gaps_of, volume_error
+from twin.core import spatial
+from twin.core.errors import TwinError, unknown
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM, UM
+from twin.kinematics import Kinematics
+from twin.model.mechanism import Joint, Mechanism
+
+OBJECTIVES = {
+    "volume": ("dm³", +1, "positions reached in the home orientation"),
+    "conditioning": ("", +1, "mean inverse condition number over them"),
+    "margin": ("", +1, "mean margin to the nearest joint limit, 1 in the middle of the range"),
+    "tolerance": ("µm", -1, "position error that 95 % keep to at home, 10 µm of each joint frame, 1 µm of encoders"),
+}
+"""What a design is judged by: unit, whether more (+1) or less (-1) is better, and what it is."""
+
+POSITIONS = 27_000
+"""Positions of the tool at which a design is judged: the same for all designs."""
+
+_SPREAD = Spread(10 * UM, 0.001 * DEG, 1 * UM, 0.001 * DEG)
+_UNITS = {"m": 1.0, "mm": MM, "um": UM, "µm": UM, "rad": 1.0, "deg": DEG, "": 1.0}
+
+
+@dataclass(frozen=True)
+class Factor:
+    """What is varied.
+
+    Attributes:
+        name: of a parameter, or `body:joint-joint`.
+        low, high: in SI. unit: to show it in. drawn: its value in the design as it is.
+    """
+
+    name: str
+    low: float
+    high: float
+    unit: str
+    drawn: float
+
+    @property
+    def scale(self) -> float:
+        """SI per unit."""
+        return _UNITS[self.unit]
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a worker needs to judge any design.
+
+    Attributes:
+        source: name or path of the robot. protocol: that binds its trocar, or None.
+        factors: what is varied. objectives: by what it is judged.
+        low, step, shape, R: grid of positions and the orientation; see `Grid`.
+    """
+
+    source: str
+    protocol: str | None
+    factors: tuple[Factor, ...]
+    objectives: tuple[str, ...]
+    low: tuple[float, float, float]
+    step: float
+    shape: tuple[int, int, int]
+    R: tuple[tuple[float, ...], ...]
+
+
+def factor(robot: api.Robot, text: str) -> Factor:
+    """Return the factor that NAME=LOW..HIGH[unit] means; without a unit, that of the parameter, or mm.
+
+    Raises:
+        TwinError: it is written otherwise, or names nothing.
+    """
+    name, mark, range_ = text.partition("=")
+    low, dots, high = range_.partition("..")
+    digits = high.rstrip("abcdefghijklmnopqrstuvwxyzµ")
+    unit = high[len(digits) :].strip()
+    try:
+        ends = (float(low), float(digits))
+    except ValueError:
+        ends = (np.nan, np.nan)
+    if not (mark and dots and np.isfinite(ends).all()):
+        raise TwinError(f"--vary '{text}': write NAME=LOW..HIGH with a unit, as in l_p=120..150mm")
+    if unit not in _UNITS:
+        raise TwinError(f"--vary '{text}': {unknown('unit', unit, [u for u in _UNITS if u])}")
+    if not ends[0] < ends[1]:
+        raise TwinError(f"--vary '{text}': {ends[0]:g} .. {ends[1]:g} are not ordered")
+    if ":" in name:
+        drawn = distance(robot.mechanism, name)
+        unit = unit or "mm"
+        return Factor(name, ends[0] * _UNITS[unit], ends[1] * _UNITS[unit], unit, drawn)
+    parameters = {p.name: p for p in robot.formula.parameters}
+    if name not in parameters:
+        raise TwinError(f"--vary: {unknown('parameter', name, parameters)} (or a distance: body:joint-joint)")
+    unit = unit or (parameters[name].unit if parameters[name].unit in _UNITS else "")
+    return Factor(name, ends[0] * _UNITS[unit], ends[1] * _UNITS[unit], unit, float(parameters[name].value))
+
+
+def distance(mechanism: Mechanism, name: str) -> float:
+    """Return the distance in m of two joints on a body, named `body:joint-joint`; across pins, if they are parallel."""
+    return float(np.linalg.norm(_between(mechanism, name)[0]))
+
+
+def stretched(mechanism: Mechanism, name: str, value: float) -> Mechanism:
+    """Return the mechanism with that distance in m; the second joint moves along the line from the first."""
+    line, joint, side = _between(mechanism, name)
+    size = float(np.linalg.norm(line))
+    if size < 1e-9:
+        raise TwinError(f"--vary {name}: both joints are at one point, so that there is no direction to move one in")
+    moved = getattr(joint, side).copy()
+    moved[:3, 3] += line * (value / size - 1)
+    changed = replace(joint, **{side: moved})
+    return replace(mechanism, joints=tuple(changed if j.name == joint.name else j for j in mechanism.joints))
+
+
+def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
+    """Return the line (3,) in the body from the first joint to the second, that joint, and its side on the body."""
+    body, _, pair = name.partition(":")
+    first, mark, second = pair.partition("-")
+    if not mark:
+        raise TwinError(f"--vary '{name}': write body:joint-joint")
+    mechanism.body(body)
+    ends = []
+    for joint in (mechanism.joint(first), mechanism.joint(second)):
+        if body not in (joint.parent, joint.child):
+            raise TwinError(f"--vary '{name}': joint '{joint.name}' is not on body '{body}'")
+        ends.append((joint, "T_parent_joint" if joint.parent == body else "T_child_joint"))
+    a, b = (getattr(joint, side) for joint, side in ends)
+    line = b[:3, 3] - a[:3, 3]
+    axes = [T[:3, 2] for T, (joint, _) in zip((a, b), ends, strict=True) if joint.type in ("revolute", "cylindrical")]
+    if axes and np.linalg.norm(np.cross(axes[0], axes[-1])) < 1e-6:  # where along its pin a part sits is no length
+        line = line - (line @ axes[0]) * axes[0]
+    return line, *ends[1]
+
+
+def job(
+    robot: api.Robot, source: str, protocol: str | None, factors: Sequence[Factor], objectives: Sequence[str]
+) -> Job:
+    """Return the job: positions are spread over what the drawn design reaches and a fifth beyond."""
+    from twin.analysis.workspace import box
+
+    for name in objectives:
+        if name not in OBJECTIVES:
+            raise TwinError(f"--objective: {unknown('objective', name, OBJECTIVES)}")
+    places = [f.name for f in factors if ":" in f.name]
+    if places and set(objectives) - {"tolerance"}:
+        raise TwinError(
+            f"--objective: '{places[0]}' is a distance of the mechanism, which 'tolerance' alone judges; vary the "
+            "parameter of the equations for the others"
+        )
+    if len(places) < len(factors) and "tolerance" in objectives:
+        raise TwinError(
+            "--objective tolerance judges the mechanism, which no parameter of the equations changes; vary a distance "
+            "of the mechanism (body:joint-joint) for it"
+        )
+    if set(objectives) == {"tolerance"}:
+        return Job(source, protocol, tuple(factors), tuple(objectives), (0.0, 0.0, 0.0), 1.0, (1, 1, 1), ())
+    T = centre(robot)
+    low, high = box(robot, T)
+    low, high = low - 0.1 * (high - low), high + 0.1 * (high - low)
+    step = float(np.prod(high - low) / POSITIONS) ** (1 / 3)
+    nx, ny, nz = (int(n) for n in np.floor((high - low) / step) + 1)
+    x, y, z = (float(v) for v in low)
+    R = tuple(tuple(float(v) for v in row) for row in T[:3, :3])
+    return Job(source, protocol, tuple(factors), tuple(objectives), (x, y, z), step, (nx, ny, nz), R)
+
+
+def values(factors: Sequence[Factor], samples: int, levels: int | None, seed: int) -> Array:
+    """Return designs (k, factors) in SI: the drawn one, then a grid of levels or a Latin hypercube of samples."""
+    from scipy.stats import qmc
+
+    low, high = np.array([f.low for f in factors]), np.array([f.high for f in factors])
+    drawn = np.array([[f.drawn for f in factors]])
+    if levels:
+        axes = np.meshgrid(*[np.linspace(a, b, levels) for a, b in zip(low, high, strict=True)], indexing="ij")
+        return np.concatenate([drawn, np.stack([a.ravel() for a in axes], axis=1)])
+    cube = qmc.LatinHypercube(len(factors), rng=np.random.default_rng(seed)).random(samples)
+    return np.concatenate([drawn, low + cube * (high - low)])
+
+
+@lru_cache(maxsize=2)
+def _robot(source: str, protocol: str | None) -> api.Robot:
+    robot = api.load(source)
+    return robot.bound(robot.protocol(protocol)) if protocol or robot.mechanism.trocar else robot
+
+
+def judge(work: Job, design: Sequence[float]) -> dict[str, float]:
+    """Return the objectives of one design; NaN where it cannot be built."""
+    robot = _robot(work.source, work.protocol)
+    out: dict[str, float] = {}
+    named = {f.name: float(v) for f, v in zip(work.factors, design, strict=True)}
+    if "tolerance" in work.objectives:
+        mechanism = robot.mechanism
+        try:
+            for name, value in named.items():
+                mechanism = stretched(mechanism, name, value)
+            tolerances = Tolerances(mechanism, _SPREAD)
+            out["tolerance"] = tolerances.budget("home", tolerances.solver.q).within[0] / UM
+        except TwinError:
+            out["tolerance"] = float("nan")
+    if set(work.objectives) - {"tolerance"}:
+        out |= _reach(work, robot, named)
+    return {n: out[n] for n in work.objectives}
+
+
+def grid_error(work: Job) -> float:
+    """Return by how much the volume of the drawn design may be wrong because it is counted in cells, in dm3."""
+    _, _, good = _good(work, _robot(work.source, work.protocol).kinematics())
+    nx, ny, nz = work.shape
+    return volume_error(good.reshape(nz, ny, nx), (work.step / 0.1) ** 3)
+
+
+def _good(work: Job, kin: Kinematics) -> tuple[Array, Array, np.ndarray]:
+    """Return the poses (k, 4, 4) of the grid, the joints (k, n) there, and which are reached (k,)."""
+    robot = _robot(work.source, work.protocol)
+    grid = Grid(np.array(work.low), work.step, work.shape, np.array(work.R))
+    Ts = spatial.pose(np.array(work.R), grid.position(np.arange(grid.positions)))
+    with np.errstate(all="ignore"):
+        q = kin.inverse_many(Ts)
+        limits = robot.mechanism.limits
+        good = ((q >= limits[:, 0]) & (q <= limits[:, 1])).all(axis=1)
+        for i, j, least in gaps_of(robot):
+            good &= q[:, j] - q[:, i] >= least
+        if kin.formula.aspects:
+            preferred = np.sign([a.preferred for a in kin.formula.aspects])
+            good &= (kin.aspect_signs(Ts, q) == preferred).all(axis=1)
+    return Ts, q, np.asarray(good)
+
+
+def _reach(work: Job, robot: api.Robot, parameters: dict[str, float]) -> dict[str, float]:
+    try:
+        kin = robot.kinematics(parameters=parameters)
+    except TwinError:
+        return dict.fromkeys(("volume", "conditioning", "margin"), float("nan"))
+    Ts, q, good = _good(work, kin)
+    limits = robot.mechanism.limits
+    span = limits[:, 1] - limits[:, 0]
+    with np.errstate(all="ignore"):
+        near = np.where(np.isfinite(span), 2 * np.minimum(q - limits[:, 0], limits[:, 1] - q) / span, 1.0)
+        condition = kin.condition_many(Ts[good], q[good])
+    return {
+        "volume": float(good.sum() * (work.step / 0.1) ** 3),
+        "conditioning": float(np.mean(1 / condition)) if good.any() else 0.0,
+        "margin": float(near[good].min(axis=1).mean()) if good.any() else 0.0,
+    }
+
+
+def pareto(rows: Array, directions: Sequence[int]) -> np.ndarray:
+    """Return which designs (k,) no other beats in one objective without being beaten in another."""
+    better = rows * np.array(directions)
+    known = np.isfinite(better).all(axis=1)
+    out = np.zeros(len(rows), bool)
+    for i in np.flatnonzero(known):
+        other = better[known]
+        out[i] = not ((other >= better[i]).all(axis=1) & (other > better[i]).any(axis=1)).any()
+    return out
+
+
+def row(work: Job, number: int, design: Sequence[float], judged: dict[str, float]) -> dict[str, Any]:
+    """Return one line of the table, factors in their units."""
+    names = [f"{f.name} [{f.unit}]" if f.unit else f.name for f in work.factors]
+    shown = {n: v / f.scale for n, f, v in zip(names, work.factors, design, strict=True)}
+    named = {f"{n} [{OBJECTIVES[n][0]}]" if OBJECTIVES[n][0] else n: v for n, v in judged.items()}
+    return {"design": number, **shown, **named}

@@ -1,0 +1,139 @@
+"""What a robot reaches when its joints go through their ranges: for robots whose equations have no closed inverse.
+
+Joints are spread evenly over their ranges, the tool positions they lead to are counted in cells. A robot without
+equations is driven by its mechanism, loops closed; then the margin to a singularity of the loops stands for the
+singularity measure, and no condition number is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+
+from twin import robots
+from twin.analysis import measure
+from twin.analysis.workspace import CHUNK, Grid, Workspace, gaps_of
+from twin.api import Robot
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+
+_FIRST = 50_000
+"""Samples that tell how large the box is."""
+
+_CELLS = 20_000_000
+"""More cells than that are refused: their step is too small."""
+
+
+def by_joints(
+    robot: Robot,
+    count: int,
+    step: float | None = None,
+    progress: Callable[[str, float], None] = lambda label, fraction: None,
+) -> Workspace:
+    """Return what a robot reaches over the ranges of its joints.
+
+    Args:
+        robot: with equations that go forward, or with a mechanism alone.
+        count: samples.
+        step: edge of a cell in m; default a 64th of the largest extent.
+        progress: called with what is being done.
+
+    Raises:
+        TwinError: a sliding joint has no limits, or the cells are too many.
+    """
+    ranges = _ranges(robot)
+    sample = _sampler(robot, ranges)
+    values, p = sample(0, min(_FIRST, count))
+    p = p[(values[:, 0] > 0) & np.isfinite(p).all(axis=1)]
+    if not len(p):
+        raise TwinError(
+            f"{robot.name}: none of {min(_FIRST, count)} joint positions within the limits can be assembled"
+        )
+    extent = np.ptp(p, axis=0)
+    step = step or float(max(extent.max(), 1e-6)) / 64
+    margin = 0.05 * extent + 2 * step
+    low = p.min(axis=0) - margin
+    shape = np.ceil((extent + 2 * margin) / step).astype(int) + 1
+    if shape.prod() > _CELLS:
+        raise TwinError(f"--step-mm: {shape.prod():.3g} cells of {1e3 * step:.3g} mm; at most {_CELLS:.0g} are kept")
+    nx, ny, nz = (int(n) for n in shape)
+    grid = Grid(low, step, (nx, ny, nz), np.eye(3))
+    cells = grid.positions
+    hits, inverse = np.zeros(cells), np.zeros(cells)
+    margins, singular = np.full(cells, -np.inf), np.full(cells, np.inf)
+    outside = reached = 0
+    for first in range(0, count, CHUNK):
+        last = min(first + CHUNK, count)
+        values, p = sample(first, last)
+        good = (values[:, 0] > 0) & np.isfinite(p).all(axis=1)
+        reached += int(good.sum())
+        index = np.round((p[good] - low) / step).astype(np.int64)
+        inside = ((index >= 0) & (index < shape)).all(axis=1)
+        outside += int((~inside).sum())
+        at = index[inside] @ np.array([1, nx, nx * ny])
+        of = values[good][inside]
+        hits += np.bincount(at, minlength=cells)
+        inverse += np.bincount(at, weights=of[:, 1], minlength=cells)
+        np.maximum.at(margins, at, of[:, 2])
+        np.fmin.at(singular, at, of[:, 3])
+        progress(f"{count:.3g} joint positions", last / count)
+    out = np.zeros((cells, 4), np.float32)
+    out[:, 0] = hits > 0
+    out[:, 1] = inverse / np.maximum(hits, 1)
+    out[:, 2] = np.where(hits > 0, margins, 0)
+    out[:, 3] = np.where(np.isfinite(singular), singular, np.nan)
+    facts = {"sampled": "joints", "samples": count, "assembled": reached / count, "outside_of_box": outside}
+    return Workspace(robot.name, grid, out, facts)
+
+
+def _ranges(robot: Robot) -> Array:
+    ranges = robot.mechanism.limits
+    for joint, r in zip(robot.mechanism.active, ranges, strict=True):
+        if not np.isfinite(r).all():
+            if not joint.is_angle:
+                raise TwinError(f"{robot.name}: joint '{joint.name}' slides without limits: give it some ([[limit]])")
+            r[:] = -np.pi, np.pi
+    return ranges
+
+
+def _root(n: int) -> float:
+    """Return the positive root of x^(n + 1) = x + 1: its powers spread points evenly in n dimensions."""
+    x = 2.0
+    for _ in range(60):
+        x = (1 + x) ** (1 / (n + 1))
+    return x
+
+
+def _sampler(robot: Robot, ranges: Array) -> Callable[[int, int], tuple[Array, Array]]:
+    """Return a function of the first and last sample that gives (k, 4) values and (k, 3) positions."""
+    n = len(ranges)
+    steps = _root(n) ** -np.arange(1, n + 1)
+
+    def at(i: ca.SX) -> ca.SX:
+        parts = [0.5 + i * s for s in steps]
+        return ca.vertcat(*[lo + (hi - lo) * (x - ca.floor(x)) for x, (lo, hi) in zip(parts, ranges, strict=True)])
+
+    if robot.name in robots.names() or (robot.files is not None and robot.files.has_equations):
+        kin = robot.kinematics()
+        if kin.closed_forward:
+            kernel = measure.kernel(kin, ranges, at, gaps=gaps_of(robot), from_joints=True)
+
+            def by_equations(first: int, last: int) -> tuple[Array, Array]:
+                *values, p = kernel(np.arange(first, last, dtype=np.float64)[None])
+                return np.concatenate(values).T, p.T
+
+            return by_equations
+    loops = robot.loops
+
+    def by_mechanism(first: int, last: int) -> tuple[Array, Array]:
+        x = 0.5 + np.arange(first, last)[:, None] * steps
+        q = ranges[:, 0] + np.ptp(ranges, axis=1) * (x % 1)
+        found = loops.forward_many(q)
+        closed = np.isfinite(found.Ts_base_tool).all(axis=(1, 2))
+        near = 2 * np.minimum(q - ranges[:, 0], ranges[:, 1] - q) / np.ptp(ranges, axis=1)
+        values: Array = np.stack([closed.astype(float), 0 * found.offset, near.min(axis=1), found.margin], axis=1)
+        return values, found.Ts_base_tool[:, :3, 3]
+
+    return by_mechanism

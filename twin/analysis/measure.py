@@ -1,0 +1,131 @@
+"""One compiled kernel that judges poses: reached, how near to the limits, how well conditioned.
+
+Condition numbers are those of singular values: eigenvalues of J J^T by Jacobi's rotations, sweep by sweep until what
+is beside the diagonal is rounding. It is written out, so that many poses turn at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import combinations
+
+import casadi as ca
+import numpy as np
+
+from twin.codegen import Kernel, Stage
+from twin.core.spatial import Array
+from twin.kinematics import Kinematics
+from twin.kinematics.compile import POSE_TOL
+
+NAMES = ("reached", "inverse_condition", "limit_margin", "singularity")
+"""What is measured at a pose: 1 or 0; smallest by largest singular value, 0..1; the joint nearest to a limit, 1 in the
+middle of its range and 0 at its end; the smallest singularity measure of the equations (NaN: they have none).
+"""
+
+_SWEEPS, _BESIDE = 12, 1e-13
+
+
+def kernel(
+    kin: Kinematics,
+    limits: Array,
+    pose: Callable[[ca.SX], ca.SX],
+    *,
+    gaps: Sequence[tuple[int, int, float]] = (),
+    from_joints: bool = False,
+) -> Kernel:
+    """Return a kernel from the number of a sample to `NAMES` and the position of the tool.
+
+    Args:
+        kin: the equations.
+        limits: (n, 2) of the active joints, infinite where there is none.
+        pose: from the number of a sample to its pose (4, 4), or with `from_joints` to its joints (n,).
+        gaps: pairs of joints, of which the second must be so much (m) beyond the first: carriages of one rail.
+        from_joints: samples are joints; the equations go forward.
+    """
+    program, n = kin.program, len(kin.joints)
+    i = ca.SX.sym("i")
+    if from_joints:
+        q = pose(i)
+        T = ca.reshape(program.forward.function(q), 4, 4).T
+        J = ca.reshape(program.forward_jacobian.function(q), n, 6).T
+        J = ca.vertcat(J[:3, :], J[3:, :] * kin.characteristic_length)
+        reached, state = ca.SX(1), ca.reshape(T.T, 16, 1) if kin.closed_inverse else q
+    else:
+        T = pose(i)
+        state = ca.reshape(T.T, 16, 1)
+        out = program.inverse.function(state)
+        q, reached = out[:-1], out[-1] <= POSE_TOL
+        if kin.closed_forward:  # of a redundant arm the inverse is one of many: its slope says less
+            J = ca.reshape(program.forward_jacobian.function(q), n, 6).T
+            J = ca.vertcat(J[:3, :], J[3:, :] * kin.characteristic_length)
+        else:
+            J = ca.reshape(program.inverse_jacobian.function(state), 6, n).T
+            J = ca.horzcat(J[:, :3], J[:, 3:] / kin.characteristic_length)
+    margin = ca.SX(1)
+    for j, (low, high) in enumerate(limits):
+        reached = ca.logic_and(reached, q[j] == q[j])  # NaN is no answer
+        if np.isfinite(low) and np.isfinite(high):
+            near = 2 * ca.fmin(q[j] - low, high - q[j]) / (high - low)
+            margin = ca.if_else(near < margin, near, margin)
+        reached = ca.logic_and(reached, ca.logic_and(q[j] >= low, q[j] <= high))
+    for j, k, least in gaps:
+        reached = ca.logic_and(reached, q[k] - q[j] >= least)
+    aspects = program.group["aspect"]
+    if aspects.function.numel_out(0):  # another assembly is another machine
+        for sign, aspect in zip(ca.vertsplit(aspects.function(state)), kin.formula.aspects, strict=True):
+            reached = ca.logic_and(reached, sign * aspect.preferred > 0)
+    measures = program.group["measure"]
+    singularity = ca.SX(np.nan)
+    if measures.function.numel_out(0):
+        values = ca.vertsplit(ca.fabs(measures.function(state)))
+        singularity = values[0]
+        for value in values[1:]:
+            singularity = ca.fmin(singularity, value)
+    gram = J @ J.T if J.shape[0] <= J.shape[1] else J.T @ J
+    m = gram.shape[0]
+    entries = ca.vertcat(*[gram[r, c] for r in range(m) for c in range(r + 1)])
+    first = ca.Function("pose", [i], [entries, reached, margin, singularity, T[:3, 3]], {"cse": True})
+    known = ("gram", "reached", "margin", "singularity", "position")
+    a, (r, s, t) = ca.SX.sym("a", entries.numel()), (ca.SX.sym(x) for x in "rst")
+    values = [a[k * (k + 1) // 2 + k] for k in range(m)]
+    low, high = values[0], values[0]
+    for value in values[1:]:
+        low, high = ca.fmin(low, value), ca.fmax(high, value)
+    inverse_condition = ca.if_else(low > 0, ca.sqrt(ca.fmax(low, 0) / high), 0)
+    results = [r, *(ca.if_else(r, x, 0) for x in (inverse_condition, s)), ca.if_else(r, t, np.nan)]
+    last = ca.Function("judged", [a, r, s, t], [ca.densify(x) for x in results])
+    stages = [
+        Stage(first, ("i",), known),
+        Stage(_sweep(m), ("gram",), ("gram", "error"), _SWEEPS, _BESIDE),
+        Stage(last, ("gram", "reached", "margin", "singularity"), NAMES),
+    ]
+    return Kernel(stages, {"i": 1}, [*NAMES, "position"])
+
+
+def _sweep(m: int) -> ca.Function:
+    """Return a function for one sweep of Jacobi's rotations over a symmetric matrix, and what was beside its diagonal.
+
+    The matrix is its lower triangle by rows; what is beside the diagonal is relative to the diagonal.
+    """
+    entries = ca.SX.sym("a", m * (m + 1) // 2)
+    a = {(r, c): entries[r * (r + 1) // 2 + c] for r in range(m) for c in range(r + 1)}
+
+    def at(r: int, c: int) -> tuple[int, int]:
+        return (r, c) if r >= c else (c, r)
+
+    beside = sum((a[p] ** 2 for p in a if p[0] != p[1]), ca.SX(0))
+    along = sum((a[k, k] ** 2 for k in range(m)), ca.SX(0))
+    for p, q in combinations(range(m), 2):
+        x, y, z = a[p, p], a[q, q], a[q, p]
+        # the tangent of the rotation that takes z away, without dividing by it
+        d = y - x
+        t = ca.if_else(z == 0, 0, 2 * z / (d + ca.copysign(ca.sqrt(d * d + 4 * z * z), d)))
+        c = 1 / ca.sqrt(1 + t * t)
+        s = t * c
+        a[p, p], a[q, q], a[q, p] = x - t * z, y + t * z, ca.SX(0)
+        for k in (k for k in range(m) if k not in (p, q)):
+            u, v = a[at(p, k)], a[at(q, k)]
+            a[at(p, k)], a[at(q, k)] = c * u - s * v, s * u + c * v
+    out = ca.vertcat(*[a[r, c] for r in range(m) for c in range(r + 1)])
+    # quadratic: with so much left before this sweep, what is left after it is its square
+    return ca.Function("sweep", [entries], [out, ca.sqrt(beside / (along + 1e-300))])

@@ -1,0 +1,256 @@
+"""The correct robot on the bench, and the judgement of one fault in it: cheap parts of the validator first.
+
+A fault is caught as soon as one part of the validator gives a finding that it does not give for the correct robot. What
+the first parts let pass is judged by all of them: only then is it missed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import tempfile
+import time
+import warnings
+from collections.abc import Iterable, Iterator
+from copy import copy
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from twin import api
+from twin.analysis.mutation.equivalent import same_equations, same_motion, same_protocol, same_samples, same_stage
+from twin.analysis.mutation.fault import Fault, Outcome, State
+from twin.cad.build import CadModel, read_mechanism
+from twin.core.errors import TwinError
+from twin.core.findings import SEVERITIES, Finding
+from twin.core.spatial import Array
+from twin.exchange.write.usd import bake, write_usd
+from twin.model.mechanism import Mechanism
+from twin.planning.plan import plan
+from twin.planning.protocol import Protocol
+from twin.planning.trajectory import Trajectory
+from twin.reference import ReferenceModel
+from twin.validation.case import PARTS, Case, Known, Part, summaries
+from twin.validation.compare import Comparison, compare
+from twin.validation.judge import judge
+from twin.validation.motion import Measured, measure, samples, written_motion
+from twin.validation.result import Report
+from twin.validation.rows import Clock, Tolerances
+
+STEP = 0.04
+"""Seconds between samples of the motion on the bench: enough for every check, few enough to be judged often."""
+
+_FIRST: frozenset[Part] = frozenset(("protocol",))
+_EQUATIONS: frozenset[Part] = frozenset(("equations",))
+_STAGE: frozenset[Part] = frozenset(("stage",))
+_MOTION: frozenset[Part] = frozenset(("motion",))
+
+
+class Bench:
+    """A robot, its protocol planned in coarse steps, and its stage with that motion, in a folder of their own."""
+
+    def __init__(self, robot: api.Robot, protocol: str | None, folder: Path) -> None:
+        """Plan, weigh, build and judge the correct robot.
+
+        Raises:
+            TwinError: the robot has no equations or CAD, or its protocol cannot be carried out.
+        """
+        self.chosen = robot.protocol(protocol)
+        self.robot = robot.bound(self.chosen)
+        self.folder = folder
+        self.file = self._protocol_file(robot, protocol)
+        self.paths = self.robot.path_kinematics()
+        self.kin = self.robot.kinematics()
+        self.trajectory = self.planned(self.chosen)
+        assert robot.files is not None
+        weighed = read_mechanism(robot.files.description)
+        self.weighed = weighed.mechanism
+        self.stage = self.written(weighed.mechanism, self.robot.mechanism, folder / "stage")
+        # Without the motion: that would betray every other motion, whatever is wrong with it.
+        (folder / "still").mkdir()
+        self.still = write_usd(weighed.mechanism, (), folder / "still")[0]
+        self.cad: CadModel = replace(self.robot.cad, mechanism=self.robot.mechanism)
+        self.tolerances = Tolerances().widened(10 * self.cad.placement_loss)
+
+    def _protocol_file(self, robot: api.Robot, protocol: str | None) -> Path:
+        if protocol is not None and Path(protocol).suffix == ".toml":
+            return Path(protocol)
+        if robot.files is None:
+            raise TwinError(f"{robot.name} is a USD stage: it has no equations that could be wrong")
+        return robot.files.protocol(self.chosen.name)
+
+    def planned(self, protocol: Protocol, robot: api.Robot | None = None) -> Trajectory:
+        """Return a protocol planned in the steps of the bench."""
+        paths = self.paths if robot is None else robot.path_kinematics()
+        mechanism = (robot or self.robot).mechanism
+        return plan(protocol, paths, T_tool_frame=mechanism.frame_in_tool(protocol.frame), dt=STEP)
+
+    def written(self, mechanism: Mechanism, bound: Mechanism, folder: Path) -> Path:
+        """Write the stage of a mechanism with the motion of the bench; return its root layer."""
+        folder.mkdir(parents=True, exist_ok=True)
+        root = write_usd(mechanism, (), folder)[0]
+        bake(mechanism, bound, self.trajectory, folder)
+        return root
+
+    # -- the correct robot -------------------------------------------------------------------------------
+
+    def case(self, **changes) -> Case:
+        """Return the correct robot as a case for the validator, with changes."""
+        case = Case(
+            self.kin, self.cad, self.chosen, self.trajectory, self.stage, self.tolerances, self.paths, baked_for_it=True
+        )
+        return replace(case, **changes)
+
+    @cached_property
+    def correct(self) -> Report:
+        """The judgement of the correct robot, by every part of the validator."""
+        return judge(self.case(), known=Known(measured=self.measured), parts=PARTS)
+
+    @cached_property
+    def measured(self) -> Measured:
+        """What is measured of the correct mechanism along the motion."""
+        return measure(self.robot.mechanism, samples(self.trajectory), self.case().written)
+
+    @cached_property
+    def compared(self) -> Comparison:
+        """What the equations and the correct mechanism have said of each other."""
+        clock = Clock(self.trajectory.t, summaries(self.trajectory))
+        model = ReferenceModel(self.robot.mechanism)
+        return compare(self.kin, model, self.trajectory, clock, self.tolerances, lambda label, fraction: None)
+
+    @cached_property
+    def links(self) -> tuple[Array, dict[str, Array]]:
+        """Key times and link poses there, of the correct motion."""
+        looked = samples(self.trajectory)
+        model = ReferenceModel(self.robot.mechanism)
+        return looked.keys, model.link_poses(self.trajectory.on(model, looked.keys).x)
+
+    @cached_property
+    def usual(self) -> set[tuple[str, str]]:
+        """Codes and places of what is said of the correct robot too."""
+        return {(f.code, f.where) for f in self.correct.findings if f.severity != "info"}
+
+    # -- one fault ---------------------------------------------------------------------------------------
+
+    def outcome(self, fault: Fault) -> Outcome:
+        """Put a fault in, judge, and say what became of it."""
+        began = time.monotonic()
+        same = ""
+        with tempfile.TemporaryDirectory(dir=self.folder) as name, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # numpy and Python frown at many a fault; what counts are findings
+            try:
+                found, same = self._heard(fault, Path(name))
+            except TwinError as error:
+                code = f"error.{type(error).__name__.removesuffix('Error').lower()}"
+                found = Finding(code, "error", str(error))
+        state: State
+        if found is None:
+            state, message = ("equivalent", same) if same else ("missed", "nothing was said of it")
+        else:
+            state, message = "warned" if found.severity == "warning" else "caught", found.message
+        code, where = (found.code, found.where) if found is not None else ("", "")
+        return Outcome(
+            fault.family, fault.kind, fault.what, state, code, where, message, round(time.monotonic() - began, 3)
+        )
+
+    def _heard(self, fault: Fault, folder: Path) -> tuple[Finding | None, str]:
+        """Return the first new finding that changes the verdict, or why the fault is none.
+
+        After a mere warning one more part is asked. What the first part lets pass is looked at whether it is a fault
+        at all, before the others are asked.
+        """
+        warned, same = None, None
+        for found in self._found(fault, folder):
+            if found is not None and found.severity != "warning":
+                return found, ""
+            if warned is not None:
+                break
+            warned = found
+            if warned is None and same is None and (same := self._equivalent(fault, folder)):
+                break
+        return warned, same or ""
+
+    def _found(self, fault: Fault, folder: Path) -> Iterator[Finding | None]:
+        """Yield the gravest new finding of each part of the validator, or None; cheap parts first."""
+        if fault.robot is not None:
+            robot = fault.robot(folder)
+            case = self.case(kinematics=robot.kinematics(parameters={}), paths=robot.path_kinematics())
+            yield self._new(judge(case, parts=_EQUATIONS))
+            yield self._new(judge(case, parts=PARTS, known=Known(measured=self.measured)))
+        elif fault.mechanism is not None:
+            yield from self._of_mechanism(fault.mechanism(), folder)
+        elif fault.stage is not None:
+            yield from self._of_stage(fault, folder)
+        elif fault.protocol is not None:
+            protocol = fault.protocol(folder)
+            yield self._gravest(protocol.findings)
+            if fault.kind in ("speed", "turning") and protocol.findings:
+                return  # hours at that speed: nobody would wait for more
+            robot = self.robot.bound(protocol) if protocol.trocar is not None else self.robot
+            trajectory = self.planned(protocol, robot)
+            cad = replace(self.cad, mechanism=robot.mechanism)
+            paths = robot.path_kinematics()
+            case = self.case(
+                protocol=protocol, trajectory=trajectory, cad=cad, paths=paths, kinematics=robot.kinematics()
+            )
+            case = replace(case, stage=self.still)
+            yield self._new(judge(case, parts=_FIRST | _EQUATIONS))
+            yield self._new(judge(case))
+        elif fault.trajectory is not None:
+            case = self.case(trajectory=fault.trajectory(), stage=self.still)
+            yield self._new(judge(case, parts=_FIRST))
+            yield self._new(judge(case, parts=_FIRST | _EQUATIONS))
+            yield self._new(judge(case))
+
+    def _of_mechanism(self, mechanism: Mechanism, folder: Path) -> Iterator[Finding | None]:
+        robot = copy(self.robot)
+        robot.cad = replace(self.cad, mechanism=mechanism)
+        robot.mechanism = mechanism
+        case = self.case(cad=robot.cad, paths=robot.path_kinematics())
+        yield self._new(judge(case, parts=_FIRST | _EQUATIONS))
+        # masses as weighed: the parts are the same, only their places are not
+        inertias = {b.name: b.inertia for b in self.weighed.bodies}
+        bodies = tuple(replace(b, inertia=inertias.get(b.name)) for b in mechanism.bodies)
+        root = self.written(replace(mechanism, bodies=bodies), mechanism, folder / "stage")
+        yield self._new(judge(replace(case, stage=root), parts=_FIRST | _EQUATIONS | _STAGE))
+        yield self._new(judge(replace(case, stage=root)))
+
+    def _of_stage(self, fault: Fault, folder: Path) -> Iterator[Finding | None]:
+        assert fault.stage is not None
+        shutil.copytree(self.stage.parent, folder / "stage")
+        fault.stage(folder / "stage")
+        case = self.case(stage=folder / "stage" / self.stage.name)
+        known = replace(self.compared, residuals=[], findings=[], facts={}, series=dict(self.compared.series))
+        yield self._new(judge(case, parts=_STAGE, known=Known(known)))
+        measured = replace(self.measured, written=written_motion(case.written, *self.links))
+        yield self._new(judge(case, parts=_MOTION, known=Known(known, measured)))
+
+    def _new(self, report: Report) -> Finding | None:
+        return self._gravest(report.findings)
+
+    def _gravest(self, findings: Iterable[Finding]) -> Finding | None:
+        new = [f for f in findings if f.severity != "info" and (f.code, f.where) not in self.usual]
+        return max(new, key=lambda f: SEVERITIES.index(f.severity), default=None)
+
+    def _equivalent(self, fault: Fault, folder: Path) -> str:
+        """Return why a fault that nobody noticed is none, "" if it is one."""
+        with contextlib.suppress(TwinError):
+            if fault.robot is not None:
+                sub = folder / "again"
+                sub.mkdir()
+                other = fault.robot(sub).kinematics(parameters={})
+                return same_equations(self.kin, other, self.trajectory, np.random.default_rng(1))
+            if fault.mechanism is not None:
+                return same_motion(self.robot.mechanism, fault.mechanism(), self.trajectory)
+            if fault.stage is not None:
+                root = self.case(stage=folder / "stage" / self.stage.name)
+                return same_stage(self.case().written or self.stage, root.written or root.stage)
+            if fault.protocol is not None:
+                sub = folder / "again"
+                sub.mkdir()
+                return same_protocol(self.chosen, fault.protocol(sub))
+            if fault.trajectory is not None and fault.kind == "late joint":
+                return same_samples(self.trajectory, fault.trajectory())
+        return ""

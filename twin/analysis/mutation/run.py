@@ -1,0 +1,139 @@
+"""Draws the faults, shares them between two processes, and counts."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from twin import api
+from twin.analysis.mutation import cad, formula, timing, units, usd
+from twin.analysis.mutation.bench import Bench
+from twin.analysis.mutation.fault import FAMILIES, Family, Fault, Outcome
+from twin.analysis.mutation.result import Score
+from twin.core.atomic import Scratch
+from twin.core.errors import TwinError
+from twin.validation.beside import Beside
+
+SHARES: dict[Family, int] = {"formula": 32, "cad": 24, "usd": 28, "units": 14, "timing": 20}
+"""How many faults of each family are drawn out of 118; another count is shared out alike."""
+
+Progress = Callable[[str, float], None]
+
+
+def selftest(
+    robot: str | Path,
+    *,
+    protocol: str | None = None,
+    families: Sequence[Family] = FAMILIES,
+    count: int = sum(SHARES.values()),
+    seed: int = 0,
+    progress: Progress = lambda label, fraction: None,
+) -> Score:
+    """Return the mutation score of the validator on a robot.
+
+    Args:
+        robot: name or folder; equations, CAD and a protocol are needed.
+        protocol: along which; default the robot's default protocol.
+        families: which to seed.
+        count: of all faults.
+        seed: of the draw; the same seed draws the same faults.
+        progress: called with what is being done.
+
+    Raises:
+        TwinError: the robot cannot be judged at all.
+    """
+    began = time.monotonic()
+    task = (str(robot), protocol, tuple(families), count, seed)
+    progress("correct robot", 0.0)
+    with Beside(_share, *task, 1) as beside:
+        with bench_of(str(robot), protocol) as bench:
+            alarms = tuple(f for f in bench.correct.findings if f.severity in ("disagreement", "error"))
+            mine = _judged(bench, families, count, seed, 0, progress)
+        progress("the other half", 1.0)
+        theirs: dict[int, Outcome] = beside.result()
+    outcomes = {**mine, **theirs}
+    return Score(
+        bench.robot.name,
+        bench.chosen.name,
+        bench.robot.mechanism.source,
+        seed,
+        time.monotonic() - began,
+        tuple(outcomes[i] for i in sorted(outcomes)),
+        alarms,
+    )
+
+
+@contextlib.contextmanager
+def bench_of(robot: str, protocol: str | None) -> Iterator[Bench]:
+    """Yield a robot on the bench, in a folder that ends with it."""
+    loaded = api.load(robot)
+    if loaded.files is None or not loaded.files.formula.is_file():
+        raise TwinError(f"{loaded.name} has no equations: there is nothing that the validator could judge")
+    with Scratch() as folder:
+        yield Bench(loaded, protocol, Path(folder))
+
+
+def drawn(bench: Bench, families: Sequence[Family], count: int, seed: int) -> list[Fault]:
+    """Return the faults of a draw; every family has its own chance, so that one alone is drawn as among others."""
+    out: list[Fault] = []
+    asked: dict[Family, int] = {f: SHARES[f] for f in FAMILIES if f in families}
+    for family, n in shared_out(count, asked).items():
+        rng = np.random.default_rng([seed, FAMILIES.index(family)])
+        out += _faults(family, bench, rng, n)
+    return out
+
+
+def shared_out(count: int, shares: Mapping[Family, int]) -> dict[Family, int]:
+    """Return whole numbers in proportion to shares that sum to `count`: the largest remainders are rounded up.
+
+    A family gets none only if there are fewer than one for each.
+    """
+    whole = sum(shares.values())
+    least = 1 if count >= len(shares) else 0
+    out: dict[Family, int] = {f: max(least, count * s // whole) for f, s in shares.items()}
+    left: dict[Family, float] = {f: count * s / whole - out[f] for f, s in shares.items()}
+    while sum(out.values()) != count:
+        step = 1 if sum(out.values()) < count else -1
+        able: list[Family] = [f for f in out if step > 0 or out[f] > least]
+        chosen = max(able, key=lambda f: step * left[f])
+        out[chosen] += step
+        left[chosen] -= step
+    none: list[Family] = [f for f, n in out.items() if not n]
+    for family in none:
+        del out[family]
+    return out
+
+
+def _faults(family: Family, bench: Bench, rng: np.random.Generator, n: int) -> Iterator[Fault]:
+    if family == "formula":
+        return formula.faults(bench.robot, rng, n)
+    if family == "cad":
+        return cad.faults(bench.robot.mechanism, rng, n)
+    if family == "usd":
+        return usd.faults(bench.case().written or bench.stage, rng, n)
+    if family == "units":
+        return units.faults(bench.robot, bench.file, rng, n)
+    return timing.faults(bench.trajectory, bench.chosen, bench.planned, rng, n)
+
+
+def _judged(
+    bench: Bench, families: Sequence[Family], count: int, seed: int, share: int, progress: Progress
+) -> dict[int, Outcome]:
+    faults = list(enumerate(drawn(bench, families, count, seed)))[share::2]
+    out = {}
+    for k, (i, fault) in enumerate(faults):
+        progress(f"{fault.family}: {fault.what}"[:60], (k + 1) / (len(faults) + 1))
+        out[i] = bench.outcome(fault)
+    return out
+
+
+def _share(
+    robot: str, protocol: str | None, families: tuple[Family, ...], count: int, seed: int, share: int
+) -> dict[int, Outcome]:
+    """Judge one half of the faults: the second process."""
+    with bench_of(robot, protocol) as bench:
+        return _judged(bench, families, count, seed, share, lambda label, fraction: None)

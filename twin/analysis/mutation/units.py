@@ -1,0 +1,149 @@
+"""Faults of units: a parameter of the equations, or numbers of the protocol, written in another unit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+
+from twin import api
+from twin.analysis.mutation.fault import Fault
+from twin.planning.protocol import Protocol, load_protocol
+
+KINDS = (
+    "parameter",
+    "position",
+    "parameter",
+    "angles",
+    "parameter",
+    "speed",
+    "parameter",
+    "depth",
+    "turning",
+    "trocar",
+)
+"""What is drawn, in this order, as far as the robot has it."""
+
+
+def faults(robot: api.Robot, protocol: Path, rng: np.random.Generator, count: int) -> Iterator[Fault]:
+    """Yield faults of units of a robot and of a protocol file."""
+    text = protocol.read_text(encoding="utf-8")
+    seen: set[str] = set()
+    for i in range(10 * count):
+        if len(seen) == count:
+            return
+        kind = KINDS[i % len(KINDS)]
+        if kind == "parameter":
+            fault = _parameter(robot, rng)
+        else:
+            done = _MAKERS[kind](tomlkit.parse(text), rng)
+            if done is None:
+                continue
+            fault = Fault("units", kind, done[0], protocol=_reader(protocol.name, done[1]))
+        if fault.what not in seen:
+            seen.add(fault.what)
+            yield fault
+
+
+Done = tuple[str, Any] | None
+
+
+def _reader(name: str, document: Any) -> Callable[[Path], Protocol]:
+    def read(folder: Path) -> Protocol:
+        path = folder / name
+        path.write_text(tomlkit.dumps(document), encoding="utf-8")
+        return load_protocol(path)
+
+    return read
+
+
+def _parameter(robot: api.Robot, rng: np.random.Generator) -> Fault:
+    assert robot.files is not None
+    some = [p for p in robot.formula.parameters if p.value and p.name not in (robot._parameters or {})]
+    p = some[rng.integers(len(some))]
+    angle = p.unit in ("deg", "rad")
+    factor = float(rng.choice((180 / np.pi, np.pi / 180) if angle else (1000.0, 0.001)))
+    word = (
+        ("degrees for radians" if factor > 1 else "radians for degrees")
+        if angle
+        else ("mm for m" if factor > 1 else "m for mm")
+    )
+
+    def make(folder: Path) -> api.Robot:
+        changed = {**(robot._parameters or {}), p.name: factor * p.value}
+        out = api.Robot(robot.files, None, robot._variants, changed)
+        out.cad = robot.cad
+        return out
+
+    return Fault("units", "parameter", f"{p.name} with {word}", robot=make)
+
+
+def _scaled(values: Any, factor: float) -> list[float]:
+    # the digits that somebody would write
+    return [float(f"{factor * float(v):.5g}") for v in values]
+
+
+def _waypoint(document: Any, rng: np.random.Generator, key: str, least: float) -> tuple[str, Any] | None:
+    some = [
+        (n, w) for n, w in document["waypoints"].items() if key in w and np.abs(np.array(w[key], float)).max() > least
+    ]
+    return some[rng.integers(len(some))] if some else None
+
+
+def _position(document: Any, rng: np.random.Generator) -> Done:
+    found = _waypoint(document, rng, "position_mm", 1.0)
+    if found is None:
+        return None
+    name, w = found
+    w["position_mm"] = _scaled(w["position_mm"], 1e-3)
+    return f"position of waypoint '{name}' in metres", document
+
+
+def _angles(document: Any, rng: np.random.Generator) -> Done:
+    found = _waypoint(document, rng, "angles_deg", 0.0)
+    if found is None:
+        return None
+    name, w = found
+    w["angles_deg"] = _scaled(w["angles_deg"], np.pi / 180)
+    return f"angles of waypoint '{name}' in radians", document
+
+
+def _depth(document: Any, rng: np.random.Generator) -> Done:
+    some = [w for w in document["waypoints"].values() if w.get("depth_mm")]
+    some += [p for p in document["phases"] if p.get("depth_mm") and p["type"] == "insertion"]
+    if not some:
+        return None
+    one = some[rng.integers(len(some))]
+    one["depth_mm"] = float(f"{1e-3 * float(one['depth_mm']):.5g}")
+    return f"a depth of {one['depth_mm']:g} mm, in metres", document
+
+
+def _limits(document: Any, rng: np.random.Generator, name: str, factor: float, unit: str) -> Done:
+    kinds = list(document["limits"])
+    kind = kinds[rng.integers(len(kinds))]
+    keys = [k for k in document["limits"][kind] if k.startswith(name)]
+    both = rng.integers(2) == 0
+    for key in keys if both else keys[:1]:
+        document["limits"][kind][key] = float(f"{factor * float(document['limits'][kind][key]):.5g}")
+    return f"{name} {'speed and acceleration' if both else 'speed'} of {kind} in {unit}", document
+
+
+def _trocar(document: Any, rng: np.random.Generator) -> Done:
+    key = next((k for k in ("trocar_mm", "rcm_mm") if k in document), None)
+    if key is None:
+        return None
+    document[key] = _scaled(document[key], 1e-3)
+    return f"{key} in metres", document
+
+
+_MAKERS: dict[str, Callable[[Any, np.random.Generator], Done]] = {
+    "position": _position,
+    "angles": _angles,
+    "depth": _depth,
+    "speed": lambda d, rng: _limits(d, rng, "tip", 1e-3, "m/s"),
+    "turning": lambda d, rng: _limits(d, rng, "rotation", np.pi / 180, "rad/s"),
+    "trocar": _trocar,
+}

@@ -1,0 +1,114 @@
+"""The table of a sweep on disk: a line for each design as it is judged, so that a sweep can stop and go on."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import os
+from dataclasses import asdict
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from twin.analysis.design import Job
+from twin.core.errors import TwinError
+from twin.core.extras import require
+from twin.core.spatial import Array
+
+
+def key_of(work: Job, designs: Array) -> str:
+    """Return the hash of a job and its designs."""
+    return hashlib.sha256(json.dumps([asdict(work), designs.tolist()], sort_keys=True).encode()).hexdigest()
+
+
+class Table:
+    """`rows.csv` and `job.json` in a folder; open it, then `add` what is judged.
+
+    Attributes:
+        done: objectives by number of design, as far as they were judged before.
+    """
+
+    def __init__(self, folder: Path, work: Job, designs: Array, *, fresh: bool = False) -> None:
+        """Open a folder, and read what an earlier sweep of the same job left there.
+
+        Raises:
+            TwinError: another job is in that folder.
+        """
+        self.folder, self._work = folder, work
+        key = key_of(work, designs)
+        folder.mkdir(parents=True, exist_ok=True)
+        job, self._path = folder / "job.json", folder / "rows.csv"
+        if job.is_file() and not fresh:
+            try:
+                old = json.loads(job.read_text(encoding="utf-8"))["key"]
+            except (ValueError, KeyError, TypeError) as error:
+                raise TwinError(f"{job}: damaged; give --fresh to begin anew") from error
+            if old != key:
+                raise TwinError(f"{folder}: another sweep lies here; give another --out, or --fresh to begin anew")
+        else:
+            self._path.unlink(missing_ok=True)
+            part = job.with_suffix(".tmp")
+            part.write_text(json.dumps({"key": key, "job": asdict(work)}, indent=2) + "\n", encoding="utf-8")
+            part.replace(job)
+        self.done = self._read()
+        self._file = None
+
+    def _read(self) -> dict[int, dict[str, float]]:
+        out: dict[int, dict[str, float]] = {}
+        if not self._path.is_file():
+            return out
+        text = self._path.read_bytes()
+        whole = text[: text.rfind(b"\n") + 1]  # a line that was cut off is judged again
+        if whole != text:
+            self._path.write_bytes(whole)
+        for line in csv.reader(whole.decode("utf-8", "replace").splitlines()):
+            try:
+                number, *numbers = line
+                out[int(number)] = dict(zip(self._work.objectives, map(float, numbers), strict=True))
+            except ValueError:
+                continue
+        return out
+
+    def __enter__(self) -> Table:
+        self._file = self._path.open("a", encoding="utf-8", newline="")
+        return self
+
+    def add(self, number: int, judged: dict[str, float]) -> None:
+        """Keep the objectives of a design: on disk before this returns."""
+        assert self._file is not None
+        self.done[number] = judged
+        csv.writer(self._file, lineterminator="\n").writerow([number, *(judged[n] for n in self._work.objectives)])
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def __exit__(self, *error: object) -> None:
+        if self._file is not None:
+            self._file.close()
+
+
+def write(rows: list[dict[str, Any]], folder: Path, *, parquet: bool = False) -> list[Path]:
+    """Write sweep.csv, and sweep.parquet if asked.
+
+    Raises:
+        TwinError: Parquet needs pyarrow.
+    """
+    path = folder / "sweep.csv"
+    with path.open("w", encoding="utf-8", newline="") as file:
+        out = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        out.writeheader()
+        out.writerows(rows)
+    if not parquet:
+        return [path]
+    pa, pq = arrow()
+    pq.write_table(pa.Table.from_pylist(rows), folder / "sweep.parquet")
+    return [path, folder / "sweep.parquet"]
+
+
+def arrow() -> tuple[Any, Any]:
+    """Return pyarrow and its parquet module.
+
+    Raises:
+        TwinError: it is not installed.
+    """
+    return require("pyarrow", "--parquet"), import_module("pyarrow.parquet")

@@ -1,0 +1,144 @@
+"""Where the data folders are: in a checkout beside pyproject.toml, in an installed wheel in twin/_data.
+
+A robot of one's own is one folder with `cad/`, `trajectories/`, `usd/` and `formula.py` inside; a
+built-in robot is spread over three places. `RobotFiles` gives the same paths for both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from twin.core.atomic import atomic_folder as atomic_folder
+from twin.core.atomic import require_writable as require_writable
+from twin.core.atomic import settle
+from twin.core.errors import KinematicsError, TwinError, unknown
+
+_BESIDE = ("dimensions", "inertia", "exhibit", "scene")
+"""What may lie beside a description in a robot's cad/ folder."""
+
+NO_EQUATIONS = "FORMULA = None"
+"""The line of a formula.py that waits for its equations."""
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def data_folder() -> Path:
+    """Return the folder that holds cad/, usd/ and trajectories/."""
+    installed = _PACKAGE / "_data"
+    return installed if installed.is_dir() else _PACKAGE.parent
+
+
+def is_checkout() -> bool:
+    """Return whether twin runs from a source checkout, where `build` may write usd/."""
+    return data_folder() == _PACKAGE.parent and (_PACKAGE.parent / "pyproject.toml").is_file()
+
+
+@dataclass(frozen=True)
+class RobotFiles:
+    """The paths of one robot; they need not all exist."""
+
+    name: str
+    cad: Path
+    usd: Path
+    trajectories: Path
+    formula: Path
+
+    @property
+    def description(self) -> Path:
+        """The robot's TOML file."""
+        return self.cad / f"{self.name}.toml"
+
+    @property
+    def has_equations(self) -> bool:
+        """Whether there is a formula that is no empty template: one has the line `FORMULA = None`; nothing is run."""
+        try:
+            return NO_EQUATIONS not in self.formula.read_text("utf-8", "replace").splitlines()
+        except OSError:
+            return False
+
+    @property
+    def stage(self) -> Path:
+        """The robot's USD root layer."""
+        return self.usd / f"{self.name}.usda"
+
+    def protocols(self) -> dict[str, Path]:
+        """Return the protocol files by name."""
+        return {p.stem: p for p in sorted(self.trajectories.glob("*.toml"))}
+
+    def protocol(self, name: str) -> Path:
+        """Return the file of one protocol.
+
+        Raises:
+            TwinError: if there is none of that name; the message lists those that exist.
+        """
+        known = self.protocols()
+        if name not in known:
+            raise TwinError(f"{self.name}: {unknown('protocol', name, known)}")
+        return known[name]
+
+
+def equations(files: RobotFiles | None, name: str) -> Path:
+    """Return the file of a robot's equations; `files` is None for a bare stage.
+
+    Raises:
+        KinematicsError: there is none, or it is still the empty template.
+    """
+    if files is None or not files.formula.is_file():
+        raise KinematicsError(f"robot '{name}' has no equations: formula.py is missing")
+    if not files.has_equations:
+        raise KinematicsError(
+            f"{files.formula}: there are no equations yet, so nothing can be planned or judged. Write `inverse` or "
+            f"`forward` there, and take the line `{NO_EQUATIONS}` out."
+        )
+    return files.formula
+
+
+def names() -> list[str]:
+    """Return the names of the built-in robots: every cad/<name>/<name>.toml."""
+    return sorted(p.parent.name for p in data_folder().glob("cad/*/*.toml") if p.stem == p.parent.name)
+
+
+def files(robot: str | Path) -> RobotFiles:
+    """Return the paths of a built-in robot (by name) or of a robot folder (by path).
+
+    Raises:
+        TwinError: if it is neither.
+    """
+    if str(robot) in names():
+        root, name = data_folder(), str(robot)
+        found = RobotFiles(
+            name,
+            root / "cad" / name,
+            root / "usd" / name,
+            root / "trajectories" / name,
+            _PACKAGE / "robots" / f"{name}.py",
+        )
+        _settled(found)
+        return found
+    folder = Path(robot)
+    if folder.is_dir():
+        folder = folder.resolve()
+        descriptions = [p for p in (folder / "cad").glob("*.toml") if p.stem not in _BESIDE]
+        if len(descriptions) != 1:
+            raise TwinError(
+                f"robot folder {folder}: expected one robot description in {folder / 'cad'}, found "
+                f"{[p.name for p in descriptions] or 'none'}. A robot folder holds cad/<name>.toml, "
+                "trajectories/ and formula.py."
+            )
+        found = RobotFiles(
+            descriptions[0].stem,
+            folder / "cad",
+            folder / "usd",
+            folder / "trajectories",
+            folder / "formula.py",
+        )
+        _settled(found)
+        return found
+    raise TwinError(f"{unknown('robot', str(robot), names())} A path to a robot folder is accepted too.")
+
+
+def _settled(files: RobotFiles) -> None:
+    """Complete what a process that was killed began to write there."""
+    for folder in (files.cad, files.usd, files.trajectories):
+        settle(folder)

@@ -1,0 +1,279 @@
+"""Files that appear all at once or not at all, also when the process is killed, and temporary folders that go.
+
+`atomic_folder` writes into `.twin-XXXXXXXX.tmp/new` in the target. When all is written, a journal is put there by one
+rename: before it nothing has changed, after it everything will. Whoever comes next (`settle`) completes the moves of a
+killed process, or removes what it had not finished writing. A folder in use is locked by its process, and the kernel
+takes the lock off when that dies. Nothing here waits for the disk: a loss of power may still lose files.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import json
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Callable, Collection, Iterator
+from pathlib import Path
+
+from twin.core.errors import OutputError
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""What the system says when there is no room left."""
+
+_PREFIX, _SUFFIX = ".twin-", ".tmp"
+_OWN = re.compile(r"\.twin-[a-z0-9_]{8}\.tmp")
+"""Names of the folders that are made here, beside a target and among the temporary files."""
+
+_ABOVE = 4
+"""How many folders above a place are searched: the journal lies where the first folder that was there already is."""
+
+_COMMIT, _UNDO = "commit", "undo"
+"""Names of the journal: moves are to be completed, or to be taken back."""
+
+
+@contextlib.contextmanager
+def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Path]:
+    """Yield a temporary folder; move its files into `target` when the block ends without an error.
+
+    Files that the block does not write stay as they are. On any error `target` is left untouched.
+
+    Args:
+        target: an existing or new folder.
+        replacing: files below it that are removed in the same step, unless they are written anew.
+
+    Raises:
+        OutputError: if the target cannot be written (read-only, full, a file in the way).
+    """
+    target = Path(target)
+    try:
+        base = next(p for p in (target, *target.absolute().parents) if p.exists())
+        settle(base)
+        own, lock = _claim(lambda: tempfile.mkdtemp(_SUFFIX, _PREFIX, base))
+    except OSError as error:
+        raise OutputError(_unwritable(target, error)) from error
+    try:
+        try:
+            (own / "new").mkdir()
+            (own / "old").mkdir()
+            yield own / "new"
+            with _locked(base):
+                _commit(base, target, own, replacing)
+        except OSError as error:
+            raise OutputError(_unwritable(target, error)) from error
+        except OutputError as error:  # of a folder in this one: the reader knows only the target
+            raise OutputError(str(error).replace(str(own / "new"), str(target))) from error
+    finally:
+        _discard(own)
+        os.close(lock)
+
+
+class _ProbeError(Exception):
+    pass
+
+
+def require_writable(target: Path) -> None:
+    """Do nothing if `atomic_folder` could write there: for those who compute long before they write.
+
+    Raises:
+        OutputError: as `atomic_folder`.
+    """
+    with contextlib.suppress(_ProbeError), atomic_folder(target):
+        raise _ProbeError
+
+
+class Scratch(tempfile.TemporaryDirectory):
+    """A temporary folder that the next start removes if this process is killed."""
+
+    def __init__(self) -> None:
+        def make() -> str:
+            super(Scratch, self).__init__(_SUFFIX, _PREFIX)
+            return self.name
+
+        _, self._lock = _claim(make)
+
+    def cleanup(self) -> None:
+        """Remove the folder."""
+        super().cleanup()
+        with contextlib.suppress(OSError):
+            os.close(self._lock)
+
+
+def cache_folder(name: str) -> Path:
+    """Return the folder in the user's cache for one kind of results; it may be deleted at any time."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "twin" / name
+
+
+def settle(folder: Path) -> None:
+    """Complete or remove what killed processes left in a folder, or in one of the few above it."""
+    place = folder.absolute()
+    for where in (place, *list(place.parents)[:_ABOVE]):
+        try:
+            left = [Path(e.path) for e in os.scandir(where) if _OWN.fullmatch(e.name)]
+        except (OSError, ValueError):
+            continue
+        for own in left:
+            with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # in use, or not our journal
+                _settle(where, own)
+
+
+def _settle(base: Path, own: Path) -> None:
+    lock = os.open(own, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        if os.fstat(lock).st_uid != os.geteuid():
+            return
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # raises while its process lives
+        with _locked(base):
+            if (own / _COMMIT).is_file():
+                _forward(base, own)
+            elif (own / _UNDO).is_file():
+                _back(base, own)
+        _discard(own)
+    finally:
+        os.close(lock)
+
+
+def _discard(own: Path) -> None:
+    """Remove a folder, unless its journal still has to be carried out."""
+    if not any((own / name).is_file() for name in (_COMMIT, _UNDO)):
+        shutil.rmtree(own, ignore_errors=True)
+
+
+def _claim(make: Callable[[], str]) -> tuple[Path, int]:
+    """Make a folder and lock it; made again if another process swept it before it was locked."""
+    while True:
+        own = Path(make())
+        with contextlib.suppress(FileNotFoundError):
+            lock = os.open(own, os.O_RDONLY | os.O_DIRECTORY)
+            with contextlib.suppress(OSError):  # a file system without locks
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            if own.is_dir():
+                return own, lock
+            os.close(lock)
+
+
+@contextlib.contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Let one process at a time move files in a folder."""
+    if _OWN.fullmatch(folder.name):  # it is this process's alone, by the lock that says that its process lives
+        yield
+        return
+    lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        with contextlib.suppress(OSError):
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(lock)
+
+
+def _commit(base: Path, target: Path, own: Path, replacing: Collection[str]) -> None:
+    """Move the files of `own`/new into the target, which is `base` or will lie in it."""
+    below = Path(os.path.relpath(target.absolute(), base.absolute()))
+    put = sorted(p.relative_to(own / "new") for p in (own / "new").rglob("*") if p.is_file())
+    drop = sorted({Path(r) for r in replacing} - set(put))
+    files = [(below / rel).as_posix() for rel in (*put, *drop)]
+    made = {(base / f).parent for f in files[: len(put)]} | ({target} if put else set())
+    made = {q for p in made for q in (p, *p.parents) if q.is_relative_to(base) and not q.exists()}
+    for number, name in enumerate(files):
+        if (final := base / name).is_file():
+            _keep(final, own / "old" / str(number))
+        elif final.exists():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(final))
+    data = {"put": [[f, p.as_posix()] for f, p in zip(files, put, strict=False)], "drop": files[len(put) :]}
+    data["made"] = sorted(p.relative_to(base).as_posix() for p in made)
+    (own / "journal").write_text(json.dumps(data), encoding="utf-8")
+    os.rename(own / "journal", own / _COMMIT)  # noqa: PTH104 - the names of the system's calls say what is atomic
+    try:
+        _forward(base, own)
+    except BaseException:
+        if (own / _COMMIT).is_file():  # else an interrupt came after the last move
+            os.rename(own / _COMMIT, own / _UNDO)  # noqa: PTH104
+            _back(base, own)
+        raise
+
+
+def _forward(base: Path, own: Path) -> None:
+    """Complete the moves of a journal; those that are done already are left."""
+    journal = json.loads((own / _COMMIT).read_text(encoding="utf-8"))
+    for name, source in journal["put"]:
+        if (fresh := _inside(own / "new", source)).is_file():
+            final = _inside(base, name)
+            final.parent.mkdir(parents=True, exist_ok=True)
+            os.replace(fresh, final)  # noqa: PTH105
+    for name in journal["drop"]:
+        _drop(base, _inside(base, name))
+    (own / _COMMIT).unlink()  # from here the folder is waste
+
+
+def _back(base: Path, own: Path) -> None:
+    """Put back what was there before the moves of a journal."""
+    journal = json.loads((own / _UNDO).read_text(encoding="utf-8"))
+    moves = [*journal["put"], *([name, None] for name in journal["drop"])]
+    for number, (name, source) in enumerate(moves):
+        with contextlib.suppress(OSError):
+            final, kept = _inside(base, name), own / "old" / str(number)
+            if kept.is_file():
+                final.parent.mkdir(parents=True, exist_ok=True)
+                os.replace(kept, final)  # noqa: PTH105
+            elif source is not None and not _inside(own / "new", source).is_file():
+                final.unlink(missing_ok=True)
+    for folder in sorted(journal["made"], key=len, reverse=True):
+        with contextlib.suppress(OSError):
+            _inside(base, folder).rmdir()
+    (own / _UNDO).unlink()
+
+
+def _inside(base: Path, name: str) -> Path:
+    """Return a path of a journal, which may lie in a folder that somebody else has made.
+
+    Raises:
+        ValueError: it leads out of the folder.
+    """
+    path = base / name
+    if not path.parent.resolve().is_relative_to(base.resolve()) or ".." in Path(name).parts:
+        raise ValueError(f"{name} leads out of {base}")
+    return path
+
+
+def _drop(base: Path, file: Path) -> None:
+    """Remove a file, and the folders above it that are then empty."""
+    file.unlink(missing_ok=True)
+    for parent in file.parents:
+        if parent == base or not parent.is_relative_to(base):
+            return
+        try:
+            parent.rmdir()
+        except OSError:
+            return
+
+
+def _keep(file: Path, kept: Path) -> None:
+    """Keep a second copy of a file, without taking it away."""
+    try:
+        kept.hardlink_to(file)
+    except OSError:  # a file system without links
+        shutil.copy2(file, kept)
+
+
+def no_room(error: BaseException) -> str:
+    """Return what to say of an error that means a full disk, "" for any other."""
+    if not (isinstance(error, OSError) and error.errno in FULL):
+        return ""
+    place = Path(error.filename).parent if error.filename else "the disk"
+    return (
+        f"cannot write to {place}: {error.strerror}. Make room there, or choose another folder with --out, or with "
+        f"TMPDIR for temporary files (now {tempfile.gettempdir()})."
+    )
+
+
+def _unwritable(target: Path, error: OSError) -> str:
+    text = f"cannot write to {target}: {error.strerror or error}. Choose another folder with --out."
+    if error.errno not in FULL:
+        return text
+    if error.filename and not Path(error.filename).absolute().is_relative_to(target.absolute().parent):
+        return no_room(error)  # of what else was written meanwhile
+    return f"{text} Temporary files are in {tempfile.gettempdir()} (TMPDIR)."

@@ -1,0 +1,119 @@
+"""Text, JSON and XML read within their limits."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from twin.core.foreign.budget import BODIES, BUDGETS, over, read_bytes
+
+
+def read_text(path: Path, kind: str, encoding: str = "utf-8", errors: str = "strict") -> str:
+    """Return the text of a file, with line ends as `Path.read_text` gives them.
+
+    Raises:
+        BudgetError: it is too large.
+        OSError, UnicodeDecodeError: it cannot be read.
+    """
+    data = read_bytes(path, kind)
+    if kind == "JSON":
+        count_json(path, data)
+    text = data.decode(encoding, errors)
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+
+
+def load_json(path: Path, encoding: str = "utf-8") -> Any:
+    """Return what a JSON file holds.
+
+    Raises:
+        BudgetError: it is too large, or is made of too many objects and lists.
+        OSError, ValueError (also of its text), RecursionError: it cannot be read.
+    """
+    return parse_json(path, read_bytes(path, "JSON"), encoding)
+
+
+def parse_json(path: Path, data: bytes, encoding: str = "utf-8") -> Any:
+    """Return what JSON holds; `path` is named in errors. Raises as `load_json`."""
+    count_json(path, data)
+    return json.loads(data.decode(encoding))
+
+
+def count_json(path: Path, data: bytes) -> None:
+    """Raise `BudgetError` for JSON of too many objects and lists: each takes fifty times its text in memory."""
+    count = data.count(b"{") + data.count(b"[")
+    if count > BUDGETS["JSON"].count:
+        over(path, "JSON", "objects and lists", count, BUDGETS["JSON"].count)
+
+
+class DoctypeError(ValueError):
+    """XML declares a document type, which may hold entities that make a small file endless."""
+
+
+class _Counted(ElementTree.TreeBuilder):
+    """Counts while the tree grows; in any encoding, because the parser has decoded what it is told."""
+
+    def __init__(self, path: Path, kind: str) -> None:
+        super().__init__()
+        self._path, self._kind, self._budget = path, kind, BUDGETS[kind]
+        self._depth = self._count = 0
+        self._parts = dict.fromkeys(("joint", "link", "body", "visual", "collision"), 0)
+
+    def start(self, tag: Any, attrs: Any) -> Any:
+        self._depth += 1
+        self._count += 1
+        if self._depth > self._budget.depth:
+            over(self._path, self._kind, "depth of its elements, at least", self._depth, self._budget.depth)
+        if self._count > self._budget.count:
+            over(self._path, self._kind, "elements, at least", self._count, self._budget.count)
+        if tag in self._parts:
+            self._parts[tag] += 1
+            if self._parts[tag] > BODIES:
+                over(self._path, self._kind, f"<{tag}>, at least", self._parts[tag], BODIES)
+        return super().start(tag, attrs)
+
+    def end(self, tag: Any) -> Any:
+        self._depth -= 1
+        return super().end(tag)
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        raise DoctypeError("it declares a document type or entities; expand them first")
+
+
+def parse_xml(path: Path, data: bytes | None = None, kind: str = "XML") -> ElementTree.Element:
+    """Return the root element of XML in any encoding.
+
+    Args:
+        path: the file; named in errors.
+        data: its text, if it does not stand in the file as it is.
+        kind: whose limits hold.
+
+    Raises:
+        BudgetError: it is too large, nested too deep, or has too many elements.
+        DoctypeError: it declares a document type.
+        OSError, ElementTree.ParseError, LookupError, ValueError: it cannot be read.
+    """
+    parser = ElementTree.XMLParser(target=_Counted(path, kind))
+    parser.feed(read_bytes(path, kind) if data is None else data)
+    return parser.close()
+
+
+_QUOTED = re.compile(
+    r'"""(?:\\.|[^\\])*?"""|\'\'\'(?:\\.|[^\\])*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*', re.DOTALL
+)
+
+
+def check_depth(path: Path, kind: str, text: str) -> None:
+    """Raise `BudgetError` for text whose brackets or dotted names, not counting quotes and comments, are too deep."""
+    most, depth, deepest = BUDGETS[kind].depth, 0, 0
+    text = _QUOTED.sub("", text)
+    dotted = max(part.count(".") for part in re.split(r"[=\n,{}\[\]]", text)) if kind == "TOML" else 0
+    if dotted > most:
+        over(path, kind, "depth of its dotted names", dotted, most)
+    for bracket in re.findall(r"[{\[(]|[}\])]", text):
+        depth += 1 if bracket in "{[(" else -1
+        deepest = max(deepest, depth)
+    if deepest > most:
+        over(path, kind, "depth of its brackets", deepest, most)

@@ -1,0 +1,87 @@
+"""The one way in which this program starts Python: nothing of the working directory is imported there.
+
+`python -c` has the working directory first on its path: a `numpy.py` beside a downloaded robot would be run. And
+`multiprocessing` runs the user's own script once more. So children are isolated (`-I`), find twin and the packages
+where their parent has them, and are told what to call over a pipe.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import signal
+import subprocess
+import sys
+import weakref
+from collections.abc import Callable
+from multiprocessing.connection import Connection, Pipe
+from pathlib import Path
+from typing import Any
+
+_PACKAGES = ("site-packages", "dist-packages")
+_SERVE = "from twin.core.processes import serve; serve()"
+
+
+def isolated(program: str, *arguments: object) -> list[str]:
+    """Return the command that runs a Python program, with `sys.argv[1:]` the arguments.
+
+    Of the path it gets the folder of twin and those of packages, behind the standard library. Neither PYTHONPATH nor
+    a script's own folder count.
+    """
+    places = [str(Path(__file__).resolve().parents[2])]
+    places += [p for p in sys.path if Path(p).is_absolute() and Path(p).name in _PACKAGES]
+    head = f"import sys; sys.path += [p for p in {places!r} if p not in sys.path]\n"
+    flags = ["-I", "-X", "utf8", *(["-B"] if sys.dont_write_bytecode else [])]
+    return [sys.executable, *flags, "-c", head + program, *map(str, arguments)]
+
+
+class Apart:
+    """A function in a process of its own, that ends with this object, or with this program.
+
+    Ctrl-C is not for it: it inherits the mask, since it could be hit before it asks for that itself.
+
+    Args:
+        function: of a module of twin; called with its end of the line, then the arguments. All of it is pickled.
+        arguments: for it.
+
+    Attributes:
+        line: this end: `send`, `recv`, `poll`. It ends when the process does.
+    """
+
+    def __init__(self, function: Callable[..., None], *arguments: Any) -> None:
+        self.line, theirs = Pipe()
+        with theirs:
+            mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            try:
+                self._process = subprocess.Popen(
+                    isolated(_SERVE, theirs.fileno()), stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(),)
+                )
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        self._end = weakref.finalize(self, _end, self._process)
+        with contextlib.suppress(OSError):  # it has ended already: `line` tells
+            self.line.send((function.__module__, function.__qualname__, arguments))
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process runs."""
+        return self._process.poll() is None
+
+    def close(self) -> None:
+        """End the process at once: it must hold nothing that would need to be put away. `line` is left open."""
+        self._end()
+
+
+def _end(process: subprocess.Popen) -> None:
+    process.kill()
+    process.wait()
+
+
+def serve() -> None:
+    """Do what the parent says: the child's side."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with Connection(int(sys.argv[1])) as line, contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        module, name, arguments = line.recv()
+        getattr(importlib.import_module(module), name)(line, *arguments)

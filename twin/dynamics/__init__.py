@@ -1,1 +1,0 @@
-"""Dynamics: masses and drives from a file, inverse and forward dynamics by two engines, computed torque control."""

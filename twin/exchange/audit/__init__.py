@@ -1,0 +1,276 @@
+"""Read files that describe moving robots, whoever wrote them, and say what is wrong. Shares no code with a writer.
+
+poses       quaternions and matrices, written once more
+motion      what every reader returns: clips of link poses in one world
+gltf, usd, tracks, mjcf, urdf      readers
+physics     what a file says of a mechanism, in words for all formats; physics_<format> translate
+sense       what is physically impossible in one file
+compare     every link at every key, between files
+compare_physics    joints, drives, masses, frames, surfaces, colours, between files and with the mechanism
+claims      what files state of themselves: errors between keys, assumptions, README.txt
+unity, proof                       what else lies in a bundle
+diagnose    which of the usual mistakes explains a difference
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from twin.core.errors import BudgetError, SourceError
+from twin.core.foreign.admit import admit, admit_together
+from twin.core.foreign.archive import check_zip
+from twin.core.foreign.budget import check_size
+from twin.exchange.audit.claims import check_claims, check_proof_clips, check_readme
+from twin.exchange.audit.compare import compare, compare_hashes, compare_rest, compare_shapes, references
+from twin.exchange.audit.compare_physics import compare_physics
+from twin.exchange.audit.folder import Found, find
+from twin.exchange.audit.motion import Content, check_names
+from twin.exchange.audit.physics_truth import mechanism_physics
+from twin.exchange.audit.report import AuditReport, Check, Ledger, finished
+from twin.exchange.audit.sense import check_sense
+
+if TYPE_CHECKING:
+    from twin.model.mechanism import Mechanism
+
+__all__ = ["AuditReport", "Check", "audit", "key_times"]
+
+Truth = Mapping[str, tuple[np.ndarray, Mapping[str, np.ndarray]]]
+"""By clip: times (k,) in s, and T_world_link (k, 4, 4) by link."""
+
+Progress = Callable[[str, float], None]
+"""Called with what is being read and the fraction done."""
+
+
+def audit(
+    path: str | Path,
+    *,
+    truth: Truth | None = None,
+    mechanism: Mechanism | None = None,
+    progress: Progress | None = None,
+) -> AuditReport:
+    """Read a file or a folder of exported files, check each, and hold all against one another.
+
+    Args:
+        path: a .glb, .gltf, USD, .usdz, track, MJCF or URDF file, or a folder with any of them.
+        truth: poses from the reference model, by clip; without it the tracks are what others are held against.
+        mechanism: what the files are to be of: masses, joints, drives and frames are compared with it.
+        progress: see `Progress`.
+
+    Returns:
+        What was measured and found; `verdict` is "unchecked" if a file could not be read.
+
+    Raises:
+        TwinError: there is no such path, or nothing there that can be audited.
+    """
+    found = find(Path(path))
+    tell = progress or (lambda label, fraction: None)
+    contents: list[Content] = []
+    ledgers: list[Ledger] = []
+    for ledger, content in _read(found, tell):
+        ledgers.append(ledger)
+        if content is not None:
+            contents.append(content)
+    ledgers += [_package(found, folder) for folder in found.unity]
+    with np.errstate(all="ignore"):  # numbers that are not finite have been told, and stay wrong
+        declared = frozenset(n for c in contents for n in c.declared or ())
+        for content in contents:
+            content.known = declared or None
+            check_names(content)
+            check_sense(content)
+        tell("compare", 0.9)
+        refs = references(contents, truth or {})
+        compare(contents, refs)
+        compare_rest(contents)
+        compare_shapes(contents)
+        compare_physics(contents, None if mechanism is None else mechanism_physics(mechanism))
+        check_claims(contents)
+        for file in found.readmes:
+            ledgers.append(Ledger(found.name(file), "twin.exchange.audit readme", "1"))
+            check_readme(file, contents, ledgers[-1])
+        proofs = [_proof(found, file) for file in found.proofs]
+        compare_hashes(contents, next((h for _, h in proofs if h), ""))
+        for (ledger, _), file in zip(proofs, found.proofs, strict=True):
+            check_proof_clips(file, contents, ledger)
+            ledgers.append(ledger)
+    return finished(str(path), [c.as_facts() for c in contents], ledgers)
+
+
+def key_times(path: str | Path) -> dict[str, np.ndarray]:
+    """Return the key times (k,) in s of every clip at a path, from its tracks, or else from other files.
+
+    Raises:
+        TwinError: as `audit`.
+    """
+    found = find(Path(path))
+    if found.tracks:  # they alone say it all, and are read in no time
+        found = Found(found.root, tracks=found.tracks)
+    contents = [c for _, c in _read(found, lambda label, fraction: None) if c is not None]
+    return {name: ref.clip.times for name, ref in references(contents, {}).items()}
+
+
+def _read(found: Found, tell: Progress) -> Iterator[tuple[Ledger, Content | None]]:
+    """Yield a ledger for each file, and what it holds if it could be read."""
+    stages = (*found.stages, *found.usdz)
+    if stages:
+        tell("try the stages", 0)
+    admitted = admit_together(stages)
+    jobs: list[tuple[Callable[[Path, Ledger], Content | None], Path]] = [
+        *((_tracks, p) for p in (*found.tracks, *found.csv)),
+        *((_gltf, p) for p in found.gltf),
+        *((partial(_usd, admitted=admitted), p) for p in stages),
+    ]
+    tracks: list[Content] = []
+    models = [p.stem for p in found.mjcf]
+    jobs += [(partial(_tree, tracks=tracks, models=models), p) for p in found.mjcf]
+    jobs += [(partial(_tree, tracks=tracks, models=()), p) for p in found.urdf]
+    for i, (read, path) in enumerate(jobs):
+        name = found.name(path)
+        tell(f"read {name}", 0.9 * i / len(jobs))
+        ledger = Ledger(name)
+        with np.errstate(all="ignore"):
+            content = _guarded(read, path, ledger)
+        if content is not None and content.format == "tracks":
+            tracks.append(content)
+        yield ledger, content
+
+
+_STRANGE = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, MemoryError)
+"""What foreign data makes of a reader that trusts its structure."""
+
+
+def _guarded(read: Callable[[Path, Ledger], Any], path: Path, ledger: Ledger) -> Content | None:
+    """Read a file; whatever keeps it from being read becomes a finding."""
+    try:
+        if not path.stat().st_size:
+            ledger.add("file.empty", "error", "it is empty.")
+            return None
+        return read(path, ledger)
+    except (BudgetError, SourceError) as error:
+        ledger.add("file.budget", "error", f"{error}")
+    except OSError as error:
+        ledger.add("file.unreadable", "error", f"it cannot be read: {error.strerror or error}.")
+    except _STRANGE as error:
+        text = f"it is malformed: {type(error).__name__}, {str(error)[:120]}."
+        ledger.add("file.malformed", "error", text)
+    return None
+
+
+def _gltf(path: Path, ledger: Ledger) -> Content | None:
+    from twin.exchange.audit.gltf import read_gltf
+    from twin.exchange.audit.gltf_file import GltfError
+
+    ledger.tool, ledger.version = "twin.exchange.audit gltf", "2.0"
+    admit(path)
+    try:
+        return read_gltf(path, ledger)
+    except GltfError as error:
+        ledger.add(error.code, "error", f"{error}.")
+    return None
+
+
+def _usd(path: Path, ledger: Ledger, admitted: Collection[Path]) -> Content | None:
+    from pxr import Tf
+
+    from twin.exchange.audit.usd import UsdError, read_usd
+    from twin.exchange.audit.usd_checks import check_usd, version
+    from twin.exchange.audit.usdc import trouble
+    from twin.exchange.audit.usdz import check_usdz
+
+    ledger.tool, ledger.version = "twin.exchange.audit on usd-core", version()
+    check_size(path, "USD")
+    if path.suffix.lower() == ".usdz":
+        check_zip(path, "USDZ")
+        if not check_usdz(path, ledger):
+            return None
+    if broken := trouble(path.read_bytes()):
+        ledger.add("usd.header", "error", f"{broken}.")
+        return None
+    if path not in admitted:
+        admit(path)
+    try:
+        content = read_usd(path, ledger)
+        check_usd(path, bool(content.extra["physics"]), ledger)
+    except UsdError as error:
+        ledger.add("usd.unreadable", "error", f"{error}.")
+    except Tf.ErrorException as error:  # broken in a way that OpenUSD notices late
+        ledger.add("usd.unreadable", "error", f"OpenUSD gives up: {str(error).strip().splitlines()[-1].strip()[:200]}.")
+    else:
+        return content
+    return None
+
+
+def _tracks(path: Path, ledger: Ledger) -> Content | None:
+    from twin.exchange.audit.tracks import TrackError, read_csv, read_json
+
+    ledger.tool, ledger.version = "twin.exchange.audit tracks", "1"
+    admit(path)
+    try:
+        return read_csv(path, ledger) if path.suffix.lower() == ".csv" else read_json(path, ledger)
+    except TrackError as error:
+        ledger.add("tracks.unreadable", "error", f"{error}.")
+    return None
+
+
+def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
+    """Return whether a model plays a clip: a model called <robot>_<clip> plays that alone, and no other plays it."""
+    own = [f"{m}_{clip}" for m in models if f"{m}_{clip}" in models]
+    return stem in own if own else not any(stem.startswith(f"{m}_") for m in models)
+
+
+def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[str]) -> Content | None:
+    """Read a file that holds a tree of joints, and let it play every track.
+
+    `models` are the files beside it; one may be for a single clip, whose loops have other places.
+    """
+    from twin.exchange.audit.urdf import Urdf, UrdfError
+
+    admit(path)
+    try:
+        if path.suffix.lower() == ".urdf":
+            ledger.tool, ledger.version = "twin.exchange.audit urdf", "1"
+            tree = Urdf(path, ledger)
+        else:
+            import mujoco
+
+            from twin.exchange.audit.mjcf import Mjcf, MjcfError
+
+            ledger.tool, ledger.version = "mujoco", mujoco.__version__
+            try:
+                tree = Mjcf(path, ledger)
+            except MjcfError as error:
+                ledger.add("mjcf.unreadable", "error", f"{error}.")
+                return None
+    except UrdfError as error:
+        ledger.add(f"{'urdf' if path.suffix.lower() == '.urdf' else 'mjcf'}.unreadable", "error", f"{error}.")
+        return None
+    for track in tracks:
+        for clip in track.clips:
+            if _plays(path.stem, clip.name, models):
+                tree.content.clips.append(tree.play(clip))
+        low, high = track.extra.get("lower", {}), track.extra.get("upper", {})
+        tree.check_limits(track.file, low, high)
+    if not tracks:
+        text = "no track lies beside it: its joints stay where the file has them."
+        ledger.add("compare.no_track", "info", text)
+    return tree.content
+
+
+def _package(found: Found, folder: Path) -> Ledger:
+    from twin.exchange.audit.unity import check_package
+
+    ledger = Ledger(found.name(folder), "twin.exchange.audit unity", "1")
+    check_package(folder, ledger)
+    return ledger
+
+
+def _proof(found: Found, file: Path) -> tuple[Ledger, str]:
+    """Check a proof; return the model hash that it states as well."""
+    from twin.exchange.audit.proof import check_proof
+
+    ledger = Ledger(found.name(file), "sha256", "2")
+    return ledger, check_proof(file, ledger)

@@ -1,0 +1,113 @@
+"""Joints in a row: poses from joint values, and joint values that reach given poses where nobody wrote them down.
+
+A ball, for one, has no single coordinate that a table could hold; its turn is taken from the poses of the two links,
+so that its centre and everything behind it are still checked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.poses import Array
+
+_STEP = 1e-6
+"""Of the finite differences, in m and rad."""
+
+_GOOD = 1e-5
+"""Residual in m and rad that is rounding of the poses; other solutions are much farther off."""
+
+_TRIES = 24
+"""Starts for frames that end elsewhere."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """A fixed pose (4, 4), then one joint: "turn" or "slide" along an axis (3,), or "fixed"."""
+
+    fixed: Array
+    kind: str = "fixed"
+    axis: Array | None = None
+    name: str = ""
+
+    def poses(self, q: Array | None) -> Array:
+        """Return poses (k, 4, 4) for joint values (k,), or (4, 4) of a fixed one."""
+        if self.kind == "fixed" or q is None or self.axis is None:
+            return self.fixed
+        if self.kind == "turn":
+            return self.fixed @ poses.pose(poses.about(self.axis, q))
+        return self.fixed @ poses.pose(None, np.asarray(q)[:, None] * (self.axis / np.linalg.norm(self.axis)))
+
+
+def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array:
+    """Return poses (k, 4, 4) of the end of a chain seen from its start."""
+    T = np.broadcast_to(np.eye(4), (count, 4, 4))
+    for link, value in zip(links, q, strict=True):
+        T = T @ link.poses(value)
+    return T
+
+
+def fit(links: Sequence[Link], given: Sequence[Array | None], goal: Array) -> list[Array | None]:
+    """Return values (k,) of all joints of a chain, those that are None found so that it ends at goal (k, 4, 4).
+
+    Gauss-Newton, all frames at once; frames that end elsewhere start again from their neighbour's solution. What
+    cannot be reached is left at its best: the comparison that follows shows how far off that is.
+    """
+    count = len(goal)
+    free = [i for i, (link, g) in enumerate(zip(links, given, strict=True)) if g is None and link.kind != "fixed"]
+    if not free:
+        return list(given)
+    q, off = _descend(links, given, free, np.zeros((len(free), count)), goal)
+    starts = iter(product((0.0, 1.3, -1.3), repeat=min(len(free), 3)))
+    for attempt in range(_TRIES):
+        bad = off > _GOOD
+        if not bad.any():
+            break
+        good = np.flatnonzero(~bad)
+        if len(good) and attempt % 2 == 0:  # from the nearest frame that was solved: a motion is continuous
+            begin = q[:, good[np.clip(np.searchsorted(good, np.flatnonzero(bad)), 0, len(good) - 1)]]
+        else:
+            begin = np.zeros((len(free), int(bad.sum())))
+            seed = next(starts, None)
+            if seed is None:
+                break
+            begin[: len(seed)] = np.array(seed)[:, None]
+        rows = [None if g is None else g[bad] for g in given]
+        tried, new = _descend(links, rows, free, begin, goal[bad])
+        better = new < off[bad]
+        q[:, bad], off[bad] = np.where(better, tried, q[:, bad]), np.where(better, new, off[bad])
+    out = list(given)
+    for row, i in enumerate(free):
+        out[i] = q[row]
+    return out
+
+
+def _descend(links, given, free: list[int], q: Array, goal: Array) -> tuple[Array, Array]:
+    values = list(given)
+
+    def residual(x: Array) -> Array:
+        for row, i in enumerate(free):
+            values[i] = x[row]
+        T = along(links, values, x.shape[1])
+        E = np.swapaxes(goal[:, :3, :3], 1, 2) @ T[:, :3, :3]
+        xyzw = poses.quaternion(E)  # its vector part grows up to half a turn, where sines of the angle vanish again
+        turn = 2 * xyzw[:, :3] * np.where(xyzw[:, 3:] < 0, -1.0, 1.0)
+        return np.concatenate([T[:, :3, 3] - goal[:, :3, 3], turn], axis=1)
+
+    r = residual(q)
+    for _ in range(30):
+        J = np.stack(
+            [(residual(q + _STEP * np.eye(len(free))[:, j, None]) - r) / _STEP for j in range(len(free))], axis=2
+        )
+        A = np.swapaxes(J, 1, 2) @ J + 1e-12 * np.eye(len(free))
+        step = np.linalg.solve(A, np.swapaxes(J, 1, 2) @ r[..., None])[..., 0]
+        size = np.abs(step).max(axis=1, keepdims=True)
+        q = q - (step * np.minimum(1.0, 0.5 / np.maximum(size, 1e-30))).T
+        r = residual(q)
+        if size.max() < 1e-12:
+            break
+    return q, np.linalg.norm(r, axis=1)

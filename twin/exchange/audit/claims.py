@@ -1,0 +1,289 @@
+"""What files state of themselves beside their poses: errors between keys, heads of tables, assumptions, README.txt."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from twin.exchange.audit.between import halved
+from twin.exchange.audit.motion import Content, Shape
+from twin.exchange.audit.physics import Joint, Physics
+from twin.exchange.audit.report import Ledger, quantity
+
+TOO_GOOD = 3.0
+"""A stated error may be so many times smaller than a quarter of what leaving out every second key costs."""
+
+TOO_BAD = 20.0
+"""And so many times larger: a stage's own samples are judged by leaving out every second one, which is four times."""
+
+_FLOOR = (1e-6, 1e-6, 1e-6)
+"""m, rad, m of estimates that the decimals of a track bury."""
+
+_STATED = (
+    ("between_position", "any point of a link between keys", "m"),
+    ("between_rotation", "rotation of a link between keys", "rad"),
+    ("joint_gap", "opening of a joint between keys", "m"),
+)
+
+
+def check_claims(contents: Sequence[Content]) -> None:
+    """Note claims that the files themselves contradict."""
+    tracks = [c for c in contents if c.format in ("tracks", "csv") and "data" in c.extra]
+    shapes = next((c.shapes for c in contents if c.shapes and c.declared), {})
+    physics = next((c.physics for c in contents if c.physics is not None and c.physics.complete), Physics())
+    held = physics.held or frozenset()
+    # A motion may have a place of its own for what is tied to the world, as for a trocar.
+    joints = [
+        j for j in physics.joints if physics.trocar not in j.names and not (j.tied and held & {j.parent, j.child})
+    ]
+    tables = {str(c.extra["data"].get("protocol")): c for c in tracks if c.format == "tracks"}
+    for content in tracks:
+        _check_between(content, shapes, joints)
+        other = tables.get(str(content.extra["data"].get("protocol")))
+        if content.format == "csv" and other is not None:
+            _check_heads(content, other)
+    _check_assumed(contents, tracks)
+    _check_same_robot(tracks)
+
+
+def _check_between(content: Content, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> None:
+    data = content.extra["data"]
+    if not content.clips or (loss := halved(content.clips[0], shapes, joints)) is None:
+        return
+    for (key, text, unit), cost, floor in zip(_STATED, (loss.position, loss.rotation, loss.gap), _FLOOR, strict=True):
+        said, estimate = data.get(key), cost / 4
+        if not isinstance(said, int | float) or (key == "joint_gap" and not joints):
+            continue
+        low = said < estimate / TOO_GOOD and estimate > floor
+        high = said > TOO_BAD * max(estimate, floor) and (shapes or key != "between_position")
+        content.ledger.row(f"{key}: keys left out against what is stated", abs(estimate - said), unit, fits=not low)
+        if low or high:
+            content.ledger.add(
+                f"claims.{key}",
+                "disagreement",
+                f"{key} states {quantity(said, unit)} for {text}; leaving out every second key costs "
+                f"{quantity(cost, unit)}, of which a quarter is {quantity(estimate, unit)}.",
+                where=key,
+                size=float(said),
+                unit=unit,
+                limit=estimate,
+                suggestion="measure between the keys again",
+            )
+
+
+def _check_heads(table: Content, other: Content) -> None:
+    mine, its = table.extra["data"], other.extra["data"]
+    for key in dict.fromkeys((*its, *mine)):
+        if key not in mine or key not in its:
+            here, there = (other.file, table.file) if key in its else (table.file, other.file)
+            text = f"{here} has '{key}', {there} has not."
+        elif not _equal(mine[key], its[key]):
+            text = f"'{key}' is {_short(mine[key])}, in {other.file} {_short(its[key])}."
+        else:
+            continue
+        table.ledger.add("claims.head", "disagreement", text, where=key, suggestion="write both from one source")
+
+
+def _equal(a: Any, b: Any) -> bool:
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(map(_equal, a, b))
+    if isinstance(a, int | float) and isinstance(b, int | float):
+        return abs(a - b) <= 1e-9 * max(1.0, abs(a), abs(b))
+    return str(a) == str(b)
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) < 60 else f"{text[:57]}…"
+
+
+def _check_same_robot(tracks: Sequence[Content]) -> None:
+    """Note what is of the robot and not of the motion, and differs between tracks."""
+    if not tracks:
+        return
+    first = tracks[0]
+    for content in tracks[1:]:
+        for key in ("robot", "tool_link", "tool_frame", "frame_names", "frame_links", "joints", "joint_types"):
+            a, b = (c.extra["data"].get(key) for c in (content, first))
+            if not _equal(a, b):
+                text = f"'{key}' is {_short(a)}, in {first.file} {_short(b)}."
+                content.ledger.add("claims.robot", "disagreement", text, where=key)
+
+
+def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> None:
+    """Hold lists of assumed numbers against one another: a stage knows those of the robot by their provenance."""
+    known = next((c for c in contents if c.extra.get("assumed")), None)
+    names: Mapping[str, str] = {} if known is None else known.extra["assumed"]
+    for content in tracks:
+        lines = content.extra["data"].get("assumed")
+        if not isinstance(lines, list):
+            continue
+        listed = {head(line) for line in map(str, lines)}
+        lacking = [n for n in names if n not in listed and not n.startswith("drawing.")]
+        if known is not None and lacking:
+            more = f" and {len(lacking) - 1} more" if len(lacking) > 1 else ""
+            text = f"its list of assumed numbers lacks '{lacking[0]}'{more}, assumed by {known.file}."
+            content.ledger.add("claims.assumed", "disagreement", text, where="assumed", size=float(len(lacking)))
+
+
+def head(line: str) -> str:
+    """Return the name in "name = value unit: reason"."""
+    return line.split("=", 1)[0].strip()
+
+
+# ------------------------------------------------------------------------------------------------ README.txt
+
+STATEMENTS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+    (
+        "units",
+        r"- (\w+), (\w+), (\w+), (\w+)\. UsdPhysics angles are (\w+)",
+        ("metres", "kilograms", "seconds", "radians", "degrees"),
+    ),
+    ("the robot's world", r"own world is (\S+) up, (\w+)-handed", ("z", "right")),
+    ("up axis of GLB and USDZ", r"GLB and USDZ are (\S+) up", ("y",)),
+    ("turn of the root", r"(\S+) degrees about (\w)", ("-90", "x")),
+    ("order of quaternions", r"Quaternions are (\w \w \w \w) \(USD: (\w \w \w \w)\)", ("x y z w", "w x y z")),
+    ("Unity's hand", r"Unity is (\w+)-handed", ("left",)),
+    (
+        "what a glTF importer makes of a pose",
+        r"\(x, y, z\) becomes (\([^)]*\)), the quaternion (\([^)]*\))",
+        ("(-x, y, z)", "(x, -y, -z, w)"),
+    ),
+    (
+        "what ROS importers make of a pose",
+        r"ROS importers use (\([^)]*\)) and (\([^)]*\))",
+        ("(-y, z, x)", "(-y, z, x, -w)"),
+    ),
+)
+"""What README.txt says in prose that can be right or wrong: topic, where it stands, what it must say."""
+
+_MOTION = re.compile(
+    r"- (?P<name>\w+): (?P<title>.*?); (?P<duration>[\d.]+) s, (?P<keys>\d+) keys at (?P<rate>[\d.]+) Hz\..*?at most "
+    r"(?P<position>[\d.]+) um off.*?and (?P<rotation>[\d.]+) degrees; joints open by at most (?P<gap>[\d.]+) um"
+)
+
+
+def check_readme(path: Path, contents: Sequence[Content], ledger: Ledger) -> None:
+    """Note what a README.txt of an export says otherwise than the files beside it."""
+    try:
+        raw = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        ledger.add("readme.unreadable", "disagreement", f"it cannot be read: {error}.")
+        return
+    text = re.sub(r"[ \t]*\n[ \t]+", " ", raw)  # items that were wrapped
+    for topic, pattern, expected in STATEMENTS:
+        found = re.search(pattern, text)
+        if found and tuple(g.lower() for g in found.groups()) != expected:
+            said = " / ".join(found.groups())
+            message = f"of {topic} it says '{said}'; the files have '{' / '.join(expected)}'."
+            ledger.add("readme.convention", "disagreement", message, where=topic)
+    _check_listed(path.parent, raw, contents, ledger)
+    _check_motions(text, contents, ledger)
+    _check_list(text, contents, ledger)
+    wrong = [f for f in ledger.found if f.severity != "info"]
+    ledger.row("README.txt against the files", float(len(wrong)), "found", 0.0)
+
+
+def _check_listed(folder: Path, raw: str, contents: Sequence[Content], ledger: Ledger) -> None:
+    rows = re.findall(r"^(\S+?)(?:, (\.\w+))?  +(.*)$", _section(raw, "What is where"), re.MULTILINE)
+    clips = {clip.name for c in contents for clip in c.clips}
+    for name, also, what in rows:
+        for file in (name, *([str(Path(name).with_suffix(also))] if also else [])):
+            if file != "proof.json" and not (folder / file).exists():
+                ledger.add("readme.file", "disagreement", f"it lists '{file}', which is not there.", where=file)
+        playing = re.search(r"playing (\w+)", what)
+        if playing and clips and playing[1] not in clips and not any(c.endswith(f"_{playing[1]}") for c in clips):
+            message = f"it says that '{name}' plays '{playing[1]}', which is no motion of these files."
+            ledger.add("readme.file", "disagreement", message, where=name)
+
+
+def _check_motions(text: str, contents: Sequence[Content], ledger: Ledger) -> None:
+    tables = {str(c.extra["data"].get("protocol")): c for c in contents if c.format == "tracks" and c.clips}
+    said = {m["name"]: m for m in _MOTION.finditer(text)}
+    for name in tables.keys() - said.keys() if said else ():
+        ledger.add("readme.motion", "disagreement", f"motion '{name}' is not in its list.", where=name)
+    for name, m in said.items():
+        if (track := tables.get(name)) is None:
+            if tables:
+                ledger.add("readme.motion", "disagreement", f"motion '{name}' has no track.", where=name)
+            continue
+        data, clip = track.extra["data"], track.clips[0]
+        for what, value, real in (
+            ("its length in s", m["duration"], clip.duration),
+            ("its number of keys", m["keys"], len(clip.times)),
+            ("its rate in Hz", m["rate"], data.get("rate")),
+            ("the error between keys in um", m["position"], _times(data.get("between_position"), 1e6)),
+            ("the error between keys in degrees", m["rotation"], _times(data.get("between_rotation"), 57.29577951)),
+            ("the opening of joints in um", m["gap"], _times(data.get("joint_gap"), 1e6)),
+        ):
+            digits = len(value.partition(".")[2])
+            if isinstance(real, int | float) and abs(float(value) - real) > 0.51 * 10.0**-digits:
+                message = f"motion '{name}': {what} is {value}, by {track.file} {real:.{max(digits, 1)}f}."
+                ledger.add("readme.motion", "disagreement", message, where=name)
+        if str(data.get("title", m["title"])) != m["title"]:
+            message = f"motion '{name}' is called '{m['title']}', in {track.file} '{data.get('title')}'."
+            ledger.add("readme.motion", "disagreement", message, where=name)
+
+
+def _times(value: Any, factor: float) -> Any:
+    return value * factor if isinstance(value, int | float) else None
+
+
+def _check_list(text: str, contents: Sequence[Content], ledger: Ledger) -> None:
+    tables = [c for c in contents if c.format == "tracks" and isinstance(c.extra["data"].get("assumed"), list)]
+    if not tables or "\nAssumed" not in text:
+        return
+    lines = [" ".join(x[2:].split()) for x in _section(text, "Assumed").splitlines() if x.startswith("- ")]
+    names = {str(c.extra["data"].get("protocol")) for c in tables}
+    bare = set()
+    for line in lines:
+        front, colon, rest = line.partition(": ")
+        of_protocols = colon and all(n in names for n in front.split(", "))
+        bare.add(rest if of_protocols else line)
+    bare.discard("none")
+    listed = {" ".join(str(a).split()) for c in tables for a in c.extra["data"]["assumed"]}
+    for lacking, who in ((sorted(listed - bare), "README.txt"), (sorted(bare - listed), "the tracks")):
+        if lacking:
+            more = f" and {len(lacking) - 1} more" if len(lacking) > 1 else ""
+            text = f"the assumption '{_clipped(lacking[0])}'{more} is not in {who}."
+            ledger.add("readme.assumed", "disagreement", text, where="Assumed", size=float(len(lacking)))
+
+
+def _clipped(line: str) -> str:
+    return line if len(line) < 60 else f"{line[:57]}…"
+
+
+def _section(text: str, title: str) -> str:
+    """Return the lines below a title that is underlined, up to the next."""
+    found = re.search(rf"^{title}[^\n]*\n-+\n(.*?)(?=^[^\n]+\n-{{3,}}\n|\Z)", text, re.MULTILINE | re.DOTALL)
+    return found[1] if found else ""
+
+
+def check_proof_clips(path: Path, contents: Iterable[Content], ledger: Ledger) -> None:
+    """Hold what proof.json says of motions against the tracks."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, ValueError, RecursionError):
+        return  # told where its hashes are read
+    rows = data.get("clips") if isinstance(data, dict) else None
+    tables = {str(c.extra["data"].get("protocol")): c for c in contents if c.format == "tracks" and c.clips}
+    for row in rows if isinstance(rows, list) else ():
+        track = tables.get(str(row.get("protocol"))) if isinstance(row, dict) else None
+        if track is None:
+            continue
+        own, clip = track.extra["data"], track.clips[0]
+        for key, real in (
+            ("rate", own.get("rate")),
+            ("keys", len(clip.times)),
+            ("duration_s", clip.duration),
+            ("between_position_m", own.get("between_position")),
+            ("between_rotation_rad", own.get("between_rotation")),
+            ("joint_gap_m", own.get("joint_gap")),
+        ):
+            said = row.get(key)
+            if isinstance(real, int | float) and isinstance(said, int | float) and abs(said - real) > 1e-5 * abs(real):
+                text = f"clip '{row['protocol']}': {key} is {said:g}, in {track.file} {real:g}."
+                ledger.add("proof.clip", "disagreement", text, where=key)

@@ -1,0 +1,63 @@
+"""Colours of links: which share of a link's area has which, in linear light whatever the format shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from twin.exchange.audit.poses import Array
+
+Rgba = tuple[float, float, float, float]
+
+SAME = 0.02
+"""Difference of a linear component that is rounding of eight bits of display values."""
+
+
+class Palette:
+    """Collects areas in m2 by link and colour."""
+
+    def __init__(self) -> None:
+        self._areas: dict[str, dict[Rgba, float]] = {}
+
+    def add(self, link: str, rgba: Array | Rgba, area: float) -> None:
+        """Add a surface of linear colour rgba (4,)."""
+        r, g, b, a = (round(float(v), 4) for v in rgba)
+        own = self._areas.setdefault(link, {})
+        own[r, g, b, a] = own.get((r, g, b, a), 0.0) + area
+
+    def shares(self) -> dict[str, dict[Rgba, float]]:
+        """Return the share of each colour in each link's area; links without area are left out."""
+        out = {}
+        for link, areas in self._areas.items():
+            total = sum(areas.values())
+            if total > 0:
+                out[link] = {c: area / total for c, area in areas.items()}
+        return out
+
+
+def linear(shown: Array) -> Array:
+    """Return linear components (..., 3) of display values (sRGB)."""
+    c = np.asarray(shown, float)
+    return np.where(c <= 0.04045, c / 12.92, ((np.maximum(c, 0.0) + 0.055) / 1.055) ** 2.4)
+
+
+def surface_area(vertices: Array, triangles: Array) -> float:
+    """Return the area in m2 of triangles (m, 3) over points (n, 3) in m."""
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def apart(one: Mapping[Rgba, float], other: Mapping[Rgba, float]) -> float:
+    """Return the share of the area (0..1) that has another colour in the one than in the other."""
+    left = dict(other)
+    matched = 0.0
+    for color, share in one.items():
+        for near in sorted(left, key=lambda c: float(np.abs(np.subtract(c, color)).max())):
+            if np.abs(np.subtract(near, color)).max() > SAME or share <= 0:
+                break
+            take = min(share, left[near])
+            left[near] -= take
+            share -= take
+            matched += take
+    return 1.0 - matched

@@ -1,0 +1,402 @@
+"""Hold files against one another: every link at every key, by name; joints, shapes, clips and model hashes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.exchange.audit.between import midway
+from twin.exchange.audit.diagnose import why
+from twin.exchange.audit.motion import Clip, Content, largest
+from twin.exchange.audit.poses import Array, angle
+from twin.exchange.audit.report import POSITION_TOL, ROTATION_TOL, quantity, told_apart
+
+TIME_TOL = 1e-5
+"""Largest difference in s between two files' times of one key: glTF keeps them in single precision."""
+
+BETWEEN_TOL = 1e-5
+"""Largest distance in m (or tenths of a rad) from the straight way between two keys."""
+
+BOX_TOL = 2e-5
+"""Largest difference in m between the boxes around one link's meshes."""
+
+STAGES = ("usd", "usda", "usdc")
+_RANK = {"truth": 0, "tracks": 1, "usda": 2, "usd": 2, "usdc": 2, "glb": 3, "gltf": 3, "csv": 4, "usdz": 5}
+"""What others are held against first: what has most digits and says most."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A clip that others are held against, and what it comes from ("the mechanism", or a file)."""
+
+    clip: Clip
+    source: str
+
+
+def references(contents: Sequence[Content], truth: Mapping[str, tuple[Array, Mapping[str, Array]]]) -> dict:
+    """Return what to hold each clip against: the truth if it is given, else the track, else the first file."""
+    out = {
+        name: Reference(Clip(name, np.asarray(t, float), links), "the mechanism") for name, (t, links) in truth.items()
+    }
+    for content in sorted(contents, key=lambda c: _RANK.get(c.format, 9)):
+        for clip in content.clips:
+            if content.format == "tracks" or not any(c.format == "tracks" for c in contents):
+                name = clip.name if content.format not in (*STAGES, "usdz") else _named(clip.name, out) or clip.name
+                out.setdefault(name, Reference(clip, content.file))
+    return out
+
+
+def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
+    """Note in each file's ledger how its clips differ from the references."""
+    agreeing: dict[str, list[tuple[Content, Clip, bool]]] = {}
+    for content in contents:
+        for clip in content.clips:
+            name = _counterpart(content, clip, refs)
+            if name is None:
+                if len(contents) > 1 and refs:
+                    text = f"clip '{clip.name}' has no counterpart; known are {', '.join(sorted(refs))}."
+                    content.ledger.add("compare.clip", "warning", text, where=clip.name)
+                continue
+            ref = refs[name]
+            if ref.source == content.file:
+                continue
+            before = len(content.ledger.found)
+            _compare_clip(content, clip, ref, name)
+            agreeing.setdefault(name, []).append((content, clip, len(content.ledger.found) == before))
+    _blame(contents, refs, agreeing)
+    _check_missing(contents, refs)
+    _check_silent(contents, refs)
+
+
+def _named(name: str, known: Mapping[str, object]) -> str | None:
+    """Return the known name that a stage is called after, as in <robot>_<name> or <robot>_<name>_ar."""
+    stem = name.removesuffix("_ar")
+    fits = [k for k in known if k and (stem == k or stem.endswith(f"_{k}"))]
+    return max(fits, key=len) if fits else None
+
+
+def _counterpart(content: Content, clip: Clip, refs: Mapping[str, Reference]) -> str | None:
+    if clip.name in refs:
+        return clip.name
+    if content.format not in (*STAGES, "usdz"):
+        return None
+    if (name := _named(clip.name, refs)) is not None:
+        return name
+    # The file does not say which one it plays: the one that it plays best.
+    scores = {name: _score(clip, ref.clip) for name, ref in refs.items()}
+    scores = {name: s for name, s in scores.items() if s is not None}
+    return min(scores, key=lambda n: scores[n]) if scores else None
+
+
+def _score(clip: Clip, ref: Clip) -> float | None:
+    shared = [n for n in ref.links if n in clip.links]
+    if not shared:
+        return None
+    apart = abs(clip.duration - ref.duration)
+    ends = [np.abs(clip.links[n][i] - ref.links[n][i]).max() for n in shared for i in (0, -1)]
+    return float(apart + max(ends))
+
+
+def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> None:
+    ledger = content.ledger
+    mine, its = _common(clip.times, ref.clip.times)
+    label = f"clip '{name}'"
+    against = f"against {ref.source}"
+    if len(mine) < max(len(clip.times), len(ref.clip.times)):
+        ledger.add(
+            "compare.times",
+            "disagreement",
+            f"{label}: {_times_apart(clip, ref, mine, its)}.",
+            where=name,
+            size=float(len(mine)),
+            limit=float(max(len(clip.times), len(ref.clip.times))),
+            suggestion="check the rate, and the units of time",
+        )
+    if len(mine):
+        off = np.abs(clip.times[mine] - ref.clip.times[its])
+        k = int(np.argmax(off))
+        ledger.row(f"{label}: key times {against}", float(off[k]), "s", TIME_TOL, when=_at(clip.times[mine][k]))
+    if (len(clip.times) == len(ref.clip.times) and len(mine) < len(its)) or len(mine) < 2 < len(clip.times):
+        mine = its = np.arange(min(len(clip.times), len(ref.clip.times)))  # key by key: tells more than nothing
+    missing = [n for n in ref.clip.links if n not in clip.links]
+    extra = [n for n in content.declared or () if n not in ref.clip.links]
+    for names, code, text in ((missing, "missing", "is missing"), (extra, "extra", f"is not in {ref.source}")):
+        for n in names:
+            message = f"{label}: link '{n}' {text}."
+            ledger.add(f"compare.{code}_link", "disagreement", message, where=n)
+    shared = [n for n in ref.clip.links if n in clip.links]
+    if not shared or not len(mine):
+        return
+    found = {n: clip.links[n][mine] for n in shared}
+    meant = {n: np.asarray(ref.clip.links[n])[its] for n in shared}
+    times = clip.times[mine]
+    rows = {n: largest(found[n], meant[n]) for n in shared}
+    far, turned = max(shared, key=lambda n: rows[n][0]), max(shared, key=lambda n: rows[n][2])
+    count = f"{len(shared)} links x {len(mine)} keys"
+    for kind, link, worst, k, unit, tolerance in (
+        ("position", far, rows[far][0], rows[far][1], "m", POSITION_TOL),
+        ("rotation", turned, rows[turned][2], rows[turned][3], "rad", ROTATION_TOL),
+    ):
+        ledger.row(f"{label}: {kind} {against}, {count}", worst, unit, tolerance, where=link, when=_at(times[k]))
+    wrong = [n for n in shared if not (rows[n][0] <= POSITION_TOL and rows[n][2] <= ROTATION_TOL)]
+    reason = why(found, meant) if wrong else ""
+    for n in sorted(wrong, key=lambda n: -rows[n][0]):
+        p, i, r, j = rows[n]
+        by_place = p > POSITION_TOL or not np.isfinite(p)
+        ledger.add(
+            "compare.pose",
+            "disagreement",
+            f"{label}: link '{n}' is {quantity(p, 'm')} and {np.degrees(r):.4g} deg off {ref.source}"
+            + (f": {reason}." if reason else "."),
+            where=n,
+            when=_at(times[i if by_place else j]),
+            size=p * 1e6 if by_place else float(np.degrees(r)),
+            unit="um" if by_place else "deg",
+            limit=POSITION_TOL * 1e6 if by_place else float(np.degrees(ROTATION_TOL)),
+            suggestion="see which of the two is right: `twin audit --robot NAME` recomputes the poses",
+        )
+    _compare_joints(content, clip, ref, name, mine, its)
+    if clip.middle and len(mine) == len(clip.times) == len(ref.clip.times):
+        _compare_middle(content, clip, ref, name)
+
+
+def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
+    """Say which keys have no counterpart: some of them, or all because the one clip lasts longer."""
+    if abs(clip.duration - ref.clip.duration) > TIME_TOL:
+        ratio = clip.duration / ref.clip.duration if ref.clip.duration else float("nan")
+        here, there = told_apart(clip.duration, ref.clip.duration)
+        return (
+            f"it lasts {here} s, in {ref.source} {there} s (x {ratio:.6g}); {len(mine)} "
+            f"of its {len(clip.times)} keys are at the times of the {len(ref.clip.times)} there"
+        )
+    said = []
+    for times, shared, text in (
+        (ref.clip.times, its, f"of {ref.source} it lacks"),
+        (clip.times, mine, f"{ref.source} lacks"),
+    ):
+        lacking = np.setdiff1d(np.arange(len(times)), shared)
+        if len(lacking):
+            keys = "one key" if len(lacking) == 1 else f"{len(lacking)} keys"
+            said.append(f"{text} {keys}, {'that' if len(lacking) == 1 else 'first that'} at {times[lacking[0]]:.6g} s")
+    return "; ".join(said) + f" (both last {clip.duration:.6g} s)"
+
+
+def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> None:
+    """Note links that do not go straight from key to key, as the errors between keys are stated for."""
+    worst, where, k = 0.0, "", 0
+    for link in (n for n in ref.clip.links if n in clip.middle):
+        T = np.asarray(ref.clip.links[link])
+        p, i, r, j = largest(clip.middle[link], midway(T[:-1], T[1:]))
+        off = max(p, r * 0.1)
+        if off > worst:
+            worst, where, k = off, link, i if p >= r * 0.1 else j
+    content.ledger.row(
+        f"clip '{name}': halfway between keys against {ref.source}", worst, "m", BETWEEN_TOL, where=where
+    )
+    if worst > BETWEEN_TOL:
+        content.ledger.add(
+            "compare.between",
+            "disagreement",
+            f"clip '{name}': halfway between two keys link '{where}' is {quantity(worst, 'm')} off the straight way "
+            f"between those of {ref.source}.",
+            where=where,
+            when=_at(float(clip.times[k])),
+            size=worst * 1e6,
+            unit="um",
+            limit=BETWEEN_TOL * 1e6,
+            suggestion="interpolate LINEAR between the keys",
+        )
+
+
+def _compare_joints(content: Content, clip: Clip, ref: Reference, name: str, mine: Array, its: Array) -> None:
+    shared = [n for n in ref.clip.joints if n in clip.joints]
+    if not shared:
+        return
+    worst, where, when = 0.0, "", ""
+    for n in shared:
+        off = np.abs(clip.joints[n][mine] - ref.clip.joints[n][its])
+        k = int(np.argmax(off))
+        tolerance = max(ROTATION_TOL, 1e-6 * float(np.abs(ref.clip.joints[n]).max(initial=0.0)))
+        if off[k] >= worst:
+            worst, where, when = float(off[k]), n, _at(clip.times[mine][k])
+        if not off[k] <= tolerance:
+            meant = float(ref.clip.joints[n][its][k])
+            got = float(clip.joints[n][mine][k])
+            ratio = got / meant if meant else 0.0
+            hint = (
+                " degrees against radians."
+                if min(abs(ratio * np.pi / 180 - 1), abs(ratio * 180 / np.pi - 1)) < 1e-3
+                else ""
+            )
+            content.ledger.add(
+                "compare.joint",
+                "disagreement",
+                f"clip '{name}': joint '{n}' is {got:.6g}, in {ref.source} {meant:.6g}.{hint}",
+                where=n,
+                when=_at(clip.times[mine][k]),
+                size=float(off[k]),
+                limit=tolerance,
+                suggestion="joint values are radians and metres",
+            )
+    text = f"clip '{name}': joint values against {ref.source}, {len(shared)} joints"
+    content.ledger.row(text, worst, "rad or m", ROTATION_TOL, where=where, when=when)
+
+
+def _common(a: Array, b: Array) -> tuple[Array, Array]:
+    """Return the indices of keys that two increasing rows of times share."""
+    if len(a) == len(b) and np.all(np.abs(a - b) <= TIME_TOL):
+        return np.arange(len(a)), np.arange(len(b))
+    near = np.clip(np.searchsorted(b, a), 1, max(len(b) - 1, 1)) if len(b) > 1 else np.zeros(len(a), int)
+    if len(b) > 1:
+        near = np.where(np.abs(b[near - 1] - a) < np.abs(b[near] - a), near - 1, near)
+    fits = np.abs(b[near] - a) <= TIME_TOL
+    return np.flatnonzero(fits), near[fits]
+
+
+def _blame(contents: Sequence[Content], refs: Mapping[str, Reference], compared: Mapping) -> None:
+    """Where all others differ from a file but agree with each other, say that it is that file."""
+    for name, rows in compared.items():
+        independent = {"csv": "tracks"}
+        bad = [(c, clip) for c, clip, fits in rows if not fits and independent.get(c.format, c.format) != "tracks"]
+        source = next((c for c in contents if c.file == refs[name].source), None)
+        if source is None or len(bad) < 2 or len(bad) < sum(1 for c, _, _ in rows if c.format != "csv"):
+            continue
+        (first, one), others = bad[0], bad[1:]
+        shared = [n for n in one.links if n in refs[name].clip.links]
+        same = all(
+            len(clip.times) == len(one.times)
+            and all(n in clip.links and _agrees(clip.links[n], one.links[n]) for n in shared)
+            for _, clip in others
+        )
+        if same and shared:
+            text = (
+                f"clip '{name}': {first.file} and {', '.join(c.file for c, _ in others)} agree with each other, and "
+                "all differ from this file: it is the one that is wrong."
+            )
+            source.ledger.add("compare.odd_one_out", "disagreement", text, where=name)
+
+
+def _agrees(A: Array, B: Array) -> bool:
+    p, _, r, _ = largest(A, B)
+    return p <= 2 * POSITION_TOL and r <= 2 * ROTATION_TOL
+
+
+def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
+    """Note a file of links that plays nothing, where others play something."""
+    for content in contents:
+        if content.format in ("glb", "gltf") and content.declared and not content.clips and refs:
+            text = f"it has no motion; {next(iter(refs.values())).source} has '{next(iter(refs))}'."
+            content.ledger.add("compare.no_motion", "warning", text, where="animations")
+
+
+def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
+    """Note clips that a file of all clips lacks, and protocols without a file where others have one."""
+    for content in contents:
+        if content.format in ("glb", "gltf") and content.clips and content.declared:
+            for name in sorted(set(refs) - {c.name for c in content.clips}):
+                text = f"clip '{name}' of {refs[name].source} is missing."
+                content.ledger.add("compare.missing_clip", "disagreement", text, where=name)
+    for kinds in (STAGES, ("tracks",), ("csv",)):
+        group = [c for c in contents if c.format in kinds and c.clips]
+        have = {_counterpart(c, clip, refs) for c in group for clip in c.clips}
+        if len(group) and (missing := sorted(set(refs) - have)):
+            text = f"no file beside it holds clip '{missing[0]}' of {refs[missing[0]].source}."
+            group[0].ledger.add("compare.missing_clip", "disagreement", text, where=missing[0])
+
+
+def compare_rest(contents: Sequence[Content]) -> None:
+    """Hold the resting poses of files that have no motion of their own at rest against one another."""
+    having = [
+        c for c in contents if c.rest and c.declared and (c.format == "glb" or (c.format in STAGES and not c.clips))
+    ]
+    having.sort(key=lambda c: _RANK.get(c.format, 9))
+    for content in having[1:]:
+        first = having[0]
+        shared = [n for n in first.rest if n in content.rest]
+        if not shared:
+            continue
+        apart = {n: float(np.linalg.norm(content.rest[n][:3, 3] - first.rest[n][:3, 3])) for n in shared}
+        turn = {n: float(angle(content.rest[n][:3, :3], first.rest[n][:3, :3])) for n in shared}
+        far, turned = max(apart, key=lambda n: apart[n]), max(turn, key=lambda n: turn[n])
+        content.ledger.row(f"rest: position against {first.file}", apart[far], "m", POSITION_TOL, where=far)
+        content.ledger.row(f"rest: rotation against {first.file}", turn[turned], "rad", ROTATION_TOL, where=turned)
+        if (apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL) and (clip := _begins(content)):
+            text = f"at rest it stands as at the start of clip '{clip}', not as {first.file}."
+            content.ledger.add("compare.rest", "info", text, where=clip)
+        elif apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL:
+            text = f"at rest link '{far}' is {quantity(apart[far], 'm')} off {first.file}, '{turned}' turned."
+            content.ledger.add("compare.rest", "disagreement", text, where=far, size=apart[far] * 1e6, unit="um")
+
+
+def _begins(content: Content) -> str:
+    """Return the clip with whose first poses a file rests, as Blender writes it, "" if it is none."""
+    for clip in content.clips:
+        if all(_agrees(T[:1], content.rest[n][None]) for n, T in clip.links.items() if n in content.rest):
+            return clip.name
+    return ""
+
+
+def compare_shapes(contents: Sequence[Content]) -> None:
+    """Hold the boxes and volumes of the links' meshes against one another."""
+    having = [c for c in contents if c.shapes]
+    having.sort(key=lambda c: _RANK.get(c.format, 9))
+    for content in having[1:]:
+        first, worst, where = having[0], 0.0, ""
+        for name in (n for n in first.shapes if n in content.shapes):
+            a, b = content.shapes[name], first.shapes[name]
+            off = float(max(np.abs(a.low - b.low).max(), np.abs(a.high - b.high).max()))
+            size = float(np.linalg.norm(b.high - b.low))
+            if off >= worst:
+                worst, where = off, name
+            if off > BOX_TOL + 1e-6 * size:
+                content.ledger.add(
+                    "compare.shape",
+                    "disagreement",
+                    f"the meshes of link '{name}' fill another box than in {first.file}: {off * 1e3:.4g} mm off, its "
+                    f"diagonal {float(np.linalg.norm(a.high - a.low)):.4g} m against {size:.4g} m.",
+                    where=name,
+                    size=off * 1e3,
+                    unit="mm",
+                    limit=BOX_TOL * 1e3,
+                    suggestion="check units, mirroring and which link the mesh is on",
+                )
+            elif a.closed and b.closed and abs(a.volume - b.volume) > 0.01 * abs(b.volume):
+                content.ledger.add(
+                    "compare.volume",
+                    "disagreement",
+                    f"the meshes of link '{name}' hold {a.volume:.4g} m3, in {first.file} {b.volume:.4g} m3.",
+                    where=name,
+                    size=a.volume,
+                    unit="m3",
+                    limit=b.volume,
+                )
+        content.ledger.row(f"shapes of links against {first.file}", worst, "m", BOX_TOL, where=where)
+
+
+def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
+    """Note files that say they were made from another model than the others."""
+    said: dict[str, dict[str, str]] = {}
+    for c in contents:
+        if c.model_hash:
+            said.setdefault(c.model_hash, {})["tracks" if c.format == "csv" else c.format] = c.file
+    if not said:
+        return
+    common = proof or max(said, key=lambda h: len(said[h]))
+    others = next(iter(said[common].values())) if common in said else "proof.json"
+    for content in contents:
+        if content.model_hash and content.model_hash != common:
+            tie = not proof and len(said[common]) == len(said[content.model_hash])
+            content.ledger.add(
+                "compare.model_hash",
+                "disagreement",
+                f"it was made from model {content.model_hash[:23]}…, {others} from {common[:23]}…."
+                + (" One of the two is wrong." if tie else ""),
+                where="model_hash",
+                suggestion="export all files again, together",
+            )
+
+
+def _at(t: float) -> str:
+    return f"t = {t:.4g} s"

@@ -1,0 +1,488 @@
+"""Hold what files say of one mechanism against one another: a table of quantities, and one comparison for all.
+
+Formats are independent witnesses, files of one format are not: five stages may share one layer. What most formats say
+is taken for right; the mechanism itself outweighs them all.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.colors import Rgba, apart
+from twin.exchange.audit.motion import Content, Shape
+from twin.exchange.audit.physics import Frame, Joint, Mass, Physics
+from twin.exchange.audit.physics_tracks import TOOL
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Ledger, quantity
+
+TRUTH = "the mechanism"
+
+_TRUST = ("truth", "usda", "usd", "usdc", "mjcf", "tracks", "urdf", "csv", "glb", "gltf", "usdz")
+_FAMILY = {"usda": "usd", "usdc": "usd", "gltf": "glb", "csv": "tracks"}
+"""Formats that come from one source: their files have one voice."""
+
+
+def _number(a: float, b: float) -> float:
+    return 0.0 if a == b else abs(a - b) / max(abs(a), abs(b))
+
+
+def _word(a: Any, b: Any) -> float:
+    return 0.0 if a == b else np.inf
+
+
+def _difference(a: float, b: float) -> float:
+    return abs(a - b)
+
+
+def _ends(a: tuple[float, float], b: tuple[float, float]) -> float:
+    return max((0.0 if x == y else abs(x - y) / max(1.0, min(abs(x), abs(y)))) for x, y in zip(a, b, strict=True))
+
+
+def _distance(a: Array, b: Array) -> float:
+    return float(np.linalg.norm(np.subtract(a, b)))
+
+
+def _tensor(a: Array, b: Array) -> float:
+    return float(np.linalg.norm(a - b) / max(np.linalg.norm(a), np.linalg.norm(b), 1e-300))
+
+
+def _direction(a: Array, b: Array) -> float:
+    return float(min(np.linalg.norm(a - b), np.linalg.norm(a + b)))
+
+
+def _sense(a: tuple[Array, bool], b: tuple[Array, bool]) -> float:
+    """Return how far two directions are apart; their sign counts only where both files know it."""
+    return _distance(a[0], b[0]) if a[1] and b[1] else _direction(a[0], b[0])
+
+
+def _line(a: tuple[Array, Array | None], b: tuple[Array, Array | None]) -> float:
+    """Return the distance in m between two points, or of a point from a line."""
+    off = b[0] - a[0]
+    if a[1] is None or b[1] is None:
+        return float(np.linalg.norm(off))
+    return float(np.linalg.norm(np.cross(a[1], off)))
+
+
+def _place(a: Array, b: Array) -> float:
+    return max(_distance(a[:3, 3], b[:3, 3]), 0.1 * float(poses.angle(a[:3, :3], b[:3, :3])))
+
+
+def _surface(a: Array, b: Array) -> float:
+    """Return how far in m a point of the one mesh is from the nearest of the other.
+
+    Meshes of which few points coincide were made with other triangles; that their boxes agree is checked elsewhere.
+    """
+    if a.shape == b.shape and np.array_equal(a, b):
+        return 0.0
+    there, back = (_tree(y).query(x)[0] for x, y in ((a, b), (b, a)))
+    if min(np.mean(there < ALIKE), np.mean(back < ALIKE)) < 0.7:
+        return 0.0
+    return float(max(there.max(), back.max()))
+
+
+def _tree(points: Array) -> cKDTree:
+    return cKDTree(points, balanced_tree=False, compact_nodes=False)
+
+
+ALIKE = 3e-6
+"""Distance in m between two points that are one: files of millimetres with three decimals, and single precision."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One thing that files say of a subject.
+
+    Attributes:
+        apart: how far two values are apart.
+        tolerance: up to where they are the same.
+        unit: of the values, or of `apart` where `relative` is not set.
+        relative: whether `apart` is a share, so that the ratio is told.
+    """
+
+    apart: Callable[[Any, Any], float]
+    tolerance: float
+    unit: str = ""
+    relative: bool = False
+
+
+QUANTITIES: Mapping[str, Quantity] = {
+    "weighed": Quantity(_word, 0.0),
+    "mass": Quantity(_number, 1e-5, "kg", True),
+    "mass centre": Quantity(_distance, 2e-6, "m"),
+    "inertia": Quantity(_tensor, 1e-4, "", True),
+    "existence": Quantity(_word, 0.0),
+    "name": Quantity(_word, 0.0),
+    "kind": Quantity(_word, 0.0),
+    "links": Quantity(_word, 0.0),
+    "place": Quantity(_line, 2e-6, "m"),
+    "axis": Quantity(_sense, 1e-5),
+    "pose": Quantity(_place, 5e-6, "m"),
+    "limits": Quantity(_ends, 1e-5, "m or rad"),
+    "driven": Quantity(_word, 0.0),
+    "stiffness": Quantity(_number, 1e-5, "N/m or N m/rad", True),
+    "damping": Quantity(_number, 1e-5, "N s/m or N m s/rad", True),
+    "largest effort": Quantity(_number, 1e-5, "N or N m", True),
+    "largest speed": Quantity(_number, 1e-5, "m/s or rad/s", True),
+    "frame pose": Quantity(_place, 2e-6, "m"),
+    "link": Quantity(_word, 0.0),
+    "surface": Quantity(_surface, ALIKE, "m"),
+    "closed": Quantity(_word, 0.0),
+    "colours": Quantity(apart, 0.02),
+    "gravity": Quantity(_distance, 1e-3, "m/s2"),
+    "held": Quantity(_word, 0.0),
+    "ratios": Quantity(_distance, 1e-5),
+    "sum": Quantity(_difference, 1e-6, "m or rad"),
+}
+"""What is compared, of links, joints, frames, couplings and the world."""
+
+
+@dataclass
+class View:
+    """What one file says: values by (subject, quantity)."""
+
+    file: str
+    format: str
+    ledger: Ledger | None
+    physics: Physics
+    shapes: Mapping[str, Shape] = field(default_factory=dict)
+    colors: Mapping[str, Mapping[Rgba, float]] = field(default_factory=dict)
+    said: dict[tuple[str, str], Any] = field(default_factory=dict)
+
+    @property
+    def family(self) -> str:
+        """Formats with one source have one."""
+        return _FAMILY.get(self.format, self.format)
+
+
+def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -> None:
+    """Note in each file's ledger where it says something else of links, joints, frames or gravity than the others."""
+    views = [
+        View(c.file, c.format, c.ledger, c.physics or Physics(), c.shapes, c.colors)
+        for c in contents
+        if c.physics is not None or c.shapes
+    ]
+    if truth is not None:
+        views.append(View(TRUTH, "truth", None, truth))
+    views.sort(key=lambda v: _TRUST.index(v.format) if v.format in _TRUST else len(_TRUST))
+    if len(views) < 2:
+        return
+    for content, view in ((c, v) for v in views for c in contents if c.file == v.file):
+        view.physics.links = tuple(dict.fromkeys((*(content.declared or ()), *view.physics.links)))
+    known = _known_links(views)
+    canonical = _canonical(views, known)
+    movable = {v.physics.trocar for v in views} - {""}
+    stems = {v.file.rsplit(".", 1)[0] for v in views if v.format == "mjcf"}
+    for view in views:
+        _state(view, canonical, known, movable)
+        if view.format == "mjcf" and any(view.file.startswith(f"{s}_") for s in stems):
+            # A file for one motion, with a place of its own in the world; playing that motion closes its loops or not.
+            for key in [k for k in view.said if k[1] == "place" and k[0].endswith(_ends_on(view.physics.held))]:
+                del view.said[key]
+    there = [s for s, name in dict.fromkeys(key for v in views for key in v.said) if name == "existence"]
+    for view in (v for v in views if v.physics.complete):
+        for subject in there:
+            if subject.startswith("joint"):
+                view.said.setdefault((subject, "existence"), False)
+    subjects = dict.fromkeys(key for v in views for key in v.said)
+    worst: dict[str, dict[str, tuple[float, str]]] = {}
+    for subject, name in subjects:
+        saying = [v for v in views if (subject, name) in v.said]
+        if len(saying) > 1:
+            _hold(subject, name, saying, worst)
+    for view in views:
+        if view.ledger is not None:
+            for name, (off, where) in worst.get(view.file, {}).items():
+                q = QUANTITIES[name]
+                unit = "" if q.relative else q.unit
+                view.ledger.row(f"{name} against the other files", min(off, 1e300), unit, q.tolerance, where=where)
+
+
+# --------------------------------------------------------------------------------------------- what each says
+
+
+def _ends_on(links: Collection[str] | None) -> tuple[str, ...]:
+    return tuple(f" on '{n}'" for n in links or ())
+
+
+def _known_links(views: Sequence[View]) -> set[str]:
+    """Return the links that are meant as such: those of the mechanism, of tracks, GLB and USD; else all."""
+    for family in ("truth", "tracks", "usd", "glb"):
+        for v in views:
+            if v.family == family and v.physics.links:
+                return set(v.physics.links)
+    return {n for v in views for n in v.physics.links}
+
+
+def _canonical(views: Sequence[View], known: set[str]) -> dict[str, Joint]:
+    """Return joints by name, of the first file that knows them; those that carry their links are preferred."""
+    out: dict[str, Joint] = {}
+    elsewhere = [
+        (_stem(j.names), j.kind) for v in views if v.family != "tracks" for j in v.physics.reduced(known) if j.names
+    ]
+    several = tuple(f"{name}_" for name, kind in elsewhere if kind not in ("", "fixed", "revolute", "prismatic"))
+    # A GLB has names of joints without their kinds.
+    turns = {f"{name}_{part}" for name, kind in elsewhere if not kind for part in ("x", "y", "z", "slide")}
+    for view in sorted(views, key=lambda v: v.format in ("mjcf", "urdf")):  # these may split them
+        for joint in view.physics.reduced(known):
+            within = {joint.parent, joint.child} <= known | {""}
+            if not within or not joint.names or _match(joint, out, view):
+                continue
+            if view.family == "tracks" and (joint.names[0].startswith(several) or joint.names[0] in turns):
+                continue  # one of the numbers of a ball
+            if joint.kind == "fixed" and view.format == "mjcf":
+                continue
+            out[_stem(joint.names)] = joint
+    return out
+
+
+def _stem(names: Sequence[str]) -> str:
+    """Return what names of the parts of a joint begin with: a tie is called <joint>_0, a ball's turns <joint>_x."""
+    if len(names) == 1:
+        return re.sub(r"_\d+$", "", names[0])
+    short = min(names, key=len)
+    if all(n == short or n.startswith(f"{short}_") for n in names):
+        return short
+    common = names[0]
+    for n in names[1:]:
+        while not n.startswith(common):
+            common = common[:-1]
+    return common.rstrip("_") or short
+
+
+def _match(joint: Joint, canonical: Mapping[str, Joint], view: View) -> str:
+    """Return the canonical name of a joint, by its name, or else by the links that it joins; "" if it has none."""
+    for name in (*joint.names[:1], _stem(joint.names)) if joint.names else ():
+        if name in canonical:
+            return name
+    if len(joint.names) > 1 or view.family == "tracks":  # a table holds a ball as numbers of its own
+        begins = [
+            n
+            for n, j in canonical.items()
+            if joint.names and _parts(joint, n) and (len(joint.names) > 1 or j.kind not in ("revolute", "prismatic"))
+        ]
+        if begins:
+            return max(begins, key=len)
+    if not joint.parent:
+        return ""
+    pair = {joint.parent, joint.child}
+    taken = {p for j in view.physics.joints for p in (*j.names, _stem(j.names) if j.names else "")}
+    fits = [n for n, j in canonical.items() if {j.parent, j.child} == pair and n not in taken]
+    return fits[0] if len(fits) == 1 else ""
+
+
+def _parts(joint: Joint, name: str) -> bool:
+    return all(p == name or p.startswith(f"{name}_") for p in joint.names)
+
+
+def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable: set[str]) -> None:
+    say = view.said
+    p = view.physics
+    for link, shape in view.shapes.items():
+        if link in known:
+            say[f"link '{link}'", "surface"] = shape.points
+            say[f"link '{link}'", "closed"] = shape.closed
+    for link, shares in view.colors.items():
+        if link in known:
+            say[f"link '{link}'", "colours"] = shares
+    for link, mass in p.masses.items():
+        if link in known:
+            _state_mass(say, link, mass)
+    if view.format in ("urdf", "mjcf", "usda", "usd", "usdc") and p.masses:
+        for link in known & set(p.links) - set(p.masses) - (p.held or frozenset()) - {"world"}:
+            say[f"link '{link}'", "weighed"] = False
+    found = set()
+    for joint in p.reduced(known):
+        if not {joint.parent, joint.child} <= known | {""}:
+            continue
+        name = _match(joint, canonical, view)
+        if not name:
+            if joint.names and (joint.kind != "fixed" or joint.tied):
+                say[f"joint '{_stem(joint.names)}'", "existence"] = True
+            continue
+        found.add(name)
+        _state_joint(say, name, joint, canonical[name], name in movable)
+    for name, joint in canonical.items():
+        if name in found or (joint.kind == "fixed" and not joint.parent):
+            continue
+        if (
+            p.complete
+            or (view.format == "tracks" and joint.kind in ("revolute", "prismatic"))
+            or (view.format in ("glb", "gltf") and p.joints)
+        ):
+            say[f"joint '{name}'", "existence"] = False
+    for name, frame in p.frames.items():
+        _state_frame(say, name, frame)
+    if p.tool and TOOL not in p.frames and p.tool in p.frames:
+        _state_frame(say, TOOL, p.frames[p.tool])
+    if p.gravity is not None:
+        say["the world", "gravity"] = p.gravity
+    if p.held is not None:
+        say["the world", "held"] = tuple(sorted(p.held & known))
+    for name, (ratios, total) in (p.couplings or {}).items():
+        say[f"coupling '{name}'", "existence"] = True
+        say[f"coupling '{name}'", "links"] = tuple(sorted(ratios))
+        say[f"coupling '{name}'", "ratios"] = np.array([ratios[n] for n in sorted(ratios)])
+        say[f"coupling '{name}'", "sum"] = total
+
+
+def _state_mass(say: dict, link: str, mass: Mass) -> None:
+    say[f"link '{link}'", "weighed"] = True
+    say[f"link '{link}'", "mass"] = mass.mass
+    if mass.center is not None:
+        say[f"link '{link}'", "mass centre"] = mass.center
+    if mass.inertia is not None:
+        say[f"link '{link}'", "inertia"] = mass.inertia
+
+
+def _state_joint(say: dict, name: str, joint: Joint, canonical: Joint, movable: bool) -> None:
+    subject = f"joint '{name}'"
+    say[subject, "existence"] = True
+    part = joint.kind_said and joint.names != canonical.names  # one turn of a ball, in a table of numbers
+    if joint.names and not part:
+        own = name in (*joint.names, _stem(joint.names)) or (len(joint.names) > 1 and _parts(joint, name))
+        say[subject, "name"] = name if own else _stem(joint.names)
+    if joint.kind and not part:
+        say[subject, "kind"] = joint.kind
+    if joint.parent:
+        say[subject, "links"] = tuple(sorted((joint.parent, joint.child)))
+    for link in (joint.parent, joint.child) if joint.parent else ():
+        if (end := joint.end(link)) is None or joint.kind.startswith(("chain", "free")):
+            continue
+        point, direction = end
+        if joint.kind != "prismatic" and not movable:
+            say[f"{subject} on '{link}'", "place"] = (point, direction)
+        if direction is not None:
+            say[f"{subject} on '{link}'", "axis"] = (direction, not joint.tied)
+    if joint.kind == "fixed" and joint.T is not None and joint.parent and not movable:
+        first = joint if joint.parent < joint.child else joint.turned()
+        say[subject, "pose"] = first.T
+    d = joint.drive
+    if joint.kind in ("revolute", "prismatic"):
+        for quantity_, value in (
+            ("limits", d.limits),
+            ("driven", d.driven),
+            ("stiffness", d.stiffness),
+            ("damping", d.damping),
+            ("largest effort", d.effort),
+            ("largest speed", d.speed),
+        ):
+            if value is not None and not (joint.tied and quantity_ == "limits"):
+                say[subject, quantity_] = value
+
+
+def _state_frame(say: dict, name: str, frame: Frame) -> None:
+    subject = "the tool frame" if name == TOOL else f"frame '{name}'"
+    say[subject, "link"] = frame.link
+    say[subject, "frame pose"] = frame.T
+
+
+# --------------------------------------------------------------------------------------------- the comparison
+
+
+def _hold(subject: str, name: str, views: Sequence[View], worst: dict) -> None:
+    q = QUANTITIES[name]
+    key = (subject, name)
+    groups: list[list[View]] = []
+    for view in views:
+        for group in groups:
+            if q.apart(group[0].said[key], view.said[key]) <= q.tolerance:
+                group.append(view)
+                break
+        else:
+            groups.append([view])
+    right = max(groups, key=_weight)
+    for view in views:
+        off = q.apart(right[0].said[key], view.said[key])
+        row = worst.setdefault(view.file, {})
+        if name not in row or off > row[name][0]:
+            row[name] = (off, subject)
+        if view in right or view.ledger is None:
+            continue
+        others = [v.file for v in right]
+        tie = len({v.family for v in right}) == 1 and right[0].format != "truth"
+        text = _text(subject, name, q, view.said[key], right[0].said[key], _listed(others))
+        view.ledger.add(
+            f"physics.{name.replace(' ', '_')}",
+            "disagreement",
+            text + (" One of the two is wrong." if tie else ""),
+            where=subject,
+            size=off if np.isfinite(off) else None,
+            unit="" if q.relative else q.unit,
+            limit=q.tolerance,
+            suggestion="see which of the two is right: `twin audit --robot NAME` compares with the mechanism",
+        )
+
+
+def _weight(group: Sequence[View]) -> tuple[bool, int, int]:
+    families = {v.family for v in group}
+    return "truth" in families, len(families), -min(_TRUST.index(v.format) for v in group if v.format in _TRUST)
+
+
+def _listed(files: Sequence[str], most: int = 3) -> str:
+    shown = list(files[:most]) if len(files) <= most else [*files[: most - 1], f"{len(files) - most + 1} more"]
+    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
+
+
+def _text(subject: str, name: str, q: Quantity, mine: Any, right: Any, others: str) -> str:
+    if name == "existence":
+        return f"{subject} is in this file, not in {others}." if mine else f"{subject} is missing; it is in {others}."
+    if name in _SAID:
+        said = _SAID[name]
+        return f"{subject} {said[bool(mine)]}; in {others} it {said[bool(right)]}."
+    if q.relative and isinstance(mine, int | float):
+        ratio = f" (x {mine / right:.4g})" if right else ""
+        return f"{subject}: {name} is {mine:.6g} {q.unit}, in {others} {right:.6g} {q.unit}{ratio}."
+    off = q.apart(mine, right)
+    if name in ("mass centre", "place", "frame pose", "pose"):
+        return f"{subject}: {_WORDS.get(name, name)} is {quantity(off, 'm')} off {others}."
+    if name == "surface":
+        return f"{subject}: a point of its mesh is {quantity(off, 'm')} off that of {others}."
+    if name == "colours":
+        return f"{subject}: {100 * off:.3g} % of its surface has another colour than in {others}."
+    if name == "inertia":
+        return f"{subject}: inertia differs from {others} by {100 * off:.3g} %."
+    if name == "axis":
+        return f"{subject}: axis is {_vector(mine[0])}, in {others} {_vector(right[0])}."
+    return f"{subject}: {_WORDS.get(name, name)} is {_plain(mine)}, in {others} {_plain(right)}{_unit(q)}."
+
+
+_SAID = {
+    "closed": ("has a mesh with a hole", "has closed meshes"),
+    "driven": ("is passive", "is driven"),
+    "weighed": ("has no mass", "has a mass"),
+}
+
+_WORDS = {
+    "frame pose": "its pose on its link",
+    "pose": "the pose of one link in the other",
+    "place": "the line or point of the joint",
+    "link": "its link",
+    "held": "what is fixed to the world",
+}
+
+
+def _unit(q: Quantity) -> str:
+    return f" {q.unit}" if q.unit else ""
+
+
+def _vector(v: Iterable[float]) -> str:
+    return "(" + ", ".join(f"{x:.4g}" for x in v) + ")"
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return _vector(value)
+    if isinstance(value, tuple):
+        return " .. ".join(f"{v:g}" for v in value) if _all_numbers(value) else ", ".join(map(str, value)) or "nothing"
+    return str(value)
+
+
+def _all_numbers(values: tuple) -> bool:
+    return bool(values) and all(isinstance(v, int | float) for v in values)

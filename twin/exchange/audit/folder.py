@@ -1,0 +1,141 @@
+"""Which files of a folder are audited, and by what."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from twin.core.errors import TwinError
+from twin.core.foreign.budget import check_size
+
+MOST_FILES = 20_000
+"""A folder with more is no bundle."""
+
+_TEXT = {".json": "JSON", **dict.fromkeys((".meta", ".asmdef", ".cs", ".txt", ".md"), "text")}
+"""Text of which all is read, by the ends of names."""
+
+STAGES = (".usd", ".usda", ".usdc")
+_SUBLAYER = re.compile(r"@([^@]+\.usd[ac]?)@")
+
+
+@dataclass
+class Found:
+    """Files by kind, each in order of its path."""
+
+    root: Path
+    gltf: list[Path] = field(default_factory=list)
+    stages: list[Path] = field(default_factory=list)
+    usdz: list[Path] = field(default_factory=list)
+    tracks: list[Path] = field(default_factory=list)
+    csv: list[Path] = field(default_factory=list)
+    mjcf: list[Path] = field(default_factory=list)
+    urdf: list[Path] = field(default_factory=list)
+    unity: list[Path] = field(default_factory=list)
+    proofs: list[Path] = field(default_factory=list)
+    readmes: list[Path] = field(default_factory=list)
+
+    @property
+    def count(self) -> int:
+        """How many there are that can be audited by themselves."""
+        return sum(len(v) for k, v in vars(self).items() if k not in ("root", "readmes"))
+
+    def name(self, path: Path) -> str:
+        """Return a path as it is shown."""
+        return path.relative_to(self.root).as_posix() if path != self.root else path.name
+
+
+def find(path: Path) -> Found:
+    """Return what there is to audit at a path.
+
+    Raises:
+        TwinError: nothing is there, or nothing that can be audited.
+    """
+    if path.is_file():
+        out = Found(path.parent)
+        _sort(out, path, alone=True)
+        if not out.count:
+            raise TwinError(
+                f"{path}: not a file that can be audited. Known are .glb, .gltf, .usd, .usda, .usdc, .usdz, tracks "
+                "(.json, .csv), MJCF (.xml), .urdf and proof.json."
+            )
+        return out
+    if not path.is_dir():
+        raise TwinError(f"{path}: there is no such file or folder")
+    out = Found(path)
+    files = []
+    for file in sorted(path.rglob("*")):
+        parts = file.relative_to(path).parts
+        if file.is_file() and not any(p.startswith(".") for p in parts):
+            files.append(file)
+            if suffix := _TEXT.get(file.suffix.lower()):
+                check_size(file, suffix)
+        if len(files) > MOST_FILES:
+            raise TwinError(f"{path} holds more than {MOST_FILES} files: name the folder of one export")
+    packages = [f.parent for f in files if f.name == "package.json" and _is_package(f)]
+    out.unity = [p for p in packages if not any(p != q and p.is_relative_to(q) for q in packages)]
+    for file in files:
+        if not any(file.is_relative_to(p) for p in out.unity):
+            _sort(out, file, alone=False)
+    _leave_sublayers(out)
+    if not out.count:
+        raise TwinError(f"{path}: nothing in it can be audited (.glb, .gltf, USD, .usdz, tracks, MJCF, URDF, Unity)")
+    return out
+
+
+def _sort(out: Found, file: Path, alone: bool) -> None:
+    suffix = file.suffix.lower()
+    if suffix in (".glb", ".gltf"):
+        out.gltf.append(file)
+    elif suffix in STAGES:
+        out.stages.append(file)
+    elif suffix == ".usdz":
+        out.usdz.append(file)
+    elif suffix == ".urdf":
+        out.urdf.append(file)
+    elif suffix == ".xml" and (alone or _starts(file, b"<mujoco")):
+        out.mjcf.append(file)
+    elif file.name == "README.txt" and not alone:
+        out.readmes.append(file)
+    elif file.name == "proof.json":
+        out.proofs.append(file)
+    elif suffix == ".json" and (alone or (not file.name.endswith(".schema.json") and _starts(file, b'"twin-track"'))):
+        out.tracks.append(file)
+    elif suffix == ".csv" and (alone or _starts(file, b"twin-track")):
+        out.csv.append(file)
+
+
+def _starts(file: Path, mark: bytes) -> bool:
+    """Return whether a mark stands in the first 4 kB of a file."""
+    try:
+        with file.open("rb") as f:
+            return mark in f.read(4096)
+    except OSError:
+        return False
+
+
+def _is_package(file: Path) -> bool:
+    """Return whether a package.json is that of a Unity package: `unity` names the version it is for."""
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return "unity" in file.parent.name.lower()
+    return isinstance(data, dict) and "unity" in data
+
+
+def _leave_sublayers(out: Found) -> None:
+    """Take out stages that are mere layers of others: below motion/, or named by a root layer and naming none."""
+    named: set[Path] = set()
+    naming: set[Path] = set()
+    for stage in out.stages:
+        if stage.suffix != ".usda":
+            continue
+        try:
+            text = stage.read_text(encoding="utf-8", errors="replace")[:200_000]
+        except OSError:
+            continue
+        for target in _SUBLAYER.findall(text):
+            named.add((stage.parent / target).resolve())
+            naming.add(stage.resolve())
+    out.stages = [s for s in out.stages if s.resolve() not in named or s.resolve() in naming]

@@ -1,0 +1,182 @@
+"""Animations of a glTF file, evaluated at their own keys."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.gltf_file import Gltf, GltfError
+from twin.exchange.audit.gltf_nodes import Node, local
+from twin.exchange.audit.motion import Clip, check_quaternions, check_times
+from twin.exchange.audit.poses import Array
+
+PATHS = {"translation": 3, "rotation": 4, "scale": 3}
+MODES = ("LINEAR", "STEP", "CUBICSPLINE")
+
+MOST_POSES = 20_000_000
+"""Poses of all moving nodes of one clip; more would fill the memory."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One animated property: times (k,), values (k, n), for CUBICSPLINE also tangents (k, n)."""
+
+    node: int
+    path: str
+    mode: str
+    times: Array
+    values: Array
+    incoming: Array | None = None
+    outgoing: Array | None = None
+
+    def at(self, t: Array) -> Array:
+        """Return the value (j, n) at times t (j,) in s, held before the first key and after the last."""
+        x = np.clip(t, self.times[0], self.times[-1])
+        i = np.clip(np.searchsorted(self.times, x, side="right") - 1, 0, max(len(self.times) - 2, 0))
+        if len(self.times) == 1:
+            return np.repeat(self.values, len(t), axis=0)
+        h = self.times[i + 1] - self.times[i]
+        u = (x - self.times[i]) / h
+        a, b = self.values[i], self.values[i + 1]
+        if self.mode == "STEP":
+            return np.where((u >= 1)[:, None], b, a)
+        if self.mode == "CUBICSPLINE" and self.incoming is not None and self.outgoing is not None:
+            s, h = u[:, None], h[:, None]
+            out = (2 * s**3 - 3 * s**2 + 1) * a + h * (s**3 - 2 * s**2 + s) * self.outgoing[i]
+            return out + (-2 * s**3 + 3 * s**2) * b + h * (s**3 - s**2) * self.incoming[i + 1]
+        if self.path == "rotation":
+            return poses.slerp(a, b, u)
+        return (1 - u)[:, None] * a + u[:, None] * b
+
+
+class Clips:
+    """The animations of one file over its tree of nodes."""
+
+    def __init__(self, file: Gltf, nodes: list[Node], order: list[int]) -> None:
+        self._nodes, self._order, self._ledger = nodes, order, file.ledger
+        self._clips: list[tuple[str, list[Channel]]] = []
+        for i, spec in enumerate(file.items("animations")):
+            name = str(spec.get("name") or f"animation {i}")
+            self._clips.append((name, list(channels(file, spec, name))))
+        self.animated = {c.node for _, clip in self._clips for c in clip}
+
+    def world(self, moved: dict[int, dict[str, Array]]) -> list[Array]:
+        """Return the maps (k or 1, 4, 4) of all nodes to the world of the file."""
+        out: list[Array] = [np.eye(4)[None]] * len(self._nodes)
+        for i in self._order:
+            node = self._nodes[i]
+            T = local(node, moved.get(i, {}))
+            out[i] = T if node.parent < 0 else out[node.parent] @ T
+        return out
+
+    def z_up(self, M: Array) -> Array:
+        """Return poses (k, 4, 4) in a world with z up, of maps in the file's world."""
+        T, _ = poses.split(M)
+        return poses.pose(poses.R_Z_UP_Y_UP) @ T
+
+    def read(self, shown: list[Node]) -> Iterator[Clip]:
+        """Yield each clip, with the poses of the shown nodes at all its key times."""
+        for name, found in self._clips:
+            usable = [c for c in found if len(c.times)]
+            if not usable:
+                self._ledger.add("gltf.empty_clip", "warning", f"clip '{name}' moves nothing that is read.", where=name)
+                continue
+            times = np.unique(np.concatenate([c.times for c in usable]))
+            if len(times) * len(self._nodes) > MOST_POSES:
+                raise GltfError(
+                    "gltf.size", f"clip '{name}' has {len(times)} keys on {len(self._nodes)} nodes: too many"
+                )
+            self._tell_jumps(name, usable)
+            middle = self._placed(usable, shown, (times[1:] + times[:-1]) / 2)
+            yield Clip(name, times, self._placed(usable, shown, times), middle=middle)
+
+    def _placed(self, channels: list[Channel], shown: list[Node], times: Array) -> dict[str, Array]:
+        moved: dict[int, dict[str, Array]] = {}
+        for c in channels:
+            moved.setdefault(c.node, {})[c.path] = c.at(times)
+        world = self.world(moved)
+        return {n.name: np.broadcast_to(self.z_up(world[n.index]), (len(times), 4, 4)) for n in shown}
+
+    def _tell_jumps(self, clip: str, channels: list[Channel]) -> None:
+        """Note channels that hold one key until the next, and so show a motion as jumps."""
+        jumping = [
+            c for c in channels if c.mode == "STEP" and len(c.values) > 2 and np.ptp(c.values, axis=0).max() > 1e-6
+        ]
+        if jumping:
+            node = self._nodes[jumping[0].node].label
+            text = f"clip '{clip}' jumps from key to key (STEP) in {len(jumping)} channels, first of '{node}'."
+            self._ledger.add("gltf.jumps", "info", text, where=clip, suggestion="LINEAR, if it is a motion")
+
+
+def channels(file: Gltf, spec: dict[str, Any], clip: str) -> Iterator[Channel]:
+    """Yield the channels of an animation that can be used; what is wrong with the others is noted."""
+    samplers = spec.get("samplers", [])
+    seen: set[tuple[int, str]] = set()
+    timed: dict[bytes, bool] = {}
+    for i, entry in enumerate(spec.get("channels", [])):
+        target = entry.get("target", {})
+        path, node = target.get("path"), target.get("node")
+        if path not in PATHS or node is None:
+            if path not in ("weights", "pointer"):
+                text = f"clip '{clip}', channel {i}: path '{path}' is none."
+                file.ledger.add("gltf.channel", "disagreement", text, where=clip)
+            continue
+        file.item("nodes", node)
+        where = str(file.item("nodes", node).get("name") or f"node {node}")
+        if (node, path) in seen:
+            text = f"clip '{clip}' animates {path} of '{where}' twice."
+            file.ledger.add("gltf.channel", "disagreement", text, where=where)
+            continue
+        seen.add((node, path))
+        which = entry.get("sampler")
+        if isinstance(which, bool) or not isinstance(which, int) or not 0 <= which < len(samplers):
+            raise GltfError("gltf.reference", f"clip '{clip}', channel {i}: there is no sampler {which}")
+        channel = _channel(file, samplers[which], clip, node, path, where, timed)
+        if channel is not None:
+            yield channel
+
+
+def _channel(
+    file: Gltf, sampler: dict[str, Any], clip: str, node: int, path: str, where: str, timed: dict[bytes, bool]
+) -> Channel | None:
+    ledger = file.ledger
+    mode = sampler.get("interpolation", "LINEAR")
+    spec = file.item("accessors", sampler.get("input"))
+    times, values = file.accessor(sampler["input"]), file.accessor(sampler.get("output"))
+    if not ("min" in spec and "max" in spec):
+        text = f"clip '{clip}': its key times state no min and max, by which players know its length."
+        ledger.add("gltf.minmax", "disagreement", text, where=where)
+    if mode not in MODES:
+        ledger.add("gltf.channel", "disagreement", f"clip '{clip}': interpolation '{mode}' is none.", where=where)
+        return None
+    times = times[:, 0]
+    if (key := times.tobytes()) not in timed:  # all channels of a clip mostly share one row
+        timed[key] = check_times(ledger, times, clip, "gltf")
+    if not timed[key]:
+        return None
+    per_key = 3 if mode == "CUBICSPLINE" else 1
+    if values.shape != (per_key * len(times), PATHS[path]):
+        ledger.add(
+            "gltf.samples",
+            "disagreement",
+            f"clip '{clip}': {path} of '{where}' has {values.shape[0]} values of {values.shape[1]} numbers for "
+            f"{len(times)} keys.",
+            where=where,
+            size=float(len(values)),
+            limit=float(per_key * len(times)),
+        )
+        return None
+    if not np.all(np.isfinite(values)):
+        return None  # noted where the accessor was read
+    incoming = outgoing = None
+    if mode == "CUBICSPLINE":
+        incoming, values, outgoing = values[0::3], values[1::3], values[2::3]
+    if path == "rotation":
+        check_quaternions(ledger, values, times, where, "gltf", mode != "STEP")
+    if path == "scale" and np.min(values) <= 0:
+        ledger.add("gltf.mirrored", "disagreement", f"clip '{clip}' mirrors '{where}' by its scale.", where=where)
+    return Channel(node, path, mode, times, values, incoming, outgoing)

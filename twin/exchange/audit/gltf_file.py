@@ -1,0 +1,261 @@
+"""The container of glTF: .glb and .gltf opened, buffers found, accessors read with every bound checked."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import struct
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Ledger
+
+_TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+_MAGIC, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
+
+MOST_NUMBERS = 50_000_000
+"""Numbers in one accessor; a header that asks for more is not believed."""
+
+
+class GltfError(Exception):
+    """The file cannot be read on; `code` is the finding's."""
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+@dataclass
+class Gltf:
+    """An opened file: its JSON, its buffers, and what was wrong on the way."""
+
+    path: Path
+    ledger: Ledger
+    json: dict[str, Any]
+    buffers: list[bytes]
+    _read: dict[int, Array] = field(default_factory=dict)
+
+    def items(self, name: str) -> list[dict[str, Any]]:
+        """Return a top-level array of objects; [] if it is missing.
+
+        Raises:
+            GltfError: it is something else.
+        """
+        value = self.json.get(name, [])
+        if not isinstance(value, list) or not all(isinstance(v, dict) for v in value):
+            raise GltfError("gltf.json", f"'{name}' is no array of objects")
+        return value
+
+    def item(self, name: str, index: Any) -> dict[str, Any]:
+        """Return one object of a top-level array.
+
+        Raises:
+            GltfError: there is none of that index.
+        """
+        values = self.items(name)
+        if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(values):
+            raise GltfError("gltf.reference", f"{name}[{index}] does not exist, there are {len(values)}")
+        return values[index]
+
+    def accessor(self, index: Any) -> Array:
+        """Return an accessor as float64 (count, width), normalised integers as fractions; indices stay exact.
+
+        Raises:
+            GltfError: it leaves its buffer, or is of no known type.
+        """
+        spec = self.item("accessors", index)
+        if index not in self._read:
+            self._read[index] = self._accessor(index, spec)
+        return self._read[index]
+
+    def _accessor(self, index: int, spec: dict[str, Any]) -> Array:
+        name = f"accessor {index}"
+        kind, width = _TYPES.get(spec.get("componentType", 0)), _WIDTH.get(spec.get("type", ""))
+        if kind is None or width is None:
+            text = f"{name}: componentType {spec.get('componentType')} and type {spec.get('type')} are not read"
+            raise GltfError("gltf.accessor", text)
+        count = natural(spec, "count", name, 0)
+        if count * width > MOST_NUMBERS:
+            raise GltfError("gltf.bounds", f"{name} asks for {count} elements of {width} numbers: not believed")
+        dtype = np.dtype(kind)
+        if "bufferView" in spec:
+            out = self._view(spec["bufferView"], natural(spec, "byteOffset", name, 0), count, width, dtype, name)
+        else:
+            out = np.zeros((count, width), dtype)
+        if "sparse" in spec:
+            out = self._sparse(spec["sparse"], out.copy(), count, width, dtype, name)
+        values = out.astype(float)
+        if spec.get("normalized") and dtype.kind in "iu":
+            values = np.maximum(values / np.iinfo(dtype).max, -1.0)
+        self._check_bounds(index, spec, values)
+        return values
+
+    def _view(self, index: Any, offset: int, count: int, width: int, dtype: np.dtype, name: str) -> Array:
+        view = self.item("bufferViews", index)
+        label = f"bufferView {index}"
+        if "extensions" in view:
+            raise GltfError("gltf.extension", f"{label} is compressed by {', '.join(view['extensions'])}: not read")
+        start, length = natural(view, "byteOffset", label, 0), natural(view, "byteLength", label)
+        which = natural(view, "buffer", label)
+        self.item("buffers", which)
+        data = self.buffers[which]
+        if start + length > len(data):
+            raise GltfError("gltf.bounds", f"{label} ends at byte {start + length} of a buffer that has {len(data)}")
+        size = dtype.itemsize * width
+        stride = natural(view, "byteStride", label, 0) or size
+        end = offset + stride * (count - 1) + size if count else offset
+        if end > length or stride < size:
+            raise GltfError("gltf.bounds", f"{name} ends at byte {end} of {label}, which has {length}")
+        if offset % dtype.itemsize or start % dtype.itemsize:
+            self.ledger.add("gltf.alignment", "disagreement", f"{name} is not aligned to its component.", where=name)
+        return np.ndarray((count, width), dtype, data, start + offset, (stride, dtype.itemsize))
+
+    def _sparse(self, sparse: Any, out: Array, count: int, width: int, dtype: np.dtype, name: str) -> Array:
+        n = natural(sparse, "count", name)
+        if n > count:
+            raise GltfError("gltf.bounds", f"{name}: {n} sparse elements of {count}")
+        where, what = sparse["indices"], sparse["values"]
+        kind = np.dtype(_TYPES[where["componentType"]])
+        rows = self._view(where["bufferView"], natural(where, "byteOffset", name, 0), n, 1, kind, name)[:, 0]
+        values = self._view(what["bufferView"], natural(what, "byteOffset", name, 0), n, width, dtype, name)
+        if n and int(rows.max()) >= count:
+            raise GltfError("gltf.bounds", f"{name}: sparse index {int(rows.max())} of {count}")
+        out[rows.astype(int)] = values
+        return out
+
+    def _check_bounds(self, index: int, spec: dict[str, Any], values: Array) -> None:
+        """Hold stated min and max against the numbers: viewers frame, cull and time clips by them."""
+        name = f"accessor {index}"
+        if not np.all(np.isfinite(values)):
+            self.ledger.add("gltf.finite", "disagreement", f"{name} holds numbers that are not finite.", where=name)
+            return
+        if not len(values) or spec.get("normalized"):
+            return
+        for key, real in (("min", values.min(axis=0)), ("max", values.max(axis=0))):
+            if key not in spec:
+                continue
+            told = np.asarray(spec[key], float).ravel()
+            if told.shape != real.shape:
+                text = f"{name}: {key} has {len(told)} numbers, not {len(real)}."
+                self.ledger.add("gltf.minmax", "disagreement", text, where=name)
+                continue
+            # Stated in decimal, stored in single precision.
+            off = np.abs(told - real)
+            k = int(np.argmax(off))
+            if off[k] > 1e-6 * max(1.0, abs(real[k])):
+                self.ledger.add(
+                    "gltf.minmax",
+                    "disagreement",
+                    f"{name}: its {key} is stated as {told[k]:.7g} and is {real[k]:.7g}.",
+                    where=name,
+                    size=float(told[k]),
+                    limit=float(real[k]),
+                    suggestion="state min and max of what is stored",
+                )
+
+
+def natural(spec: Any, key: str, name: str, default: int | None = None) -> int:
+    """Return a whole number >= 0 of an object.
+
+    Raises:
+        GltfError: it is missing, or something else.
+    """
+    value = spec.get(key, default) if isinstance(spec, dict) else None
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise GltfError("gltf.json", f"{name}: '{key}' is {value!r}, not a whole number")
+    return value
+
+
+def open_gltf(path: Path, ledger: Ledger) -> Gltf:
+    """Open a .glb or .gltf file.
+
+    Raises:
+        GltfError: it is none, or its parts do not fit together.
+    """
+    data = path.read_bytes()
+    if data[:4] == b"glTF":
+        text, binary = _chunks(data, ledger)
+    else:
+        text, binary = data, None
+    try:
+        parsed = json.loads(text.decode("utf-8"))
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise GltfError("gltf.json", f"its JSON cannot be read: {str(error)[:120]}") from error
+    if not isinstance(parsed, dict) or not isinstance(parsed.get("asset"), dict):
+        raise GltfError("gltf.json", "its JSON is no glTF: 'asset' is missing")
+    if not str(parsed["asset"].get("version", "")).startswith("2."):
+        raise GltfError("gltf.version", f"it is glTF {parsed['asset'].get('version')!r}, not 2.0")
+    out = Gltf(path, ledger, parsed, [])
+    for i, spec in enumerate(out.items("buffers")):
+        out.buffers.append(_buffer(path, i, spec, binary))
+    return out
+
+
+def _chunks(data: bytes, ledger: Ledger) -> tuple[bytes, bytes | None]:
+    if len(data) < 20:
+        raise GltfError("gltf.header", f"it ends after {len(data)} bytes")
+    magic, version, length = struct.unpack_from("<III", data)
+    if magic != _MAGIC or version != 2:
+        raise GltfError("gltf.version", f"its header says version {version}, not 2")
+    if length > len(data):
+        raise GltfError("gltf.header", f"its header states {length} bytes, it has {len(data)}: cut off")
+    if length != len(data):
+        text = f"its header states {length} bytes, it has {len(data)}."
+        ledger.add("gltf.header", "disagreement", text, size=float(len(data)), limit=float(length))
+    found: dict[int, bytes] = {}
+    at = 12
+    while at + 8 <= length:
+        size, kind = struct.unpack_from("<II", data, at)
+        if at + 8 + size > length:
+            raise GltfError("gltf.header", f"a chunk of {size} bytes at byte {at} leaves the file")
+        if size % 4:
+            ledger.add("gltf.alignment", "disagreement", f"the chunk at byte {at} is not padded to 4 bytes.")
+        found.setdefault(kind, data[at + 8 : at + 8 + size])
+        at += 8 + size
+    if _JSON not in found:
+        raise GltfError("gltf.header", "it has no JSON chunk")
+    return found[_JSON], found.get(_BIN)
+
+
+def _buffer(path: Path, index: int, spec: dict[str, Any], binary: bytes | None) -> bytes:
+    name = f"buffer {index}"
+    length = natural(spec, "byteLength", name)
+    uri = spec.get("uri")
+    if uri is None:
+        if index or binary is None:
+            raise GltfError("gltf.buffer", f"{name} has neither a uri nor a binary chunk")
+        data = binary
+    elif not isinstance(uri, str):
+        raise GltfError("gltf.json", f"{name}: its uri is no text")
+    elif uri.startswith("data:"):
+        try:
+            data = base64.b64decode(uri.partition(",")[2], validate=True)
+        except (binascii.Error, ValueError) as error:
+            raise GltfError("gltf.buffer", f"{name}: its data uri is no base64") from error
+    else:
+        data = _beside(path, name, unquote(uri))
+    if length > len(data):
+        raise GltfError("gltf.bounds", f"{name} states {length} bytes, {len(data)} are there")
+    return data[:length]
+
+
+def _beside(path: Path, name: str, uri: str) -> bytes:
+    folder = path.resolve().parent
+    if "\0" in uri or "://" in uri:
+        raise GltfError("gltf.buffer", f"{name}: '{uri[:80]}' is not in a file beside it: not read")
+    file = (folder / uri).resolve()
+    if not file.is_relative_to(folder):
+        raise GltfError("gltf.buffer", f"{name}: '{uri[:80]}' lies outside the file's folder: not read")
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise GltfError("gltf.buffer", f"{name}: '{uri[:80]}' cannot be read: {error.strerror}") from error

@@ -1,0 +1,154 @@
+"""The tree of nodes of a glTF file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.gltf_file import Gltf, GltfError
+from twin.exchange.audit.motion import UNIT_TOL
+from twin.exchange.audit.poses import Array
+
+
+@dataclass(frozen=True)
+class Node:
+    """One node: its parent's index (-1 for none), its resting translation, rotation xyzw and scale, or its matrix.
+
+    `copied`: its extras repeat those of a node above it, as exporters do that hand them down to the meshes.
+    """
+
+    index: int
+    name: str
+    parent: int
+    translation: Array
+    rotation: Array
+    scale: Array
+    matrix: Array | None
+    spec: dict[str, Any]
+    copied: bool = False
+
+    @property
+    def label(self) -> str:
+        """Name, or index if it has none."""
+        return self.name or f"node {self.index}"
+
+    @property
+    def is_link(self) -> bool:
+        """Whether the file itself calls it a link of a robot."""
+        extras = self.spec.get("extras")
+        return isinstance(extras, dict) and bool(extras.get("link")) and not self.copied
+
+
+def link_above(nodes: list[Node], node: Node) -> Node | None:
+    """Return the link that a node is, or is on; None if there is none."""
+    while not node.is_link and node.parent >= 0:
+        node = nodes[node.parent]
+    return node if node.is_link else None
+
+
+def local(node: Node, moved: dict[str, Array]) -> Array:
+    """Return the map (k or 1, 4, 4) of a node to its parent; `moved` holds what a clip animates."""
+    if node.matrix is not None and not moved:
+        return node.matrix[None]
+    T = poses.pose(
+        poses.rotation(np.atleast_2d(moved.get("rotation", node.rotation))),
+        np.atleast_2d(moved.get("translation", node.translation)),
+    )
+    scale = np.atleast_2d(moved.get("scale", node.scale))
+    if np.any(scale != 1):
+        T = np.broadcast_to(T, (max(len(T), len(scale)), 4, 4)).copy()
+        T[:, :3, :3] *= scale[:, None, :]
+    return T
+
+
+def read_nodes(file: Gltf) -> list[Node]:
+    """Return the nodes of a file.
+
+    Raises:
+        GltfError: a child does not exist, or has two parents.
+    """
+    specs = file.items("nodes")
+    parent = [-1] * len(specs)
+    for i, spec in enumerate(specs):
+        for child in spec.get("children", []):
+            file.item("nodes", child)
+            if parent[child] >= 0 or child == i:
+                raise GltfError("gltf.tree", f"node {child} has two parents, {parent[child]} and {i}")
+            parent[child] = i
+    out = []
+    for i, spec in enumerate(specs):
+        name = spec.get("name", "")
+        matrix = None if "matrix" not in spec else numbers(spec["matrix"], 16, f"node {i}: matrix").reshape(4, 4).T
+        t, r, s = (
+            numbers(spec.get(key, default), len(default), f"node {i}: {key}")
+            for key, default in (("translation", (0, 0, 0)), ("rotation", (0, 0, 0, 1)), ("scale", (1, 1, 1)))
+        )
+        copied = _repeats(specs, parent, i)
+        out.append(Node(i, name if isinstance(name, str) else "", parent[i], t, r, s, matrix, spec, copied))
+        size = float(np.linalg.norm(r))
+        if abs(size - 1) > UNIT_TOL:
+            file.ledger.add(
+                "gltf.quaternion",
+                "disagreement",
+                f"node '{out[-1].label}': its rotation has length {size:.6g}.",
+                where=out[-1].label,
+                size=size,
+                limit=1.0,
+                suggestion="normalise it; glTF is x, y, z, w",
+            )
+    return out
+
+
+def _repeats(specs: list[dict[str, Any]], parent: list[int], i: int) -> bool:
+    """Return whether a node above says that it is the same link."""
+    told = _told(specs[i])
+    seen = set()
+    while told and parent[i] >= 0 and i not in seen:
+        seen.add(i)
+        i = parent[i]
+        if _told(specs[i]) == told:
+            return True
+    return False
+
+
+def _told(spec: dict[str, Any]) -> Any:
+    extras = spec.get("extras")
+    return extras.get("link") if isinstance(extras, dict) else None
+
+
+def numbers(value: Any, n: int, name: str) -> Array:
+    """Return n finite numbers (n,).
+
+    Raises:
+        GltfError: they are not.
+    """
+    try:
+        out = np.array(value, float)
+    except (TypeError, ValueError) as error:
+        raise GltfError("gltf.json", f"{name} is no list of {n} numbers") from error
+    if out.shape != (n,) or not np.all(np.isfinite(out)):
+        raise GltfError("gltf.json", f"{name} is no list of {n} finite numbers")
+    return out
+
+
+def parents_first(nodes: list[Node]) -> list[int]:
+    """Return the indices, parents first.
+
+    Raises:
+        GltfError: some node is its own ancestor.
+    """
+    children: dict[int, list[int]] = {}
+    for n in nodes:
+        children.setdefault(n.parent, []).append(n.index)
+    out, pending = [], list(children.get(-1, []))
+    while pending:
+        i = pending.pop()
+        out.append(i)
+        pending += children.get(i, [])
+    if len(out) < len(nodes):
+        missing = min(set(range(len(nodes))) - set(out))
+        raise GltfError("gltf.tree", f"node {missing} is its own ancestor")
+    return out

@@ -1,0 +1,169 @@
+"""Triangle meshes: indices, winding, normals, and the shape of a link that other files can be held against."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import lru_cache
+
+import numpy as np
+
+from twin.exchange.audit.colors import surface_area
+from twin.exchange.audit.motion import Shape
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Ledger
+
+AGAINST = 0.01
+"""Share of a mesh's area whose normals may point against its winding: slivers do."""
+
+
+def check_mesh(
+    ledger: Ledger, where: str, vertices: Array, triangles: Array, normals: Array | None, code: str
+) -> Shape | None:
+    """Note what is wrong with a mesh, and return its shape; None if its triangles cannot be used.
+
+    Args:
+        ledger: gets the findings.
+        where: name of the mesh.
+        vertices: (n, 3) in m.
+        triangles: (m, 3) indices.
+        normals: one for each corner (3 m, 3), or None.
+        code: first part of the findings' codes.
+    """
+    if not len(vertices) or not len(triangles):
+        return None
+    if not np.all(np.isfinite(vertices)):
+        ledger.add(f"{code}.finite", "disagreement", f"mesh '{where}' has points that are not finite.", where=where)
+        return None
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        bad = int(triangles.max()) if triangles.max() >= len(vertices) else int(triangles.min())
+        ledger.add(
+            f"{code}.index",
+            "disagreement",
+            f"mesh '{where}': a face names point {bad}, there are {len(vertices)}.",
+            where=where,
+            size=float(bad),
+            limit=float(len(vertices) - 1),
+            suggestion="indices count from 0 to the number of points less 1",
+        )
+        return None
+    shape, mixed = _measured(np.asarray(vertices, float).tobytes(), np.asarray(triangles, np.int64).tobytes())
+    closed, volume = shape.closed, shape.volume
+    if mixed:
+        ledger.add(
+            f"{code}.winding_mixed",
+            "disagreement",
+            f"mesh '{where}' is closed, but its faces do not all turn the same way.",
+            where=where,
+            suggestion="turn the faces the same way round, counter-clockwise seen from outside",
+        )
+    elif closed and volume < 0:
+        ledger.add(
+            f"{code}.winding",
+            "disagreement",
+            f"mesh '{where}' is inside out (volume {volume:.3g} m3): viewers show its back.",
+            where=where,
+            size=volume,
+            unit="m3",
+            limit=0.0,
+            suggestion="turn its faces round: counter-clockwise seen from outside",
+        )
+    if normals is not None:
+        _check_normals(ledger, where, vertices, triangles, normals, code)
+    return shape
+
+
+@lru_cache(maxsize=512)
+def _measured(points: bytes, faces: bytes) -> tuple[Shape, bool]:
+    """Return the shape, and whether it is closed but mixed; once for a mesh that several files of a bundle repeat."""
+    vertices = np.frombuffer(points).reshape(-1, 3)
+    triangles = np.frombuffer(faces, np.int64).reshape(-1, 3)
+    closed, mixed = edges(weld(vertices, triangles))
+    used = vertices[np.unique(triangles)]
+    return Shape(
+        used.min(axis=0),
+        used.max(axis=0),
+        signed_volume(vertices, triangles),
+        closed,
+        used,
+        surface_area(vertices, triangles),
+    ), mixed
+
+
+def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array, normals: Array, code: str) -> None:
+    size = np.linalg.norm(normals, axis=1)
+    if not np.all(np.isfinite(size)) or np.max(np.abs(size - 1)) > 0.01:
+        k = int(np.argmax(np.where(np.isfinite(size), np.abs(size - 1), np.inf)))
+        ledger.add(
+            f"{code}.normal",
+            "disagreement",
+            f"mesh '{where}': a normal has length {size[k]:.4g}.",
+            where=where,
+            size=float(size[k]),
+            limit=1.0,
+            suggestion="normalise the normals",
+        )
+        return
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    area = np.cross(b - a, c - a)
+    total = float(np.linalg.norm(area, axis=1).sum())
+    along = np.einsum("ij,ikj->ik", area, normals.reshape(-1, 3, 3))
+    against = float(-along[along < 0].sum() / 3)
+    if total > 0 and against > AGAINST * total:
+        ledger.add(
+            f"{code}.normals_against",
+            "disagreement",
+            f"mesh '{where}': normals of {100 * against / total:.3g} % of its area point against the winding of the "
+            "faces: it looks lit from inside.",
+            where=where,
+            size=against / total,
+            limit=AGAINST,
+            suggestion="make normals and winding agree",
+        )
+
+
+def weld(vertices: Array, triangles: Array) -> Array:
+    """Return the triangles (m, 3) with equal points made one, as exporters split them at edges of the shading."""
+    rows = np.ascontiguousarray(vertices + 0.0)  # no negative zero
+    keys = rows.view(np.dtype((np.void, rows.dtype.itemsize * 3))).ravel()
+    _, first = np.unique(keys, return_inverse=True)
+    return first[triangles]
+
+
+def edges(triangles: Array) -> tuple[bool, bool]:
+    """Return whether a mesh is closed and consistently wound, and whether it is closed but mixed.
+
+    Consistent: each directed edge has its opposite as often. Triangles that welding made degenerate are left out.
+    """
+    t = triangles[(triangles[:, 0] != triangles[:, 1]) & (triangles[:, 1] != triangles[:, 2])]
+    t = t[t[:, 0] != t[:, 2]].astype(np.int64)
+    if not len(t):
+        return False, False
+    pairs = np.vstack([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
+    n = int(pairs.max()) + 1
+    there, back = pairs[:, 0] * n + pairs[:, 1], pairs[:, 1] * n + pairs[:, 0]
+    if np.array_equal(np.sort(there), np.sort(back)):
+        return True, False
+    _, count = np.unique(np.minimum(there, back), return_counts=True)
+    return False, bool(np.all(count % 2 == 0))
+
+
+def signed_volume(vertices: Array, triangles: Array) -> float:
+    """Return the volume, negative if the faces turn inwards; about the box's centre, so that far meshes keep digits."""
+    p = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    a, b, c = (p[triangles[:, i]] for i in range(3))
+    return float(np.sum(a * np.cross(b, c)) / 6)
+
+
+def joined(shapes: Iterable[Shape]) -> Shape | None:
+    """Return the shape of several meshes of one link together."""
+    parts = list(shapes)
+    if not parts:
+        return None
+    return Shape(
+        np.min([s.low for s in parts], axis=0),
+        np.max([s.high for s in parts], axis=0),
+        sum(s.volume for s in parts),
+        all(s.closed for s in parts),
+        np.vstack([s.points for s in parts]),
+        sum(s.area for s in parts),
+    )

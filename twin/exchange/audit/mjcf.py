@@ -1,0 +1,248 @@
+"""Read an MJCF: MuJoCo compiles it and places its bodies by the joint values of a track, to see where loops close."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import mujoco
+import numpy as np
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.chain import Link, fit
+from twin.exchange.audit.colors import Palette, Rgba, linear, surface_area
+from twin.exchange.audit.meshes import check_mesh, joined
+from twin.exchange.audit.mjcf_model import check_model
+from twin.exchange.audit.motion import Clip, Content, Shape
+from twin.exchange.audit.physics_mjcf import compiled_physics
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Ledger, quantity
+from twin.exchange.audit.urdf import named_mesh, numbers, parse_xml
+
+LOOP_TOL = 1e-6
+"""Largest residual in m (or rad of a weld) of an equality constraint where the track says that loops are closed."""
+
+LIMIT_TOL = 1e-5
+"""Relative difference of limits that is rounding: MuJoCo saves a model with six digits."""
+
+_BALL, _SLIDE, _HINGE, _FREE = 1, 2, 3, 0
+
+
+class MjcfError(Exception):
+    """MuJoCo does not take the file."""
+
+
+class Mjcf:
+    """An MJCF that MuJoCo has compiled."""
+
+    def __init__(self, path: Path, ledger: Ledger) -> None:
+        self._ledger = ledger
+        root = parse_xml(path)
+        if root.tag != "mujoco":
+            raise MjcfError(f"its root is <{root.tag}>, not <mujoco>")
+        self.content = Content(ledger, "mjcf")
+        self.content.shapes = _shapes(root, path, ledger)
+        try:
+            self.model = mujoco.MjModel.from_xml_path(str(path))
+        except (ValueError, mujoco.FatalError) as error:
+            raise MjcfError(f"MuJoCo refuses it: {str(error).strip()[:200]}") from error
+        self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        self.data = mujoco.MjData(self.model)
+        m = self.model
+        self.bodies = {m.body(i).name: i for i in range(m.nbody) if m.body(i).name and (i or _holds(root))}
+        mujoco.mj_kinematics(m, self.data)
+        self.content.rest = {n: self._pose(i) for n, i in self.bodies.items()}
+        self.content.facts = {
+            "units": "m (MuJoCo)",
+            "up_axis": "Z" if m.opt.gravity[2] < 0 else "?",
+            "handedness": "right (MuJoCo)",
+        }
+        self.content.physics = compiled_physics(m, self.bodies)
+        self.content.colors = _colors(m)
+        check_model(m, self.data, ledger)
+
+    def _pose(self, body: int) -> Array:
+        q = self.data.xquat[body]
+        return poses.pose(poses.rotation(q[[1, 2, 3, 0]]), self.data.xpos[body].copy())
+
+    def play(self, clip: Clip) -> Clip:
+        """Return the links (k, 4, 4) of a track as MuJoCo places them, and note how far the loops then are open."""
+        m, d = self.model, self.data
+        count = len(clip.times)
+        qpos = np.tile(m.qpos0, (count, 1))
+        for body in range(1, m.nbody):
+            self._set(body, clip, qpos)
+        names = [n for n in self.bodies if n in clip.links]
+        place, turn = np.zeros((count, m.nbody, 3)), np.zeros((count, m.nbody, 4))
+        worst, where, when = 0.0, "", ""
+        for k in range(count):
+            d.qpos[:] = qpos[k]
+            mujoco.mj_fwdPosition(m, d)
+            place[k], turn[k] = d.xpos, d.xquat
+            gaps = np.where(d.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY, np.abs(d.efc_pos), 0.0)
+            if len(gaps) and gaps.max() > worst:
+                row = int(np.argmax(gaps))
+                worst, when = float(gaps[row]), f"t = {clip.times[k]:.4g} s"
+                where = m.equality(int(d.efc_id[row])).name
+        if m.neq:
+            self._ledger.row(f"clip '{clip.name}': loops in MuJoCo", worst, "m", LOOP_TOL, where=where, when=when)
+        if worst > LOOP_TOL:
+            self._ledger.add(
+                "mjcf.loop",
+                "disagreement",
+                f"clip '{clip.name}': equality '{where}' is {quantity(worst, 'm')} open.",
+                where=where,
+                when=when,
+                size=worst * 1e6,
+                unit="um",
+                limit=LOOP_TOL * 1e6,
+                suggestion="check the anchors of its ties, and the joint zeros",
+            )
+        T = poses.pose(poses.rotation(turn[..., [1, 2, 3, 0]]), place)
+        return Clip(clip.name, clip.times, {n: T[:, self.bodies[n]] for n in names})
+
+    def _set(self, body: int, clip: Clip, qpos: Array) -> None:
+        """Write the coordinates of one body's joints for all frames: the track's, or what its poses ask for."""
+        m = self.model
+        joints = range(m.body_jntadr[body], m.body_jntadr[body] + m.body_jntnum[body]) if m.body_jntnum[body] else ()
+        if not joints:
+            return
+        links, given, owners = self._chain(body, joints, clip)
+        if any(g is None and link.kind != "fixed" for g, link in zip(given, links, strict=True)):
+            goal = self._goal(body, clip)
+            if goal is None:
+                return
+            given = fit(links, given, goal)
+        for j in joints:
+            at = m.jnt_qposadr[j]
+            values = [g for g, o in zip(given, owners, strict=True) if o == j and g is not None]
+            if m.jnt_type[j] == _BALL:
+                R = poses.about([1, 0, 0], values[0]) @ poses.about([0, 1, 0], values[1])
+                q = poses.quaternion(R @ poses.about([0, 0, 1], values[2]))
+                qpos[:, at : at + 4] = q[:, [3, 0, 1, 2]]
+            elif m.jnt_type[j] != _FREE:
+                qpos[:, at] = values[0] + m.qpos0[at]
+
+    def _chain(self, body: int, joints, clip: Clip) -> tuple[list[Link], list[Array | None], list[int]]:
+        """Return the body's joints as a chain from its parent, the values known of them, and whose they are."""
+        m = self.model
+        links = [Link(poses.pose(poses.rotation(m.body_quat[body][[1, 2, 3, 0]]), m.body_pos[body]))]
+        given: list[Array | None] = [None]
+        owners = [-1]
+        for j in joints:
+            there, axis = poses.pose(None, m.jnt_pos[j]), m.jnt_axis[j].copy()
+            known = clip.joints.get(m.joint(j).name)
+            if m.jnt_type[j] == _BALL:
+                for i in range(3):
+                    links.append(Link(there if not i else np.eye(4), "turn", np.eye(3)[i]))
+                    given.append(None)
+                    owners.append(j)
+            elif m.jnt_type[j] in (_HINGE, _SLIDE):
+                links.append(Link(there, "turn" if m.jnt_type[j] == _HINGE else "slide", axis))
+                given.append(None if known is None else known - m.qpos0[m.jnt_qposadr[j]])
+                owners.append(j)
+            links.append(Link(poses.inverse(there)))
+            given.append(None)
+            owners.append(-1)
+        return links, given, owners
+
+    def _goal(self, body: int, clip: Clip) -> Array | None:
+        """Return where a body stands (k, 4, 4), seen from its parent: by the track, or by what it is welded to."""
+        upper = self._known(self.model.body_parentid[body], clip)
+        here = self._known(body, clip)
+        if here is None:
+            here = self._welded(body, clip)
+        return None if upper is None or here is None else poses.inverse(upper) @ here
+
+    def _known(self, body: int, clip: Clip) -> Array | None:
+        if body == 0:
+            return np.broadcast_to(np.eye(4), (len(clip.times), 4, 4))
+        return clip.links.get(self.model.body(body).name)
+
+    def _welded(self, body: int, clip: Clip) -> Array | None:
+        m = self.model
+        for e in range(m.neq):
+            if m.eq_type[e] != mujoco.mjtEq.mjEQ_WELD or m.eq_objtype[e] != mujoco.mjtObj.mjOBJ_SITE:
+                continue
+            sites = [int(m.eq_obj1id[e]), int(m.eq_obj2id[e])]
+            for mine, its in (sites, sites[::-1]):
+                other = self._known(int(m.site_bodyid[its]), clip)
+                if m.site_bodyid[mine] == body and other is not None:
+                    T_mine, T_its = (
+                        poses.pose(poses.rotation(m.site_quat[s][[1, 2, 3, 0]]), m.site_pos[s]) for s in (mine, its)
+                    )
+                    return other @ T_its @ poses.inverse(T_mine)
+        return None
+
+    def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
+        """Hold the ranges of the joints against those of a track."""
+        m = self.model
+        for j in range(m.njnt):
+            joint = m.joint(j).name
+            if joint not in low or abs(low[joint]) > 1e29:
+                continue
+            got = m.jnt_range[j] if m.jnt_limited[j] else np.array([-np.inf, np.inf])
+            off = float(np.max(np.abs(got - [low[joint], high[joint]])))
+            if not off <= LIMIT_TOL * max(1.0, *(abs(v) for v in (low[joint], high[joint]) if abs(v) < 1e29)):
+                text = (
+                    f"joint '{joint}' has range {got[0]:g} .. {got[1]:g}, in {name} {low[joint]:g} .. {high[joint]:g}."
+                )
+                self._ledger.add("mjcf.limits", "disagreement", text, where=joint, size=off)
+
+
+def _holds(root: ET.Element) -> bool:
+    """Return whether the world itself holds a body by a joint, so that it is the base of the robot."""
+    return any(b.find("joint") is not None for world in root.iter("worldbody") for b in world.findall("body"))
+
+
+def _colors(m: mujoco.MjModel) -> dict[str, dict[Rgba, float]]:
+    """Return colours by body; a mesh that is drawn and collided with counts once."""
+    out = Palette()
+    seen = set()
+    for g in range(m.ngeom):
+        mesh = int(m.geom_dataid[g])
+        key = (int(m.geom_bodyid[g]), mesh, m.geom_pos[g].tobytes())
+        if m.geom_type[g] != mujoco.mjtGeom.mjGEOM_MESH or mesh < 0 or key in seen:
+            continue
+        seen.add(key)
+        at, faces = int(m.mesh_vertadr[mesh]), int(m.mesh_faceadr[mesh])
+        vertices = m.mesh_vert[at : at + m.mesh_vertnum[mesh]].astype(float)
+        area = surface_area(vertices, m.mesh_face[faces : faces + m.mesh_facenum[mesh]])
+        rgba = m.mat_rgba[m.geom_matid[g]] if m.geom_matid[g] >= 0 else m.geom_rgba[g]
+        out.add(m.body(key[0]).name, (*linear(rgba[:3]).tolist(), float(rgba[3])), area)
+    return out.shares()
+
+
+def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, Shape]:
+    compiler = root.find("compiler")
+    folder = "" if compiler is None else compiler.get("meshdir", compiler.get("assetdir", ""))
+    assets = {}
+    for mesh in root.findall("asset/mesh"):
+        file = mesh.get("file", "")
+        name = mesh.get("name") or Path(file).stem
+        assets[name] = (f"{folder}/{file}" if folder else file, numbers(mesh.get("scale"), 3, (1, 1, 1)))
+    checked: dict[str, tuple[Array, Array] | None] = {}
+    out = {}
+    for body in (*root.iter("worldbody"), *root.iter("body")):
+        parts, seen = [], set()
+        for geom in body.findall("geom"):
+            place = (geom.get("mesh"), geom.get("pos"), geom.get("quat"))
+            if place in seen:  # drawn, and collided with
+                continue
+            seen.add(place)
+            if geom.get("mesh") not in assets or not set(geom.keys()).isdisjoint(
+                {"euler", "axisangle", "xyaxes", "zaxis"}
+            ):
+                continue
+            file, scale = assets[geom.get("mesh")]
+            got = named_mesh(path, file, scale, checked, ledger, "mjcf")
+            if got is not None:
+                q = numbers(geom.get("quat"), 4, (1, 0, 0, 0))[[1, 2, 3, 0]]
+                T = poses.pose(poses.rotation(q), numbers(geom.get("pos"), 3, (0, 0, 0)))
+                parts.append(check_mesh(Ledger(""), "", got[0] @ T[:3, :3].T + T[:3, 3], got[1], None, "mjcf"))
+        shape = joined(p for p in parts if p is not None)
+        name = "world" if body.tag == "worldbody" else body.get("name", "")
+        if shape is not None and name:
+            out[name] = shape
+    return out

@@ -1,0 +1,68 @@
+"""What can be wrong with an MJCF by itself: actuators that drive another joint, keyframes that cannot be held."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from twin.exchange.audit.report import Ledger, quantity
+
+KEY_GAP = 1e-4
+"""Largest residual in m or rad of an equality constraint at a keyframe: simulators start there."""
+
+
+def check_model(m: mujoco.MjModel, d: mujoco.MjData, ledger: Ledger) -> None:
+    """Note what is wrong with actuators and keyframes."""
+    names = {m.joint(j).name: j for j in range(m.njnt) if m.joint(j).name}
+    for a in range(m.nu):
+        name, j = m.actuator(a).name, int(m.actuator_trnid[a, 0])
+        if int(m.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_JOINT):
+            continue
+        if names.get(name, j) != j:
+            text = f"actuator '{name}' drives joint '{m.joint(j).name}', not the joint of its name."
+            ledger.add("mjcf.actuator", "disagreement", text, where=name, suggestion="exchange their joints or names")
+    for k in range(m.nkey):
+        _check_key(m, d, k, ledger)
+    mujoco.mj_resetData(m, d)
+
+
+def _check_key(m: mujoco.MjModel, d: mujoco.MjData, k: int, ledger: Ledger) -> None:
+    name = m.key(k).name or f"key {k}"
+    mujoco.mj_resetDataKeyframe(m, d, k)
+    mujoco.mj_fwdPosition(m, d)
+    gaps = np.where(d.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY, np.abs(d.efc_pos), 0.0)
+    worst = float(gaps.max(initial=0.0))
+    if m.neq:
+        ledger.row(f"loops at keyframe '{name}'", worst, "m", KEY_GAP)
+    if worst > KEY_GAP:
+        where = m.equality(int(d.efc_id[int(np.argmax(gaps))])).name
+        text = f"keyframe '{name}': equality '{where}' is {quantity(worst, 'm')} open."
+        ledger.add("mjcf.keyframe", "disagreement", text, where=name, size=worst, unit="m", limit=KEY_GAP)
+    for j in range(m.njnt):
+        q = float(d.qpos[m.jnt_qposadr[j]])
+        low, high = m.jnt_range[j]
+        if m.jnt_limited[j] and m.jnt_type[j] != int(mujoco.mjtJoint.mjJNT_BALL) and not low - 1e-6 <= q <= high + 1e-6:
+            text = f"keyframe '{name}': joint '{m.joint(j).name}' is at {q:.6g}, outside {low:.6g} .. {high:.6g}."
+            ledger.add("mjcf.keyframe", "disagreement", text, where=name, size=q)
+    _check_push(m, d, name, ledger)
+
+
+def _check_push(m: mujoco.MjModel, d: mujoco.MjData, name: str, ledger: Ledger) -> None:
+    """Note actuators that push at their bound where the keyframe is meant to rest."""
+    mujoco.mj_fwdVelocity(m, d)
+    mujoco.mj_fwdActuation(m, d)
+    for a in range(m.nu):
+        if not m.actuator_forcelimited[a]:
+            continue
+        bound = float(np.abs(m.actuator_forcerange[a]).max())
+        if abs(d.actuator_force[a]) >= bound:
+            text = f"keyframe '{name}': actuator '{m.actuator(a).name}' pushes with all its {bound:g} N or N m at once."
+            ledger.add(
+                "mjcf.keyframe",
+                "disagreement",
+                text,
+                where=m.actuator(a).name,
+                size=float(d.actuator_force[a]),
+                limit=bound,
+                suggestion="set its control to where its joint is",
+            )

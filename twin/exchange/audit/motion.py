@@ -1,0 +1,294 @@
+"""What every reader returns, whatever the format: clips of link poses in one world, and the file's conventions.
+
+Poses are T_world_link (k, 4, 4): metres, z up, right-handed, scale taken out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from twin.exchange.audit.colors import Rgba
+from twin.exchange.audit.physics import Physics
+from twin.exchange.audit.poses import Array, angle
+from twin.exchange.audit.report import Ledger
+
+UNIT_TOL = 1e-4
+"""Deviation of a quaternion's length from one that is still rounding of single precision."""
+
+MAX_STEP = np.radians(120)
+"""Largest turn between two keys: players turn the short way, so that half a turn is lost."""
+
+START_TOL = 1e-9
+"""A clip that starts later than this in s shows its rest pose first."""
+
+FAR = 50.0
+"""Distance of a link from the origin in m above which the unit is in doubt."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """All meshes of one link in the link's frame: corners of their box (3,) in m, and signed volume in m3.
+
+    `closed` says whether all of them are, so that the volume means something; `points` (n, 3) are those that a
+    triangle uses, `area` is in m2.
+    """
+
+    low: Array
+    high: Array
+    volume: float
+    closed: bool
+    points: Array
+    area: float
+
+
+@dataclass(frozen=True)
+class Clip:
+    """One motion: times (k,) in s, T_world_link (k, 4, 4) by name, and joint values (k,) in rad or m where known.
+
+    `middle` holds poses (k - 1, 4, 4) halfway between keys where a format says how it gets from one to the next.
+    """
+
+    name: str
+    times: Array
+    links: Mapping[str, Array]
+    joints: Mapping[str, Array] = field(default_factory=dict)
+    middle: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def duration(self) -> float:
+        """From zero to the last key, in s."""
+        return float(self.times[-1]) if len(self.times) else 0.0
+
+
+@dataclass
+class Content:
+    """What a file holds.
+
+    Attributes:
+        ledger: what its reader found.
+        format: "glb", "usd", "usdz", "tracks", "csv", "mjcf", "urdf".
+        clips: its motions, in order.
+        rest: T_world_link (4, 4) without any motion.
+        declared: names that the file itself calls links (rigid bodies, extras), None if it calls nothing so.
+        shapes: meshes by link.
+        colors: share of a link's area by linear rgba, by link.
+        physics: masses, joints and frames in the file, None if it has none.
+        model_hash: of the mechanism that the file says it was made from, "" if it says none.
+        facts: conventions found, for the report: units, up_axis, handedness, ...
+        known: links of the files beside it, None if there are none.
+        extra: what only one kind of check wants (limits, phases).
+    """
+
+    ledger: Ledger
+    format: str
+    clips: list[Clip] = field(default_factory=list)
+    rest: dict[str, Array] = field(default_factory=dict)
+    declared: tuple[str, ...] | None = None
+    shapes: dict[str, Shape] = field(default_factory=dict)
+    colors: dict[str, dict[Rgba, float]] = field(default_factory=dict)
+    physics: Physics | None = None
+    model_hash: str = ""
+    facts: dict[str, Any] = field(default_factory=dict)
+    extra: dict[str, Any] = field(default_factory=dict)
+    known: frozenset[str] | None = None
+
+    @property
+    def file(self) -> str:
+        """Shown name."""
+        return self.ledger.file
+
+    def as_facts(self) -> dict[str, Any]:
+        """Return what the report says of the file as such."""
+        links: int | None = len(self.links) if self.links is not None else None
+        clips = [{"name": c.name, "keys": len(c.times), "duration_s": c.duration} for c in self.clips]
+        return {
+            "file": self.file,
+            "format": self.format,
+            **self.facts,
+            "clips": clips,
+            "links": links,
+            "nodes": len(self.rest),
+        }
+
+    @property
+    def links(self) -> tuple[str, ...] | None:
+        """Names of its links: those that it declares, or that other files know; None if nobody says which they are."""
+        if self.declared is not None:
+            return self.declared
+        return None if self.known is None else tuple(n for n in self.rest if n in self.known)
+
+
+def check_times(ledger: Ledger, times: Array, clip: str, code: str) -> bool:
+    """Note what is wrong with key times (k,) in s; return whether they can be used."""
+    if not len(times):
+        ledger.add(f"{code}.times", "disagreement", f"clip '{clip}' has no keys.", where=clip)
+        return False
+    if not np.all(np.isfinite(times)):
+        ledger.add(f"{code}.finite", "disagreement", f"clip '{clip}': a key time is no finite number.", where=clip)
+        return False
+    steps = np.diff(times)
+    if len(steps) and np.min(steps) <= 0:
+        k = int(np.argmin(steps))
+        ledger.add(
+            f"{code}.times",
+            "disagreement",
+            f"clip '{clip}': key {k + 1} at {times[k + 1]:.6g} s does not come after key {k} at {times[k]:.6g} s.",
+            where=clip,
+            when=f"key {k + 1}",
+            size=float(steps[k]),
+            unit="s",
+            limit=0.0,
+            suggestion="times must increase strictly",
+        )
+        return False
+    if abs(times[0]) > START_TOL:
+        ledger.add(
+            f"{code}.start",
+            "warning",
+            f"clip '{clip}' starts at {times[0]:.6g} s, not at zero: players wait, or cut.",
+            where=clip,
+            size=float(times[0]),
+            unit="s",
+            limit=0.0,
+        )
+    return True
+
+
+def check_rate(ledger: Ledger, times: Array, stated: float, clip: str, code: str) -> None:
+    """Hold a stated rate in Hz against key times (k,) in s; the last step may be shorter."""
+    steps = np.diff(times)
+    if not len(steps):
+        return
+    if not (np.isfinite(stated) and stated > 0):
+        ledger.add(f"{code}.rate", "disagreement", f"clip '{clip}': rate {stated:g} Hz is no rate.", where=clip)
+        return
+    inner = steps[:-1] if len(steps) > 1 else steps
+    off = np.abs(inner * stated - 1)
+    k = int(np.argmax(off))
+    worst = float(off[k])
+    if len(steps) > 1 and steps[-1] * stated > 1 + 1e-3:
+        k, worst = len(steps) - 1, float(steps[-1] * stated - 1)
+    if worst > 1e-3:
+        ledger.add(
+            f"{code}.rate",
+            "disagreement",
+            f"clip '{clip}': its rate is stated as {stated:g} Hz, but keys {k} and {k + 1} are {steps[k]:.6g} s apart "
+            f"({1 / steps[k]:.6g} Hz).",
+            where=clip,
+            when=f"t = {times[k]:.4g} s",
+            size=float(1 / steps[k]),
+            unit="Hz",
+            limit=float(stated),
+            suggestion="state the rate of the keys",
+        )
+    ledger.row("stated rate against key times", worst, "1", 1e-3, where=clip)
+
+
+def check_quaternions(
+    ledger: Ledger, xyzw: Array, times: Array | Sequence[float], where: str, code: str, blended: bool = True
+) -> None:
+    """Note what is wrong with the quaternions (k, 4) of one link along its keys: length; if blended, sign and step."""
+    if not np.all(np.isfinite(xyzw)):
+        text = f"{where}: a quaternion is not finite."
+        ledger.add(f"{code}.finite", "disagreement", text, where=where)
+        return
+    size = np.linalg.norm(xyzw, axis=1)
+    k = int(np.argmax(np.abs(size - 1)))
+    if abs(size[k] - 1) > UNIT_TOL:
+        ledger.add(
+            f"{code}.quaternion",
+            "disagreement",
+            f"{where}: a quaternion has length {size[k]:.6g}: players normalise it, scale by it, or fail.",
+            where=where,
+            when=f"t = {times[k]:.4g} s",
+            size=float(size[k]),
+            limit=1.0,
+            suggestion="normalise it",
+        )
+        return
+    if not blended:
+        return
+    dots = np.sum(xyzw[1:] * xyzw[:-1], axis=1)
+    if flips := np.flatnonzero(dots < 0).tolist():
+        k = flips[0]
+        ledger.add(
+            f"{code}.quaternion_sign",
+            "warning" if code == "gltf" else "disagreement",  # glTF itself says that players turn the short way
+            f"{where}: the quaternion changes sign {len(flips)} times, first between {times[k]:.4g} and "
+            f"{times[k + 1]:.4g} s: players that interpolate the numbers (Unity) glitch by up to 180 deg.",
+            where=where,
+            when=f"t = {times[k]:.4g} s",
+            size=float(len(flips)),
+            limit=0.0,
+            suggestion="negate quaternions so that neighbours have a positive dot product",
+        )
+    turn = 2 * np.arccos(np.clip(np.abs(dots) / (size[1:] * size[:-1]), 0, 1))
+    if len(turn) and np.max(turn) > MAX_STEP:
+        k = int(np.argmax(turn))
+        ledger.add(
+            f"{code}.step",
+            "disagreement",
+            f"{where} turns {np.degrees(turn[k]):.4g} deg between {times[k]:.4g} and {times[k + 1]:.4g} s: above 180 "
+            "it plays backwards.",
+            where=where,
+            when=f"t = {times[k]:.4g} s",
+            size=float(np.degrees(turn[k])),
+            unit="deg",
+            limit=float(np.degrees(MAX_STEP)),
+            suggestion="write more keys",
+        )
+
+
+def check_poses(ledger: Ledger, clip: Clip, code: str) -> None:
+    """Note links that jump out of the world, as lengths in mm do, and poses that are not finite."""
+    for name, T in clip.links.items():
+        if not np.all(np.isfinite(T)):
+            ledger.add(
+                f"{code}.finite", "disagreement", f"clip '{clip.name}': link '{name}' is not finite.", where=name
+            )
+            continue
+        away = np.linalg.norm(T[:, :3, 3], axis=1)
+        if len(away) and np.max(away) > FAR:
+            ledger.add(
+                f"{code}.size",
+                "warning",
+                f"clip '{clip.name}': link '{name}' is {np.max(away):.4g} m from the origin, as if millimetres stood "
+                "in a file in metres.",
+                where=name,
+                when=f"t = {clip.times[int(np.argmax(away))]:.4g} s",
+                size=float(np.max(away)),
+                unit="m",
+                limit=FAR,
+                suggestion="check the unit",
+            )
+
+
+def largest(poses: Array, others: Array) -> tuple[float, int, float, int]:
+    """Return the largest distance in m, its key, the largest angle in rad, its key, of poses (k, 4, 4)."""
+    apart = np.linalg.norm(poses[:, :3, 3] - others[:, :3, 3], axis=1)
+    turn = angle(poses[:, :3, :3], others[:, :3, :3])
+    i, j = int(np.argmax(apart)), int(np.argmax(turn))
+    return float(apart[i]), i, float(turn[j]), j
+
+
+def check_names(content: Content) -> None:
+    """Note names of links and joints that no program can go by: empty, with line breaks, or with spaces around."""
+    joints = [n for j in (content.physics.joints if content.physics else ()) for n in j.names]
+    for kind, names in (("link", content.declared or ()), ("joint", joints)):
+        for name in dict.fromkeys(names):
+            if not name or name != name.strip() or not name.isprintable():
+                trouble = (
+                    "is empty" if not name.strip() else "has a line break, a control character or spaces around it"
+                )
+                text = f"the name {name!r} of a {kind} {trouble}."
+                content.ledger.add(
+                    f"{content.format}.name",
+                    "disagreement",
+                    text,
+                    where=repr(name),
+                    suggestion="letters, digits and underscores are safe in every format",
+                )

@@ -1,0 +1,145 @@
+"""What an MJCF says of a mechanism, as MuJoCo compiled it: whatever defaults and classes it was written with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import mujoco
+import numpy as np
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.physics import Drive, Frame, Joint, Line, Mass, Physics
+from twin.exchange.audit.poses import Array
+
+MARK = "frame_"
+"""How sites are called that mark a named frame; sites that close loops are none."""
+
+_BALL, _SLIDE, _HINGE = (
+    int(k) for k in (mujoco.mjtJoint.mjJNT_BALL, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
+)
+_CONNECT, _WELD, _COUPLE, _TENDON = (
+    int(k)
+    for k in (
+        mujoco.mjtEq.mjEQ_CONNECT,
+        mujoco.mjtEq.mjEQ_WELD,
+        mujoco.mjtEq.mjEQ_JOINT,
+        mujoco.mjtEq.mjEQ_TENDON,
+    )
+)
+
+
+def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
+    """Return what a compiled model says; `bodies` are the links by name, one of them may be the world."""
+    m = model
+    out = Physics(tuple(bodies), complete=True, gravity=np.array(m.opt.gravity), couplings=_couplings(m))
+    names = [m.body(i).name for i in range(m.nbody)]
+    for name, i in bodies.items():
+        if i:
+            R = poses.rotation(m.body_iquat[i][[1, 2, 3, 0]])
+            inertia = R @ np.diag(m.body_inertia[i]) @ R.T
+            out.masses[name] = Mass(float(m.body_mass[i]), m.body_ipos[i].copy(), inertia)
+    drives = _drives(m)
+    for i in range(1, m.nbody):
+        T = _pose(m.body_pos[i], m.body_quat[i])
+        own = range(m.body_jntadr[i], m.body_jntadr[i] + m.body_jntnum[i]) if m.body_jntnum[i] else range(0)
+        motions = tuple(line.seen(T) for j in own for line in _motions(m, j))
+        single = [drives[j] for j in own] if len(own) == 1 else []
+        known = [drives[j] for j in own if drives[j].driven]
+        parent = names[m.body_parentid[i]]
+        drive = single[0] if single else known[0] if len(known) == 1 else Drive()
+        out.joints.append(Joint(_named(m.joint(j).name for j in own), parent, names[i], T, motions, drive))
+    held = [n for n, i in bodies.items() if i == 0 or (m.body_parentid[i] == 0 and not m.body_jntnum[i])]
+    out.held = frozenset(held)
+    out.joints += _ties(m, names)
+    tying = {int(i) for e in range(m.neq) if _by_sites(m, e) for i in (m.eq_obj1id[e], m.eq_obj2id[e])}
+    for s in (s for s in range(m.nsite) if s not in tying):
+        site = m.site(s)
+        T = _pose(m.site_pos[s], m.site_quat[s])
+        out.frames[site.name.removeprefix(MARK)] = Frame(names[m.site_bodyid[s]], T)
+    return out
+
+
+def _by_sites(m: mujoco.MjModel, e: int) -> bool:
+    return int(m.eq_objtype[e]) == int(mujoco.mjtObj.mjOBJ_SITE)
+
+
+def _named(names: Iterable[str]) -> tuple[str, ...]:
+    return tuple(n for n in names if n)  # MJCF need not name what it holds
+
+
+def _pose(p: Array, wxyz: Array) -> Array:
+    return poses.pose(poses.rotation(np.asarray(wxyz)[[1, 2, 3, 0]]), np.array(p))
+
+
+def _motions(m: mujoco.MjModel, j: int) -> list[Line]:
+    point, axis = m.jnt_pos[j].copy(), m.jnt_axis[j].copy()
+    if m.jnt_type[j] in (_SLIDE, _HINGE):
+        return [Line("slide" if m.jnt_type[j] == _SLIDE else "turn", point, axis)]
+    kinds = ("turn",) if m.jnt_type[j] == _BALL else ("slide", "turn")
+    return [Line(kind, point, d) for kind in kinds for d in np.eye(3)]
+
+
+def _drives(m: mujoco.MjModel) -> list[Drive]:
+    """Return by joint what its actuator and its range say."""
+    acting = {
+        int(m.actuator_trnid[a, 0]): a
+        for a in range(m.nu)
+        if int(m.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+    }
+    out = []
+    for j in range(m.njnt):
+        limits = tuple(map(float, m.jnt_range[j])) if m.jnt_limited[j] else (-np.inf, np.inf)
+        a = acting.get(j)
+        if m.jnt_type[j] not in (_SLIDE, _HINGE):
+            out.append(Drive())
+            continue
+        if a is None:
+            out.append(Drive((limits[0], limits[1]), False))
+            continue
+        gear = float(m.actuator_gear[a, 0])
+        stiffness, damping = (-float(m.actuator_biasprm[a, k]) * gear**2 for k in (1, 2))
+        bounds = m.actuator_forcerange[a] if m.actuator_forcelimited[a] else None
+        effort = None if bounds is None else float(max(abs(bounds[0]), abs(bounds[1])) * abs(gear))
+        out.append(Drive((limits[0], limits[1]), True, stiffness, damping, effort))
+    return out
+
+
+def _ties(m: mujoco.MjModel, names: list[str]) -> list[Joint]:
+    """Return what closes loops: a connect is a point of two bodies, a weld is a fixed joint."""
+    out = []
+    for e in range(m.neq):
+        kind = int(m.eq_type[e])
+        if kind not in (_CONNECT, _WELD) or not m.eq_active0[e]:
+            continue
+        one, two = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
+        if _by_sites(m, e):
+            ends = [(int(m.site_bodyid[s]), _pose(m.site_pos[s], m.site_quat[s])) for s in (one, two)]
+        elif kind == _CONNECT:
+            ends = [(b, poses.pose(None, m.eq_data[e, 3 * k : 3 * k + 3])) for k, b in enumerate((one, two))]
+        else:  # the anchor is in the second body, the relative pose is of the second in the first
+            relative = _pose(m.eq_data[e, 3:6], m.eq_data[e, 6:10])
+            ends = [(one, relative), (two, np.eye(4))]
+        (a, T_a), (b, T_b) = ends
+        name = m.equality(e).name
+        if kind == _CONNECT:
+            out.append(Joint(_named([name]), names[a], names[b], tied=((T_a[:3, 3], T_b[:3, 3]),)))
+        else:
+            out.append(Joint(_named([name]), names[a], names[b], T_a @ poses.inverse(T_b)))
+    return out
+
+
+def _couplings(m: mujoco.MjModel) -> dict[str, tuple[dict[str, float], float]]:
+    out: dict[str, tuple[dict[str, float], float]] = {}
+    for e in range(m.neq):
+        if not m.eq_active0[e]:
+            continue
+        if int(m.eq_type[e]) == _TENDON and m.eq_obj2id[e] < 0:
+            t = int(m.eq_obj1id[e])
+            rows = range(m.tendon_adr[t], m.tendon_adr[t] + m.tendon_num[t])
+            ratios = {m.joint(int(m.wrap_objid[w])).name: float(m.wrap_prm[w]) for w in rows}
+            out[m.equality(e).name] = (ratios, float(m.eq_data[e, 0] + m.tendon_length0[t]))
+        elif int(m.eq_type[e]) == _COUPLE and m.eq_obj2id[e] >= 0:
+            one, two = (m.joint(int(i)) for i in (m.eq_obj1id[e], m.eq_obj2id[e]))
+            total = m.eq_data[e, 0] + one.qpos0[0] - m.eq_data[e, 1] * two.qpos0[0]
+            out[m.equality(e).name] = ({one.name: 1.0, two.name: -float(m.eq_data[e, 1])}, float(total))
+    return out

@@ -1,0 +1,40 @@
+"""What a track says of a mechanism: its joints with one coordinate, their limits, which are driven, named frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.physics import Drive, Frame, Joint, Physics
+
+TOOL = "(tool)"
+"""Stands for the frame that is moved by default, which a track gives without its name."""
+
+NO_LIMIT = 1e29
+"""JSON has no infinity."""
+
+
+def track_physics(data: dict[str, Any], links: Sequence[str], joints: Sequence[str]) -> Physics:
+    """Return what the entries of a track say; entries that lack are left out, the reader has told of them."""
+    out = Physics(tuple(links))
+    kinds, active = data.get("joint_types", []), data.get("joint_active", [])
+    low, high = data.get("joint_lower", []), data.get("joint_upper", [])
+    for i, name in enumerate(joints):
+        limits = None
+        if i < min(len(low), len(high)):
+            limits = (-np.inf if low[i] < -NO_LIMIT else low[i], np.inf if high[i] > NO_LIMIT else high[i])
+        drive = Drive(limits, bool(active[i]) if i < len(active) else None)
+        kind = str(kinds[i]) if i < len(kinds) else ""
+        out.joints.append(Joint((name,), "", "", drive=drive, kind_said=kind))
+    local = np.array(data.get("frames_local", []), float)
+    names, on = data.get("frame_names", []), data.get("frame_links", [])
+    if len(names) == len(on) and local.size == 7 * len(names):
+        for name, link, row in zip(names, on, local.reshape(-1, 7), strict=True):
+            out.frames[str(name)] = Frame(str(link), poses.from_seven(row))
+    tool = np.array(data.get("tool_frame", []), float)
+    if tool.shape == (7,):
+        out.frames[TOOL] = Frame(str(data.get("tool_link", "")), poses.from_seven(tool))
+    return out

@@ -1,0 +1,43 @@
+"""What the mechanism says of itself, in the words that files are translated into."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.physics import Drive, Frame, Joint, Mass, Physics, along
+
+if TYPE_CHECKING:
+    from twin.model.mechanism import Mechanism
+
+GRAVITY = 9.81
+"""m/s2, downwards."""
+
+
+def mechanism_physics(mechanism: Mechanism) -> Physics:
+    """Return what a mechanism says; its loops need not be closed."""
+    m = mechanism
+    out = Physics(
+        tuple(b.name for b in m.bodies),
+        {b.name: Mass(b.inertia.mass, b.inertia.p_body_com, b.inertia.I_com) for b in m.bodies if b.inertia},
+        gravity=np.array([0.0, 0.0, -GRAVITY]),
+        held=frozenset({m.base}),
+        tool=m.tool,
+        trocar=m.trocar,
+        couplings={c.name: (dict(zip(c.joints, c.ratios, strict=True)), c.total) for c in m.couplings},
+        complete=True,
+    )
+    for j in m.joints:
+        T = j.T_parent_joint @ poses.inverse(j.T_child_joint)
+        out.joints.append(Joint((j.name,), j.parent, j.child, T, along(j.type, j.T_parent_joint), _drive(j)))
+    out.frames = {f.name: Frame(f.body, f.T_body_frame) for f in m.frames}
+    return out
+
+
+def _drive(j) -> Drive:
+    if j.type not in ("revolute", "prismatic"):
+        return Drive()
+    gains = (None, None, None) if j.drive is None else (j.drive.stiffness, j.drive.damping, j.drive.max_effort)
+    return Drive(j.limits or (-np.inf, np.inf), j.active, *gains, j.max_speed)

@@ -1,0 +1,61 @@
+"""What a URDF says of a mechanism: its tree, inertias and limits; it has no word for loops, frames and gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from twin.exchange.audit.physics import Drive, Joint, Line, Mass, Physics
+from twin.exchange.audit.poses import Array
+
+NO_LIMIT = 100.0
+"""Metres: URDF has no slide without limits, and no robot slides as far."""
+
+NO_BOUND = 1e6
+"""An effort or a speed from which on a number, which URDF insists on, says that nobody knows any."""
+
+
+def inertial(element: ET.Element, pose_of, numbers) -> Mass | None:
+    """Return the mass of a <link>, None if it has no <inertial>.
+
+    Args:
+        element: the link.
+        pose_of: reads an <origin>.
+        numbers: reads numbers of an attribute.
+    """
+    here = element.find("inertial")
+    if here is None:
+        return None
+    mass, tensor, T = here.find("mass"), here.find("inertia"), pose_of(here.find("origin"))
+    value = {k: float(numbers(None if tensor is None else tensor.get(k), 1, (0.0,))[0]) for k in _PARTS}
+    xx, xy, xz, yy, yz, zz = (value[k] for k in _PARTS)
+    own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    R = T[:3, :3]
+    return Mass(float(numbers(None if mass is None else mass.get("value"), 1, (0.0,))[0]), T[:3, 3], R @ own @ R.T)
+
+
+_PARTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+
+def tree_physics(links: Iterable[str], masses: dict[str, Mass], joints: Iterable) -> Physics:
+    """Return what a tree of `UrdfJoint` says."""
+    out = Physics(tuple(links), masses)
+    for j in joints:
+        T, axis = j.link.fixed, j.link.axis
+        motions: tuple[Line, ...] = ()
+        if j.link.kind != "fixed" and axis is not None:
+            motions = (Line(j.link.kind, T[:3, 3], _unit(T[:3, :3] @ axis)),)
+        low, high = j.limits or (-np.inf, np.inf)
+        if j.link.kind == "slide" and max(abs(low), abs(high)) >= NO_LIMIT:
+            low, high = -np.inf, np.inf
+        effort, speed = (None if b is None or b >= NO_BOUND else b for b in (j.effort, j.speed))
+        drive = Drive((low, high), None, None, None, effort, speed) if motions else Drive()
+        out.joints.append(Joint((j.name,), j.parent, j.child, T, motions, drive))
+    return out
+
+
+def _unit(v: Array) -> Array:
+    size = float(np.linalg.norm(v))
+    return v / size if size > 0 else v

@@ -1,0 +1,168 @@
+"""What a USD stage says of a mechanism: UsdPhysics bodies, joints, drives and scene, named frames."""
+
+from __future__ import annotations
+
+import numpy as np
+from pxr import Usd, UsdGeom, UsdPhysics
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.physics import Drive, Frame, Joint, Mass, Physics, along
+from twin.exchange.audit.poses import Array
+
+_AXES = {"X": 0, "Y": 1, "Z": 2}
+_SIX = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
+
+
+def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: str) -> Physics:
+    """Return what a stage says, in m, kg and rad; `bodies` are its rigid bodies."""
+    names = {str(p.GetPath()): p.GetName() for p in bodies}
+    out = Physics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters))
+    kilograms = float(UsdPhysics.GetStageKilogramsPerUnit(stage))
+    for prim in bodies:
+        if (mass := _mass(prim, meters, kilograms)) is not None:
+            out.masses[prim.GetName()] = mass
+    held = set()
+    for prim in stage.Traverse():
+        if prim.IsA(UsdPhysics.Joint) and UsdPhysics.Joint(prim).GetJointEnabledAttr().Get() is not False:
+            joint = _joint(prim, names, meters, kilograms)
+            if joint is None:
+                continue
+            if joint.kind == "fixed" and (joint.parent in names.values()) != (joint.child in names.values()):
+                held.add(joint.child if joint.child in names.values() else joint.parent)
+            out.joints.append(joint)
+        elif prim.IsA(UsdPhysics.Scene):
+            out.gravity = _gravity(UsdPhysics.Scene(prim), meters, up)
+    out.held = frozenset(held)
+    cache = UsdGeom.XformCache()
+    for prim in (p for b in bodies for p in Usd.PrimRange(b)):
+        if prim.GetAttribute("twin:kind").Get() == "frame":
+            M = np.array(cache.GetLocalToWorldTransform(prim)).T
+            above = prim.GetParent()
+            while above and str(above.GetPath()) not in names:
+                above = above.GetParent()
+            T, _ = poses.split(np.linalg.inv(np.array(cache.GetLocalToWorldTransform(above)).T) @ M)
+            T[:3, 3] *= meters
+            named = prim.GetAttribute("twin:name").Get()
+            out.frames[str(named or prim.GetName())] = Frame(above.GetName(), T)
+    root = stage.GetDefaultPrim()
+    if root:
+        out.tool, out.trocar = (str(root.GetAttribute(f"twin:{n}").Get() or "") for n in ("tool", "trocar"))
+    return out
+
+
+def _mass(prim: Usd.Prim, meters: float, kilograms: float) -> Mass | None:
+    api = UsdPhysics.MassAPI(prim)
+    mass, center = api.GetMassAttr().Get(), api.GetCenterOfMassAttr().Get()
+    moments, axes = api.GetDiagonalInertiaAttr().Get(), api.GetPrincipalAxesAttr().Get()
+    if not prim.HasAPI(UsdPhysics.MassAPI) or mass is None or not mass or moments is None or not any(moments):
+        return None
+    R = np.eye(3)
+    if axes is not None and axes.GetLength() > 0:
+        R = poses.rotation([*axes.GetImaginary(), axes.GetReal()])
+    place = np.array(center if center is not None and np.all(np.isfinite(center)) else (0, 0, 0), float)
+    inertia = R @ np.diag(np.array(moments, float)) @ R.T
+    return Mass(float(mass) * kilograms, place * meters, inertia * kilograms * meters**2)
+
+
+def _gravity(scene: UsdPhysics.Scene, meters: float, up: str) -> Array:
+    """Return gravity (3,) in m/s2, z up; what is not authored is the earth's, downwards."""
+    direction, size = scene.GetGravityDirectionAttr().Get(), scene.GetGravityMagnitudeAttr().Get()
+    down = np.array([0.0, 0.0, -1.0])
+    given = np.array(direction if direction is not None else (0, 0, 0), float)
+    if np.linalg.norm(given) > 0:
+        down = given / np.linalg.norm(given)
+        down = poses.R_Z_UP_Y_UP @ down if up == "Y" else down
+    return down * (float(size) * meters if size is not None and np.isfinite(size) and size >= 0 else 9.81)
+
+
+def _joint(prim: Usd.Prim, names: dict[str, str], meters: float, kilograms: float) -> Joint | None:
+    joint = UsdPhysics.Joint(prim)
+    ends = []
+    for rel, pos, rot in (
+        (joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
+        (joint.GetBody1Rel(), joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr()),
+    ):
+        targets = [str(t) for t in rel.GetForwardedTargets()]
+        p, q = pos.Get(), rot.Get()
+        R = np.eye(3) if q is None else poses.rotation([*q.GetImaginary(), q.GetReal()])
+        T = poses.pose(R, np.array(p if p is not None else (0, 0, 0), float) * meters)
+        ends.append((names.get(targets[0], targets[0]) if targets else "", T))
+    (parent, T_parent), (child, T_child) = ends
+    if parent == child:
+        return None
+    kind, axis = kind_and_axis(prim)
+    return Joint(
+        (prim.GetName(),),
+        parent,
+        child,
+        T_parent @ poses.inverse(T_child),
+        along(kind, T_parent, axis),
+        _drive(prim, kind, meters, kilograms),
+    )
+
+
+def kind_and_axis(prim: Usd.Prim) -> tuple[str, int]:
+    """Return the kind of a joint prim and the axis 0, 1, 2 of its frame along or about which it moves."""
+    for schema, kind in (
+        (UsdPhysics.RevoluteJoint, "revolute"),
+        (UsdPhysics.PrismaticJoint, "prismatic"),
+        (UsdPhysics.SphericalJoint, "spherical"),
+        (UsdPhysics.FixedJoint, "fixed"),
+        (UsdPhysics.DistanceJoint, "free"),
+    ):
+        if prim.IsA(schema):
+            axis = prim.GetAttribute("physics:axis").Get() if kind != "fixed" else "Z"
+            return kind, _AXES.get(str(axis), 0)
+    free = [i for i, name in enumerate(_SIX) if not _locked(prim, name)]
+    if len(free) == 2 and free[1] == free[0] + 3:
+        return "cylindrical", free[0]
+    known = {(): "fixed", (0, 1, 2, 3, 4, 5): "free", (3, 4, 5): "spherical"}
+    if len(free) == 1:
+        return ("prismatic" if free[0] < 3 else "revolute"), free[0] % 3
+    return known.get(tuple(free), f"free along {', '.join(_SIX[i] for i in free)}"), 2
+
+
+def _locked(prim: Usd.Prim, name: str) -> bool:
+    if not prim.HasAPI(UsdPhysics.LimitAPI, name):
+        return False
+    limit = UsdPhysics.LimitAPI(prim, name)
+    return limit.GetLowAttr().Get() > limit.GetHighAttr().Get()
+
+
+def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> Drive:
+    if kind not in ("revolute", "prismatic"):
+        return Drive()
+    turns = kind == "revolute"
+    token, unit = ("angular", np.pi / 180) if turns else ("linear", meters)
+    force = kilograms * meters * (meters if turns else 1.0)  # N or N m
+    low, high = (prim.GetAttribute(f"physics:{n}Limit").Get() for n in ("lower", "upper"))
+    drive = UsdPhysics.DriveAPI(prim, token)
+    there = prim.HasAPI(UsdPhysics.DriveAPI, token)
+    gains = (drive.GetStiffnessAttr().Get(), drive.GetDampingAttr().Get(), drive.GetMaxForceAttr().Get())
+    stiffness, damping, effort = (None if not there or g is None else float(g) * force for g in gains)
+    speed = prim.GetAttribute("physxJoint:maxJointVelocity").Get()
+    marked = prim.GetAttribute("twin:active").Get()
+    return Drive(
+        (-np.inf if low is None else float(low) * unit, np.inf if high is None else float(high) * unit),
+        there if marked is None else bool(marked),
+        None if stiffness is None else stiffness / unit,
+        None if damping is None else damping / unit,
+        effort if effort is not None and np.isfinite(effort) else None,
+        None if speed is None else float(speed) * unit,
+    )
+
+
+def _couplings(stage: Usd.Stage, meters: float) -> dict[str, tuple[dict[str, float], float]]:
+    """Return what PhysX tendons hold together."""
+    out: dict[str, tuple[dict[str, float], float]] = {}
+    for prim in stage.Traverse():
+        for name in prim.GetAppliedSchemas():
+            if name.startswith(("PhysxTendonAxisRootAPI:", "PhysxTendonAxisAPI:")):
+                tendon = name.split(":", 1)[1]
+                gearing = prim.GetAttribute(f"physxTendon:{tendon}:gearing").Get()
+                ratios, total = out.get(tendon, ({}, 0.0))
+                rest = prim.GetAttribute(f"physxTendon:{tendon}:restLength").Get()
+                unit = np.pi / 180 if prim.IsA(UsdPhysics.RevoluteJoint) else meters
+                ratios[prim.GetName()] = float(gearing[0]) if gearing else 0.0
+                out[tendon] = (ratios, total if rest is None else float(rest) * unit)
+    return out

@@ -1,0 +1,151 @@
+"""Remote centres of motion of a track: how far the shaft passes the stated point, and about which point it turns.
+
+A file may only watch an RCM, so that a shaft which passes it by is no fault. But lines that all meet in one point
+turn about that one: a stated point beside it is wrong, whether the RCM is enforced or not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.motion import Clip
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import POSITION_TOL, Ledger, quantity
+
+SHAFT = 5e-3
+"""Distance in m within which a shaft is meant to go through its RCM, where the file does not say that it must."""
+
+SPREAD = 1e-4
+"""Least of the mean squared sines between lines by which the point where they meet is known well."""
+
+
+@dataclass(frozen=True)
+class _Stay:
+    """One phase with an RCM: its name, the stated point, and the shaft's lines by frame at the keys inside."""
+
+    name: str
+    point: Array
+    enforced: bool | None
+    times: Array
+    lines: Mapping[str, tuple[Array, Array]]
+
+    def missed(self, point: Array) -> dict[str, Array]:
+        """Return the distances (k,) in m of a point from the lines, by frame."""
+        return {n: np.linalg.norm(np.cross(d, point - p), axis=1) for n, (p, d) in self.lines.items()}
+
+
+def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> None:
+    """Note shafts that miss the RCM of their phase, and RCMs beside the point about which the shaft turns.
+
+    Args:
+        data: the track.
+        clip: its motion.
+        local: (7 n,) of its named frames.
+        ledger: gets the findings.
+    """
+    stays = _stays(data, clip, local, ledger)
+    if stays is None:
+        return
+    centres = [c for s in stays if (c := _centre(s)) is not None]
+    worst, where, when = 0.0, "", ""
+    for stay in stays:
+        distances = stay.missed(stay.point)
+        name = min(distances, key=lambda n: float(distances[n].max()))
+        k = int(np.argmax(distances[name]))
+        missed, at = float(distances[name][k]), f"t = {stay.times[k]:.4g} s"
+        centre = next((c for c in centres if _through(stay, c)), None)
+        beside = 0.0 if centre is None else float(np.linalg.norm(centre - stay.point))
+        if centre is not None and beside > max(100 * POSITION_TOL, 0.0) and missed > POSITION_TOL:
+            ledger.add(
+                "tracks.rcm",
+                "disagreement",
+                f"phase '{stay.name}': the shaft turns about ({', '.join(f'{c:.5g}' for c in centre)}) m, "
+                f"{quantity(beside, 'm')} from the stated RCM.",
+                where=stay.name,
+                when=at,
+                size=beside * 1e6,
+                unit="um",
+                limit=POSITION_TOL * 1e6,
+            )
+            continue
+        if stay.enforced is False:
+            continue
+        if missed > SHAFT and stay.enforced is None:
+            text = (
+                f"phase '{stay.name}': the shaft (z of '{name}') passes the RCM {missed * 1e3:.4g} mm away; the file "
+                "does not say whether the RCM is enforced there or only watched."
+            )
+            ledger.add("tracks.rcm_watched", "info", text, where=stay.name, when=at, size=missed * 1e3, unit="mm")
+            continue
+        if missed >= worst:
+            worst, where, when = missed, name, at
+        if missed > POSITION_TOL:
+            ledger.add(
+                "tracks.rcm",
+                "disagreement",
+                f"phase '{stay.name}': the shaft (z of '{name}') passes the RCM {quantity(missed, 'm')} away.",
+                where=name,
+                when=at,
+                size=missed * 1e6,
+                unit="um",
+                limit=POSITION_TOL * 1e6,
+            )
+    if where:
+        ledger.row("RCM: how far the shaft passes it", worst, "m", POSITION_TOL, where=where, when=when)
+
+
+def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> list[_Stay] | None:
+    has, point, start, end = (
+        np.array(data.get(k, []), float).ravel() for k in ("phase_has_rcm", "phase_rcm", "phase_start", "phase_end")
+    )
+    names, on, phases = data.get("frame_names", []), data.get("frame_links", []), data.get("phases", [])
+    fits = len(local) == 7 * len(names) and len(on) == len(names) and len(point) == 3 * len(has)
+    if not fits or len(has) > min(len(start), len(end), len(phases)):
+        ledger.add("tracks.shape", "disagreement", "frames or RCMs do not have one entry each.", where="frames_local")
+        return None
+    enforced = data.get("phase_rcm_enforced")  # tracks of earlier versions do not say
+    if enforced is not None and not (isinstance(enforced, list) and len(enforced) == len(has)):
+        text = f"phase_rcm_enforced is no list with an entry for each of the {len(has)} phases."
+        ledger.add("tracks.shape", "disagreement", text, where="phase_rcm_enforced")
+        return None
+    tool, stated = data.get("tool_link"), data.get("rcm")
+    out = []
+    for i in np.flatnonzero(has).tolist():
+        inside = (clip.times >= start[i] - 1e-9) & (clip.times <= end[i] + 1e-9)
+        lines = {}
+        for name, link, seven in zip(names, on, local.reshape(-1, 7), strict=True):
+            if link == tool and link in clip.links and inside.any():
+                T = clip.links[link][inside] @ poses.from_seven(seven)
+                lines[str(name)] = (T[:, :3, 3], T[:, :3, 2])
+        if lines:
+            must = None if enforced is None else bool(enforced[i])
+            out.append(_Stay(str(phases[i]), point[3 * i : 3 * i + 3], must, clip.times[inside], lines))
+    if isinstance(stated, list) and len(stated) == 3 and has.any():
+        first = point[3 * int(np.flatnonzero(has)[0]) :][:3]
+        off = float(np.linalg.norm(np.subtract(stated, first)))
+        if off > POSITION_TOL:
+            text = f"rcm is {quantity(off, 'm')} from the RCM of the first phase that has one."
+            ledger.add("tracks.rcm", "disagreement", text, where="rcm", size=off * 1e6, unit="um")
+    return out
+
+
+def _centre(stay: _Stay) -> Array | None:
+    """Return the point (3,) in which the shaft's lines meet, None if they do not, or are too much alike to tell."""
+    for p, d in stay.lines.values():
+        P = np.eye(3) - d[:, :, None] * d[:, None, :]
+        A, b = P.mean(axis=0), np.einsum("kij,kj->i", P, p) / len(p)
+        if np.linalg.eigvalsh(A)[0] < SPREAD:
+            continue
+        centre = np.linalg.solve(A, b)
+        if np.linalg.norm(np.cross(d, centre - p), axis=1).max() < POSITION_TOL:
+            return centre
+    return None
+
+
+def _through(stay: _Stay, point: Array) -> bool:
+    return any(off.max() < POSITION_TOL for off in stay.missed(point).values())

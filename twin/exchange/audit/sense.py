@@ -1,0 +1,130 @@
+"""What no mechanism on earth has, whatever other files say: masses, inertias, densities, gravity, drives.
+
+A file alone can be judged by this only; in a bundle it says which of two files is wrong.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.exchange.audit.motion import Content, Shape
+from twin.exchange.audit.physics import Drive, Mass
+from twin.exchange.audit.report import Ledger, quantity
+
+DENSEST = 23_000.0
+"""kg/m3; osmium has 22 590."""
+
+LIGHTEST = 0.5
+"""kg/m3; air has 1.2, and a link that is a shell around it more."""
+
+OUTSIDE = 0.1
+"""Share of the box's diagonal by which a mass centre may lie outside: not all that has mass is drawn."""
+
+GRAVITY = (9.7, 9.9)
+"""m/s2 on the ground, anywhere on earth; none at all is a choice."""
+
+TRIANGLE = 1e-5
+"""Relative breach of the triangle inequality that is rounding of single precision."""
+
+
+def check_sense(content: Content) -> None:
+    """Note what is physically impossible in a file."""
+    p, ledger = content.physics, content.ledger
+    if p is None:
+        return
+    before = len(ledger.found)
+    for link, mass in p.masses.items():
+        _check_mass(ledger, link, mass, content.shapes.get(link))
+    for joint in p.joints:
+        if joint.names:
+            _check_drive(ledger, joint.names[-1], joint.drive)
+    if p.gravity is not None:
+        _check_gravity(ledger, p.gravity)
+    if p.masses or p.joints:
+        wrong = [f for f in ledger.found[before:] if f.severity != "info"]
+        ledger.row("masses, drives, gravity: physically possible", float(len(wrong)), "found", 0.0)
+
+
+def _check_mass(ledger: Ledger, link: str, mass: Mass, shape: Shape | None) -> None:
+    def wrong(code: str, text: str, size: float, unit: str, limit: float) -> None:
+        ledger.add(
+            f"physics.{code}", "disagreement", f"link '{link}': {text}.", where=link, size=size, unit=unit, limit=limit
+        )
+
+    if not (np.isfinite(mass.mass) and mass.mass > 0):
+        wrong("mass_not_positive", f"its mass is {mass.mass:g} kg", mass.mass, "kg", 0.0)
+        return
+    if mass.inertia is not None:
+        I = mass.inertia  # noqa: E741 - the symbol of the field
+        if not np.all(np.isfinite(I)):
+            wrong("inertia_impossible", "its inertia is not finite", np.nan, "kg m2", 0.0)
+            return
+        moments = np.linalg.eigvalsh((I + I.T) / 2)
+        if moments[0] <= 0:
+            text = f"its smallest principal moment of inertia is {moments[0]:.4g} kg m2, not positive"
+            wrong("inertia_impossible", text, float(moments[0]), "kg m2", 0.0)
+        elif moments[2] > (moments[0] + moments[1]) * (1 + TRIANGLE):
+            text = (
+                f"its principal moments of inertia {moments[0]:.4g}, {moments[1]:.4g} and {moments[2]:.4g} kg m2 break "
+                "the triangle inequality: no distribution of mass has them"
+            )
+            wrong("inertia_impossible", text, float(moments[2]), "kg m2", float(moments[0] + moments[1]))
+    if shape is None:
+        return
+    diagonal = float(np.linalg.norm(shape.high - shape.low))
+    if mass.center is not None:
+        away = float(np.linalg.norm(np.maximum(np.maximum(shape.low - mass.center, mass.center - shape.high), 0.0)))
+        if away > OUTSIDE * diagonal:
+            text = f"its mass centre lies {quantity(away, 'm')} outside the box of its meshes"
+            wrong("mass_centre_outside", text, away, "m", OUTSIDE * diagonal)
+    if mass.inertia is not None and diagonal > 0:
+        gyration = float(np.sqrt(max(np.linalg.eigvalsh((mass.inertia + mass.inertia.T) / 2)[2], 0.0) / mass.mass))
+        if gyration > diagonal:
+            text = f"its radius of gyration is {quantity(gyration, 'm')}, more than the diagonal of its meshes"
+            wrong("inertia_too_large", text, gyration, "m", diagonal)
+    box = float(np.prod(np.maximum(shape.high - shape.low, 1e-4)))
+    volume = shape.volume if shape.closed and shape.volume > 0 else box
+    if mass.mass / volume > DENSEST:
+        text = f"{mass.mass:.4g} kg in {volume:.3g} m3 are {mass.mass / volume:.3g} kg/m3, more than any matter has"
+        wrong("density", text, mass.mass / volume, "kg/m3", DENSEST)
+    elif mass.mass / box < LIGHTEST:
+        text = f"{mass.mass:.4g} kg in a box of {box:.3g} m3 are {mass.mass / box:.3g} kg/m3, less than air has"
+        wrong("density", text, mass.mass / box, "kg/m3", LIGHTEST)
+
+
+def _check_drive(ledger: Ledger, joint: str, drive: Drive) -> None:
+    if drive.limits is not None and not drive.limits[0] <= drive.limits[1]:
+        text = f"joint '{joint}': lower limit {drive.limits[0]:g} lies above upper limit {drive.limits[1]:g}."
+        ledger.add("physics.limits", "disagreement", text, where=joint, suggestion="swap them")
+    for name, value, least in (
+        ("stiffness", drive.stiffness, 0.0),
+        ("damping", drive.damping, 0.0),
+        ("largest effort", drive.effort, 0.0),
+        ("largest speed", drive.speed, 0.0),
+    ):
+        if value is not None and value < least:
+            text = f"joint '{joint}': its {name} is {value:g}, below zero."
+            ledger.add("physics.drive_negative", "disagreement", text, where=joint, size=value, limit=0.0)
+
+
+def _check_gravity(ledger: Ledger, gravity: np.ndarray) -> None:
+    size = float(np.linalg.norm(gravity))
+    if size == 0.0:
+        ledger.add("physics.gravity", "info", "there is no gravity.", where="gravity")
+        return
+    shown = ", ".join(f"{g:g}" for g in gravity)
+    if not gravity[2] < -0.999 * size:
+        text = f"gravity is ({shown}) m/s2 in a world with z up: it does not point down."
+        ledger.add("physics.gravity", "disagreement", text, where="gravity", suggestion="turn it round: (0, 0, -9.81)")
+    elif not GRAVITY[0] <= size <= GRAVITY[1]:
+        grave = not 1.0 < size < 20.0  # other planets are legal
+        text = f"gravity is {size:g} m/s2, on earth it is 9.81 (x {size / 9.81:.4g})."
+        ledger.add(
+            "physics.gravity",
+            "disagreement" if grave else "warning",
+            text,
+            where="gravity",
+            size=size,
+            unit="m/s2",
+            limit=9.81,
+        )

@@ -1,0 +1,262 @@
+"""Read tracks: JSON of flat arrays (schema "twin-track") and its CSV, and what is wrong with them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.motion import Clip, Content, check_poses, check_quaternions, check_rate, check_times
+from twin.exchange.audit.physics_tracks import track_physics
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.rcm import check_rcm
+from twin.exchange.audit.report import Ledger
+
+SCHEMA = "twin-track"
+
+WORDS = {
+    "frame": "z-up right-handed",
+    "length_unit": "m",
+    "angle_unit": "rad",
+    "quaternion_order": "xyzw",
+}
+"""What version 1 allows, and players rely on without asking."""
+
+LIMIT_TOL = 1e-6
+"""Breach of a joint limit in m or rad that is still rounding."""
+
+
+class TrackError(Exception):
+    """The file cannot be read on."""
+
+
+def is_track(data: Any) -> bool:
+    """Return whether parsed JSON says that it is a track."""
+    return isinstance(data, dict) and data.get("schema") == SCHEMA
+
+
+def read_json(path: Path, ledger: Ledger) -> Content:
+    """Return what a track holds, and note what is wrong with it.
+
+    Raises:
+        TrackError: it is no JSON, or lacks what a track is made of.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise TrackError(f"its JSON cannot be read: {str(error)[:120]}") from error
+    if not is_track(data):
+        raise TrackError(f'it does not say "schema": "{SCHEMA}"')
+    return _content(data, "tracks", ledger)
+
+
+def read_csv(path: Path, ledger: Ledger) -> Content:
+    """Return what a track written as CSV holds: `# key: value` lines, a header with units, one row a frame.
+
+    Raises:
+        TrackError: there is no header or no row, or a number is none.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError as error:
+        raise TrackError("it is no text") from error
+    data: dict[str, Any] = {}
+    while lines and lines[0].startswith("#"):
+        key, colon, value = lines.pop(0).lstrip("# ").partition(":")
+        if colon:
+            data[key.strip()] = _parsed(value.strip())
+    rows = list(csv.reader(io.StringIO("\n".join(lines))))
+    if not is_track(data) or len(rows) < 2:
+        raise TrackError("it has no header, or no rows")
+    header, body = rows[0], rows[1:]
+    try:
+        numbers = np.array(body, float)
+    except ValueError as error:
+        text = f"its rows are not all {len(header)} numbers: {str(error)[:80]}"
+        raise TrackError(text) from error
+    if numbers.shape[1] != len(header) or header[0] != "time_s":
+        raise TrackError(f"its header names {len(header)} columns, first '{header[0]}'; rows have {numbers.shape[1]}")
+    links, joints = _list(data, "links", str), _list(data, "joints", str)
+    kinds = _list(data, "joint_types", str)
+    units = ["rad" if k == "revolute" else "m" for k in kinds]
+    expected = ["time_s", *(f"{j}_{u}" for j, u in zip(joints, units, strict=False))]
+    expected += [f"{n}_{c}" for n in links for c in ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")]
+    if header != expected:
+        odd = next((f"'{a}' for '{b}'" for a, b in zip(header, expected, strict=False) if a != b), "")
+        text = f"its columns are not those of its links and joints: {odd or f'{len(header)} for {len(expected)}'}."
+        ledger.add("tracks.columns", "disagreement", text, where=odd)
+        if len(header) != len(expected):
+            raise TrackError(text)
+    n = 1 + len(joints)
+    data |= {"times": numbers[:, 0], "positions": numbers[:, 1:n].ravel(), "poses": numbers[:, n:].ravel()}
+    return _content(data, "csv", ledger)
+
+
+def _parsed(value: str) -> Any:
+    try:
+        return json.loads(value)
+    except ValueError:
+        return value
+
+
+def _content(data: dict[str, Any], kind: str, ledger: Ledger) -> Content:
+    links, joints = _list(data, "links", str), _list(data, "joints", str)
+    name = str(data.get("protocol", ""))
+    out = Content(ledger, kind, model_hash=str(data.get("model_hash", "")), declared=tuple(links))
+    out.facts = {"units": data.get("length_unit", "?"), "up_axis": "Z", "handedness": "right", "protocol": name}
+    out.physics = track_physics(data, links, joints)
+    out.extra["data"] = {k: v for k, v in data.items() if k not in ("poses", "positions", "times")}
+    _check_words(data, ledger)
+    moved, known = data.get("moved_frame"), data.get("frame_names")
+    if moved and isinstance(known, list) and moved not in known:
+        text = f"moved_frame is '{moved}'; there is no frame of that name (known: {', '.join(map(str, known))})."
+        ledger.add("tracks.frame", "disagreement", text, where="moved_frame")
+    for key, names in (("links", links), ("joints", joints)):
+        if twice := {n for n in names if names.count(n) > 1}:
+            text = f"{key} holds '{min(twice)}' more than once."
+            ledger.add("tracks.duplicate_name", "disagreement", text, where=min(twice))
+    times = _numbers(data, "times", ledger)
+    shapes = {"poses": (len(times), len(links), 7), "positions": (len(times), len(joints))}
+    rows = {key: _shaped(data, key, shape, ledger) for key, shape in shapes.items()}
+    frames = data.get("frames", len(times))
+    if frames != len(times):
+        text = f"frames is {frames}, times has {len(times)}."
+        ledger.add("tracks.shape", "disagreement", text, where="frames", size=float(len(times)))
+    usable = check_times(ledger, times, name, "tracks")
+    if usable and isinstance(data.get("rate"), int | float):
+        check_rate(ledger, times, float(data["rate"]), name, "tracks")
+    _check_phases(data, times, ledger)
+    seven, positions = rows["poses"], rows["positions"]
+    if not usable or seven is None:
+        ledger.row("arrays and times", 1.0, "found", 0.0)
+        return out
+    for i, link in enumerate(links):
+        check_quaternions(ledger, seven[:, i, 3:], times, link, "tracks")
+    T = {link: poses.from_seven(seven[:, i]) for i, link in enumerate(links)}
+    q = {} if positions is None else {joint: positions[:, i] for i, joint in enumerate(joints)}
+    clip = Clip(name, times, T, q)
+    check_poses(ledger, clip, "tracks")
+    out.clips.append(clip)
+    _check_limits(data, joints, clip, ledger)
+    for key, name in (("lower", "joint_lower"), ("upper", "joint_upper")):
+        out.extra[key] = dict(zip(joints, _numbers(data, name, ledger).tolist(), strict=False))
+    check_rcm(data, clip, _numbers(data, "frames_local", ledger), ledger)
+    return out
+
+
+def _check_words(data: dict[str, Any], ledger: Ledger) -> None:
+    if data.get("version") != 1:
+        ledger.add("tracks.version", "disagreement", f"version is {data.get('version')!r}, not 1.", where="version")
+    for key, value in WORDS.items():
+        if data.get(key) != value:
+            ledger.add(
+                "tracks.convention",
+                "disagreement",
+                f"{key} is {data.get(key)!r}; version 1 of the schema has '{value}' alone, and players rely on it.",
+                where=key,
+                suggestion=f"convert the numbers and write '{value}'",
+            )
+
+
+def _list(data: dict[str, Any], key: str, kind: type) -> list:
+    value = data.get(key)
+    if not isinstance(value, list) or not all(isinstance(v, kind) for v in value):
+        raise TrackError(f"'{key}' is no list of {kind.__name__}")
+    return value
+
+
+def _numbers(data: dict[str, Any], key: str, ledger: Ledger) -> Array:
+    value = data.get(key)
+    try:
+        out = np.array(value if value is not None else [], float)
+    except (TypeError, ValueError) as error:
+        raise TrackError(f"'{key}' is no flat list of numbers") from error
+    if out.ndim != 1:
+        raise TrackError(f"'{key}' is nested: players (JsonUtility) read flat lists only")
+    if not np.all(np.isfinite(out)):
+        ledger.add("tracks.finite", "disagreement", f"{key} holds numbers that are not finite.", where=key)
+    return out
+
+
+def _shaped(data: dict[str, Any], key: str, shape: tuple[int, ...], ledger: Ledger) -> Array | None:
+    """Return a flat list in its shape, or None (and a finding) if it has another length."""
+    flat = _numbers(data, key, ledger)
+    if flat.size != int(np.prod(shape)):
+        ledger.add(
+            "tracks.shape",
+            "disagreement",
+            f"{key} has {flat.size} numbers, not {' x '.join(map(str, shape))} = {int(np.prod(shape))}.",
+            where=key,
+            size=float(flat.size),
+            limit=float(np.prod(shape)),
+            suggestion="frame-major, then link or joint, then component",
+        )
+        return None
+    return flat.reshape(shape)
+
+
+def _check_phases(data: dict[str, Any], times: Array, ledger: Ledger) -> None:
+    names = data.get("phases", [])
+    start, end = _numbers(data, "phase_start", ledger), _numbers(data, "phase_end", ledger)
+    if not (len(names) == len(start) == len(end)):
+        text = f"{len(names)} phases have {len(start)} starts and {len(end)} ends."
+        ledger.add("tracks.shape", "disagreement", text, where="phases")
+        return
+    last = float(times[-1]) if len(times) else 0.0
+    slack = 1e-6
+    for i, name in enumerate(names):
+        wrong = ""
+        if not start[i] <= end[i]:
+            wrong = f"ends at {end[i]:.6g} s, before it starts at {start[i]:.6g} s"
+        elif i and start[i] < end[i - 1] - slack:
+            wrong = f"starts at {start[i]:.6g} s, before phase '{names[i - 1]}' ends at {end[i - 1]:.6g} s"
+        elif start[i] < -slack or end[i] > last + slack:
+            wrong = f"runs from {start[i]:.6g} to {end[i]:.6g} s, the motion from 0 to {last:.6g} s"
+        if wrong:
+            text = f"phase '{name}' {wrong}."
+            ledger.add("tracks.phases", "disagreement", text, where=str(name), when=f"t = {start[i]:.4g} s")
+
+
+def _check_limits(data: dict[str, Any], joints: list[str], clip: Clip, ledger: Ledger) -> None:
+    low, high = _numbers(data, "joint_lower", ledger), _numbers(data, "joint_upper", ledger)
+    kinds = data.get("joint_types", [])
+    for key, value in (("joint_types", kinds), ("joint_lower", low), ("joint_upper", high)):
+        if len(value) != len(joints):
+            text = f"{key} has {len(value)} entries for {len(joints)} joints."
+            ledger.add("tracks.shape", "disagreement", text, where=key)
+            return
+    worst, where, when = 0.0, "", ""
+    for i, joint in enumerate(joints):
+        q = clip.joints.get(joint)
+        if q is None:
+            continue
+        angle = kinds[i] == "revolute"
+        if not low[i] <= high[i]:
+            text = f"joint '{joint}': lower limit {low[i]:g} lies above upper limit {high[i]:g}."
+            ledger.add("tracks.limits", "disagreement", text, where=joint, suggestion="swap them")
+            continue
+        breach = np.maximum(np.maximum(low[i] - q, q - high[i]), 0)
+        k = int(np.argmax(breach))
+        if breach[k] > worst:
+            worst, where, when = float(breach[k]), joint, f"t = {clip.times[k]:.4g} s"
+        if breach[k] > LIMIT_TOL:
+            scale, unit = (180 / np.pi, "deg") if angle else (1e3, "mm")
+            inside = angle and np.all((np.radians(q) >= low[i]) & (np.radians(q) <= high[i]))
+            ledger.add(
+                "tracks.limits",
+                "disagreement",
+                f"joint '{joint}' stands at {q[k] * scale:.5g} {unit}, {breach[k] * scale:.4g} {unit} beyond its "
+                f"limits{'; taken for degrees it would be inside' if inside else ''}.",
+                where=joint,
+                when=f"t = {clip.times[k]:.4g} s",
+                size=float(breach[k] * scale),
+                unit=unit,
+                limit=LIMIT_TOL * scale,
+                suggestion="angles are radians, lengths metres",
+            )
+    ledger.row("joints beyond their limits", worst, "rad or m", LIMIT_TOL, where=where, when=when)

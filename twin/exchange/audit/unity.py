@@ -1,0 +1,170 @@
+"""A Unity package as text: what the editor needs to import it at all, checked without the editor."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.unity_frames import check_frames
+from twin.exchange.audit.unity_golden import check_golden
+
+REQUIRED = ("name", "version", "displayName", "unity")
+_GUID = re.compile(r"^guid:\s*([0-9a-f]{32})\s*$", re.MULTILINE)
+_NAME = re.compile(r"^[a-z0-9-]+(\.[a-z0-9-]+){2,}$")
+_BEHAVIOUR = re.compile(r"class\s+(\w+)\s*:[^{]*\b(?:MonoBehaviour|ScriptableObject)\b")
+
+
+def check_package(folder: Path, ledger: Ledger) -> None:
+    """Note what keeps Unity from importing a package: fields, assemblies, .meta files, GUIDs, scripts."""
+    data = _json(folder / "package.json", folder, ledger)
+    if data is None:
+        return
+    _check_fields(folder, data, ledger)
+    seen = list(_visible(folder))
+    guids = _check_metas(folder, seen, ledger)
+    _check_assemblies(folder, seen, guids, ledger)
+    _check_scripts(folder, seen, ledger)
+    for file in seen:
+        name = file.relative_to(folder).as_posix()
+        if file.name == "Frames.cs":
+            check_frames(file, name, ledger)
+        elif file.name == "twin-golden.json":
+            check_golden(file, name, ledger)
+    wrong = [f for f in ledger.found if f.severity != "info"]
+    ledger.row(f"package: {len(seen)} files, {len(guids)} GUIDs", float(len(wrong)), "found", 0.0)
+
+
+def _json(file: Path, folder: Path, ledger: Ledger) -> dict[str, Any] | None:
+    name = file.relative_to(folder).as_posix()
+    try:
+        data = json.loads(file.read_text(encoding="utf-8-sig"))
+    except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        ledger.add("unity.json", "error", f"{name} cannot be read: {str(error)[:120]}.", where=name)
+        return None
+    if not isinstance(data, dict):
+        ledger.add("unity.json", "error", f"{name} is no JSON object.", where=name)
+        return None
+    return data
+
+
+def _check_fields(folder: Path, data: dict[str, Any], ledger: Ledger) -> None:
+    for key in REQUIRED:
+        if not isinstance(data.get(key), str) or not data[key]:
+            ledger.add("unity.package", "disagreement", f"package.json lacks '{key}'.", where="package.json")
+    if isinstance(data.get("name"), str) and not _NAME.match(data["name"]):
+        text = f"package name '{data['name']}' is not like com.company.package."
+        ledger.add("unity.package", "disagreement", text, where="package.json")
+    if not re.match(r"^\d+\.\d+\.\d+", str(data.get("version", "0.0.0"))):
+        ledger.add("unity.package", "disagreement", f"version {data['version']} is no x.y.z.", where="package.json")
+    if not re.match(r"^\d+\.\d+$", str(data.get("unity", "2022.3"))):
+        ledger.add("unity.package", "disagreement", f"unity {data['unity']} is no year.release.", where="package.json")
+    for sample in data.get("samples", []):
+        path = sample.get("path", "") if isinstance(sample, dict) else ""
+        if not path or not (folder / path).is_dir():
+            text = f"sample '{path}' is not there."
+            ledger.add("unity.sample", "disagreement", text, where="package.json")
+
+
+def _visible(folder: Path) -> Iterator[Path]:
+    """Yield files and folders that Unity imports: none below `~` folders or hidden ones."""
+    for path in sorted(folder.rglob("*")):
+        parts = path.relative_to(folder).parts
+        if not any(p.endswith("~") or p.startswith(".") for p in parts) and path.suffix != ".tmp":
+            yield path
+
+
+def _check_metas(folder: Path, seen: list[Path], ledger: Ledger) -> dict[str, Path]:
+    """Check that everything has a .meta with a GUID of its own; return the assets by GUID."""
+    assets = {p for p in seen if p.suffix != ".meta"}
+    guids: dict[str, Path] = {}
+    for asset in sorted(assets):
+        name = asset.relative_to(folder).as_posix()
+        meta = asset.with_name(asset.name + ".meta")
+        if not meta.is_file():
+            ledger.add(
+                "unity.meta_missing",
+                "disagreement",
+                f"'{name}' has no .meta: an installed package is read-only, and Unity leaves the file out.",
+                where=name,
+                suggestion="write one with a GUID that never changes",
+            )
+            continue
+        match = _GUID.search(meta.read_text(encoding="utf-8", errors="replace"))
+        if match is None:
+            text = f"'{name}.meta' has no GUID of 32 hexadecimal digits."
+            ledger.add("unity.guid", "disagreement", text, where=f"{name}.meta")
+            continue
+        other = guids.setdefault(match[1], asset)
+        if other != asset:
+            ledger.add(
+                "unity.guid_twice",
+                "disagreement",
+                f"'{name}' and '{other.relative_to(folder).as_posix()}' have the same GUID {match[1]}: Unity gives one "
+                "a new one, and references break.",
+                where=name,
+                suggestion="take the hash of the path",
+            )
+    for meta in (p for p in seen if p.suffix == ".meta"):
+        if meta.with_suffix("") not in assets:
+            name = meta.relative_to(folder).as_posix()
+            ledger.add("unity.meta_orphan", "warning", f"'{name}' belongs to no file.", where=name)
+    return guids
+
+
+def _check_assemblies(folder: Path, seen: list[Path], guids: dict[str, Path], ledger: Ledger) -> None:
+    names: dict[str, str] = {}
+    wanted: list[tuple[str, str]] = []
+    for file in (p for p in seen if p.suffix == ".asmdef"):
+        name = file.relative_to(folder).as_posix()
+        data = _json(file, folder, ledger)
+        if data is None:
+            continue
+        own = data.get("name")
+        if not isinstance(own, str) or not own:
+            ledger.add("unity.asmdef", "disagreement", f"{name} has no name.", where=name)
+            continue
+        if own in names:
+            text = f"{name} and {names[own]} are both assembly '{own}'."
+            ledger.add("unity.asmdef", "disagreement", text, where=name)
+        names[own] = name
+        wanted += [(name, str(r)) for r in data.get("references", [])]
+        if "Editor" in file.relative_to(folder).parts and data.get("includePlatforms") != ["Editor"]:
+            text = f"{name} lies in Editor/, but is not for the Editor alone: builds fail."
+            ledger.add("unity.asmdef", "disagreement", text, where=name, suggestion='"includePlatforms": ["Editor"]')
+    for name, reference in wanted:
+        if reference.startswith("GUID:"):
+            missing = reference.removeprefix("GUID:") not in guids
+        else:  # another package's assembly cannot be looked up here
+            missing = reference not in names and reference.split(".")[0] in {n.split(".")[0] for n in names}
+        if missing:
+            text = f"{name} references '{reference}', which is not in the package."
+            ledger.add("unity.asmdef", "disagreement", text, where=name)
+
+
+def _check_scripts(folder: Path, seen: list[Path], ledger: Ledger) -> None:
+    scripts = [p for p in seen if p.suffix == ".cs"]
+    if not scripts:
+        ledger.add("unity.scripts", "disagreement", "the package has no C# file.", where="Runtime")
+    assemblies = [p.parent for p in seen if p.suffix == ".asmdef"]
+    for script in scripts:
+        name = script.relative_to(folder).as_posix()
+        text = script.read_text(encoding="utf-8", errors="replace")
+        if not any(script.is_relative_to(a) for a in assemblies):
+            message = f"{name} belongs to no assembly definition: packages need one."
+            ledger.add("unity.asmdef", "disagreement", message, where=name)
+        behaviours = _BEHAVIOUR.findall(_without_comments(text))
+        if behaviours and script.stem not in behaviours:
+            message = f"{name} holds component {behaviours[0]}: Unity finds it only in a file of its own name."
+            ledger.add("unity.script", "disagreement", message, where=name)
+        outside = "Editor" not in script.relative_to(folder).parts and "#if UNITY_EDITOR" not in text
+        if outside and "UnityEditor" in _without_comments(text):
+            message = f"{name} uses UnityEditor outside Editor/: builds fail."
+            ledger.add("unity.script", "disagreement", message, where=name)
+
+
+def _without_comments(text: str) -> str:
+    return re.sub(r"//[^\n]*|/\*.*?\*/", "", text, flags=re.DOTALL)

@@ -1,0 +1,80 @@
+"""What the scripts of a Unity package compute, run and held against matrices: mirrors, the root's turn, slerp."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.csharp import CSharpError, Script, Value
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Ledger
+
+MIRRORS = {
+    "GltFast": np.diag([-1.0, 1.0, 1.0]),
+    "UrdfImporter": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
+}
+"""Unity's local coordinates of a point of the robot: x mirrored; or right-up-forward from forward-left-up."""
+
+ROOTS = {"GltFast": poses.R_Z_UP_Y_UP.T, "UrdfImporter": np.eye(3)}
+"""The turn of the node that stands the links upright: glTF is y up, and the ROS axes are so already."""
+
+TOL = 1e-6
+_POINTS = np.array([[0.3, -0.7, 1.1], [-1.3, 0.2, -0.4], [0.0, 2.0, -0.5]])
+_ROTATIONS = np.array([[0.1, -0.5, 0.7, 0.5], [-0.6, 0.2, 0.3, 0.7], [0.0, 0.0, 1.0, 0.0], [0.7, 0.1, -0.1, 0.7]])
+_SHARES = (0.0, 0.2, 0.5, 1.0)
+
+
+def check_frames(path: Path, name: str, ledger: Ledger) -> None:
+    """Run the conversions of a Frames.cs and note those that are wrong; `name` is how the file is shown."""
+    try:
+        script = Script(path.read_text(encoding="utf-8-sig"))
+    except (OSError, UnicodeDecodeError, CSharpError) as error:
+        ledger.add("unity.frames", "disagreement", f"{name} cannot be read: {error}.", where=name)
+        return
+    rotations = _ROTATIONS / np.linalg.norm(_ROTATIONS, axis=1, keepdims=True)
+    worst = 0.0
+    for convention, M in MIRRORS.items():
+        mirrored = [poses.quaternion(M @ poses.rotation(q) @ M.T) for q in rotations]
+        there = list(zip(_POINTS, _POINTS @ M.T, strict=True))
+        turned = list(zip(rotations, mirrored, strict=True))
+        for method, kind, rows in (
+            ("ToUnity", "Vector3", there),
+            ("FromUnity", "Vector3", [(b, a) for a, b in there]),
+            ("ToUnity", "Quaternion", turned),
+            ("FromUnity", "Quaternion", [(b, a) for a, b in turned]),
+        ):
+            for given, meant in rows:
+                value = Value(kind, tuple(map(float, given)))
+                off = _off(script, ledger, name, method, (value, convention), meant, f"of a {kind}, {convention}")
+                worst = max(worst, off)
+        meant = poses.quaternion(ROOTS[convention])
+        worst = max(worst, _off(script, ledger, name, "RootRotation", (convention,), meant, f"for {convention}"))
+    for i, a in enumerate(rotations):
+        for sign in (1.0, -1.0):
+            b = sign * rotations[i - 1]
+            for share in _SHARES:
+                meant = poses.slerp(a[None], b[None], np.array([share]))[0]
+                given = (Value("Quaternion", tuple(a)), Value("Quaternion", tuple(b)), share)
+                worst = max(worst, _off(script, ledger, name, "Slerp", given, meant, f"at {share:g} of the way"))
+    ledger.row("conversions of Frames.cs, run", worst, "1", TOL, where=name)
+
+
+def _off(script: Script, ledger: Ledger, name: str, method: str, given: tuple, meant: Array, what: str) -> float:
+    """Return how far a result is off, and note it; a rotation and its negative are one."""
+    if not script.has(method):
+        return 0.0
+    try:
+        result = script.call(method, *given)
+    except (CSharpError, ArithmeticError, LookupError, RecursionError, TypeError, ValueError) as error:
+        ledger.add("unity.frames", "warning", f"{name}: {method} cannot be run here: {error}.", where=name)
+        return 0.0
+    got = np.array(result.numbers if isinstance(result, Value) else (np.nan,))
+    ways = (meant, -meant) if len(meant) == 4 else (meant,)
+    off = min((float(np.abs(got - m).max()) for m in ways if m.shape == got.shape), default=np.inf)
+    if not off <= TOL:
+        shown = ", ".join(f"{v:.4g}" for v in got)
+        text = f"{name}: {method} {what} gives ({shown}), it must be ({', '.join(f'{v:.4g}' for v in meant)})."
+        ledger.add("unity.frames", "disagreement", text, where=name, size=off, limit=TOL, suggestion="check the signs")
+    return off if np.isfinite(off) else 1e300

@@ -1,0 +1,251 @@
+"""Read a URDF: its tree placed by the joint values of a track, limits, and the meshes that it names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from twin.core.foreign.text import DoctypeError
+from twin.core.foreign.text import parse_xml as read_xml
+from twin.exchange.audit import poses
+from twin.exchange.audit.chain import Link, along, fit
+from twin.exchange.audit.colors import Palette, Rgba, linear
+from twin.exchange.audit.meshes import check_mesh, joined
+from twin.exchange.audit.motion import Clip, Content, Shape
+from twin.exchange.audit.obj import ObjError, read_obj
+from twin.exchange.audit.physics_urdf import inertial, tree_physics
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Ledger
+
+KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed": "fixed"}
+
+
+class UrdfError(Exception):
+    """The file cannot be read on."""
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A joint: the fixed pose and the axis, links by name; limits in rad or m, largest effort and speed, or None."""
+
+    name: str
+    parent: str
+    child: str
+    link: Link
+    limits: tuple[float, float] | None
+    effort: float | None
+    speed: float | None
+
+
+class Urdf:
+    """A URDF with its tree."""
+
+    def __init__(self, path: Path, ledger: Ledger) -> None:
+        self._ledger = ledger
+        root = parse_xml(path)
+        if root.tag != "robot":
+            raise UrdfError(f"its root is <{root.tag}>, not <robot>")
+        links = [e.get("name", "") for e in root.findall("link")]
+        if twice := {n for n in links if links.count(n) > 1}:
+            ledger.add("urdf.duplicate_name", "disagreement", f"two links are named '{min(twice)}'.", where=min(twice))
+        self.above: dict[str, UrdfJoint] = {}
+        for element in root.findall("joint"):
+            joint = _joint(element, links, ledger)
+            if joint is None:
+                continue
+            if joint.child in self.above:
+                text = f"link '{joint.child}' hangs on two joints, {self.above[joint.child].name} and {joint.name}: "
+                ledger.add("urdf.tree", "disagreement", text + "URDF is a tree.", where=joint.child)
+                continue
+            self.above[joint.child] = joint
+        roots = [n for n in links if n not in self.above]
+        if len(roots) != 1:
+            raise UrdfError(f"it has {len(roots)} root links ({', '.join(roots[:3])}), not one")
+        for link in links:
+            self._way(link, roots[0])
+        self.root, self.links = roots[0], links
+        self.content = Content(ledger, "urdf")
+        self.content.facts = {"units": "m (URDF)", "up_axis": "Z (URDF)", "handedness": "right (URDF)"}
+        self.content.rest = dict.fromkeys(links, np.eye(4))
+        self.content.shapes, self.content.colors = _shapes(root, path, ledger)
+        masses = {e.get("name", ""): inertial(e, _origin, numbers) for e in root.findall("link")}
+        known = {n: mass for n, mass in masses.items() if mass is not None}
+        self.content.physics = tree_physics(links, known, self.above.values())
+
+    def _way(self, link: str, stop: str) -> list[UrdfJoint]:
+        """Return the joints from one link up to another, the upper first."""
+        out: list[UrdfJoint] = []
+        while link != stop:
+            if link not in self.above or len(out) > len(self.above):
+                raise UrdfError(f"link '{link}' is its own ancestor")
+            out.append(self.above[link])
+            link = out[-1].parent
+        return out[::-1]
+
+    def play(self, clip: Clip) -> Clip:
+        """Return the links (k, 4, 4) of a track as this file's tree places them by its joint values."""
+        count = len(clip.times)
+        placed: dict[str, Array] = {}
+        T_root = clip.links.get(self.root)
+        placed[self.root] = np.broadcast_to(np.eye(4), (count, 4, 4)) if T_root is None else T_root
+        for name in self._parents_first():
+            if name not in clip.links or name == self.root:
+                continue
+            upper, way = self.above[name].parent, [self.above[name]]
+            while upper not in placed:
+                way.append(self.above[upper])
+                upper = self.above[upper].parent
+            way.reverse()
+            given = [clip.joints.get(j.name) for j in way]
+            if any(g is None and j.link.kind != "fixed" for g, j in zip(given, way, strict=True)):
+                known = clip.links.get(upper, placed[upper])
+                given = fit([j.link for j in way], given, poses.inverse(known) @ clip.links[name])
+            placed[name] = placed[upper] @ along([j.link for j in way], given, count)
+        return Clip(clip.name, clip.times, {n: T for n, T in placed.items() if n in clip.links})
+
+    def _parents_first(self) -> list[str]:
+        return sorted(self.links, key=lambda n: len(self._way(n, self.root)))
+
+    def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
+        """Hold the limits of the joints against those of a track."""
+        for joint in self.above.values():
+            if joint.name not in low or joint.limits is None:
+                continue
+            its = (low[joint.name], high[joint.name])
+            ends = zip(joint.limits, its, strict=True)
+            off = max((abs(a - b) for a, b in ends if abs(b) < 1e29), default=0.0)  # a slide may have none
+            if off > 1e-6:
+                text = f"joint '{joint.name}' has limits {joint.limits[0]:g} .. {joint.limits[1]:g}, in {name} "
+                self._ledger.add(
+                    "urdf.limits", "disagreement", text + f"{its[0]:g} .. {its[1]:g}.", where=joint.name, size=off
+                )
+
+
+def parse_xml(path: Path) -> ET.Element:
+    """Return the root element.
+
+    Raises:
+        UrdfError: it is no XML, or declares entities, which can make a small file endless.
+    """
+    try:
+        return read_xml(path)
+    except DoctypeError as error:
+        raise UrdfError(f"{error}") from error
+    except (ET.ParseError, LookupError, ValueError) as error:
+        raise UrdfError(f"it is no XML: {error}") from error
+
+
+def numbers(text: str | None, n: int, default: tuple[float, ...]) -> Array:
+    """Return n numbers of an attribute.
+
+    Raises:
+        UrdfError: they are not.
+    """
+    if text is None:
+        return np.array(default, float)
+    try:
+        out = np.array(text.split(), float)
+    except ValueError as error:
+        raise UrdfError(f"'{text[:40]}' are no numbers") from error
+    if out.shape != (n,) or not np.all(np.isfinite(out)):
+        raise UrdfError(f"'{text[:40]}' are not {n} finite numbers")
+    return out
+
+
+def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint | None:
+    name, kind = element.get("name", ""), element.get("type", "")
+    ends = [(e.get("link", "") if e is not None else "") for e in (element.find("parent"), element.find("child"))]
+    for end in ends:
+        if end not in links:
+            raise UrdfError(f"joint '{name}' names link '{end}', which does not exist")
+    if kind not in KINDS:
+        ledger.add("urdf.joint", "warning", f"joint '{name}' of type '{kind}' is not read.", where=name)
+        return None
+    origin, axis = element.find("origin"), element.find("axis")
+    T = _origin(origin)
+    a = numbers(None if axis is None else axis.get("xyz"), 3, (1, 0, 0))
+    if abs(np.linalg.norm(a) - 1) > 1e-6 and KINDS[kind] != "fixed":
+        text = f"the axis of joint '{name}' has length {np.linalg.norm(a):.6g}."
+        ledger.add("urdf.axis", "disagreement", text, where=name, size=float(np.linalg.norm(a)), limit=1.0)
+    limit = element.find("limit")
+    limits = None
+    effort, speed = (
+        None if limit is None or limit.get(k) is None else float(numbers(limit.get(k), 1, ())[0])
+        for k in ("effort", "velocity")
+    )
+    if limit is not None and limit.get("lower") is not None and kind != "continuous":
+        limits = (float(limit.get("lower", "0")), float(limit.get("upper", "0")))
+        if not limits[0] <= limits[1]:
+            text = f"joint '{name}': lower limit {limits[0]:g} lies above upper limit {limits[1]:g}."
+            ledger.add("urdf.limits", "disagreement", text, where=name, suggestion="swap them")
+    return UrdfJoint(name, ends[0], ends[1], Link(T, KINDS[kind], a, name), limits, effort, speed)
+
+
+def _origin(element: ET.Element | None) -> Array:
+    if element is None:
+        return np.eye(4)
+    R = poses.rpy(numbers(element.get("rpy"), 3, (0, 0, 0)))
+    return poses.pose(R, numbers(element.get("xyz"), 3, (0, 0, 0)))
+
+
+def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
+    out = {}
+    named = {m.get("name"): m.find("color") for m in root.findall("material")}
+    palette = Palette()
+    checked: dict[str, tuple[Array, Array] | None] = {}
+    for link in root.findall("link"):
+        parts = []
+        for visual in link.findall("visual"):
+            mesh = visual.find("geometry/mesh")
+            if mesh is None:
+                continue
+            scale = numbers(mesh.get("scale"), 3, (1, 1, 1))
+            got = named_mesh(path, mesh.get("filename", ""), scale, checked, ledger, "urdf")
+            if got is not None:
+                T = _origin(visual.find("origin"))
+                parts.append(check_mesh(Ledger(""), "", got[0] @ T[:3, :3].T + T[:3, 3], got[1], None, "urdf"))
+                material = visual.find("material")
+                color = None if material is None else material.find("color")
+                if color is None and material is not None:
+                    color = named.get(material.get("name"))
+                if color is not None and parts[-1] is not None:
+                    rgba = numbers(color.get("rgba"), 4, (1, 1, 1, 1))
+                    shown = (*linear(rgba[:3]).tolist(), float(rgba[3]))
+                    palette.add(link.get("name", ""), shown, parts[-1].area)
+        shape = joined(p for p in parts if p is not None)
+        if shape is not None:
+            out[link.get("name", "")] = shape
+    return out, palette.shares()
+
+
+def named_mesh(
+    path: Path, name: str, scale: Array, checked: dict[str, tuple[Array, Array] | None], ledger: Ledger, code: str
+) -> tuple[Array, Array] | None:
+    """Return points in m and triangles of a mesh that a file names; each is checked once."""
+    key = f"{name} {scale.tolist()}"
+    if key in checked:
+        return checked[key]
+    checked[key] = None
+    folder = path.resolve().parent
+    file = (folder / name.removeprefix("package://").removeprefix("file://")).resolve()
+    if not name or not file.is_relative_to(folder) or not file.is_file():
+        ledger.add(f"{code}.mesh", "disagreement", f"it names mesh '{name}', which is not there.", where=name)
+        return None
+    if file.suffix.lower() != ".obj":
+        ledger.add(f"{code}.mesh", "info", f"mesh '{name}' is no .obj: not read.", where=name)
+        return None
+    try:
+        vertices, triangles = read_obj(file)
+    except ObjError as error:
+        ledger.add(f"{code}.mesh", "disagreement", f"mesh {error}.", where=name)
+        return None
+    vertices = vertices * scale
+    if float(np.prod(scale)) < 0:
+        ledger.add(f"{code}.mirrored", "disagreement", f"mesh '{name}' is mirrored by its scale.", where=name)
+    check_mesh(ledger, name, vertices, triangles, None, code)
+    checked[key] = (vertices, triangles)
+    return checked[key]

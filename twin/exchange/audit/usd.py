@@ -1,0 +1,316 @@
+"""Read a USD stage: link poses along its time samples, joint values, meshes, joints that must meet.
+
+Poses are read from pxr by the code here. What the stage checker of twin finds is passed on: it trusts no writer.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from pxr import Tf, Usd, UsdGeom, UsdPhysics, UsdShade
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.colors import Palette, Rgba
+from twin.exchange.audit.meshes import check_mesh, joined
+from twin.exchange.audit.motion import Clip, Content, Shape, check_poses
+from twin.exchange.audit.physics_usd import stage_physics
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Ledger, quantity
+from twin.exchange.audit.usd_colors import mesh_color
+from twin.exchange.audit.usd_joints import joint_gaps, joint_values
+
+GAP_TOL = 1e-5
+"""Largest gap in m between the two frames of a joint: UsdPhysics keeps them in single precision."""
+
+
+class UsdError(Exception):
+    """The stage cannot be read on."""
+
+
+def read_usd(path: Path, ledger: Ledger) -> Content:
+    """Return what a stage holds, and note what is wrong with its materials, meshes and joints.
+
+    Raises:
+        UsdError: it is no stage, or a layer that it names is missing.
+    """
+    stage = _open(path)
+    with _evaluating():
+        return _read(stage, path, ledger)
+
+
+def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
+    prims = [p for p in stage.Traverse(Usd.TraverseInstanceProxies()) if p.IsA(UsdGeom.Xformable)]
+    bodies = [p for p in prims if _is_body(p)]
+    world = World(stage)
+    out = Content(ledger, path.suffix.lstrip(".").lower())
+    out.declared = tuple(p.GetName() for p in bodies) or None
+    out.model_hash = _hash(stage)
+    codes_s, frames_s = stage.GetTimeCodesPerSecond(), stage.GetFramesPerSecond()
+    out.facts = {
+        "units": f"{world.meters:g} m" + ("" if UsdGeom.StageHasAuthoredMetersPerUnit(stage) else " (not authored)"),
+        "up_axis": world.up + ("" if stage.HasAuthoredMetadata("upAxis") else " (not authored)"),
+        "handedness": "right (USD)",
+        "time_codes_per_second": codes_s,
+        "frames_per_second": frames_s,
+    }
+    out.extra["physics"] = bool(bodies)
+    shown: dict[str, Usd.Prim] = {}
+    for prim in bodies or sorted(prims, key=lambda p: not _sampled(p)):  # of one name, the one that moves
+        shown.setdefault(prim.GetName(), prim)
+    out.rest = {name: world.poses(prim, [Usd.TimeCode.Default()])[0] for name, prim in shown.items()}
+    codes = np.unique([c for p in shown.values() for c in _codes(p)])
+    if len(codes):
+        start = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0
+        links = world.along(shown, codes)
+        clip = Clip(path.stem, (codes - start) / codes_s, links, joint_values(stage, codes, world.meters))
+        check_poses(ledger, clip, "usd")
+        out.clips.append(clip)
+    _check_materials(prims, ledger)
+    out.shapes, out.colors = _shapes(prims, {p.GetPath() for p in shown.values()} if bodies else None, world, ledger)
+    if bodies:
+        out.physics = stage_physics(stage, bodies, world.meters, world.up)
+    out.extra["assumed"] = _assumed(stage)
+    _check_gaps(stage, world, bodies, codes, codes_s, ledger)
+    return out
+
+
+class World:
+    """The world of a stage in metres, z up."""
+
+    def __init__(self, stage: Usd.Stage) -> None:
+        self.meters = float(UsdGeom.GetStageMetersPerUnit(stage))
+        self.up = str(UsdGeom.GetStageUpAxis(stage))
+        self._R = poses.R_Z_UP_Y_UP if self.up == "Y" else np.eye(3)
+        self._cache = UsdGeom.XformCache()
+
+    def maps(self, prim: Usd.Prim, codes) -> Array:
+        """Return the maps (k, 4, 4) from a prim to the stage, in its units."""
+        out = np.zeros((len(codes), 4, 4))
+        for k, code in enumerate(codes):
+            self._cache.SetTime(code)
+            out[k] = self._cache.GetLocalToWorldTransform(prim)
+        return np.swapaxes(out, 1, 2)  # Gf matrices act on rows
+
+    def poses(self, prim: Usd.Prim, codes) -> Array:
+        """Return T_world_prim (k, 4, 4)."""
+        return self.placed(self.maps(prim, codes))
+
+    def placed(self, M: Array) -> Array:
+        """Return poses (k, 4, 4) in metres, z up, of maps to the stage."""
+        T, _ = poses.split(M)
+        T[..., :3, 3] *= self.meters
+        return poses.pose(self._R) @ T
+
+    def along(self, prims: dict[str, Usd.Prim], codes: Array) -> dict[str, Array]:
+        """Return T_world_prim (k, 4, 4) by name; one pass over time, because the cache forgets at each step."""
+        moving = {n: p for n, p in prims.items() if len(_codes(p))}
+        raw = {n: np.zeros((len(codes), 4, 4)) for n in moving}
+        for k, code in enumerate(codes.tolist()):
+            self._cache.SetTime(Usd.TimeCode(code))
+            for name, prim in moving.items():
+                raw[name][k] = self._cache.GetLocalToWorldTransform(prim)
+        out = {name: self.placed(np.swapaxes(M, 1, 2)) for name, M in raw.items()}
+        for name, prim in prims.items():
+            if name not in moving:
+                still = self.poses(prim, [Usd.TimeCode(float(codes[0]))])
+                out[name] = np.broadcast_to(still, (len(codes), 4, 4))
+        return {name: out[name] for name in prims}
+
+
+def _open(path: Path) -> Usd.Stage:
+    try:
+        stage = Usd.Stage.Open(str(path))
+    except (Tf.ErrorException, RuntimeError) as error:
+        raise UsdError(f"it is no USD that can be read: {_reason(error)}") from error
+    if not stage:
+        raise UsdError("it is no USD that can be read")
+    with contextlib.suppress(Tf.ErrorException):
+        stage.Reload()  # layers stay in memory; the file may have been written anew
+    for error in stage.GetCompositionErrors():
+        raise UsdError(f"it does not compose: {str(error).strip()[:200]}")
+    return stage
+
+
+@contextlib.contextmanager
+def _evaluating() -> Iterator[None]:
+    try:
+        yield
+    except (Tf.ErrorException, RuntimeError) as error:
+        raise UsdError(f"it cannot be evaluated: {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return lines[-1][:200] if lines else "unknown format"
+
+
+def _is_body(prim: Usd.Prim) -> bool:
+    return prim.HasAPI(UsdPhysics.RigidBodyAPI) and (
+        UsdPhysics.RigidBodyAPI(prim).GetRigidBodyEnabledAttr().Get() is not False
+    )
+
+
+def _sampled(prim: Usd.Prim) -> bool:
+    return UsdGeom.Xformable(prim).TransformMightBeTimeVarying()
+
+
+def _codes(prim: Usd.Prim) -> list[float]:
+    """Return the time codes at which a prim, or one above it, is sampled."""
+    out: set[float] = set()
+    while prim and not prim.IsPseudoRoot():
+        if prim.IsA(UsdGeom.Xformable):
+            out.update(UsdGeom.Xformable(prim).GetTimeSamples())
+        prim = prim.GetParent()
+    return sorted(out)
+
+
+def _assumed(stage: Usd.Stage) -> dict[str, str]:
+    """Return the names of numbers that the stage says are assumed, with the reason."""
+    root = stage.GetDefaultPrim()
+    told = root.GetCustomDataByKey("twin:parameters") if root else None
+    return {n: str(p.get("note", "")) for n, p in (told or {}).items() if p.get("provenance") == "ASSUMED"}
+
+
+def _hash(stage: Usd.Stage) -> str:
+    """Return a model hash written anywhere twin could have put it, "" if there is none."""
+    data = dict(stage.GetRootLayer().customLayerData)
+    root = stage.GetDefaultPrim()
+    if root:
+        data |= dict(root.GetCustomData())
+        for name in ("twin:model_hash", "twin:modelHash"):
+            value = root.GetAttribute(name).Get() if root.HasAttribute(name) else None
+            data |= {"model_hash": value} if value else {}
+    found = [v for k, v in data.items() if re.search(r"model_?hash", str(k), re.IGNORECASE)]
+    return str(found[0]) if found else ""
+
+
+def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
+    for prim in prims:
+        binding = prim.GetRelationship("material:binding")
+        if not binding or not binding.HasAuthoredTargets():
+            continue
+        path = str(prim.GetPath())
+        if not prim.HasAPI(UsdShade.MaterialBindingAPI):
+            ledger.add(
+                "usd.material_api",
+                "disagreement",
+                f"{path} binds a material without MaterialBindingAPI: strict readers leave it grey.",
+                where=path,
+                suggestion="apply MaterialBindingAPI",
+            )
+        for target in binding.GetTargets():
+            there = prim.GetStage().GetPrimAtPath(target)
+            if not there or not there.IsA(UsdShade.Material):
+                text = f"{path} binds {target}, which is no material."
+                ledger.add("usd.material", "disagreement", text, where=path, suggestion="bind one that exists")
+
+
+def _shapes(
+    prims: list[Usd.Prim], links: set | None, world: World, ledger: Ledger
+) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
+    """Check normals of every mesh; return shapes and colours of the links by name, shapes in their link's frame."""
+    palette = Palette()
+    found: dict[str, list[Shape]] = {}
+    for prim in prims:
+        if not prim.IsA(UsdGeom.Mesh) or UsdGeom.Imageable(prim).ComputePurpose() not in ("default", "render"):
+            continue
+        vertices, triangles, normals = _corners(UsdGeom.Mesh(prim))
+        if not len(triangles):
+            continue
+        owner = prim if links is not None else prim.GetParent()
+        while owner and links is not None and owner.GetPath() not in links:
+            owner = owner.GetParent()
+        here = Ledger("")
+        path = str(prim.GetPath())
+        if owner and not owner.IsPseudoRoot():
+            (M,), (N,) = world.maps(owner, [Usd.TimeCode.Default()]), world.maps(prim, [Usd.TimeCode.Default()])
+            T, _ = poses.split(M)
+            relative = poses.inverse(T) @ N
+            vertices = (vertices @ relative[:3, :3].T + relative[:3, 3]) * world.meters
+            if normals is not None:
+                turned = normals @ np.linalg.inv(relative[:3, :3])
+                size = np.linalg.norm(turned, axis=1, keepdims=True)
+                normals = turned / np.where(size > 0, size, 1.0) * np.linalg.norm(normals, axis=1, keepdims=True)
+        shape = check_mesh(here, path, vertices, triangles, normals, "usd")
+        for f in here.found:  # winding and indices are the stage checker's
+            if f.code not in ("usd.winding", "usd.index"):
+                ledger.add(f.code, f.severity, f.message, where=path, size=f.size, limit=f.limit)
+        if shape is not None and owner and not owner.IsPseudoRoot():
+            found.setdefault(owner.GetName(), []).append(shape)
+            if (rgba := mesh_color(prim)) is not None:
+                palette.add(owner.GetName(), rgba, shape.area)
+    out = {name: joined(shapes) for name, shapes in found.items()}
+    return {name: shape for name, shape in out.items() if shape is not None}, palette.shares()
+
+
+def _corners(mesh: UsdGeom.Mesh) -> tuple[Array, Array, Array | None]:
+    """Return points (n, 3), triangles (m, 3), fans of larger faces, and normals of their corners (3 m, 3) or None."""
+    nothing = np.zeros((0, 3)), np.zeros((0, 3), int), None
+    points = np.array(mesh.GetPointsAttr().Get() or [], float).reshape(-1, 3)
+    counts = np.array(mesh.GetFaceVertexCountsAttr().Get() or [], int)
+    indices = np.array(mesh.GetFaceVertexIndicesAttr().Get() or [], int)
+    if not len(counts) or counts.sum() != len(indices) or counts.min() < 0 or not len(points):
+        return nothing
+    if np.all(counts == 3):
+        corners = np.arange(len(indices)).reshape(-1, 3)
+    else:
+        first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+        fans = [
+            [f, f + i, f + i + 1] for f, n in zip(first.tolist(), counts.tolist(), strict=True) for i in range(1, n - 1)
+        ]
+        corners = np.array(fans, int).reshape(-1, 3)
+    if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
+        corners = corners[:, [0, 2, 1]]
+    triangles = indices[corners]
+    return points, triangles, _normals(mesh, corners.ravel(), triangles.ravel())
+
+
+def _normals(mesh: UsdGeom.Mesh, corners: Array, vertices: Array) -> Array | None:
+    primvar = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("normals")
+    if primvar and primvar.HasValue():
+        values, kind = primvar.ComputeFlattened(), primvar.GetInterpolation()
+    else:
+        values, kind = mesh.GetNormalsAttr().Get(), mesh.GetNormalsInterpolation()
+    values = np.array(values if values is not None else [], float).reshape(-1, 3)
+    index = {"faceVarying": corners, "vertex": vertices, "varying": vertices}.get(str(kind))
+    if index is None or not len(values) or index.min() < 0 or index.max() >= len(values):
+        return None
+    return values[index]
+
+
+def _check_gaps(
+    stage: Usd.Stage, world: World, bodies: list[Usd.Prim], codes: Array, per_second: float, ledger: Ledger
+) -> None:
+    """Measure how far the two frames of every joint come apart, at rest and along the motion."""
+    times = [Usd.TimeCode.Default(), *(Usd.TimeCode(c) for c in codes.tolist())]
+    raw = {str(p.GetPath()): np.zeros((len(times), 4, 4)) for p in bodies}
+    cache = UsdGeom.XformCache()
+    for k, time in enumerate(times):
+        cache.SetTime(time)
+        for prim in bodies:
+            raw[str(prim.GetPath())][k] = cache.GetLocalToWorldTransform(prim)
+    placed = {path: world.placed(np.swapaxes(M, 1, 2)) for path, M in raw.items()}
+    worst, where, when = 0.0, "", ""
+    for path, gap in joint_gaps(stage, placed, world):
+        k = int(np.argmax(gap))
+        if gap[k] > worst:
+            worst, where = float(gap[k]), path
+            when = "at rest" if not k else f"t = {codes[k - 1] / per_second:.4g} s"
+    if placed:
+        ledger.row("joint gap along the motion", worst, "m", GAP_TOL, where=where, when=when)
+    if worst > GAP_TOL:
+        ledger.add(
+            "usd.joint_gap",
+            "disagreement",
+            f"joint {where}: its two frames are {quantity(worst, 'm')} apart.",
+            where=where,
+            when=when,
+            size=worst * 1e6,
+            unit="um",
+            limit=GAP_TOL * 1e6,
+            suggestion="check joint frames, and the poses of its bodies",
+        )

@@ -1,0 +1,109 @@
+"""UsdPhysics joints: what their frames say of a motion, and the coordinates that are sampled with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Protocol
+
+import numpy as np
+from pxr import Usd, UsdGeom, UsdPhysics
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.poses import Array
+
+_AXES = {"X": 0, "Y": 1, "Z": 2}
+
+
+class _World(Protocol):
+    meters: float
+
+    def poses(self, prim: Usd.Prim, codes) -> Array: ...
+
+    def placed(self, M: Array) -> Array: ...
+
+
+def joint_gaps(stage: Usd.Stage, placed: Mapping[str, Array], world: _World) -> Iterator[tuple[str, Array]]:
+    """Yield the path of each joint, and how far (k,) in m its frames are apart along what it locks.
+
+    Args:
+        stage: with the joints.
+        placed: T_world_body (k, 4, 4) by prim path.
+        world: units and up axis of the stage.
+    """
+    count = len(next(iter(placed.values()))) if placed else 0
+    for prim in stage.Traverse():
+        if not prim.IsA(UsdPhysics.Joint) or UsdPhysics.Joint(prim).GetJointEnabledAttr().Get() is False:
+            continue
+        joint = UsdPhysics.Joint(prim)
+        ends = [
+            _frame(stage, rel, p, q, placed, world, count)
+            for rel, p, q in (
+                (joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
+                (joint.GetBody1Rel(), joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr()),
+            )
+        ]
+        if ends[0] is None or ends[1] is None:
+            continue  # a dangling end is the stage checker's to tell
+        apart = (poses.inverse(ends[0]) @ ends[1])[:, :3, 3]
+        yield str(prim.GetPath()), np.linalg.norm(apart[:, _locked(prim)], axis=1)
+
+
+def _frame(stage, rel, pos, rot, placed: Mapping[str, Array], world: _World, count: int) -> Array | None:
+    """Return T_world_joint (k, 4, 4) of one end, None if it dangles."""
+    p, q = pos.Get(), rot.Get()
+    R = np.eye(3) if q is None else poses.rotation([*q.GetImaginary(), q.GetReal()])
+    local = poses.pose(R, np.array(p if p is not None else (0, 0, 0), float) * world.meters)
+    targets = rel.GetForwardedTargets() if rel else []
+    if not targets:  # the world, as the stage has it
+        return np.broadcast_to(world.placed(np.eye(4)[None]) @ local, (count, 4, 4))
+    if len(targets) > 1:
+        return None
+    path = str(targets[0])
+    if path in placed:
+        return placed[path] @ local
+    prim = stage.GetPrimAtPath(targets[0])
+    if not prim or not prim.IsA(UsdGeom.Xformable):
+        return None
+    above = prim
+    while above and str(above.GetPath()) not in placed:
+        above = above.GetParent()
+    still = world.poses(prim, [Usd.TimeCode.Default()])[0] @ local
+    if not above:
+        return np.broadcast_to(still, (count, 4, 4))
+    T = placed[str(above.GetPath())]
+    return T @ (poses.inverse(world.poses(above, [Usd.TimeCode.Default()])[0]) @ still)
+
+
+def _locked(prim: Usd.Prim) -> list[int]:
+    """Return the directions x, y, z of the joint's frame along which it lets nothing move."""
+    if prim.IsA(UsdPhysics.PrismaticJoint):
+        free = _AXES.get(str(UsdPhysics.PrismaticJoint(prim).GetAxisAttr().Get()), 2)
+        return [i for i in range(3) if i != free]
+    if prim.GetTypeName() == "PhysicsJoint":
+        out = []
+        for name, i in (("transX", 0), ("transY", 1), ("transZ", 2)):
+            if prim.HasAPI(UsdPhysics.LimitAPI, name):
+                limit = UsdPhysics.LimitAPI(prim, name)
+                if limit.GetLowAttr().Get() > limit.GetHighAttr().Get():
+                    out.append(i)
+        return out
+    if prim.IsA(UsdPhysics.DistanceJoint):
+        return []
+    return [0, 1, 2]
+
+
+def joint_values(stage: Usd.Stage, codes: Array, meters: float) -> dict[str, Array]:
+    """Return the sampled joint states (k,) in rad or m by joint name; joints without samples are left out."""
+    out = {}
+    for prim in stage.Traverse():
+        if not prim.IsA(UsdPhysics.Joint):
+            continue
+        for attribute in prim.GetAuthoredAttributes():
+            parts = attribute.GetName().split(":")
+            if len(parts) != 4 or parts[0] != "state" or parts[2:] != ["physics", "position"]:
+                continue
+            if attribute.GetNumTimeSamples():
+                unit = np.pi / 180 if parts[1] in ("angular", "rotX", "rotY", "rotZ") else meters
+                query = Usd.AttributeQuery(attribute)
+                out[prim.GetName()] = np.array([float(query.Get(Usd.TimeCode(c))) for c in codes.tolist()]) * unit
+    return out

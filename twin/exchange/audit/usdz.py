@@ -1,0 +1,60 @@
+"""The zip around a USDZ: readers map its files in place, so nothing may be compressed or out of line."""
+
+from __future__ import annotations
+
+import struct
+import zipfile
+from pathlib import Path
+
+from twin.exchange.audit.report import Ledger
+
+ALIGNMENT = 64
+_LOCAL = struct.Struct("<4s5H3I2H")
+LAYERS = (".usd", ".usda", ".usdc")
+
+
+def check_usdz(path: Path, ledger: Ledger) -> bool:
+    """Note what is wrong with the archive; return whether the stage in it can be opened.
+
+    Several layers are legal, but three.js shows an archive with sublayers as nothing, without an error.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            entries = archive.infolist()
+            broken = archive.testzip()
+    except (zipfile.BadZipFile, OSError, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
+        ledger.add("usdz.archive", "error", f"it is no zip archive that can be read: {error}.")
+        return False
+    if broken:
+        ledger.add("usdz.archive", "error", f"its checksum of '{broken}' is wrong.", where=broken)
+        return False
+    if not entries or Path(entries[0].filename).suffix.lower() not in LAYERS:
+        first = entries[0].filename if entries else "nothing"
+        ledger.add("usdz.first", "error", f"its first file is {first}, not a USD layer.", where=first)
+        return False
+    data = path.read_bytes()
+    for entry in entries:
+        if entry.is_dir():
+            continue
+        if entry.compress_type != zipfile.ZIP_STORED:
+            text = f"'{entry.filename}' is compressed: readers refuse it."
+            ledger.add("usdz.compressed", "disagreement", text, where=entry.filename, suggestion="store it")
+            continue
+        fields = _LOCAL.unpack_from(data, entry.header_offset)
+        start = entry.header_offset + _LOCAL.size + fields[-2] + fields[-1]
+        if start % ALIGNMENT:
+            ledger.add(
+                "usdz.alignment",
+                "disagreement",
+                f"'{entry.filename}' starts at byte {start}, no multiple of {ALIGNMENT}: readers that map it fail.",
+                where=entry.filename,
+                size=float(start % ALIGNMENT),
+                limit=0.0,
+                suggestion="pad the extra field of its header",
+            )
+    layers = [e.filename for e in entries if Path(e.filename).suffix.lower() in LAYERS]
+    if len(layers) > 1:
+        text = f"it holds {len(layers)} layers: three.js shows such a file as nothing, with no error."
+        ledger.add("usdz.layers", "warning", text, where=layers[1], suggestion="flatten them into one")
+    ledger.row("archive: stored, aligned, one layer", float(len(ledger.found)), "found", 0.0)
+    return True

@@ -1,0 +1,106 @@
+"""The closure YAML beside a URDF: which frames coincide, which joints are of another type, and which are driven.
+
+closed_loop: [[frame_a, frame_b], ...]
+type: [6d, ...]              6d: welded; 3d: the origins coincide, as in a ball joint
+name_mot: [joint, ...]
+joint_name: [joint, ...]     joints of the URDF, which has one axis for each, that are ...
+joint_type: [SPHERICAL, ...] ... a ball; UJOINT_XY: hinges about x, then y of the joint's frame; FIXED at zero
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from twin.core.errors import SourceError, unknown
+from twin.core.extras import require
+from twin.core.foreign.text import read_text
+from twin.model.mechanism import JointType
+
+TYPES: dict[str, JointType] = {"6d": "fixed", "3d": "spherical"}
+"""Joint that closes a loop, by the type the file gives."""
+
+_KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
+
+RETYPED = ("SPHERICAL", "FIXED", *(f"UJOINT_{a}{b}" for a in "XYZ" for b in "XYZ" if a != b))
+"""What a joint of the URDF may be made."""
+
+
+@dataclass(frozen=True)
+class Closures:
+    """Pairs of frames that coincide with the type of joint between them, driven joints, and joints of another type."""
+
+    loops: tuple[tuple[str, str, JointType], ...]
+    motors: tuple[str, ...]
+    retyped: dict[str, str]
+
+
+def read_closures(path: Path) -> Closures:
+    """Read a closure YAML.
+
+    Raises:
+        SourceError: file, key and what would be right.
+    """
+    data = _data(path)
+    if not isinstance(data, dict):
+        raise SourceError(f"{path}: expected the keys closed_loop, type and name_mot")
+    for key in data:
+        if key not in _KEYS:
+            raise SourceError(f"{path}: {unknown('key', str(key), _KEYS)}")
+    pairs, types, motors = (_list(path, data, k) for k in ("closed_loop", "type", "name_mot"))
+    if len(types) != len(pairs):
+        raise SourceError(f"{path}: {len(pairs)} pairs in closed_loop, but {len(types)} in type; give one for each")
+    loops = []
+    for pair, kind in zip(pairs, types, strict=True):
+        if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(p, str) for p in pair)):
+            raise SourceError(f"{path}: closed_loop: {str(pair)[:80]} is not a pair of names")
+        if pair[0] == pair[1]:
+            raise SourceError(f"{path}: closed_loop: '{pair[0]}' is closed with itself")
+        if not isinstance(kind, str) or kind.lower() not in TYPES:
+            raise SourceError(f"{path}: type: {unknown('closure type', str(kind)[:40], TYPES)}")
+        loops.append((pair[0], pair[1], TYPES[kind.lower()]))
+    _distinct(path, "name_mot", motors)
+    if not motors:
+        raise SourceError(f"{path}: name_mot names no driven joint")
+    names, kinds = (_list(path, data, k) for k in ("joint_name", "joint_type"))
+    _distinct(path, "joint_name", names)
+    if len(kinds) != len(names):
+        raise SourceError(
+            f"{path}: {len(names)} names in joint_name, but {len(kinds)} in joint_type; give one for each"
+        )
+    for kind in kinds:
+        if not isinstance(kind, str) or kind.upper() not in RETYPED:
+            raise SourceError(f"{path}: joint_type: {unknown('joint type', str(kind)[:40], RETYPED)}")
+    retyped = {n: k.upper() for n, k in zip(names, kinds, strict=True)}
+    return Closures(tuple(loops), tuple(motors), retyped)
+
+
+def _distinct(path: Path, key: str, names: list) -> None:
+    """Raise for an entry that is no name, or stands there twice."""
+    for name in names:
+        if not isinstance(name, str):
+            raise SourceError(f"{path}: {key}: {str(name)[:40]} is not a name")
+        if names.count(name) > 1:
+            raise SourceError(f"{path}: {key}: '{name}' stands there twice")
+
+
+def _data(path: Path) -> Any:
+    yaml = require("yaml", f"{path}: a closure YAML")
+    try:
+        text = read_text(path, "YAML")
+        # An alias may be repeated into something far larger than the file.
+        if any(isinstance(t, yaml.AliasToken) for t in yaml.scan(text, yaml.SafeLoader)):
+            raise SourceError(f"{path}: aliases (*name) are not read; write the list out")
+        return yaml.safe_load(text)
+    except OSError as error:
+        raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError, TypeError) as error:
+        raise SourceError(f"{path}: not YAML: {' '.join(str(error).split())[:200]}") from error
+
+
+def _list(path: Path, data: dict, key: str) -> list:
+    value = data.get(key, [])
+    if not isinstance(value, list):
+        raise SourceError(f"{path}: {key}: expected a list, found {str(value)[:40]!r}")
+    return value

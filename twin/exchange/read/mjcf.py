@@ -1,0 +1,315 @@
+"""Read MJCF as MuJoCo compiles it: defaults, includes, units and meshes are resolved by MuJoCo itself.
+
+Bodies keep their frames; several joints of one body become a chain of massless bodies. Equality constraints
+close loops (connect, weld) or couple joints. Coordinates keep MuJoCo's zero (`ref`).
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.errors import SourceError
+from twin.core.findings import Finding
+from twin.core.foreign.budget import check_size, read_bytes
+from twin.core.spatial import Array
+from twin.exchange.read.mjcf_assets import without_missing
+from twin.exchange.read.mjcf_left import left_out
+from twin.exchange.read.mjcf_robots import chosen, tied_by
+from twin.exchange.read.mjcf_shapes import shown
+from twin.exchange.read.source import Imported, Names, along, assemble, note, possible, warning
+from twin.model.mechanism import Body, Coupling, Drive, Frame, Inertia, Joint, JointType
+from twin.usd.read.names import identifier
+
+_ATTRIBUTE = re.compile(r"""([\w:]+)\s*=\s*["']([^"']*)["']""")
+
+_FREE, _BALL, _SLIDE, _HINGE = range(4)
+_TYPES: tuple[JointType, ...] = ("free", "spherical", "prismatic", "revolute")
+
+
+def read_mjcf(path: Path, root: str | None = None) -> Imported:
+    """Read an MJCF file.
+
+    Args:
+        path: the file.
+        root: a body of the robot, if several stand in the world; "world" for all of them as one.
+
+    Raises:
+        SourceError: MuJoCo refuses it, it holds a constraint that a mechanism here cannot express, or several robots.
+    """
+    import mujoco
+
+    check_size(path, "MJCF")
+    missing: list[Finding] = []
+    try:
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            spec = mujoco.MjSpec.from_file(str(path))
+            weightless = without_missing(spec, path, missing)
+            model = spec.compile()
+    except (ValueError, RuntimeError, mujoco.FatalError) as error:
+        raise SourceError(f"{path}: MuJoCo refuses it: {' '.join(str(error).split())}") from error
+    reader = _Mjcf(path, model, weightless, root)
+    reader.findings += missing
+    reader.findings += [warning("mujoco", f"MuJoCo: {' '.join(str(w.message).split())}", path.name) for w in told]
+    return reader.read()
+
+
+def refuse_nan(path: Path) -> None:
+    """Raise `SourceError` for a number that is none: MuJoCo compiles an ellipsoid of such a size for ever."""
+    for number, line in enumerate(read_bytes(path, "MJCF").decode(errors="replace").splitlines(), 1):
+        for name, value in _ATTRIBUTE.findall(line):
+            if "nan" in (tokens := value.lower().split()) and all(map(_is_number, tokens)):
+                raise SourceError(f"{path}:{number}: {name} = '{value[:80]}' is not all finite numbers")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _pose(p: Array, q_wxyz: Array) -> Array:
+    return spatial.pose(spatial.matrix_from_quat_wxyz(q_wxyz), p)
+
+
+class _Mjcf:
+    def __init__(self, path: Path, model, weightless: set[str], root: str | None) -> None:
+        import mujoco
+
+        self.path, self.m, self.mujoco = path, model, mujoco
+        self.weightless, self.root = weightless, root
+        self.findings: list[Finding] = []
+        self.efforts: dict[str, float] = {}
+
+    def _name(self, kind: str, i: int) -> str:
+        try:
+            name = self.mujoco.mj_id2name(self.m, getattr(self.mujoco.mjtObj, f"mjOBJ_{kind}"), i)
+        except UnicodeDecodeError as error:
+            raise SourceError(f"{self.path}: the name of {kind.lower()} {i} is not UTF-8") from error
+        return name or f"{kind.lower()}{i}"
+
+    def read(self) -> Imported:
+        m = self.m
+        for count, what in ((m.nflex, "a flexible body"), (m.nskin, "a skin")):
+            if count:
+                raise SourceError(f"{self.path}: it has {what}: only rigid bodies are read")
+        names = Names("body", (self._name("BODY", i) for i in range(m.nbody)), self.findings)
+        self.bodies = [names[self._name("BODY", i)] for i in range(m.nbody)]
+        joint_names = Names("joint", (self._name("JOINT", i) for i in range(m.njnt)), self.findings)
+        self.joints = [joint_names[self._name("JOINT", i)] for i in range(m.njnt)]
+        kept = chosen(m, self.path, self.root, self._name, self.findings)
+        self.drives = dict(self._actuators())
+        extra: list[Body] = []
+        joints: list[Joint] = []
+        for i in kept[1:]:
+            if m.body_mocapid[i] >= 0:
+                raise SourceError(f"{self.path}: body '{self.bodies[i]}' is a mocap body: it has no mechanism")
+            joints += self._hang(i, extra)
+        meshes = shown(m, self.bodies, self._name, self.findings)
+        bodies = [Body(self.bodies[i], tuple(meshes[i]), self._inertia(i)) for i in kept] + extra
+        used = {j.name for j in joints}
+        couplings: list[Coupling] = []
+        for i in range(m.neq):
+            if tied_by(m, i) <= set(kept):
+                self._equality(i, joints, couplings, used)
+        self.findings += left_out(m, self._name)
+        site_names = Names("site", (self._name("SITE", i) for i in range(m.nsite)), self.findings)
+        frames = [
+            Frame(
+                site_names[self._name("SITE", i)],
+                self.bodies[m.site_bodyid[i]],
+                _pose(m.site_pos[i], m.site_quat[i]),
+            )
+            for i in range(m.nsite)
+            if m.site_bodyid[i] in kept
+        ]
+        name = (m.names[: m.names.index(b"\0")] or b"").decode("utf-8", "replace") or self.path.stem
+        efforts = {n: e for n, e in self.efforts.items() if n in {j.name for j in joints}}
+        out = assemble(
+            self.path, name, self.bodies[0], bodies, joints, frames, couplings, self.findings, efforts=efforts
+        )
+        keys = self._keys(kept)
+        driven = {self.joints[k] for k in self.drives}
+        postures = {n: {j: q for j, q in key.items() if j in driven} for n, key in keys.items()}
+        return replace(out, mechanism=replace(out.mechanism, postures=postures), keys=keys)
+
+    def _keys(self, kept: list[int]) -> dict[str, dict[str, float]]:
+        """Return the key frames as values of the joints with one coordinate; `home` is where the loops close."""
+        m, out = self.m, {}
+        for i in range(m.nkey):
+            label = identifier(self._name("KEY", i))
+            label = label if label not in ("home", *out) else f"{label}_key{i}"
+            out[label] = {
+                self.joints[k]: float(m.key_qpos[i, m.jnt_qposadr[k]])
+                for k in range(m.njnt)
+                if m.jnt_type[k] in (_SLIDE, _HINGE) and m.jnt_bodyid[k] in kept
+            }
+            self.findings.append(note("key", f"key '{self._name('KEY', i)}' is posture '{label}'.", label))
+        return out
+
+    def _hang(self, i: int, extra: list[Body]) -> Iterator[Joint]:
+        """Yield the joints between a body and its parent, outermost last."""
+        m, body = self.m, self.bodies[i]
+        parent = self.bodies[m.body_parentid[i]]
+        T = _pose(m.body_pos[i], m.body_quat[i])  # pose in the parent while every coordinate is at its ref
+        first, count = m.body_jntadr[i], m.body_jntnum[i]
+        if not count:
+            yield Joint(f"{body}_mount", "fixed", parent, body, T)
+            return
+        for k in range(first, first + count):
+            kind = int(m.jnt_type[k])
+            last = k == first + count - 1
+            child = body if last else f"{body}_after_{self.joints[k]}"
+            if not last:
+                extra.append(Body(child))
+            at = np.eye(4) if kind == _FREE else spatial.pose(p=m.jnt_pos[k])
+            ref = np.eye(4)
+            if kind in (_SLIDE, _HINGE):
+                if not np.abs(m.jnt_axis[k]).max() > 0.5:  # MuJoCo makes it a unit vector, if it can
+                    raise SourceError(f"{self.path}: joint '{self.joints[k]}': its axis has no length, or is too long")
+                at = at @ along(m.jnt_axis[k])
+                q0 = float(m.qpos0[m.jnt_qposadr[k]])
+                ref = spatial.pose(p=[0, 0, -q0]) if kind == _SLIDE else spatial.pose(spatial.rotation_z(-q0))
+            if kind == _FREE:
+                where = self.joints[k]
+                self.findings.append(warning("free", f"joint '{where}' is free: the robot floats.", where))
+            yield Joint(
+                self.joints[k],
+                _TYPES[kind],
+                parent,
+                child,
+                T @ at @ ref,
+                at,
+                active=k in self.drives,
+                limits=self._limits(k, kind),
+                drive=self.drives.get(k),
+            )
+            parent, T = child, np.eye(4)
+
+    def _limits(self, k: int, kind: int) -> tuple[float, float] | None:
+        m = self.m
+        if not m.jnt_limited[k]:
+            return None
+        if kind == _BALL:
+            raise SourceError(
+                f"{self.path}: ball joint '{self.joints[k]}' limits its angle of rotation; only a cone can be expressed"
+            )
+        low, high = map(float, m.jnt_range[k])
+        return low, high
+
+    def _actuators(self) -> Iterator[tuple[int, Drive | None]]:
+        """Yield the driven joints, with the gains of position actuators."""
+        m, trn = self.m, self.mujoco.mjtTrn
+        for i in range(m.nu):
+            name = self._name("ACTUATOR", i)
+            if trn(int(m.actuator_trntype[i])) == trn.mjTRN_TENDON and (
+                tied := self._tied(int(m.actuator_trnid[i, 0]))
+            ):
+                others = ", ".join(f"'{self.joints[k]}'" for k in tied[1:])
+                text = (
+                    f"actuator '{name}' pulls a tendon over several joints: '{self.joints[tied[0]]}' is driven here, "
+                )
+                text += f"{others} only if an equality ties it." if others else "without gains."
+                self.findings.append(warning("actuator", text, name))
+                yield tied[0], None
+                continue
+            if trn(int(m.actuator_trntype[i])) not in (trn.mjTRN_JOINT, trn.mjTRN_JOINTINPARENT):
+                text = f"actuator '{name}' pulls a tendon, site or body: it drives no joint here."
+                self.findings.append(warning("actuator", text, name))
+                continue
+            k, gear = int(m.actuator_trnid[i, 0]), float(m.actuator_gear[i, 0])
+            if m.jnt_type[k] not in (_SLIDE, _HINGE):
+                text = f"actuator '{name}' drives joint '{self.joints[k]}', which has several coordinates: left out."
+                self.findings.append(warning("actuator", text, name))
+                continue
+            kp, bias = float(m.actuator_gainprm[i, 0]) * gear**2, m.actuator_biasprm[i]
+            servo = bias[1] < 0 and np.isclose(-bias[1], m.actuator_gainprm[i, 0])
+            effort = float(m.actuator_forcerange[i, 1] * abs(gear)) if m.actuator_forcelimited[i] else None
+            if servo and kp > 0:
+                yield k, Drive(kp, max(0.0, float(-bias[2] * gear**2)), effort)
+                continue
+            joint = self.joints[k]
+            if effort is not None:
+                self.efforts[self.joints[k]] = effort
+            text = f"actuator '{name}' is no position servo: joint '{joint}' is driven, without its gains."
+            self.findings.append(warning("actuator", text, name))
+            yield k, None
+
+    def _tied(self, tendon: int) -> list[int]:
+        """Return the joints of a fixed tendon; none of one that is led through space."""
+        m = self.m
+        rows = range(m.tendon_adr[tendon], m.tendon_adr[tendon] + m.tendon_num[tendon])
+        if any(int(m.wrap_type[w]) != int(self.mujoco.mjtWrap.mjWRAP_JOINT) for w in rows):
+            return []
+        return [int(m.wrap_objid[w]) for w in rows]
+
+    def _equality(self, i: int, joints: list[Joint], couplings: list[Coupling], used: set[str]) -> None:
+        m, eq = self.m, self.mujoco.mjtEq
+        name = self._name("EQUALITY", i)
+        kind, data = eq(int(m.eq_type[i])), m.eq_data[i]
+        label = identifier(name)
+        while label in used:
+            label += "_loop"
+        used.add(label)
+        if not m.eq_active0[i]:
+            self.findings.append(warning("inactive", f"equality '{name}' is not active: left out.", name))
+        elif kind in (eq.mjEQ_CONNECT, eq.mjEQ_WELD):
+            joints.append(self._loop(i, label, kind == eq.mjEQ_WELD))
+        elif kind == eq.mjEQ_JOINT:
+            a, b = int(m.eq_obj1id[i]), int(m.eq_obj2id[i])
+            if b < 0:
+                raise SourceError(f"{self.path}: equality '{name}' locks joint '{self.joints[a]}': take the joint out")
+            if np.any(data[2:5]):
+                raise SourceError(f"{self.path}: equality '{name}' is a polynomial of degree > 1: only linear ones tie")
+            if data[1] == 0:
+                raise SourceError(f"{self.path}: equality '{name}' locks joint '{self.joints[a]}': take the joint out")
+            # MuJoCo: a - a_ref = c0 + c1 (b - b_ref)
+            refs = [float(m.qpos0[m.jnt_qposadr[k]]) for k in (a, b)]
+            total = float(data[0]) + refs[0] - float(data[1]) * refs[1]
+            couplings.append(Coupling(label, (self.joints[a], self.joints[b]), (1.0, -float(data[1])), total))
+        elif kind == eq.mjEQ_TENDON and m.eq_obj2id[i] < 0:
+            couplings.append(self._tendon(i, name, label))
+        else:
+            raise SourceError(f"{self.path}: equality '{name}' is of a type that no mechanism here can express")
+
+    def _tendon(self, i: int, name: str, label: str) -> Coupling:
+        """Return the coupling of a fixed tendon of constant length: the sum of its coefficients times coordinates."""
+        m, k = self.m, int(self.m.eq_obj1id[i])
+        tied = self._tied(k)
+        if not tied:
+            raise SourceError(f"{self.path}: equality '{name}' ties a tendon led through space: only fixed ones tie")
+        rows = range(m.tendon_adr[k], m.tendon_adr[k] + m.tendon_num[k])
+        joints = tuple(self.joints[j] for j in tied)
+        total = float(m.tendon_length0[k] + m.eq_data[i, 0])
+        return Coupling(label, joints, tuple(float(m.wrap_prm[w]) for w in rows), total)
+
+    def _loop(self, i: int, label: str, weld: bool) -> Joint:
+        m, data = self.m, self.m.eq_data[i]
+        a, b = int(m.eq_obj1id[i]), int(m.eq_obj2id[i])
+        T_a, T_b = np.eye(4), np.eye(4)
+        if int(m.eq_objtype[i]) == int(self.mujoco.mjtObj.mjOBJ_SITE):
+            T_a, T_b = (_pose(m.site_pos[s], m.site_quat[s]) for s in (a, b))
+            a, b = int(m.site_bodyid[a]), int(m.site_bodyid[b])
+        elif weld:
+            # engine_core_constraint: the anchor is data[3:6] in body 1 and data[0:3] in body 2
+            T_a, T_b = _pose(data[3:6], data[6:10]), spatial.pose(p=data[0:3])
+        else:
+            T_a, T_b = spatial.pose(p=data[0:3]), spatial.pose(p=data[3:6])
+        return Joint(label, "fixed" if weld else "spherical", self.bodies[a], self.bodies[b], T_a, T_b)
+
+    def _inertia(self, i: int) -> Inertia | None:
+        m = self.m
+        if i == 0 or not m.body_mass[i] or self._name("BODY", i) in self.weightless:
+            return None
+        R = spatial.matrix_from_quat_wxyz(m.body_iquat[i])
+        tensor = R @ np.diag(m.body_inertia[i]) @ R.T
+        return possible(Inertia(float(m.body_mass[i]), m.body_ipos[i].copy(), tensor), self.bodies[i], self.findings)

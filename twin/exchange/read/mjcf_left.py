@@ -1,0 +1,54 @@
+"""What of an MJCF has no place in a mechanism: one warning for each thing that would change how it moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from twin.core.findings import Finding
+from twin.exchange.read.source import note, warning
+
+
+def left_out(m, name: Callable[[str, int], str]) -> list[Finding]:
+    """Return what is not kept of a MuJoCo model.
+
+    Args:
+        m: MuJoCo's model.
+        name: gives the name of an object in the file, by kind and number.
+    """
+    import mujoco
+
+    found: list[Finding] = []
+    for i in range(m.njnt):
+        dof = int(m.jnt_dofadr[i])
+        told = {
+            "stiffness": float(np.ravel(m.jnt_stiffness[i])[0]),
+            "damping": float(np.ravel(m.dof_damping[dof])[0]),
+            "frictionloss": float(m.dof_frictionloss[dof]),
+            "armature": float(m.dof_armature[dof]),
+        }
+        kept = [f"{k} {v:g}" for k, v in told.items() if v]
+        if m.jnt_actfrclimited[i]:
+            kept.append(f"actuatorfrcrange {m.jnt_actfrcrange[i, 0]:g} .. {m.jnt_actfrcrange[i, 1]:g}")
+        if kept:
+            where = name("JOINT", i)
+            found.append(warning("friction", f"joint '{where}': {', '.join(kept)} are not kept.", where))
+    tied = {int(m.eq_obj1id[i]) for i in range(m.neq) if m.eq_type[i] == mujoco.mjtEq.mjEQ_TENDON}
+    for i in set(range(m.ntendon)) - tied:
+        where = name("TENDON", i)
+        found.append(warning("tendon", f"tendon '{where}' is not kept: no equality ties its length.", where))
+    for i in range(m.nexclude):
+        a, b = (name("BODY", int(v)) for v in (m.exclude_signature[i] >> 16, m.exclude_signature[i] & 0xFFFF))
+        found.append(note("contact", f"contact exclusion of '{a}' and '{b}' is not kept.", a))
+    for i in range(m.npair):
+        a, b = (name("GEOM", int(v)) for v in (m.pair_geom1[i], m.pair_geom2[i]))
+        found.append(note("contact", f"contact pair of '{a}' and '{b}' is not kept.", a))
+    if m.neq:
+        found.append(note("soft", "equalities are soft in MuJoCo; here they hold exactly.", name("EQUALITY", 0)))
+    for count, what in ((m.nsensor, "sensors"), (m.ncam, "cameras"), (m.nlight, "lights")):
+        if count:
+            found.append(note("unread", f"{count} {what} are not kept.", what))
+    if m.nplugin:
+        found.append(warning("plugin", f"{m.nplugin} plug-ins are not kept.", "plugin"))
+    return found

@@ -1,0 +1,63 @@
+"""What an MJCF shows of its bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.findings import Finding
+from twin.exchange.read.shapes import placed, primitive
+from twin.exchange.read.source import note, warning
+from twin.model.mechanism import Mesh
+from twin.usd.read.names import unique
+
+_SHAPES = {"BOX": "box", "CYLINDER": "cylinder", "SPHERE": "sphere", "CAPSULE": "capsule", "ELLIPSOID": "ellipsoid"}
+
+
+def shown(m, bodies: Sequence[str], name: Callable[[str, int], str], findings: list[Finding]) -> list[list[Mesh]]:
+    """Return the meshes of each body: its visual shapes, or its colliders where there are no others.
+
+    Args:
+        m: MuJoCo's model.
+        bodies: their names here.
+        name: gives the name of an object in the file, by kind and number.
+        findings: told what is not shown.
+    """
+    import mujoco
+
+    geom = mujoco.mjtGeom
+    out: list[list[Mesh]] = [[] for _ in range(m.nbody)]
+    free = {i: bool(m.geom_contype[i] == m.geom_conaffinity[i] == 0) for i in range(m.ngeom)}
+    visual = {int(m.geom_bodyid[i]) for i in range(m.ngeom) if free[i]}
+    names = unique((str(i), f"{name('BODY', int(m.geom_bodyid[i]))}_shape") for i in range(m.ngeom))
+    hidden: set[int] = set()
+    for i in range(m.ngeom):
+        body, kind, size = int(m.geom_bodyid[i]), geom(int(m.geom_type[i])).name[7:], m.geom_size[i]
+        if body in visual and not free[i]:
+            hidden.add(body)
+            continue
+        if kind == "MESH":
+            k = m.geom_dataid[i]
+            v, f = m.mesh_vertadr[k], m.mesh_faceadr[k]
+            solid = (m.mesh_vert[v : v + m.mesh_vertnum[k]].astype(float), m.mesh_face[f : f + m.mesh_facenum[k]])
+        elif kind in _SHAPES:
+            # MuJoCo gives half edges and half lengths
+            wanted = (size[0], 2 * size[1]) if kind in ("CYLINDER", "CAPSULE") else 2 * size if kind == "BOX" else size
+            solid = primitive(_SHAPES[kind], [float(v) for v in wanted])
+        else:
+            text = f"body '{bodies[body]}': a shape of type {kind.lower()} is not shown."
+            findings.append(warning("shape", text, bodies[body]))
+            continue
+        material = int(m.geom_matid[i])
+        r, g, b, a = map(float, m.geom_rgba[i] if material < 0 else m.mat_rgba[material])
+        if material >= 0 and np.any(m.mat_texid[material] >= 0):
+            text = f"body '{bodies[body]}': the texture of material '{name('MATERIAL', material)}' is not kept."
+            findings.append(warning("texture", text, bodies[body]))
+        T = spatial.pose(spatial.matrix_from_quat_wxyz(m.geom_quat[i]), m.geom_pos[i])
+        out[body].append(placed(names[str(i)], *solid, T, (r, g, b, a)))
+    for body in sorted(hidden):
+        text = f"body '{bodies[body]}': its colliders are not kept: what is shown is what collides."
+        findings.append(note("collision", text, bodies[body]))
+    return out

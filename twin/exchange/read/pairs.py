@@ -1,0 +1,206 @@
+"""Faces of two bodies of a STEP that fit each other: a pin in its bore, a rail in its bush, a ball in its socket.
+
+Faces that miss each other by no more than `GROSS` are a fit as well, with the size of the miss.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from twin.cad.step import Face, Part
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+
+GROSS = (1.0 * MM, 2.0 * DEG)
+"""Largest distance and angle of two axes, or distance of two centres, that may be meant as one."""
+
+_APART = 0.01 * MM
+"""Up to this distance two axes or centres count as one, whatever is shaft and bore."""
+
+_TILT = 0.01 * DEG
+
+_CLEARANCE = (0.1 * MM, 0.1)
+"""Largest difference of the radii of a pin and its bore: m, and share of the radius, the larger."""
+
+_PLAY = (0.001 * MM, 0.3 * MM)
+"""Difference of the radii of what is neither pressed together nor merely stands around."""
+
+_ONE_AXIS = (0.1 * MM, 0.1 * DEG)
+"""Faces of one body that are nearer lie on one axis."""
+
+
+@dataclass(frozen=True, eq=False)  # arrays do not compare
+class Round:
+    """A cylinder or sphere of a body: its face, its part, and how far it reaches along its axis in m (0, 0: a ball)."""
+
+    body: str
+    part: Part
+    face: Face
+    reach: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def length(self) -> float:
+        """Length of a cylinder in m."""
+        return self.reach[1] - self.reach[0]
+
+    def outward(self) -> int:
+        """Return 1 if the solid lies inside the face (pin, ball), -1 if outside (bore, cup), 0 if neither shows."""
+        corners = self.part.vertices[self.part.triangles]  # (n, 3, 3)
+        offset = corners - self.face.point
+        away = offset - (offset @ self.face.direction)[..., None] * self.face.direction
+        on = np.all(np.abs(np.linalg.norm(away, axis=-1) - self.face.radius) < _APART, axis=1)
+        normal = np.cross(corners[on, 1] - corners[on, 0], corners[on, 2] - corners[on, 0])
+        return int(np.sign(np.sum(normal * away[on].mean(axis=1))))
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two round faces of two bodies that fit.
+
+    Attributes:
+        kind: "coaxial" or "concentric".
+        a, b: the faces.
+        overlap: the length that they share in m.
+        offset: distance of the axes amid that length, or of the centres, in m.
+        tilt: angle of the axes in rad.
+    """
+
+    kind: Literal["coaxial", "concentric"]
+    a: Round
+    b: Round
+    overlap: float
+    offset: float
+    tilt: float
+
+    @property
+    def clearance(self) -> float:
+        """Difference of the radii in m."""
+        return abs(self.a.face.radius - self.b.face.radius)
+
+    @property
+    def near(self) -> bool:
+        """Whether the faces miss each other."""
+        return self.offset >= _APART or self.tilt >= _TILT
+
+    @property
+    def miss(self) -> float:
+        """Largest distance of the two axes within the shared length, or of the centres, as a share of the radius."""
+        return (self.offset + 0.5 * self.tilt * self.overlap) / min(self.a.face.radius, self.b.face.radius)
+
+    @property
+    def confidence(self) -> Literal["high", "medium", "low"]:
+        """How surely the faces are meant for each other: high up to a miss of 5 % of the radius, medium up to 20 %."""
+        return "high" if self.miss <= 0.05 else "medium" if self.miss <= 0.2 else "low"
+
+    @property
+    def radii(self) -> str:
+        """Both faces in words."""
+        return (
+            f"radii {self.a.face.radius / MM:.4g} mm on '{self.a.part.name}' and {self.b.face.radius / MM:.4g} mm on "
+            f"'{self.b.part.name}'"
+        )
+
+    def movable(self) -> bool:
+        """Return whether one face is a pin or ball with room in the other, its bore or cup."""
+        shaft, bore = (self.a, self.b) if self.a.face.radius < self.b.face.radius else (self.b, self.a)
+        return _PLAY[0] < self.clearance < _PLAY[1] and shaft.outward() > 0 > bore.outward()
+
+
+def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
+    """Return every fit between two bodies, the exact ones first; of several on the same axes, that of least clearance.
+
+    Args:
+        parts: the parts of each body, in drawn coordinates.
+    """
+    found = [*_coaxial(list(_rounds(parts, "cylinder"))), *_concentric(list(_rounds(parts, "sphere")))]
+    out: dict[tuple[str, str], list[Pair]] = {}
+    for pair in sorted(found, key=lambda p: (p.near, p.clearance, -p.overlap)):
+        others = out.setdefault((pair.a.body, pair.b.body), [])
+        if any(o.kind == pair.kind and same_axis(o.a, pair.a) and same_axis(o.b, pair.b) for o in others):
+            continue
+        # of faces that miss each other, a pin must stand in a bore
+        if not pair.near or (pair.miss < 1 and pair.a.outward() * pair.b.outward() < 0):
+            others.append(pair)
+    order = {b: i for i, b in enumerate(parts)}
+    return sorted((p for own in out.values() for p in own), key=lambda p: (order[p.a.body], order[p.b.body]))
+
+
+def same_axis(a: Round, b: Round, within: tuple[float, float] = _ONE_AXIS) -> bool:
+    """Return whether two faces of one body lie on one axis, or about one centre."""
+    if not np.any(a.face.direction):
+        return float(np.linalg.norm(a.face.point - b.face.point)) < within[0]
+    tilt = float(np.linalg.norm(np.cross(a.face.direction, b.face.direction)))
+    apart = float(spatial.point_to_line(b.face.point, a.face.point, a.face.direction))
+    return tilt < within[1] and apart < within[0]
+
+
+def _rounds(parts: Mapping[str, Sequence[Part]], kind: str) -> Iterator[Round]:
+    for body, own in parts.items():
+        for part in own:
+            for face in part.faces:
+                if face.kind == kind:
+                    yield Round(body, part, face, _reach(part, face) if kind == "cylinder" else (0.0, 0.0))
+
+
+def _reach(part: Part, face: Face) -> tuple[float, float]:
+    """Return from where to where along the axis, from the face's point, the part has points on the cylinder."""
+    offset = part.vertices - face.point
+    along = offset @ face.direction
+    radius = np.linalg.norm(offset - along[:, None] * face.direction, axis=1)
+    on = along[np.abs(radius - face.radius) < _APART]
+    return (float(on.min()), float(on.max())) if len(on) else (0.0, 0.0)
+
+
+def _coaxial(rounds: list[Round]) -> Iterator[Pair]:
+    if not rounds:
+        return
+    P = np.array([r.face.point for r in rounds])
+    D = np.array([r.face.direction for r in rounds])
+    radius = np.array([r.face.radius for r in rounds])
+    half = 0.5 * np.array([r.length for r in rounds])
+    body = np.array([r.body for r in rounds])
+    for i, a in enumerate(rounds):
+        offset = P[i + 1 :] - P[i]
+        along = offset @ D[i]
+        apart = np.linalg.norm(offset - along[:, None] * D[i], axis=1)
+        tilt = np.linalg.norm(np.cross(D[i + 1 :], D[i]), axis=1)
+        loose = np.maximum(_CLEARANCE[0], _CLEARANCE[1] * np.minimum(radius[i + 1 :], radius[i]))
+        fits = (body[i + 1 :] != a.body) & (tilt < GROSS[1]) & (apart < GROSS[0] + tilt * (half[i + 1 :] + half[i]))
+        fits &= np.abs(radius[i + 1 :] - radius[i]) <= loose
+        for k in np.flatnonzero(fits):
+            b = rounds[i + 1 + k]
+            low, high = shared(a, b)
+            if high - low < _APART:
+                continue
+            amid = a.face.point + 0.5 * (low + high) * a.face.direction
+            off = float(spatial.point_to_line(amid, b.face.point, b.face.direction))
+            if off < GROSS[0]:
+                yield Pair("coaxial", a, b, high - low, off, float(tilt[k]))
+
+
+def shared(a: Round, b: Round) -> tuple[float, float]:
+    """Return from where to where along the axis of a, from its face's point, both cylinders reach."""
+    d = a.face.direction
+    offset = float((b.face.point - a.face.point) @ d)
+    reach = b.reach if b.face.direction @ d > 0 else (-b.reach[1], -b.reach[0])
+    return max(a.reach[0], offset + reach[0]), min(a.reach[1], offset + reach[1])
+
+
+def _concentric(rounds: list[Round]) -> Iterator[Pair]:
+    for i, a in enumerate(rounds):
+        for b in rounds[i + 1 :]:
+            off = float(np.linalg.norm(a.face.point - b.face.point))
+            loose = max(_CLEARANCE[0], _CLEARANCE[1] * min(a.face.radius, b.face.radius))
+            if a.body != b.body and off < GROSS[0] and abs(a.face.radius - b.face.radius) <= loose:
+                yield Pair("concentric", a, b, 2 * min(a.face.radius, b.face.radius), off, 0.0)
+
+
+def perpendicular(parts: Sequence[Part], axis: Array) -> list[tuple[Part, Face]]:
+    """Return the planes of a body across an axis, with their parts."""
+    planes = ((part, face) for part in parts for face in part.faces if face.kind == "plane")
+    return [(part, face) for part, face in planes if np.linalg.norm(np.cross(face.direction, axis)) < _TILT]

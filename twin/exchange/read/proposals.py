@@ -1,0 +1,272 @@
+"""Joints that fitting faces suggest: type, bodies, and frames measured on the faces of each body.
+
+What the faces show is measured on both sides, so that a miss is found when the robot is built. What they do not show
+(where a slide stands along its axis, how a round pin is turned) is typed, on one side or on both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin.cad.description import Feature, FrameSpec, Tolerance
+from twin.cad.features import find, frame
+from twin.cad.meeting import locked_error
+from twin.cad.step import Face, Part
+from twin.core import spatial
+from twin.core.errors import CadError
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.exchange.read.pairs import GROSS, Pair, Round, perpendicular, same_axis, shared
+from twin.exchange.read.text import frame as given
+from twin.exchange.read.text import number, numbers, string
+from twin.model.mechanism import JointType
+
+MEETING = (0.001 * MM, 0.001 * DEG)
+"""Up to this distance and angle the two sides of a joint meet."""
+
+_TOLERANCE = Tolerance(gross_mm=1, gross_deg=1, meeting_um=1, meeting_deg=0.001)
+"""That of a new description."""
+
+_RAIL = 2.0
+"""A shaft that nothing stops is taken for a rail if it is that many times as long as its bush."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """A joint's frame on one body as TOML, and the features it needs, by name."""
+
+    text: str
+    features: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A joint that faces suggest, and why.
+
+    Attributes:
+        name, type, parent, child: of the joint.
+        on_parent, on_child: its frames.
+        pair: the faces that place it.
+        offset, tilt: how far the two frames are apart as drawn in the directions that the joint locks, in m and rad.
+        why: what the faces show.
+    """
+
+    name: str
+    type: JointType
+    parent: str
+    child: str
+    on_parent: Side
+    on_child: Side
+    pair: Pair
+    offset: float
+    tilt: float
+    why: str
+
+    @property
+    def misses(self) -> bool:
+        """Whether the two sides do not meet as drawn."""
+        return self.offset > MEETING[0] or self.tilt > MEETING[1]
+
+    @property
+    def miss(self) -> str:
+        """How far the sides are apart, in words."""
+        return f"{round(self.offset / MM, 6):.4g} mm and {round(self.tilt / DEG, 6):.4g}°"
+
+
+def propose(parts: Mapping[str, Sequence[Part]], pairs: Sequence[Pair], base: str) -> tuple[list[Proposal], list[Pair]]:
+    """Return joints from the base outwards, and the fits that place none though they show something of their own.
+
+    Two bodies that fit in several ways get the joint that all leave free.
+    """
+    fits: dict[tuple[str, str], list[Pair]] = {}
+    for pair in pairs:
+        fits.setdefault((pair.a.body, pair.b.body), []).append(pair)
+    reached, todo, out, left = [base], dict(fits), [], []
+    while todo:
+        # bodies that nothing joins to the base get the joints between them, from the first on
+        key = next((k for r in reached for k in todo if r in k), next(iter(todo)))
+        own = todo.pop(key)
+        parent = min(key, key=lambda b: reached.index(b) if b in reached else len(reached))
+        child = key[1] if parent == key[0] else key[0]
+        reached += [b for b in (parent, child) if b not in reached]
+        kinds, others = _kinds(own)
+        left += others
+        for kind, pair, why in kinds:
+            out.append(_joint(f"j{len(out) + 1}", kind, parent, child, pair, parts, why))
+    return out, left
+
+
+def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]], list[Pair]]:
+    """Return the joints that the fits between two bodies suggest, with the fit that places each, and the fits left.
+
+    The type is None where it depends on what stops the joint along its axis.
+    """
+    balls = [p for p in pairs if p.kind == "concentric"]
+    axes = sorted((p for p in pairs if p.kind == "coaxial"), key=lambda p: (p.near, p.clearance, -p.overlap))
+    if balls:
+        return [("spherical", p, f"a ball, {p.radii}") for p in balls], axes
+    first = axes[0]
+    # A second bore that is nearly on the first's axis shows a fault, not a second axis; a doubtful one shows nothing.
+    again = [p for p in axes[1:] if same_axis(first.a, p.a, GROSS) and same_axis(first.b, p.b, GROSS)]
+    doubtful = [p for p in axes[1:] if p not in again and p.confidence == "low"]
+    axes = [p for p in axes if p not in again and p not in doubtful]
+    left = again + doubtful
+    if [p for p in axes if np.linalg.norm(np.cross(p.a.face.direction, first.a.face.direction)) > np.sin(GROSS[1])]:
+        text = f"{len(axes)} fits, not parallel: bolted, or hinged about one of them; {first.radii}"
+        return [("fixed", first, text)], left + [p for p in axes[1:] if p.near]
+    if len(axes) > 1:
+        longest = max(axes, key=lambda p: (not p.near, p.overlap))
+        text = f"{len(axes)} parallel fits: a slide on rails, or bolted; {longest.radii}"
+        return [("prismatic", longest, text)], left + [p for p in axes if p.near and p is not longest]
+    return [(None, first, f"one coaxial fit, {first.radii}")], left
+
+
+def _joint(
+    name: str,
+    kind: JointType | None,
+    parent: str,
+    child: str,
+    pair: Pair,
+    parts: Mapping[str, Sequence[Part]],
+    why: str,
+) -> Proposal:
+    p, c = (pair.a, pair.b) if pair.a.body == parent else (pair.b, pair.a)
+    if pair.kind == "concentric":
+        specs = [_Frame(r.body, f"{name}_ball", r.part, r.face, np.eye(3)) for r in (p, c)]
+    else:
+        kind, specs, more = _along_axis(name, kind, pair, p, c, parts)
+        why += more
+    assert kind is not None
+    try:
+        frames = [s.measured(parts[s.body]) for s in specs]
+    except CadError as error:
+        at = spatial.pose(specs[0].R, p.face.point)
+        why += f". NOTHING IS MEASURED: both sides are typed, since {error}"
+        return Proposal(name, kind, parent, child, Side(given(at), {}), Side(given(at), {}), pair, 0.0, 0.0, why)
+    offset, tilt = locked_error(spatial.inverse(frames[0]) @ frames[1], kind)
+    return Proposal(name, kind, parent, child, specs[0].side(), specs[1].side(), pair, offset, tilt, why)
+
+
+class _Frame:
+    """A measured frame being put together: its features and keys; what is not measured is typed from R (3, 3)."""
+
+    def __init__(self, body: str, origin: str, part: Part, face: Face, R: Array) -> None:
+        self.body, self.R = body, R
+        self.features: dict[str, Feature] = {}
+        self.keys: dict[str, Any] = {"origin": self.name(origin, part, face, R[:, 2])}
+
+    def name(self, name: str, part: Part, face: Face, towards: Array) -> str:
+        """Name a face as a feature whose direction has the sign of `towards`."""
+        sign = 1.0 if face.direction @ towards >= 0 else -1.0
+        x, y, z = np.round(sign * face.direction, 9).tolist()
+        near_x, near_y, near_z = np.round(face.point / MM, 4).tolist()
+        self.features[name] = Feature(
+            kind=face.kind,  # pyright: ignore[reportArgumentType] - a face's kind is one of these
+            near_mm=(near_x, near_y, near_z),
+            direction=(x, y, z) if any((x, y, z)) else None,
+            radius_mm=round(face.radius / MM, 6) if face.radius else None,
+            part=part.name,
+        )
+        return name
+
+    def _spec(self) -> dict[str, Any]:
+        typed = (
+            {}
+            if "x_along" in self.keys
+            else {"angles_deg": tuple(float(v) for v in spatial.euler_angles(self.R, "zyx") / DEG)}
+        )
+        return {**self.keys, **typed}
+
+    def measured(self, parts: Sequence[Part]) -> Array:
+        """Return the frame (4, 4) as the description will give it."""
+        found = {n: find(self.body, n, s, parts, _TOLERANCE) for n, s in self.features.items()}
+        return frame(FrameSpec(**self._spec()), found)
+
+    def side(self) -> Side:
+        """Return the frame and its features as TOML."""
+        shown = {
+            k: string(v) if isinstance(v, str) else number(v) if isinstance(v, float) else numbers(v)
+            for k, v in self._spec().items()
+        }
+        text = ", ".join(f"{k} = {v}" for k, v in shown.items())
+        return Side(f"{{ {text} }}", {n: _table(s) for n, s in self.features.items()})
+
+
+def _along_axis(
+    name: str, kind: JointType | None, pair: Pair, p: Round, c: Round, parts: Mapping[str, Sequence[Part]]
+) -> tuple[JointType, list[_Frame], str]:
+    """Return type, frames and what they show of a joint about or along two axes.
+
+    Origins lie where two faces touch across the axis; where none do, the child's is moved along its own axis.
+    """
+    low, high = shared(p, c)
+    middle = p.face.point + 0.5 * (low + high) * p.face.direction
+    zs = [p.face.direction, c.face.direction * (1.0 if c.face.direction @ p.face.direction > 0 else -1.0)]
+    across = [[(part, f, float((f.point - middle) @ z)) for part, f in perpendicular(parts[r.body], z)]
+              for r, z in zip((p, c), zs, strict=True)]  # fmt: skip
+    reach = MEETING[0] + (pair.offset + pair.tilt * pair.overlap if pair.near else 0.0)
+    touching = sorted(
+        (abs(a[2] - b[2]) > MEETING[0], abs(a[2]), i, k)
+        for i, a in enumerate(across[0])
+        for k, b in enumerate(across[1])
+        if abs(a[2] - b[2]) < reach
+    )
+    if touching:
+        _, _, i, k = touching[0]
+        stops = [across[0][i], across[1][k]]
+        more = ", stopped along its axis: a pin; or cylindrical, or a slide" if kind is None else ""
+        kind = kind or "revolute"
+    else:
+        stops = [min(own, key=lambda s: abs(s[2]), default=None) for own in across]
+        if kind is None:
+            rail = max(p.length, c.length) > _RAIL * min(p.length, c.length)
+            kind = "prismatic" if rail else "revolute"
+            guess = "a slide, the shaft being long" if rail else "a pin, the shaft being short"
+            more = f", nothing stops it along its axis: {guess}; or the other; or cylindrical"
+        else:
+            more = ", nothing stops it along its axis"
+    flats = _flats([parts[r.body] for r in (p, c)], zs, MEETING[1] if kind == "revolute" else GROSS[1])
+    x = flats[0][1].direction if flats else np.eye(3)[int(np.argmin(np.abs(zs[0])))]
+    frames, origins = [], []
+    for i, (r, z, stop) in enumerate(zip((p, c), zs, stops, strict=True)):
+        made = _Frame(r.body, f"{name}_axis", r.part, r.face, spatial.frame_from_axes(z, x))
+        made.keys["z"] = f"{name}_axis"
+        if stop is not None:
+            made.keys["at"] = made.name(f"{name}_face", stop[0], stop[1], z)
+        if flats:
+            made.keys["x_along"] = made.name(f"{name}_flat", *flats[i], x)
+        at = stop[2] if stop is not None else float((r.face.point - middle) @ z)
+        if i and not touching:
+            made.keys["offset_mm"] = round((origins[0] - at) / MM, 6)
+        origins.append(at)
+        frames.append(made)
+    if not flats and kind != "revolute":
+        more += "; its turn about the axis is typed, since no two flats agree"
+    return kind, frames, more
+
+
+def _flats(parts: Sequence[Sequence[Part]], zs: Sequence[Array], within: float) -> list[tuple[Part, Face]] | None:
+    """Return the two planes along the axes, one of each body, that are most nearly parallel; None beyond `within`."""
+    planes = [
+        [(part, f) for part in own for f in part.faces if f.kind == "plane" and abs(float(f.direction @ z)) < 1e-4]
+        for own, z in zip(parts, zs, strict=True)
+    ]
+    if not all(planes):
+        return None
+    a, b = (np.array([f.direction for _, f in own]) for own in planes)
+    apart = np.linalg.norm(np.cross(a[:, None], b[None]), axis=-1)
+    i, k = np.unravel_index(int(np.argmin(np.round(apart, 9))), apart.shape)
+    return [planes[0][i], planes[1][k]] if apart[i, k] < within else None
+
+
+def _table(spec: Feature) -> str:
+    text = f'{{ kind = "{spec.kind}", near_mm = {numbers(spec.near_mm)}'
+    if spec.direction:
+        text += f", direction = {numbers(spec.direction)}"
+    if spec.radius_mm:
+        text += f", radius_mm = {number(spec.radius_mm)}"
+    return f"{text}, part = {string(spec.part or '')} }}"

@@ -1,0 +1,285 @@
+"""Read one model of an SDF file or world. Two joints that hold one link close a loop.
+
+Poses are resolved from `relative_to` and the frames of the model. Nested models and includes are its parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.errors import MechanismError, SourceError, unknown
+from twin.core.findings import Finding
+from twin.core.spatial import Array
+from twin.exchange.read.sdf_left import left_out
+from twin.exchange.read.sdf_world import robot_of
+from twin.exchange.read.shapes import SIZES, Color, mesh_file, placed, primitive, size
+from twin.exchange.read.source import Imported, Names, along, assemble, limits, possible, rpy, warning
+from twin.exchange.read.xml import Xml
+from twin.model.mechanism import Body, Coupling, Frame, Inertia, Joint, JointType, Mechanism, Mesh
+from twin.usd.read.names import identifier
+
+TYPES: dict[str, JointType] = {
+    "revolute": "revolute",
+    "continuous": "revolute",
+    "prismatic": "prismatic",
+    "ball": "spherical",
+    "fixed": "fixed",
+}
+"""Joint types of SDF that a mechanism here can express."""
+
+_ENDLESS = 1e16
+"""SDF's word for no limit is a bound of this size."""
+
+
+def read_sdf(path: Path, root: str | None = None) -> Imported:
+    """Read an SDF file.
+
+    Args:
+        path: the file.
+        root: name of the model, if several have joints.
+
+    Raises:
+        SourceError: file and element, and what is wrong with it.
+    """
+    return _Sdf(path, root).read()
+
+
+class _Sdf:
+    def __init__(self, path: Path, root: str | None) -> None:
+        self.xml, self.path = Xml(path, "sdf"), path
+        self.findings: list[Finding] = []
+        self.efforts: dict[str, float] = {}
+        self.model = robot_of(self.xml, root, self.findings)
+
+    def read(self) -> Imported:
+        links, joints, marks = (self._named(k) for k in ("link", "joint", "frame"))
+        if not links:
+            raise SourceError(f"{self.path}: no <link>, so there is no mechanism")
+        self.links, self.elements = links, {**links, **joints, **marks}
+        self.poses: dict[str, Array] = {}
+        body_names = Names("link", links, self.findings)
+        joint_names = Names("joint", joints, self.findings)
+        made = [self._joint(n, joint_names[n], e, body_names) for n, e in joints.items()]
+        grounded = any(j.parent == "world" for j in made)
+        if grounded and "world" in links:
+            self.xml.fail("link 'world'", "the name stands for the world")
+        base = "world" if grounded else self._base(made, body_names)
+        bodies = [Body("world")] if grounded else []
+        bodies += [Body(body_names[n], tuple(self._meshes(n, e)), self._inertia(n, e)) for n, e in links.items()]
+        frames = []
+        shown = (n for n, e in marks.items() if not e.get("hidden"))
+        for old, new in Names("frame", shown, self.findings).items():
+            link = self._attached(old)
+            frames.append(Frame(new, body_names[link], spatial.inverse(self._at(link)) @ self._at(old)))
+        name = self.model.get("name") or self.path.stem
+        couplings = [c for n, e in joints.items() for c in self._mimic(n, e, joint_names)]
+        made = self._drive(made, base, {c.joints[0] for c in couplings}, joint_names)
+        self.findings += left_out(self.model, self.xml)
+        efforts = {joint_names[n]: e for n, e in self.efforts.items()}
+        return assemble(self.path, name, base, bodies, made, frames, couplings, self.findings, efforts=efforts)
+
+    def _drive(self, joints: list[Joint], base: str, followers: set[str], names: Names) -> list[Joint]:
+        """Return the joints, those driven that plug-ins name, or else all that neither follow nor close a loop."""
+        told = {t for p in self.model.iter("plugin") for e in p.iter("joint_name") if (t := (e.text or "").strip())}
+        told = {names[t] for t in told if t in names}
+        bare = [replace(j, active=False) for j in joints]
+        bodies = dict.fromkeys([base, *(b for j in joints for b in (j.parent, j.child))])
+        try:
+            closing = {j.name for j in Mechanism("m", base, tuple(map(Body, bodies)), tuple(bare)).loops}
+        except MechanismError as error:
+            raise SourceError(f"{self.path}: {error}") from error
+        out = []
+        for j in joints:
+            active = j.active and j.name not in followers and j.name in (told or {k.name for k in joints} - closing)
+            if active and j.name in closing:
+                self.xml.fail(f"joint '{j.name}'", "it is driven, but closes a loop: list it before the passive joints")
+            out.append(replace(j, active=active))
+        if not told and closing:
+            text = (
+                f"no plug-in names a driven joint: all are driven but {', '.join(sorted(closing))}, which close loops."
+            )
+            self.findings.append(warning("driven", text, base))
+        return out
+
+    def _mimic(self, name: str, joint: Element, names: Names) -> Iterator[Coupling]:
+        """Yield the coupling of a joint that follows another: q = multiplier (leader - reference) + offset."""
+        where, element = f"joint '{name}', mimic", joint.find("axis/mimic")
+        if element is None:
+            return
+        leader = element.get("joint") or ""
+        if leader not in names:
+            self.xml.fail(where, unknown("joint", leader, [e for e in self.elements if e in names]))
+        if element.get("axis", "axis") != "axis":
+            self.xml.fail(where, "it follows a second axis, which no joint here has")
+        ratio, offset, reference = (
+            self.xml.number(where, key, element.findtext(key), default)
+            for key, default in (("multiplier", 1.0), ("offset", 0.0), ("reference", 0.0))
+        )
+        if ratio == 0:
+            self.xml.fail(where, "multiplier 0 follows nothing; make the joint fixed")
+        total = offset - ratio * reference
+        yield Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), total)
+
+    def _named(self, kind: str) -> dict[str, Element]:
+        out: dict[str, Element] = {}
+        for element in self.model.findall(kind):
+            name = self.xml.name(element, kind)
+            if name in out:
+                self.xml.fail(f"{kind} '{name}'", "two have this name")
+            out[name] = element
+        return out
+
+    def _base(self, joints: list[Joint], names: Names) -> str:
+        children = {j.child for j in joints}
+        roots = [names[n] for n in self.links if names[n] not in children]
+        if len(roots) != 1:
+            raise SourceError(f"{self.path}: which link is the base? Candidates: {', '.join(roots) or 'none'}")
+        return roots[0]
+
+    # -- poses ----------------------------------------------------------------------------------------
+
+    def _pose(self, element: Element, where: str) -> Array:
+        pose = element.find("pose")
+        if pose is None or not (pose.text or "").strip():
+            return np.eye(4)
+        if pose.get("rotation_format", "euler_rpy") != "euler_rpy":
+            self.xml.fail(where, "pose: only rotation_format euler_rpy is read")
+        v = self.xml.numbers(where, "pose", pose.text, 6, None)
+        turn = v[3:] * (np.pi / 180 if pose.get("degrees") in ("true", "1") else 1.0)
+        return spatial.pose(rpy(turn), v[:3])
+
+    def _at(self, name: str, seen: tuple[str, ...] = ()) -> Array:
+        """Return T_model_x (4, 4) of a link, joint or frame."""
+        if name in ("__model__", "world", ""):
+            return np.eye(4)
+        if name in self.poses:
+            return self.poses[name]
+        if name not in self.elements:
+            raise SourceError(f"{self.path}: pose, relative_to: {unknown('link, joint or frame', name, self.elements)}")
+        if name in seen:
+            self.xml.fail(f"'{name}'", f"its pose is relative to itself, by {' -> '.join((*seen, name))}")
+        element = self.elements[name]
+        pose = element.find("pose")
+        relative = (pose.get("relative_to") if pose is not None else None) or ""
+        if not relative and element.tag == "joint":
+            relative = (element.findtext("child") or "").strip()
+        if not relative and element.tag == "frame":
+            relative = element.get("attached_to") or ""
+        out = self._at(relative, (*seen, name)) @ self._pose(element, f"{element.tag} '{name}'")
+        self.poses[name] = out
+        return out
+
+    def _attached(self, name: str, seen: tuple[str, ...] = ()) -> str:
+        """Return the link that a frame moves with."""
+        if name in self.links:
+            return name
+        element = self.elements.get(name)
+        if element is None or name in seen:
+            why = "is attached to itself" if name in seen else "does not exist"
+            raise SourceError(f"{self.path}: frame '{name}' {why}")
+        on = element.findtext("child") if element.tag == "joint" else element.get("attached_to")
+        return self._attached((on or "").strip() or next(iter(self.links)), (*seen, name))
+
+    # -- parts ----------------------------------------------------------------------------------------
+
+    def _joint(self, name: str, new: str, joint: Element, names: Names) -> Joint:
+        where, kind = f"joint '{name}'", joint.get("type")
+        if kind not in TYPES:
+            self.xml.fail(where, unknown("joint type", str(kind), TYPES))
+        ends = []
+        for end in ("parent", "child"):
+            link = (joint.findtext(end) or "").strip()
+            if link != "world" and link not in self.elements:
+                self.xml.fail(f"{where}, {end}", unknown("link", link, self.links))
+            ends.append(link if link == "world" else self._attached(link))
+        if ends[1] == "world":
+            self.xml.fail(where, "its child is the world: swap parent and child")
+        T = self._at(name)
+        values: dict = {}
+        if kind in ("revolute", "continuous", "prismatic"):
+            T, values = self._axis(name, where, kind, joint, T)
+        T_parent = np.eye(4) if ends[0] == "world" else self._at(ends[0])
+        return Joint(
+            new,
+            TYPES[kind],
+            "world" if ends[0] == "world" else names[ends[0]],
+            names[ends[1]],
+            spatial.inverse(T_parent) @ T,
+            spatial.inverse(self._at(ends[1])) @ T,
+            **values,
+        )
+
+    def _axis(self, name: str, where: str, kind: str, joint: Element, T: Array) -> tuple[Array, dict]:
+        axis = joint.find("axis")
+        xyz = axis.find("xyz") if axis is not None else None
+        direction = self.xml.numbers(where, "axis xyz", xyz.text if xyz is not None else None, 3, (0, 0, 1))
+        if not np.abs(direction).max() > 1e-9:
+            self.xml.fail(where, "its axis has no length")
+        expressed = xyz.get("expressed_in") if xyz is not None else None
+        if expressed:
+            direction = T[:3, :3].T @ self._at(expressed)[:3, :3] @ direction
+        values: dict = {"active": True}
+        bounds = []
+        for key in ("lower", "upper"):
+            text = axis.findtext(f"limit/{key}") if axis is not None and kind != "continuous" else None
+            value = None
+            if text is not None and text.strip().lstrip("-+").lower() not in ("inf", "infinity"):
+                value = self.xml.number(where, key, text)
+            bounds.append(None if value is None or abs(value) >= _ENDLESS else value)
+        try:
+            values["limits"] = limits(bounds[0], bounds[1], name, self.findings)
+        except SourceError as error:
+            raise SourceError(f"{self.path}: {error}") from error
+        speed = axis.findtext("limit/velocity") if axis is not None else None
+        if speed is not None and 0 < (value := self.xml.number(where, "velocity", speed)) < _ENDLESS:
+            values["max_speed"] = value
+        effort = axis.findtext("limit/effort") if axis is not None else None
+        if effort is not None and 0 < (value := self.xml.number(where, "effort", effort)) < _ENDLESS:
+            self.efforts[name] = value
+        return T @ along(direction), values
+
+    def _inertia(self, name: str, link: Element) -> Inertia | None:
+        element, where = link.find("inertial"), f"link '{name}'"
+        if element is None:
+            return None
+        T = self._pose(element, where)
+        R = T[:3, :3]
+
+        def value(key: str, default: float) -> float:
+            return self.xml.number(where, key, element.findtext(f"inertia/{key}"), default)
+
+        xx, yy, zz = (value(k, 1.0) for k in ("ixx", "iyy", "izz"))
+        xy, xz, yz = (value(k, 0.0) for k in ("ixy", "ixz", "iyz"))
+        tensor = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T
+        mass = self.xml.number(where, "mass", element.findtext("mass"), 1.0)
+        return possible(Inertia(mass, T[:3, 3], tensor), name, self.findings)
+
+    def _meshes(self, name: str, link: Element) -> list[Mesh]:
+        where, out = f"link '{name}'", []
+        for element in link.findall("visual") or link.findall("collision"):
+            geometry = element.find("geometry")
+            if geometry is None or not len(geometry):
+                self.xml.fail(where, "a <visual> without geometry")
+            shape = geometry[0]
+            solid = None
+            if shape.tag == "mesh":
+                scale = self.xml.numbers(where, "mesh scale", shape.findtext("scale"), 3, (1, 1, 1))
+                solid = mesh_file((shape.findtext("uri") or "").strip(), self.path.parent, scale, name, self.findings)
+            elif shape.tag in SIZES:
+                solid = primitive(shape.tag, size(self.xml, where, shape.tag, shape.findtext))
+            else:
+                self.findings.append(warning("shape", f"{where}: a <{shape.tag}> is not shown.", name))
+            if solid is not None:
+                rgba = element.findtext("material/diffuse")
+                r, g, b, a = map(float, self.xml.numbers(where, "diffuse", rgba, 4, (0.6, 0.6, 0.6, 1.0)))
+                a *= 1.0 - self.xml.number(where, "transparency", element.findtext("transparency"), 0.0)
+                color: Color = (r, g, b, min(max(a, 0.0), 1.0))
+                label = identifier(f"{name}_shape") + (f"_{len(out) + 1}" if out else "")
+                out.append(placed(label, *solid, self._pose(element, where), color))
+        return out

@@ -1,0 +1,194 @@
+"""The one model of an SDF that is the robot, written out: includes resolved, nested models hoisted into it.
+
+What is named `palm` in a nested model `hand` is `hand::palm` afterwards, as SDF itself calls it.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+from twin.core.errors import SourceError, unknown
+from twin.core.findings import Finding
+from twin.core.foreign.budget import INCLUDES, over
+from twin.exchange.read.shapes import find
+from twin.exchange.read.source import note, warning
+from twin.exchange.read.xml import Xml
+
+ORIGIN = "__model__"
+"""SDF's name of a model's own frame; the frame of a nested model is hoisted as `hand::__model__`."""
+
+_DEEPEST = 8
+"""How deep models may lie in one another: an include of itself has no end."""
+
+
+def robot_of(xml: Xml, root: str | None, findings: list[Finding]) -> Element:
+    """Return a copy of the model that is meant, whole and flat.
+
+    Args:
+        xml: the file.
+        root: name of the model; None: the only one that has joints.
+        findings: told what else the file holds.
+
+    Raises:
+        SourceError: several models have joints and no root is given, there is no such model, or a part is missing.
+    """
+    known: dict[str, Element] = {}
+    taken: list[Path] = []
+    for scope in (xml.root, *xml.root.findall("world")):
+        for element in scope:
+            if element.tag == "include":
+                model = _included(xml, element, 0, taken)
+                if model is None:
+                    uri = (element.findtext("uri") or "").strip()
+                    where = f"include {uri}"
+                    findings.append(warning("include", f"{where} is not there: what it holds is left out.", where))
+                    continue
+            elif element.tag == "model":
+                model = copy.deepcopy(element)
+                _resolve(xml, model, 0, taken)
+            else:
+                continue
+            name = model.get("name") or ""
+            if name in known:
+                raise SourceError(f"{xml.path}: model '{name}': two have this name")
+            known[name] = model
+    if not known:
+        raise SourceError(f"{xml.path}: it holds no <model>")
+    jointed = [n for n, m in known.items() if next(m.iter("joint"), None) is not None]
+    if root is not None:
+        if root not in known:
+            raise SourceError(f"{xml.path}: --root: {unknown('model', root, known)}")
+        own = root
+    else:
+        robots = jointed or list(known)
+        if len(robots) > 1:
+            what = "models with joints" if jointed else "models, none with joints"
+            raise SourceError(f"{xml.path}: {len(robots)} {what}: {', '.join(robots)}. Choose one with --root NAME.")
+        own = robots[0]
+    for name in known:
+        if name != own:
+            text = f"model '{name}' is left out: it is no part of robot '{own}'."
+            findings.append((warning if name in jointed else note)("prop", text, name))
+    _flatten(xml, known[own])
+    return known[own]
+
+
+def _resolve(xml: Xml, model: Element, depth: int, taken: list[Path]) -> None:
+    """Put the models that a model includes into it; `taken` holds all that were included so far."""
+    if depth > _DEEPEST:
+        raise SourceError(f"{xml.path}: models lie more than {_DEEPEST} deep in one another: does one include itself?")
+    for i, element in enumerate(list(model)):
+        if element.tag == "include":
+            uri = (element.findtext("uri") or "").strip()
+            inner = _included(xml, element, depth + 1, taken)
+            if inner is None:
+                xml.fail(f"model '{model.get('name')}'", f"include {uri} is not there: put it beside the file")
+            model[i] = inner
+        elif element.tag == "model":
+            _resolve(xml, element, depth + 1, taken)
+
+
+def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Element | None:
+    """Return the model of an include, with the name and pose that it asks for; None if its file is not there."""
+    uri = (include.findtext("uri") or "").strip()
+    if not uri:
+        xml.fail("<include>", "it has no <uri>")
+    for key in ("placement_frame", "merge"):
+        if (value := include.findtext(key) or include.get(key) or "") not in ("", "false", "0"):
+            xml.fail(f"include {uri}", f"{key} = '{value}' is not read: write the model out (gz sdf -p)")
+    file = _file(uri, xml.path.parent)
+    if file is None:
+        return None
+    taken.append(file)
+    if len(taken) > INCLUDES:
+        over(file, "SDF", "includes of all files together, at least", len(taken), INCLUDES)
+    other = Xml(file, "sdf")
+    models = other.root.findall("model")
+    if len(models) != 1:
+        raise SourceError(f"{file}: included by {xml.path.name}: expected one model, found {len(models)}")
+    model = copy.deepcopy(models[0])
+    for address in model.iter("uri"):  # its own files lie beside it
+        place = find((address.text or "").strip(), file.parent)
+        address.text = str(place.resolve()) if place is not None else address.text
+    _resolve(other, model, depth, taken)
+    if name := (include.findtext("name") or "").strip():
+        model.set("name", name)
+    pose = include.find("pose")
+    if pose is not None:
+        for own in model.findall("pose"):
+            model.remove(own)
+        model.append(copy.deepcopy(pose))
+    return model
+
+
+def _file(uri: str, beside: Path) -> Path | None:
+    """Return the SDF file that an address means: itself, or model.sdf in the folder of that name beside or above."""
+    if uri.startswith(("http://", "https://")):
+        uri = uri.rstrip("/").rpartition("/")[2]  # nothing is fetched, but a copy may lie beside
+    return next((f for n in (f"{uri}/model.sdf", f"{uri}.sdf", uri) if (f := find(n, beside)) is not None), None)
+
+
+def _flatten(xml: Xml, model: Element) -> None:
+    """Hoist everything of the models nested in a model into it."""
+    for inner in model.findall("model"):
+        name = xml.name(inner, "model")
+        if inner.get("placement_frame"):
+            xml.fail(f"model '{name}'", "placement_frame is not read: write the model out (gz sdf -p)")
+        _flatten(xml, inner)
+        model.remove(inner)
+        links = [e for e in inner if e.tag == "link"]
+        if not links:
+            continue
+        placed = inner.find("pose")  # of the outer model, with its names
+        pose = Element("pose") if placed is None else copy.deepcopy(placed)
+        for element in inner:
+            for owner, key in _references(element):
+                value = owner.get(key) if key else (owner.text or "").strip()
+                if value and value != "world":
+                    _set(owner, key, f"{name}::{value}")
+        origin = Element("frame", {"name": f"{name}::{ORIGIN}", "hidden": "true"})
+        origin.set(
+            "attached_to",
+            f"{name}::{inner.get('canonical_link') or links[0].get('name', '').removeprefix(f'{name}::')}",
+        )
+        pose.set("relative_to", pose.get("relative_to") or ORIGIN)
+        origin.append(pose)
+        for element in inner:
+            if element.tag in ("link", "frame") and not element.get("attached_to"):
+                pose = element.find("pose")
+                if pose is None:
+                    pose = Element("pose")
+                    element.append(pose)
+                if not pose.get("relative_to"):
+                    pose.set("relative_to", f"{name}::{ORIGIN}")
+        for element in model:  # the model's name stands for its frame; inside other models it is theirs
+            of = element.find("pose") if element.tag == "model" else element
+            for owner, key in () if of is None else _references(of):
+                if (owner.get(key) if key else (owner.text or "").strip()) == name and key != "name":
+                    _set(owner, key, f"{name}::{ORIGIN}")
+        model.append(origin)
+        model.extend(e for e in inner if e.tag != "pose")
+
+
+def _references(element: Element) -> Iterator[tuple[Element, str]]:
+    """Yield where an element of a model names a link, joint or frame: an attribute, or "" for the text."""
+    if element.tag in ("link", "joint", "frame"):
+        yield element, "name"
+    for inner in element.iter():
+        for key in ("relative_to", "attached_to", "expressed_in"):
+            if inner.get(key):
+                yield inner, key
+        if inner.tag in ("parent", "child", "joint_name") and not len(inner):
+            yield inner, ""
+        if inner.tag == "mimic" and inner.get("joint"):
+            yield inner, "joint"
+
+
+def _set(element: Element, key: str, value: str) -> None:
+    if key:
+        element.set(key, value)
+    else:
+        element.text = value

@@ -1,0 +1,95 @@
+"""Shapes of URDF and SDF as meshes of a body: primitives, and mesh files if they are there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from twin.cad.mesh import SUFFIXES, load_mesh
+from twin.core.errors import CadError
+from twin.core.findings import Finding
+from twin.core.spatial import Array
+from twin.exchange.read.source import warning
+from twin.exchange.read.xml import Xml
+from twin.model.mechanism import Mesh
+
+SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
+"""What URDF and SDF say of each shape that both have."""
+
+Color = tuple[float, float, float, float]
+
+
+def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
+    """Return vertices (n, 3) in m and triangles (m, 3) of a shape.
+
+    Sizes: box (edges), cylinder (radius, length), capsule (radius, length between centres), sphere (radius), ellipsoid
+    (half axes).
+    """
+    from trimesh import creation
+
+    if kind == "box":
+        solid = creation.box(size)
+    elif kind == "cylinder":
+        solid = creation.cylinder(size[0], size[1], sections=48)
+    elif kind == "capsule":
+        solid = creation.capsule(size[1], size[0], count=[24, 24])
+        solid.vertices -= solid.bounds.mean(axis=0)
+    elif kind == "ellipsoid":
+        solid = creation.icosphere(3, 1.0)
+        solid.vertices *= size
+    else:
+        solid = creation.icosphere(3, size[0])
+    return np.asarray(solid.vertices, float), np.asarray(solid.faces, np.int32)
+
+
+def size(xml: Xml, where: str, kind: str, text: Callable[[str], str | None]) -> list[float]:
+    """Return the positive sizes of a box, cylinder or sphere; `text` gives what stands under a key."""
+    size = [
+        float(s) for k in SIZES[kind] for s in xml.numbers(where, f"{kind} {k}", text(k), 3 if k == "size" else 1, None)
+    ]
+    if min(size) <= 0:
+        xml.fail(where, f"{kind} of size {min(size):g}: it must be positive")
+    return size
+
+
+def placed(name: str, vertices: Array, triangles: np.ndarray, T_body_mesh: Array, color: Color) -> Mesh:
+    """Return a mesh moved into the frame of its body."""
+    points = vertices @ T_body_mesh[:3, :3].T + T_body_mesh[:3, 3]
+    return Mesh(name, points, np.asarray(triangles, np.int32), color)
+
+
+def find(uri: str, beside: Path) -> Path | None:
+    """Return the file that a `package://`, `model://`, `file://` or plain address means, or None.
+
+    A package is looked for above and beside the description: no environment is asked.
+    """
+    scheme, mark, rest = uri.partition("://")
+    rest = rest if mark else scheme
+    names = [rest.lstrip("/")]
+    if mark and scheme != "file" and "/" in names[0]:
+        names.append(names[0].partition("/")[2])
+    places = [beside, *list(beside.resolve().parents)[:4]]
+    candidates = [p / n for p in places for n in names if n]
+    if scheme == "file" or not mark:
+        candidates.insert(0, Path(rest))
+    return next((c for c in candidates if c.is_file()), None)
+
+
+def mesh_file(
+    uri: str, beside: Path, scale: Array, link: str, findings: list[Finding]
+) -> tuple[Array, np.ndarray] | None:
+    """Return vertices in m and triangles of a mesh file, or None with a warning that names it."""
+    path = find(uri, beside)
+    if path is None or path.suffix.lower() not in SUFFIXES:
+        why = "is not there" if path is None else f"is no {', '.join(SUFFIXES)}"
+        findings.append(warning("mesh", f"link '{link}': mesh {uri} {why}: the link is shown without it.", uri))
+        return None
+    try:
+        mesh, _ = load_mesh(path, "m")
+    except CadError as error:
+        findings.append(warning("mesh", f"link '{link}': {error}: the link is shown without it.", uri))
+        return None
+    triangles = mesh.triangles[:, ::-1] if np.prod(scale) < 0 else mesh.triangles
+    return mesh.vertices * scale, triangles

@@ -1,0 +1,166 @@
+"""What every reader shares: names made identifiers, findings, frames and limits checked, a tool."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.errors import MechanismError, SourceError, unknown
+from twin.core.findings import Finding
+from twin.core.spatial import Array
+from twin.model.mechanism import Body, Coupling, Frame, Inertia, Joint, Mechanism
+from twin.usd.read.names import identifier, unique
+from twin.usd.read.tool import with_tool
+
+
+@dataclass
+class Imported:
+    """A mechanism in SI units and what was renamed, guessed, missing or left out on the way.
+
+    Attributes:
+        mechanism: bodies, joints and loops.
+        findings: see above.
+        efforts: largest effort in N or N m that the file gives a joint without saying its gains.
+        assumed: joints whose drives are nobody's numbers.
+        posed: whether the file says where the bodies rest; a URDF gives joints alone.
+        keys: states that the file names: value in m or rad by joint of the tree, driven or not.
+    """
+
+    mechanism: Mechanism
+    findings: list[Finding] = field(default_factory=list)
+    efforts: dict[str, float] = field(default_factory=dict)
+    assumed: frozenset[str] = frozenset()
+    posed: bool = True
+    keys: dict[str, dict[str, float]] = field(default_factory=dict)
+
+
+class Names:
+    """Foreign names of one kind made identifiers; each change is a finding."""
+
+    def __init__(self, kind: str, names: Iterable[str], findings: list[Finding]) -> None:
+        names = list(names)
+        self._kind = kind
+        self._known = unique((n, n) for n in names)
+        for old, new in self._known.items():
+            if old != new:
+                findings.append(note("renamed", f"{kind} '{old}' is called '{new}' here.", old))
+
+    def __getitem__(self, name: str) -> str:
+        return self._known[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._known
+
+    def items(self) -> Iterable[tuple[str, str]]:
+        """Return each foreign name with its name here."""
+        return self._known.items()
+
+
+def note(code: str, message: str, where: str) -> Finding:
+    """Return an info: something was changed that loses nothing."""
+    return Finding(f"import.{code}", "info", message, where)
+
+
+def warning(code: str, message: str, where: str) -> Finding:
+    """Return a warning: something of the file is not in the mechanism."""
+    return Finding(f"import.{code}", "warning", message, where)
+
+
+def rpy(angles: Array) -> Array:
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll), (3, 3), of (roll, pitch, yaw) in rad."""
+    ex, ey, ez = np.eye(3)
+    return spatial.exp_so3(angles[2] * ez) @ spatial.exp_so3(angles[1] * ey) @ spatial.exp_so3(angles[0] * ex)
+
+
+def along(axis: Array) -> Array:
+    """Return a frame (4, 4) whose z is along the axis (3,), which has a length; the identity for z itself."""
+    z = axis / np.abs(axis).max()  # first: the square of a huge or tiny number is none
+    z = z / np.linalg.norm(z)
+    if np.array_equal(z, [0.0, 0.0, 1.0]):
+        return np.eye(4)
+    return spatial.pose(spatial.frame_from_axes(z, np.eye(3)[int(np.argmin(np.abs(z)))]))
+
+
+def possible(inertia: Inertia, link: str, findings: list[Finding]) -> Inertia | None:
+    """Return the inertia, or None with a warning if no rigid body has it."""
+    bad = inertia.violations() if np.all(np.isfinite(inertia.I_com)) else ["its numbers are not finite"]
+    if not bad:
+        return inertia
+    findings.append(warning("inertia", f"link '{link}': {'; '.join(bad)}: its mass is left out.", link))
+    return None
+
+
+def limits(lower: float | None, upper: float | None, joint: str, findings: list[Finding]) -> tuple[float, float] | None:
+    """Return limits, or None where there are none.
+
+    Raises:
+        SourceError: they are swapped.
+    """
+    if lower is None and upper is None:
+        return None
+    low, high = -math.inf if lower is None else lower, math.inf if upper is None else upper
+    if low == high == 0.0:
+        findings.append(
+            warning("limits", f"joint '{joint}': limits 0 .. 0 are read as not given: it is unlimited.", joint)
+        )
+        return None
+    if low >= high:
+        raise SourceError(f"joint '{joint}': limits {low:g} .. {high:g} are not ordered")
+    return None if (low, high) == (-math.inf, math.inf) else (low, high)
+
+
+def assemble(
+    path: Path,
+    name: str,
+    base: str,
+    bodies: Sequence[Body],
+    joints: Sequence[Joint],
+    frames: Sequence[Frame],
+    couplings: Sequence[Coupling],
+    findings: list[Finding],
+    efforts: dict[str, float] | None = None,
+) -> Imported:
+    """Return the mechanism with every body where its joints' zero puts it, and a tool.
+
+    The tool is the frame of that name, else the end of the longest chain: named in a finding.
+
+    Raises:
+        SourceError: the parts form no mechanism.
+    """
+    if not joints:
+        raise SourceError(f"{path}: no joints, so there is no mechanism")
+    try:
+        bare = Mechanism(identifier(name), base, tuple(bodies), tuple(joints), tuple(frames), source=path.name)
+        mechanism = replace(bare, rest=rest_poses(bare), couplings=tuple(couplings))
+        mechanism = tooled(mechanism, findings)
+    except MechanismError as error:
+        raise SourceError(f"{path}: {error}") from error
+    return Imported(mechanism, findings, efforts or {})
+
+
+def rest_poses(mechanism: Mechanism) -> dict[str, Array]:
+    """Return T_base_body (4, 4) of every body with all coordinates of the tree zero."""
+    rest = {mechanism.base: np.eye(4)}
+    for joint in mechanism.tree:
+        rest[joint.child] = rest[joint.parent] @ joint.T_parent_joint @ spatial.inverse(joint.T_child_joint)
+    return rest
+
+
+def tooled(mechanism: Mechanism, findings: list[Finding]) -> Mechanism:
+    """Return the mechanism with a tool; one that had to be made is a warning."""
+    out, said = with_tool(mechanism)
+    if out.frames != mechanism.frames:
+        findings.append(warning("tool", f"{said} Move [frame.tool] where it belongs.", out.frame(out.tool).body))
+    elif said:
+        findings.append(note("tool", said, out.tool))
+    return out
+
+
+def missing(path: Path, kind: str, name: str, known: Iterable[str], where: str) -> SourceError:
+    """Return the error for a name that does not exist."""
+    return SourceError(f"{path}: {where}: {unknown(kind, name, known)}")

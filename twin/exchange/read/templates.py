@@ -1,0 +1,143 @@
+"""The first formula and protocol of a new robot: a formula without equations, and a motion near home."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.core.assets import NO_EQUATIONS
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.exchange.read.text import number, one_line, string
+from twin.model.mechanism import Mechanism
+from twin.reference import ReferenceModel
+
+_STEP = {"revolute": 5 * DEG, "prismatic": 10 * MM}
+"""How far the first protocol moves a driven joint, where its limits leave room."""
+
+
+def formula(mechanism: Mechanism) -> str:
+    """Return a formula.py with the driven joints of the mechanism, which waits for its equations."""
+    names = [j.name for j in mechanism.active]
+    units = ", ".join(f"{j.name} ({'rad' if j.is_angle else 'm'})" for j in mechanism.active) or "none yet"
+    returned = ", ".join(names) or "..."
+    return f'''"""Equations of {one_line(mechanism.name)}: yours are to be written here.
+
+Driven joints, in the order of q: {units}.
+`inverse` leads from the pose T_base_tool (4, 4) of frame '{mechanism.tool}' in base '{mechanism.base}' to them,
+`forward` from them to the pose. One of the two is enough. See docs/your-own-robot.md.
+
+Every command that needs equations runs this file: it is code. Take the last line out when they are there.
+
+import numpy as np
+
+from twin.formula import mm
+
+PARAMETERS = {{"length": mm(100, "ASSUMED", "where the number comes from")}}
+
+
+def inverse(pose, length):
+    x, y, z = pose[:3, 3]
+    return {returned}
+"""
+
+{NO_EQUATIONS}
+'''
+
+
+def protocol(mechanism: Mechanism) -> str:
+    """Return a protocol that moves a driven joint a little and back; every number of it is ASSUMED.
+
+    It goes by the joints, so that every mechanism can follow it, whatever freedoms its tool has.
+    """
+    home, near, how = _near(mechanism)
+    return f"""# A first motion: from home to a place nearby and back, by the driven joints; the tool follows. {how}
+# Try it: twin plan, twin validate. Poses of the tool: phases of type "positioning", to waypoints with position_mm and
+# angles_deg; see docs/your-own-robot.md.
+name = "first"
+title = {string(f"First motion of {mechanism.name}")}
+source = "template of twin new"
+robot = {string(mechanism.name)}
+frame = {string(mechanism.tool)}
+shaft_axis = [0, 0, 1] # in `frame`; it matters to insertions and pivots only
+rotation = "zyx"
+start = "home"
+home = "home"
+
+[tolerances]
+rcm_mm = 0.1
+rcm_alarm_mm = 1
+straightness_mm = 0.1
+waypoint_mm = 0.01
+waypoint_deg = 0.01
+provenance = "ASSUMED"
+note = "To be replaced."
+{_limits("joints")}{_limits("home")}{_waypoint("home", home)}{_waypoint("near", near)}
+[[phases]]
+type = "joints"
+name = "go"
+to = "near"
+
+[[phases]]
+type = "home"
+name = "back"
+"""
+
+
+def _near(mechanism: Mechanism) -> tuple[dict[str, float], dict[str, float], str]:
+    """Return values of the driven joints at home and nearby, by name and unit, and how they differ.
+
+    The first driven joint is moved that moves the tool and has room within its limits, or else any that can be moved.
+    """
+    model = ReferenceModel(mechanism)
+    home = model.home()
+    found = None
+    for i, joint in enumerate(mechanism.active):
+        low, high = joint.limits or (-np.inf, np.inf)
+        for step in (_STEP[joint.type], -_STEP[joint.type]):
+            q = home.q.copy()
+            q[i] += step
+            if not low <= q[i] <= high:
+                continue
+            try:
+                moved = model.solve(q, home)
+            except TwinError:
+                continue
+            by = f"{step / DEG:g} degrees" if joint.is_angle else f"{step / MM:g} mm"
+            found = found or (q, joint.name, by)
+            if np.abs(moved.T_base_tool - home.T_base_tool).max() > 1e-6:
+                return _values(mechanism, home.q), _values(mechanism, q), f"Driven joint {joint.name} moves by {by}."
+    values = _values(mechanism, home.q)
+    if found is not None:
+        return values, _values(mechanism, found[0]), f"Driven joint {found[1]} moves by {found[2]}; the tool stands."
+    why = "No driven joint can be moved from home" if mechanism.active else "No joint is driven yet"
+    return values, values, f"{why}: give `near` other values, as in joints = {{ NAME_deg = 5 }} or {{ NAME_mm = 10 }}."
+
+
+def _values(mechanism: Mechanism, q: Array) -> dict[str, float]:
+    return {
+        f"{j.name}_{'deg' if j.is_angle else 'mm'}": float(v / (DEG if j.is_angle else MM))
+        for j, v in zip(mechanism.active, q, strict=True)
+    }
+
+
+def _limits(phase: str) -> str:
+    return f"""
+[limits.{phase}]
+tip_speed_mm_s = 50
+tip_acceleration_mm_s2 = 200
+rotation_speed_deg_s = 20
+rotation_acceleration_deg_s2 = 60
+provenance = "ASSUMED"
+note = "Unhurried; to be replaced."
+"""
+
+
+def _waypoint(name: str, values: dict[str, float]) -> str:
+    joints = ", ".join(f"{key} = {number(value)}" for key, value in values.items())
+    return f"""
+[waypoints.{name}]
+joints = {{ {joints} }} # one that is not named is as drawn
+provenance = "ASSUMED"
+note = "As the mechanism stands; to be replaced."
+"""

@@ -1,0 +1,408 @@
+"""Read a URDF, with its loops from a closure YAML.
+
+Joint frames are URDF's own, turned so that z is the axis. A fixed link without shape and mass is a named
+frame on its parent. What a mechanism here has no word for is an error (planar joints) or a warning that names it
+(friction, efforts, textures).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from twin.core.errors import SourceError, unknown
+from twin.core.findings import Finding
+from twin.exchange.read.closures import Closures, read_closures
+from twin.exchange.read.source import Imported, Names, along, assemble, limits, missing, note, possible, warning
+from twin.exchange.read.urdf_visual import Visuals, origin
+from twin.exchange.read.xml import Xml
+from twin.model.mechanism import Body, Coupling, Frame, Inertia, Joint, JointType
+from twin.usd.read.names import identifier
+
+TYPES: dict[str, JointType] = {
+    "revolute": "revolute",
+    "continuous": "revolute",
+    "prismatic": "prismatic",
+    "fixed": "fixed",
+    "floating": "free",
+}
+"""Joint types of URDF that a mechanism here can express."""
+
+_KNOWN = {
+    "robot": {"link", "joint", "material", "transmission", "gazebo"},
+    "joint": {
+        "origin",
+        "parent",
+        "child",
+        "axis",
+        "limit",
+        "mimic",
+        "dynamics",
+        "safety_controller",
+        "calibration",
+        "joint_properties",
+    },
+    "link": {"visual", "collision", "inertial"},
+}
+
+_LIGHT = 1e-6
+"""Mass in kg up to which a link without shape is a mark and no body."""
+
+
+def read_urdf(path: Path, closures: Path | None = None) -> Imported:
+    """Read a URDF and its closure YAML, if it has one.
+
+    Raises:
+        SourceError: file and element, and what is wrong with it.
+    """
+    return _Urdf(path, read_closures(closures) if closures else None, closures).read()
+
+
+class _Urdf:
+    def __init__(self, path: Path, closures: Closures | None, closure_file: Path | None) -> None:
+        self.xml = Xml(path, "robot")
+        self.path, self.closures, self.closure_file = path, closures, closure_file
+        self.findings: list[Finding] = []
+        self.efforts: dict[str, float] = {}
+
+    def read(self) -> Imported:
+        root, found = self.xml.root, self.findings
+        self._strange(root, "robot", "robot")
+        links = self._named(root, "link")
+        joints = self._named(root, "joint")
+        ends = {n: self._ends(n, j, links) for n, j in joints.items()}
+        self.retyped = self._retyped(joints)
+        base = self._base(links, ends)
+        self.marks = self._marks(links, joints, ends, base)
+        body_names = Names("link", (n for n in links if n not in self.marks), found)
+        joint_names = Names("joint", (m for n in joints for m in self._parts(n)), found)
+        self.home = {n: (body_names[n], np.eye(4)) for n in links if n not in self.marks}
+        for _ in self.marks:  # a mark may hang on a mark
+            for n, j in self.marks.items():
+                if ends[j][0] in self.home:
+                    body, T = self.home[ends[j][0]]
+                    self.home[n] = (body, T @ origin(self.xml, joints[j], f"joint '{j}'"))
+        if self.closures is None:
+            self._unclosed([*joints, *links])
+        driven = self._driven(root, joints)
+        self.crosses: list[Body] = []
+        made = [
+            made
+            for n in joints
+            if ends[n][1] not in self.marks
+            for made in (
+                self._retype(n, joint_names, joints[n], ends[n], driven)
+                if n in self.retyped
+                else [self._joint(n, joint_names[n], joints[n], ends[n], n in driven)]
+            )
+        ]
+        visuals = Visuals(self.xml, found)
+        bodies = [
+            Body(body_names[n], tuple(visuals.meshes(n, e)), self._inertia(n, e))
+            for n, e in links.items()
+            if n not in self.marks
+        ]
+        bodies += self.crosses
+        frame_names = Names("frame", self.marks, found)
+        frames = [Frame(frame_names[n], *self.home[n]) for n in self.marks]
+        couplings = [self._mimic(n, joint_names, joints) for n in joints if joints[n].find("mimic") is not None]
+        made += self._loops(links, ends, joint_names)
+        efforts = {joint_names[n]: e for n, e in self.efforts.items() if ends[n][1] not in self.marks}
+        label = root.get("name") or self.path.stem
+        out = assemble(self.path, label, body_names[base], bodies, made, frames, couplings, found, efforts=efforts)
+        return replace(out, posed=False)
+
+    # -- structure ------------------------------------------------------------------------------------
+
+    def _named(self, root: Element, kind: str) -> dict[str, Element]:
+        out: dict[str, Element] = {}
+        for element in root.findall(kind):
+            name = self.xml.name(element, kind)
+            if name in out:
+                self.xml.fail(f"{kind} '{name}'", "two have this name")
+            self._strange(element, kind, f"{kind} '{name}'")
+            out[name] = element
+        if not out:
+            raise SourceError(f"{self.path}: no <{kind}>, so there is no mechanism")
+        return out
+
+    def _strange(self, element: Element, kind: str, where: str) -> None:
+        """Say what is not read; each tag once for the whole file would hide where, so it is once an element."""
+        for tag in dict.fromkeys(str(child.tag) for child in element):
+            if tag not in _KNOWN[kind]:
+                self.findings.append(warning("unread", f"{where}: <{tag}> is not read.", where))
+            elif tag in ("calibration", "joint_properties"):
+                self.findings.append(note("unread", f"{where}: <{tag}> is not kept.", where))
+            elif tag == "gazebo":
+                self.findings.append(warning("unread", f"{where}: <gazebo> is not kept: no plug-ins.", where))
+        dynamics = element.find("dynamics") if kind == "joint" else None
+        for key in ("damping", "friction"):
+            if dynamics is not None and self.xml.number(where, key, dynamics.get(key), 0.0):
+                self.findings.append(warning("friction", f"{where}: {key} {dynamics.get(key)} is not kept.", where))
+
+    def _ends(self, name: str, joint: Element, links: dict[str, Element]) -> tuple[str, str]:
+        out = []
+        for end in ("parent", "child"):
+            element = joint.find(end)
+            link = element.get("link") if element is not None else None
+            if link is None:
+                self.xml.fail(f"joint '{name}'", f"it has no <{end} link>")
+            if link not in links:
+                raise missing(self.path, "link", link, links, f"joint '{name}', {end}")
+            out.append(link)
+        return out[0], out[1]
+
+    def _base(self, links: dict[str, Element], ends: dict[str, tuple[str, str]]) -> str:
+        above: dict[str, str] = {}
+        for joint, (_, child) in ends.items():
+            if child in above:
+                self.xml.fail(
+                    f"link '{child}'",
+                    f"joints '{above[child]}' and '{joint}' both hold it; close loops by a closure YAML",
+                )
+            above[child] = joint
+        roots = [n for n in links if n not in above]
+        if len(roots) != 1:
+            raise SourceError(f"{self.path}: expected one root link, found {', '.join(roots) or 'none: a cycle'}")
+        return roots[0]
+
+    def _marks(
+        self, links: dict[str, Element], joints: dict[str, Element], ends: dict[str, tuple[str, str]], base: str
+    ) -> dict[str, str]:
+        """Return the links that are named frames, with the fixed joint that holds each."""
+        out = {}
+        for joint, (_, child) in ends.items():
+            element = links[child]
+            if (
+                "fixed" in (joints[joint].get("type"), self.retyped.get(joint, "").lower())
+                and child != base
+                and not self._has_body(child, element)
+            ):
+                out[child] = joint
+                self.findings.append(
+                    note("mark", f"link '{child}' has no shape and no mass: it is a frame on its parent.", child)
+                )
+        return out
+
+    def _has_body(self, name: str, link: Element) -> bool:
+        mass = link.find("inertial/mass")
+        value = mass.get("value") if mass is not None else "0"
+        heavy = self.xml.number(f"link '{name}'", "mass", value, 0.0) > _LIGHT
+        return heavy or link.find("visual") is not None or link.find("collision") is not None
+
+    def _unclosed(self, names: list[str]) -> None:
+        """Tell names that come in pairs as the ends of loops do, where no closure YAML says so."""
+        ends = [
+            n[:-1] for n in dict.fromkeys(names) if n.endswith("A") and f"{n[:-1]}B" in names and "loop" in n.lower()
+        ]
+        if ends:
+            text = (
+                f"{len(ends)} pairs such as '{ends[0]}A' and '{ends[0]}B' look like ends of loops, but no closure YAML "
+            )
+            text += "says so: the robot is a tree here. Put the YAML beside the URDF, or name it with --closures."
+            self.findings.append(warning("closures", text, ends[0]))
+
+    def _retyped(self, joints: dict[str, Element]) -> dict[str, str]:
+        """Return the joints that the closure YAML makes another type of."""
+        retyped = self.closures.retyped if self.closures else {}
+        leaders = {m.get("joint"): n for n, j in joints.items() if (m := j.find("mimic")) is not None}
+        for name in retyped:
+            where = f"{self.closure_file}: joint_name"
+            if name not in joints:
+                raise SourceError(f"{where}: {unknown('joint', name, joints)}")
+            if joints[name].find("mimic") is not None or name in leaders:
+                raise SourceError(f"{where}: joint '{name}' follows another or is followed: it must keep its type")
+        return retyped
+
+    def _parts(self, name: str) -> list[str]:
+        """Return the joints that a joint of the file becomes: one, or the two hinges of a universal joint."""
+        kind = self.retyped.get(name, "")
+        return [f"{name}_{a}" for a in kind[-2:]] if kind.startswith("UJOINT") else [name]
+
+    def _driven(self, root: Element, joints: dict[str, Element]) -> set[str]:
+        """Return the driven joints: those of the closure YAML, of the transmissions, or all that move."""
+        for t in root.findall("transmission"):
+            for ratio in t.iter("mechanicalReduction"):
+                if self.xml.number("transmission", "mechanicalReduction", ratio.text, 1.0) != 1:
+                    name = str(t.get("name"))
+                    text = f"transmission '{name}': mechanicalReduction {ratio.text} is not kept: joints are driven."
+                    self.findings.append(warning("gear", text, name))
+        if self.closures is not None:
+            for motor in self.closures.motors:
+                known = {m: n for n in joints for m in self._parts(n)}
+                if motor not in known:
+                    raise SourceError(f"{self.closure_file}: name_mot: {unknown('joint', motor, known)}")
+                kind = self.retyped.get(known[motor], joints[known[motor]].get("type"))
+                if kind not in ("revolute", "continuous", "prismatic") and not str(kind).startswith("UJOINT"):
+                    raise SourceError(f"{self.closure_file}: name_mot: joint '{motor}' is {kind}: nothing to drive")
+            return set(self.closures.motors)
+        told = {str(j.get("name")) for t in root.findall("transmission") for j in t.findall("joint")}
+        for name in told:
+            if name not in joints:
+                raise missing(self.path, "joint", name, joints, "transmission")
+        moving = {
+            n
+            for n, j in joints.items()
+            if j.get("type") in ("revolute", "continuous", "prismatic") and j.find("mimic") is None
+        }
+        return told or moving
+
+    # -- parts ----------------------------------------------------------------------------------------
+
+    def _joint(self, name: str, new: str, joint: Element, ends: tuple[str, str], active: bool) -> Joint:
+        where, found = f"joint '{name}'", self.findings
+        kind = joint.get("type")
+        if kind not in TYPES:
+            self.xml.fail(where, unknown("joint type", str(kind), TYPES))
+        turn = np.eye(4)
+        values: dict = {}
+        if kind in ("revolute", "continuous", "prismatic"):
+            element = joint.find("axis")
+            axis = self.xml.numbers(where, "axis", element.get("xyz") if element is not None else None, 3, (1, 0, 0))
+            if not np.abs(axis).max() > 1e-9:
+                self.xml.fail(where, "its axis has no length")
+            turn = along(axis)
+            values = self._limits(where, name, kind, joint.find("limit"), joint.find("safety_controller"))
+        if kind == "floating":
+            found.append(warning("free", f"{where} is floating: the robot hangs freely on its parent.", name))
+        body, T = self.home[ends[0]]
+        return Joint(
+            new,
+            TYPES[kind],
+            body,
+            self.home[ends[1]][0],
+            T @ origin(self.xml, joint, where) @ turn,
+            turn,
+            active=active,
+            **values,
+        )
+
+    def _retype(
+        self, name: str, names: Names, joint: Element, ends: tuple[str, str], driven: set[str]
+    ) -> Iterator[Joint]:
+        """Yield the joints that the closure YAML puts for one of the URDF, about the axes of its joint frame."""
+        kind, where, (parent, T) = self.retyped[name], f"joint '{name}'", self.home[ends[0]]
+        T = T @ origin(self.xml, joint, where)
+        child = self.home[ends[1]][0]
+        text = f"{where} is {kind} by the closure YAML: the axis and limits of the URDF are not kept."
+        self.findings.append(note("retyped", text, name))
+        if not kind.startswith("UJOINT"):
+            yield Joint(names[name], "spherical" if kind == "SPHERICAL" else "fixed", parent, child, T)
+            return
+        first, second = self._parts(name)
+        cross = identifier(f"{name}_cross")
+        while cross in {b for b, _ in self.home.values()} | {b.name for b in self.crosses}:
+            cross += "_1"
+        self.crosses.append(Body(cross))
+        for part, a, b, placed in ((first, parent, cross, T), (second, cross, child, np.eye(4))):
+            turn = along(np.eye(3)["XYZ".index(part[-1])])
+            yield Joint(names[part], "revolute", a, b, placed @ turn, turn, active=part in driven)
+
+    def _limits(self, where: str, name: str, kind: str, limit: Element | None, safety: Element | None) -> dict:
+        out: dict = {}
+
+        def value(element: Element, key: str) -> float | None:
+            return self.xml.number(where, key, element.get(key)) if element.get(key) is not None else None
+
+        if limit is None:
+            if kind != "continuous":
+                self.findings.append(warning("limits", f"{where} has no <limit>: it is unlimited.", name))
+        elif kind != "continuous":
+            low, high = value(limit, "lower"), value(limit, "upper")
+            if low is None and high is None:
+                self.findings.append(
+                    warning("limits", f"{where}: <limit> gives no lower and upper: it is unlimited.", name)
+                )
+            else:
+                # the format takes a bound that is left out for zero
+                try:
+                    out["limits"] = limits(low or 0.0, high or 0.0, name, self.findings)
+                except SourceError as error:
+                    raise SourceError(f"{self.path}: {error}") from error
+        elif any(limit.get(k) is not None for k in ("lower", "upper")):
+            self.findings.append(note("limits", f"{where} is continuous: its lower and upper mean nothing.", name))
+        if limit is not None:
+            speed, effort = value(limit, "velocity"), value(limit, "effort")
+            if speed is not None and speed < 0:
+                self.xml.fail(where, f"velocity {speed:g} is negative")
+            if speed:
+                out["max_speed"] = speed
+            if effort:
+                self.efforts[name] = effort
+        if safety is not None:
+            low, high = value(safety, "soft_lower_limit"), value(safety, "soft_upper_limit")
+            if low is not None and high is not None:
+                out["soft_limits"] = limits(low, high, name, self.findings)
+                self._within(out, name)
+        return out
+
+    def _within(self, out: dict, name: str) -> None:
+        """Cut soft limits off at the hard ones, beyond which they can never warn."""
+        if out.get("limits") is None or out["soft_limits"] is None:
+            return
+        (low, high), (first, last) = out["limits"], out["soft_limits"]
+        if low <= first and last <= high:
+            return
+        out["soft_limits"] = (max(low, first), min(high, last))
+        if not out["soft_limits"][0] < out["soft_limits"][1]:
+            del out["soft_limits"]
+        text = f"its soft limits {first:g} .. {last:g} go beyond its limits {low:g} .. {high:g}, where they never warn"
+        self.findings.append(note("soft_limits", f"joint '{name}': {text}; they end there.", name))
+
+    def _mimic(self, name: str, names: Names, joints: dict[str, Element]) -> Coupling:
+        where, mimic = f"joint '{name}', mimic", joints[name].find("mimic")
+        assert mimic is not None
+        leader = mimic.get("joint")
+        if leader is None or leader not in joints:
+            raise missing(self.path, "joint", str(leader), joints, where)
+        ratio = self.xml.number(where, "multiplier", mimic.get("multiplier"), 1.0)
+        if ratio == 0:
+            self.xml.fail(where, "multiplier 0 follows nothing; make the joint fixed")
+        total = self.xml.number(where, "offset", mimic.get("offset"), 0.0)
+        return Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), total)
+
+    def _loops(self, links: dict[str, Element], ends: dict[str, tuple[str, str]], names: Names) -> list[Joint]:
+        """Return the joints that the closure YAML adds; it names joints, whose child link is meant, or links."""
+        out = []
+        for i, (a, b, kind) in enumerate(self.closures.loops if self.closures else ()):
+            sides = []
+            for name in (a, b):
+                link = ends[name][1] if name in ends else name
+                if link not in links:
+                    known = [*ends, *links]
+                    raise SourceError(f"{self.closure_file}: closed_loop: {unknown('joint or link', name, known)}")
+                sides.append(self.home[link])
+            label = identifier(f"{_common(a, b)}") or f"loop{i + 1}"
+            used = {j.name for j in out}
+            label = label if label not in used and label not in names else f"loop{i + 1}_closure"
+            (body_a, T_a), (body_b, T_b) = sides
+            if body_a == body_b:
+                raise SourceError(f"{self.closure_file}: closed_loop: '{a}' and '{b}' lie on one body, '{body_a}'")
+            out.append(Joint(label, kind, body_a, body_b, T_a, T_b))
+        return out
+
+    def _inertia(self, name: str, link: Element) -> Inertia | None:
+        where, element = f"link '{name}'", link.find("inertial")
+        if element is None:
+            return None
+        T = origin(self.xml, element, where)
+        mass, tensor = element.find("mass"), element.find("inertia")
+        kilograms = self.xml.number(where, "mass", mass.get("value") if mass is not None else None)
+        if tensor is None:
+            self.xml.fail(where, "<inertial> without <inertia>")
+        xx, xy, xz, yy, yz, zz = (
+            self.xml.number(where, k, tensor.get(k)) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        )
+        R = T[:3, :3]
+        I = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T  # noqa: E741
+        return possible(Inertia(kilograms, T[:3, 3], 0.5 * (I + I.T)), name, self.findings)
+
+
+def _common(a: str, b: str) -> str:
+    """Return what two names begin with, as `closedloop1` of `closedloop1_A` and `closedloop1_B`."""
+    n = next((i for i, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
+    return a[:n].rstrip("_-")

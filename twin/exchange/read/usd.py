@@ -1,0 +1,98 @@
+"""Read a UsdPhysics stage, of anybody: the stage reader's mechanism, and what of the stage it has no word for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from twin.core.errors import SourceError, TwinError
+from twin.core.findings import Finding
+from twin.exchange.read.source import Imported, tooled, warning
+
+_READ = (
+    "PhysicsRigidBodyAPI",
+    "PhysicsMassAPI",
+    "PhysicsArticulationRootAPI",
+    "PhysicsCollisionAPI",
+    "PhysicsMeshCollisionAPI",
+    "PhysicsDriveAPI",
+    "PhysicsLimitAPI",
+    "PhysicsJointStateAPI",
+    "MaterialBindingAPI",
+    "GeomModelAPI",
+)
+"""Applied schemas whose content is read, or that only mark what is read otherwise."""
+
+_WITHOUT = ("friction", "armature", "breakforce", "breaktorque", "damping", "stiffness", "solver", "actuator")
+"""Parts of the names of authored joint properties that have no place in a mechanism."""
+
+
+def read_usd(path: Path, root: str | None) -> Imported:
+    """Read a stage; one without a tool gets one.
+
+    Raises:
+        SourceError: a mechanism without something that is on the stage would be another one; it is named.
+        TwinError: a stage that is wrong.
+    """
+    from twin.usd.read import inspect_stage
+
+    try:
+        mechanism, findings = inspect_stage(path, root)
+    except TwinError as error:
+        if str(path) in str(error):
+            raise
+        raise SourceError(f"{path}: {error}") from error
+    findings = [replace(f, severity="warning") if f.code == "stage.read.shape" else f for f in findings]
+    findings += _left_out(path, root)
+    if not mechanism.active:
+        moving = {j.name for j in mechanism.tree if len(j.free_axes) == 1}
+        joints = tuple(replace(j, active=j.name in moving) for j in mechanism.joints)
+        mechanism = replace(mechanism, joints=joints, postures={})
+        text = f"no joint has a drive: all of the tree are driven, {', '.join(sorted(moving))}."
+        findings.append(warning("driven", text, mechanism.base))
+    return Imported(tooled(mechanism, findings), findings)
+
+
+def _left_out(path: Path, root: str | None) -> list[Finding]:
+    from pxr import Usd, UsdGeom, UsdPhysics
+
+    stage = Usd.Stage.Open(str(path))
+    top = stage.GetPrimAtPath(root) if root else stage.GetPseudoRoot()
+    found: list[Finding] = []
+    for prim in Usd.PrimRange(top, Usd.TraverseInstanceProxies()):
+        where = str(prim.GetPath())
+        strange = [str(s) for s in prim.GetPrimTypeInfo().GetAppliedAPISchemas() if str(s).split(":")[0] not in _READ]
+        joint = prim.IsA(UsdPhysics.Joint)
+        for schema in strange:
+            if joint and "mimic" in schema.lower():
+                raise SourceError(
+                    f"{path}: joint {where} follows another one by {schema}: couplings of other vendors are not read. "
+                    "Take the schema off, and write the [[coupling]] into the new folder."
+                )
+            if prim.HasAPI(UsdPhysics.RigidBodyAPI) or joint:
+                found.append(warning("schema", f"{where}: {schema} is not read.", where))
+        if prim.HasAPI(UsdPhysics.RigidBodyAPI) and prim.HasAPI(UsdPhysics.MassAPI):
+            mass = UsdPhysics.MassAPI(prim)
+            kilograms, tensor = mass.GetMassAttr().Get(), mass.GetDiagonalInertiaAttr().Get()
+            if kilograms and not any(tensor or ()):
+                text = f"{where}: its mass of {kilograms:g} kg is not kept: the stage gives no inertia with it."
+                found.append(warning("inertia", text, where))
+        if joint:
+            names = [a.GetName() for a in prim.GetAttributes() if a.HasAuthoredValue()]
+            names = [
+                n for n in names if not n.startswith(("drive:", "state:")) and any(w in n.lower() for w in _WITHOUT)
+            ]
+            if names := [n for n in names if _told(prim.GetAttribute(n))]:
+                found.append(warning("friction", f"joint {where}: {', '.join(names)} are not kept.", where))
+        elif prim.IsA(UsdGeom.Gprim) and not prim.IsA(UsdGeom.Mesh) and prim.IsA(UsdGeom.PointBased):
+            found.append(warning("shape", f"{where}: a {prim.GetTypeName()} is not shown.", where))
+        elif prim.GetTypeName() in ("PhysicsTendon", "PhysxTendon") or "Tendon" in str(prim.GetTypeName()):
+            found.append(warning("tendon", f"{where}: a {prim.GetTypeName()} is not kept.", where))
+    return found
+
+
+def _told(attribute: Any) -> bool:
+    """Return whether an attribute says something: not its zero or infinity."""
+    value = attribute.Get()
+    return value not in (None, 0, 0.0, False, float("inf"))

@@ -1,0 +1,61 @@
+"""XML with errors that name the file and the element."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+from xml.etree import ElementTree
+
+import numpy as np
+
+from twin.core.errors import SourceError
+from twin.core.foreign.text import DoctypeError, parse_xml
+from twin.core.spatial import Array
+
+
+class Xml:
+    """An XML file with errors that name the file and the element."""
+
+    def __init__(self, path: Path, root: str) -> None:
+        self.path = path
+        try:
+            self.root = parse_xml(path)
+        except DoctypeError as error:
+            raise SourceError(f"{path}: {error}") from error
+        except OSError as error:
+            raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
+        except (ElementTree.ParseError, ValueError, LookupError) as error:
+            raise SourceError(f"{path}: not XML: {error}") from error
+        if self.root.tag != root:
+            hint = "It is a xacro or another format: expand or rename it."
+            raise SourceError(f"{path}: the root element is <{self.root.tag}>, expected <{root}>. {hint}")
+
+    def fail(self, where: str, message: str) -> NoReturn:
+        """Raise `SourceError` for an element."""
+        raise SourceError(f"{self.path}: {where}: {message}")
+
+    def name(self, element: ElementTree.Element, kind: str) -> str:
+        """Return the name of an element; it must have one."""
+        name = (element.get("name") or "").strip()
+        if not name:
+            self.fail(f"<{kind}>", "it has no name")
+        return name
+
+    def numbers(self, where: str, what: str, text: str | None, count: int, default: Sequence[float] | None) -> Array:
+        """Return `count` finite numbers of a text; the default if there is no text."""
+        if text is None:
+            if default is None:
+                self.fail(where, f"{what} is missing")
+            return np.array(default, float)
+        try:
+            values = np.array([float(t) for t in text.split()])
+        except ValueError:
+            self.fail(where, f"{what} = '{text[:80]}' is not {count} numbers")
+        if len(values) != count or not np.all(np.isfinite(values)):
+            self.fail(where, f"{what} = '{text[:80]}' is not {count} finite numbers")
+        return values
+
+    def number(self, where: str, what: str, text: str | None, default: float | None = None) -> float:
+        """Return one finite number of a text; the default if there is no text."""
+        return float(self.numbers(where, what, text, 1, None if default is None else (default,))[0])

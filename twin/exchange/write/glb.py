@@ -1,0 +1,307 @@
+"""<robot>.glb: glTF 2.0 in one file, written by hand so that every byte is known and the same each time.
+
+glTF is y up. One root node turns the robot there, once; below it every link keeps its pose in the robot's own
+world (z up), so that absolute link poses of a file or of a stream can be put on the nodes as they are.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.core.version import __version__
+from twin.exchange.write.clip import Clip, home_poses, model_hash, quaternions_xyzw
+from twin.model.mechanism import Body, Material, Mechanism
+from twin.usd.write.geometry import corner_normals
+
+UP_XYZW = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
+"""Rotation of the root: -90 degrees about x takes z up to y up."""
+
+_FLOAT, _UINT16, _UINT32 = 5126, 5123, 5125
+_VERTICES, _INDICES = 34962, 34963
+_STILL = 1e-10
+"""What changes by no more than this (m, parts of a rotation matrix) stays where it is."""
+
+_MOST_UINT16 = 65535
+"""Vertices that 16 bits can count; the highest number is kept for other uses by glTF."""
+
+
+def write_glb(
+    mechanism: Mechanism,
+    clips: Sequence[Clip],
+    path: Path,
+    link_poses: Mapping[str, Array] | None = None,
+) -> Path:
+    """Write the robot with its clips and return the path.
+
+    Args:
+        mechanism: what to write.
+        clips: one animation each, of that name.
+        path: the .glb file.
+        link_poses: T_world_body (4, 4) of every body where nothing plays; default: as drawn, loops closed.
+    """
+    Path(path).write_bytes(glb_bytes(mechanism, clips, link_poses))
+    return Path(path)
+
+
+def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapping[str, Array] | None = None) -> bytes:
+    """Return the file of `write_glb` as bytes."""
+    rest = home_poses(mechanism) if link_poses is None else link_poses
+    out = _Document()
+    names = node_names(mechanism, clips)
+    nodes: list[dict[str, Any]] = [{"name": names.root, "rotation": list(UP_XYZW), "children": []}]
+    index = {}
+    for body in mechanism.bodies:
+        index[body.name] = len(nodes)
+        nodes[0]["children"].append(len(nodes))
+        extras: dict[str, Any] = {"link": body.name}
+        if body.inertia is not None:
+            extras["mass"] = float(f"{body.inertia.mass:.9g}")
+        extras["joints"] = [j.name for j in mechanism.joints if j.child == body.name]
+        nodes.append({"name": body.name, **_trs(rest[body.name]), "extras": extras})
+        if (mesh := out.mesh(body, mechanism.materials)) is not None:
+            nodes[-1]["mesh"] = mesh
+    for frame in mechanism.frames:
+        if frame.name not in names.frames:
+            continue
+        nodes[index[frame.body]].setdefault("children", []).append(len(nodes))
+        nodes.append({"name": names.frames[frame.name], **_trs(frame.T_body_frame), "extras": {"frame": frame.name}})
+    nodes = [{k: v for k, v in n.items() if k != "children" or v} for n in nodes]
+    moving = moving_paths(clips, rest)
+    animations = [out.animation(clip, index, moving) for clip in clips] if moving else []
+    document: dict[str, Any] = {
+        "asset": {
+            "version": "2.0",
+            "generator": f"twin {__version__}",
+            "extras": {
+                "schema": "twin-glb",
+                "version": 1,
+                "robot": mechanism.name,
+                "model_hash": model_hash(mechanism),
+                "units": "m, kg, s",
+                "frame": "links below the root node: z-up right-handed",
+            },
+        },
+        "scene": 0,
+        "scenes": [{"name": mechanism.name, "nodes": [0]}],
+        "nodes": nodes,
+        **out.lists(),
+    }
+    if animations:
+        document["animations"] = animations
+    return _pack(document, out.binary())
+
+
+class Names:
+    """Names of the nodes: root, and named frames by frame; links are called as their bodies."""
+
+    def __init__(self, root: str, frames: Mapping[str, str]) -> None:
+        self.root, self.frames = root, frames
+
+
+def node_names(mechanism: Mechanism, clips: Sequence[Clip]) -> Names:
+    """Return names of root and frame nodes that no other node has: Unity and three.js address nodes by name alone."""
+    taken = {b.name for b in mechanism.bodies}
+
+    def free(name: str) -> str:
+        while name in taken:
+            name += "_"
+        taken.add(name)
+        return name
+
+    wanted = {mechanism.tool, *(c.frame for c in clips)}
+    root = free(mechanism.name)
+    return Names(root, {f.name: free(f"frame_{f.name}") for f in mechanism.frames if f.name in wanted})
+
+
+def moving_paths(clips: Sequence[Clip], rest: Mapping[str, Array]) -> set[tuple[str, str]]:
+    """Return (link, "translation" or "rotation") of what leaves its rest pose in any of the clips.
+
+    Of any, because a player that changes from one clip to another leaves where it is what the other does not set.
+    """
+    out = set()
+    for clip in clips:
+        for name, Ts in clip.links.items():
+            off = np.abs(Ts - rest[name])
+            if off[:, :3, 3].max() > _STILL:
+                out.add((name, "translation"))
+            if off[:, :3, :3].max() > _STILL:
+                out.add((name, "rotation"))
+    return out
+
+
+def surface(vertices: Array, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return points (n, 3) and unit normals (n, 3) in single precision, and triangles (m, 3).
+
+    Vertices are shared where the normal is the same, doubled along sharp edges; triangles that single precision
+    leaves without three different corners are dropped.
+    """
+    corners = np.asarray(triangles).ravel()
+    steps = np.round(corner_normals(vertices, triangles) * 1e4).astype(np.int64) + 10001
+    # Vertex and normal as one whole number: to sort rows of four takes ten times as long.
+    normal_key = (steps[:, 0] * 20003 + steps[:, 1]) * 20003 + steps[:, 2]
+    _, normal = np.unique(normal_key, return_inverse=True)
+    _, first, index = np.unique(
+        corners.astype(np.int64) * len(corners) + normal, return_index=True, return_inverse=True
+    )
+    points = np.asarray(vertices, float)[corners[first]].astype("<f4") + np.float32(0)
+    normals = (steps[first] - 10001).astype(float)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    faces = index.reshape(-1, 3)
+    p = points[faces]
+    same = [np.all(p[:, i] == p[:, j], axis=1) for i, j in ((0, 1), (1, 2), (2, 0))]
+    return points, (normals + 0.0).astype("<f4"), faces[~np.any(same, axis=0)]
+
+
+class _Document:
+    """Collects buffers and what refers to them."""
+
+    def __init__(self) -> None:
+        self._parts: dict[str, list[bytes]] = {"vertices": [], "keys": [], "uint16": [], "uint32": []}
+        self._sizes = dict.fromkeys(self._parts, 0)
+        self._accessors: list[tuple[str, dict[str, Any]]] = []
+        self._known: dict[tuple[str, str, bool, bytes], int] = {}
+        self._meshes: list[dict[str, Any]] = []
+        self._materials: dict[Material, int] = {}
+
+    def mesh(self, body: Body, materials: Mapping[str, Material]) -> int | None:
+        """Add the meshes of a body as one, a primitive for each material, and return its number; None: no triangle."""
+        by_material: dict[Material, list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
+        for mesh in body.meshes:
+            by_material.setdefault(materials[mesh.name], []).append(surface(mesh.vertices, mesh.triangles))
+        primitives = []
+        for material, parts in by_material.items():
+            starts = np.cumsum([0, *(len(p) for p, _, _ in parts)])
+            faces = np.concatenate([f + s for (_, _, f), s in zip(parts, starts[:-1], strict=True)])
+            if not len(faces):
+                continue
+            points, normals = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+            small = len(points) <= _MOST_UINT16
+            primitives.append(
+                {
+                    "attributes": {
+                        "POSITION": self._add("vertices", points, "VEC3", _FLOAT, bounds=True),
+                        "NORMAL": self._add("vertices", normals, "VEC3", _FLOAT),
+                    },
+                    "indices": self._add(
+                        "uint16" if small else "uint32",
+                        faces.astype("<u2" if small else "<u4").reshape(-1, 1),
+                        "SCALAR",
+                        _UINT16 if small else _UINT32,
+                    ),
+                    "material": self._materials.setdefault(material, len(self._materials)),
+                }
+            )
+        if not primitives:
+            return None
+        self._meshes.append({"name": f"{body.name}_mesh", "primitives": primitives})
+        return len(self._meshes) - 1
+
+    def animation(self, clip: Clip, nodes: Mapping[str, int], moving: set[tuple[str, str]]) -> dict[str, Any]:
+        """Return a clip as an animation with a channel for each (link, path) of `moving`."""
+        times = self._add("keys", clip.times.astype("<f4").reshape(-1, 1), "SCALAR", _FLOAT, bounds=True)
+        channels, samplers = [], []
+        for name, Ts in clip.links.items():
+            for path, kind, values in (
+                ("translation", "VEC3", Ts[:, :3, 3]),
+                ("rotation", "VEC4", quaternions_xyzw(Ts)),
+            ):
+                if (name, path) not in moving:
+                    continue
+                channels.append({"sampler": len(samplers), "target": {"node": nodes[name], "path": path}})
+                output = self._add("keys", values.astype("<f4") + np.float32(0), kind, _FLOAT)
+                samplers.append({"input": times, "interpolation": "LINEAR", "output": output})
+        extras = {
+            "title": clip.title,
+            "rate": clip.rate,
+            "between_position": float(f"{clip.between_position:.6g}"),
+            "between_rotation": float(f"{clip.between_rotation:.6g}"),
+            "joint_gap": float(f"{clip.joint_gap:.6g}"),
+        }
+        return {"name": clip.name, "channels": channels, "samplers": samplers, "extras": extras}
+
+    def _add(self, part: str, values: np.ndarray, kind: str, component: int, bounds: bool = False) -> int:
+        accessor = {
+            "byteOffset": self._sizes[part],
+            "componentType": component,
+            "count": len(values),
+            "type": kind,
+        }
+        if bounds:
+            accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+        data = values.tobytes()
+        # What moves along with another link has the same keys: they are stored once.
+        same = (part, kind, bounds, data)
+        if part == "keys" and same in self._known:
+            return self._known[same]
+        self._known[same] = len(self._accessors)
+        self._parts[part].append(data)
+        self._sizes[part] += len(data)
+        self._accessors.append((part, accessor))
+        return len(self._accessors) - 1
+
+    def lists(self) -> dict[str, Any]:
+        """Return meshes, materials, accessors, views and the buffer; empty lists are left out, as glTF demands."""
+        used = [p for p in self._parts if self._sizes[p]]
+        views, start = [], 0
+        for part in used:
+            view: dict[str, Any] = {"buffer": 0, "byteOffset": start, "byteLength": self._sizes[part]}
+            if part == "vertices":
+                view |= {"byteStride": 12, "target": _VERTICES}
+            elif part != "keys":
+                view["target"] = _INDICES
+            views.append(view)
+            start += _aligned(self._sizes[part])
+        accessors = [{"bufferView": used.index(part), **a} for part, a in self._accessors]
+        lists = {
+            "meshes": self._meshes,
+            "materials": [_material(material) for material in self._materials],
+            "accessors": accessors,
+            "bufferViews": views,
+            "buffers": [{"byteLength": start}] if start else [],
+        }
+        return {k: v for k, v in lists.items() if v}
+
+    def binary(self) -> bytes:
+        """Return all parts one after the other, each from a multiple of four bytes on."""
+        return b"".join(b"".join(p).ljust(_aligned(self._sizes[n]), b"\0") for n, p in self._parts.items())
+
+
+def _aligned(size: int) -> int:
+    return (size + 3) // 4 * 4
+
+
+def _trs(T: Array) -> dict[str, Any]:
+    """Return a node's placement: nodes with a matrix cannot be animated."""
+    q = quaternions_xyzw(T[None])[0]
+    return {"translation": (T[:3, 3] + 0.0).tolist(), "rotation": (q + 0.0).tolist()}
+
+
+def _material(material: Material) -> dict[str, Any]:
+    out: dict[str, Any] = {
+        "name": material.name,
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [float(c) for c in material.color_rgba],
+            "metallicFactor": float(material.finish.metallic),
+            "roughnessFactor": float(material.finish.roughness),
+        },
+        "doubleSided": False,
+    }
+    if material.color_rgba[3] < 1:  # without it a player draws the part opaque
+        out["alphaMode"] = "BLEND"
+    return out
+
+
+def _pack(document: Mapping[str, Any], binary: bytes) -> bytes:
+    text = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+    text = text.ljust(_aligned(len(text)), b" ")
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
+    if binary:
+        chunks += struct.pack("<II", len(binary), 0x004E4942) + binary
+    return struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks

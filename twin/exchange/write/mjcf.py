@@ -1,0 +1,252 @@
+"""The robot as MJCF for MuJoCo: a tree, and equality constraints that close its loops.
+
+Bodies are placed at home and joints have their coordinates there as `ref`, so that a simulation that nobody has set up
+starts with closed loops; every coordinate is that of the mechanism. A control is how far a drive is to go from home:
+zero, with which a simulation starts, holds the robot there. A ball has no coordinate: its quaternion counts from home.
+
+Loops are closed where joints are at `ref`, so one anchor says where both bodies are tied; Drake reads no other form:
+
+    spherical       one connect at the ball
+    revolute        two connects, at two points of the pin
+    fixed           one weld, site to site
+    slides          a carrier of next to no mass slides (and turns) on the one body and is welded to the other
+    couplings       a fixed tendon of constant length
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.findings import Finding
+from twin.core.spatial import Array
+from twin.exchange.write.masses import inertia_of, unweighed
+from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
+from twin.exchange.write.xml import numbers, srgb, write_xml
+from twin.model.mechanism import Inertia, Joint, Mechanism
+from twin.usd.write.spanning import spanning
+
+PIN = 0.05
+"""Metres between the two points at which a pin is tied."""
+
+CARRIER = Inertia(1e-3, np.zeros(3), 1e-7 * np.eye(3))
+"""Of a body that only carries a slide which closes a loop."""
+
+STIFF = {"solref": "0.001 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
+"""Of the ties: MuJoCo's constraints are springs, and its own choice would let the loops sag."""
+
+OPTION = {"timestep": "0.001", "integrator": "discrete", "iterations": "100", "tolerance": "1e-12"}
+"""Gains of the drives and ties are satisfied in one solve. The other implicit integrators, which the damping of the
+drives needs, correct accelerations after the ties have been satisfied: at 1 ms the loops of SHER shake by 14 mm
+(measured), and with an explicit one LAPBOT is unstable."""
+
+STEPPING = (
+    "Ties of the loops are springs. At this time step, with this integrator (MuJoCo 3.13 or newer), the loops of the "
+    "robots that come with twin stay closed within 1 um: 10 s at rest under gravity, and along their protocols. With "
+    "an older MuJoCo use implicitfast and 0.0001 s."
+)
+
+CONTROLS = (
+    "A control is how far its joint is to go from home, in m or rad: ctrl = coordinate - ref. Zero holds the robot "
+    "where it is drawn, the weight at home is borne already. A motor has no gains: its control is its force."
+)
+
+
+def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
+    """Write <robot>.xml, or <name>.xml, and its meshes; return the .xml file.
+
+    Args:
+        mechanism: weighed; see `mjcf_findings` for bodies that are not.
+        folder: made if it is missing; the caller moves it into place.
+        name: of the file, where one robot has several (its trocar elsewhere).
+
+    Raises:
+        AssemblyError: the mechanism cannot be assembled as drawn.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    write_meshes(mechanism, folder)
+    return write_xml(_Writer(mechanism).root, folder / f"{name or mechanism.name}.xml")
+
+
+def mjcf_findings(mechanism: Mechanism) -> list[Finding]:
+    """Return what the file says otherwise than the mechanism; it stands in the file as well."""
+    file = f"{mechanism.name}.xml"
+    found = list(unweighed(mechanism, file))
+    cones = [j.name for j in mechanism.joints if j.cone is not None]
+    if cones:
+        found.append(
+            Finding(
+                "export.cone_left_out",
+                "info",
+                f"{file}: the cones of {', '.join(cones)} are left out, MJCF limits a ball by its whole turn",
+                where=", ".join(cones),
+            )
+        )
+    return found
+
+
+class _Writer:
+    """Builds the document while it collects what belongs to other places of it."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        from twin.reference import ReferenceModel
+        from twin.reference.holding import holding_efforts
+
+        self.mechanism = mechanism
+        self.spanning = spanning(mechanism)
+        model = ReferenceModel(mechanism)
+        self.home = model.home()
+        self.efforts = holding_efforts(model, self.home)
+        self.sites: dict[str, list[tuple[str, Array]]] = {}
+        self.carriers: dict[str, list[Joint]] = {}
+        self.qpos: list[float] = []
+        self.root = root = ET.Element("mujoco", model=mechanism.name)
+        for finding in mjcf_findings(mechanism):
+            root.append(ET.Comment(f" {finding.message} "))
+        ET.SubElement(root, "compiler", angle="radian", autolimits="true")
+        root.append(ET.Comment(f" {STEPPING} "))
+        ET.SubElement(root, "option", OPTION)
+        asset = ET.SubElement(root, "asset")
+        for look in dict.fromkeys(mechanism.materials.values()):
+            finish = {"metallic": numbers([look.finish.metallic]), "roughness": numbers([look.finish.roughness])}
+            ET.SubElement(asset, "material", {"name": look.name, "rgba": srgb(look.color_rgba), **finish})
+        for body in mechanism.bodies:
+            for mesh in body.meshes:
+                # Bodies have their own inertia, so that the mesh of a thin sheet need not be a solid.
+                ET.SubElement(asset, "mesh", name=mesh.name, file=mesh_file(mesh), scale=SCALE, inertia="shell")
+        equality = ET.Element("equality")
+        for joint in self.spanning.cut:
+            self._tie(equality, joint)
+        self._body(ET.SubElement(root, "worldbody"), mechanism.base, None)
+        self._couplings(equality)
+        root.append(equality)
+        self._actuators()
+
+    def _body(self, parent: ET.Element, name: str, joint: Joint | None) -> None:
+        T = np.eye(4) if joint is None else self._relative(joint.parent, joint.child)
+        # MuJoCo calls its own fixed body "world": a base of that name is this one.
+        world = joint is None and name == "world"
+        element = parent if world else ET.SubElement(parent, "body", {"name": name, **_place(T)})
+        body = self.mechanism.body(name)
+        if joint is not None:
+            self._joint(element, joint)
+        if not world and (joint is not None or body.inertia is not None):
+            _inertial(element, inertia_of(body))
+        for mesh in body.meshes:
+            # Neighbours overlap in their joints: links meet the world (whose contype is 1), never one another.
+            shape = {
+                "type": "mesh",
+                "mesh": mesh.name,
+                "material": self.mechanism.materials[mesh.name].name,
+                "mass": "0",
+            }
+            ET.SubElement(element, "geom", {**shape, "contype": "0", "conaffinity": "1"})
+        marks = [(f"frame_{f.name}", f.T_body_frame) for f in self.mechanism.frames if f.body == name]
+        for site, at in [*marks, *self.sites.get(name, [])]:
+            ET.SubElement(element, "site", {"name": site, "size": "0.002", **_place(at)})
+        for child in self.spanning.tree:
+            if child.parent == name:
+                self._body(element, child.child, child)
+        for slide in self.carriers.get(name, []):
+            T = slide.T_parent_joint @ self._motion(slide)
+            carrier = ET.SubElement(element, "body", {"name": f"{slide.name}_carrier", **_place(T)})
+            self._moves(carrier, slide, np.eye(4))
+            _inertial(carrier, CARRIER)
+            ET.SubElement(carrier, "site", name=f"{slide.name}_0_parent", size="0.002")
+
+    def _joint(self, element: ET.Element, joint: Joint) -> None:
+        if joint.type != "spherical":
+            self._moves(element, joint, joint.T_child_joint)
+            return
+        ET.SubElement(element, "joint", name=joint.name, type="ball", pos=numbers(joint.T_child_joint[:3, 3]))
+        self.qpos += [1.0, 0.0, 0.0, 0.0]
+
+    def _moves(self, element: ET.Element, joint: Joint, T_body_joint: Array) -> None:
+        """Write the slide, the hinge, or both, along z of a frame on the moving body."""
+        T = self._motion(joint)
+        for kind, axis, value in (
+            ("slide", 2, T[2, 3]),
+            ("hinge", 5, self.home.q_full.get(joint.name, float(np.arctan2(T[1, 0], T[0, 0])))),
+        ):
+            if axis not in joint.free_axes:
+                continue
+            name = f"{joint.name}_slide" if joint.type == "cylindrical" and kind == "slide" else joint.name
+            line = {"pos": numbers(T_body_joint[:3, 3]), "axis": numbers(T_body_joint[:3, 2])}
+            out = ET.SubElement(element, "joint", {"name": name, "type": kind, **line})
+            if value:
+                out.set("ref", numbers([value]))
+            if joint.limits is not None:
+                out.set("range", numbers(joint.limits))
+            self.qpos.append(float(value))
+
+    def _relative(self, parent: str, child: str) -> Array:
+        """Return T_parent_child (4, 4) at home."""
+        return spatial.inverse(self.home.link_poses[parent]) @ self.home.link_poses[child]
+
+    def _motion(self, joint: Joint) -> Array:
+        """Return the pose (4, 4) of the joint's two frames to each other at home."""
+        return joint.relative(self.home.link_poses[joint.parent], self.home.link_poses[joint.child])
+
+    def _tie(self, equality: ET.Element, joint: Joint) -> None:
+        """Add what closes a loop, and remember the sites and carriers that it needs."""
+        for n, along in enumerate({"spherical": (0.0,), "revolute": (-PIN / 2, PIN / 2)}.get(joint.type, ())):
+            anchor = numbers(joint.T_parent_joint[:3, 3] + along * joint.T_parent_joint[:3, 2])
+            tied = {"body1": joint.parent, "body2": joint.child, "anchor": anchor}
+            ET.SubElement(equality, "connect", {"name": f"{joint.name}_{n}", **tied, **STIFF})
+        if joint.type in ("spherical", "revolute"):
+            return
+        ends = {"site1": f"{joint.name}_0_parent", "site2": f"{joint.name}_0_child"}
+        self.sites.setdefault(joint.child, []).append((ends["site2"], joint.T_child_joint))
+        if 2 in joint.free_axes:
+            self.carriers.setdefault(joint.parent, []).append(joint)
+        else:
+            self.sites.setdefault(joint.parent, []).append((ends["site1"], joint.T_parent_joint))
+        ET.SubElement(equality, "weld", {"name": f"{joint.name}_0", **ends, **STIFF})
+
+    def _couplings(self, equality: ET.Element) -> None:
+        if not self.mechanism.couplings:
+            return
+        tendons = ET.SubElement(self.root, "tendon")
+        for coupling in self.mechanism.couplings:
+            tendon = ET.SubElement(tendons, "fixed", name=coupling.name)
+            for name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
+                ET.SubElement(tendon, "joint", joint=name, coef=numbers([ratio]))
+            # The length is counted from that of the joints' `ref`, where the coupling holds.
+            line = {"name": coupling.name, "tendon1": coupling.name, "polycoef": "0 0 0 0 0"}
+            ET.SubElement(equality, "tendon", {**line, **STIFF})
+
+    def _actuators(self) -> None:
+        self.root.append(ET.Comment(f" {CONTROLS} "))
+        actuator = ET.SubElement(self.root, "actuator")
+        control = []
+        for joint in self.mechanism.active:
+            if joint.drive is None or not joint.drive.stiffness > 0:
+                ET.SubElement(actuator, "motor", name=joint.name, joint=joint.name)
+                control.append(self.efforts[joint.name])
+                continue
+            kp, kv, home = joint.drive.stiffness, joint.drive.damping, self.home.q_full[joint.name]
+            # What MuJoCo calls a position servo, with a bias: kp (ctrl + home - q) - kv dq/dt + effort at home.
+            bias = numbers([kp * home + self.efforts[joint.name], -kp, -kv])
+            line = {"name": joint.name, "joint": joint.name, "gainprm": numbers([kp])}
+            out = ET.SubElement(actuator, "general", {**line, "biastype": "affine", "biasprm": bias})
+            if joint.limits is not None:
+                out.set("ctrlrange", numbers([end - home for end in joint.limits]))
+            if joint.drive.max_effort is not None:
+                out.set("forcerange", numbers([-joint.drive.max_effort, joint.drive.max_effort]))
+            control.append(0.0)
+        keyframe = ET.SubElement(self.root, "keyframe")
+        ET.SubElement(keyframe, "key", name="home", qpos=numbers(self.qpos), ctrl=numbers(control))
+
+
+def _place(T: Array) -> dict[str, str]:
+    return {"pos": numbers(T[:3, 3]), "quat": numbers(spatial.quat_from_matrix_wxyz(T[:3, :3]))}
+
+
+def _inertial(element: ET.Element, inertia: Inertia) -> None:
+    I = inertia.I_com  # noqa: E741 - the symbol of the field
+    # Products of a few 1e-9 kg m2 are real: twelve significant digits, not twelve decimals.
+    full = " ".join(f"{v:.12g}" for v in (I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]))
+    ET.SubElement(element, "inertial", pos=numbers(inertia.p_body_com), mass=f"{inertia.mass:.12g}", fullinertia=full)

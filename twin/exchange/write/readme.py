@@ -1,0 +1,140 @@
+"""README.txt of a bundle: what is where, in which units, what is assumed, and what nobody has tried."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Sequence
+
+from twin.core.findings import Finding
+from twin.core.units import DEG, UM
+from twin.core.version import __version__
+from twin.exchange.write.order import Order
+
+_WIDTH = 100
+
+
+def text(order: Order, formats: Sequence[str], findings: Sequence[Finding]) -> str:
+    """Return the README of a bundle with these formats; `findings` are those of the robot and of the writers."""
+    head = f"{order.mechanism.name}: {order.title}"
+    lines = [head, "=" * len(head), "", f"Written by twin {__version__} from: {order.source}", ""]
+    for title, body in (
+        ("What is where", list(_files(order, formats))),
+        ("Conventions", _CONVENTIONS),
+        ("Motions", list(_motions(order))),
+        ("How to use it", [line for f, line in _USES if f in formats]),
+        ("What was found while writing", [f"- {f.message}" for f in findings] or ["- nothing"]),
+        ("What nobody has tried", _UNTRIED),
+        ("Assumed: numbers that nobody has published", list(_assumed(order))),
+    ):
+        lines += [title, "-" * len(title), *_wrapped(body), ""]
+    return "\n".join(lines)
+
+
+_CONVENTIONS = [
+    "- Metres, kilograms, seconds, radians. UsdPhysics angles are degrees, because the format says so.",
+    "- The robot's own world is z up, right-handed; it is the frame of the base. Link poses in every file and in the "
+    "stream of `twin serve` are poses in that world.",
+    "- GLB and USDZ are y up: their root node turns the robot once, -90 degrees about x. Links below it keep their "
+    "z-up poses, so that a pose of the tracks can be put on a node as it is.",
+    "- Quaternions are x y z w (USD: w x y z); their signs never jump from key to key.",
+    "- Unity is left-handed. A glTF importer mirrors x: (x, y, z) becomes (-x, y, z), the quaternion (x, -y, -z, w). "
+    "ROS importers use (-y, z, x) and (-y, z, x, -w). The player of the Unity package has both.",
+    "- Names of links, joints and frames are the same in every file.",
+]
+
+_UNTRIED = [
+    "- No physical headset, no iPhone and no graphics card has shown these files.",
+    "- The Unity editor has not run the Unity package: its C# was compiled and tested against a stub of UnityEngine. "
+    "The package has a self-test to run there.",
+]
+
+_USES = [
+    ("glb", "- Quest browser, three.js, Blender: open the .glb; each protocol is an animation of its name."),
+    ("usdz", "- iPhone, iPad, Vision Pro: open the .usdz in AR Quick Look; the motion plays in a loop."),
+    (
+        "usd",
+        "- Isaac Sim, Omniverse, Newton, PhysX: open usd/<robot>_sim.usda to simulate (joint state is authored, loops "
+        "are outside of the articulation, self collision is off); usd/<robot>_<protocol>.usda to watch a motion. "
+        "Newton starts at home by its default importer, but its MuJoCo solver gives loops soft springs of its own: set "
+        "solver.mj_model.eq_solref to (0.001, 1) and eq_solimp to (0.9999, 0.9999, 0.001, 0.5, 2), or load the MJCF, "
+        "whose springs it reads.",
+    ),
+    ("unity", "- Unity: add unity/ as a package from disk, then use its menu to import the GLB and the tracks."),
+    ("tracks", "- Anything else: tracks/*.csv opens in a spreadsheet, tracks/*.json follows track.schema.json."),
+    (
+        "mjcf",
+        "- MuJoCo 3.13 or newer: load <robot>.xml and step, 1 ms at a time. It starts at home with closed loops, which "
+        "equality constraints hold; a control is how far a drive is to go from home (ctrl = coordinate - ref), so that "
+        "zero holds the robot where it is. Newton (add_mjcf) and Drake hold its loops as well; Drake leaves out its "
+        "actuators and tendons.",
+    ),
+    (
+        "urdf",
+        "- URDF tools: load <robot>.urdf; it has no loops, see below. To play a track, give every joint the value in "
+        "the column of its name; a ball is three of them, <ball>_x, <ball>_y and <ball>_z.",
+    ),
+]
+
+
+def _files(order: Order, formats: Sequence[str]) -> Iterator[str]:
+    name = order.mechanism.name
+    rows = {
+        "usd": [
+            (f"usd/{name}.usda", "the robot for simulators and editors: physics.usda over geometry.usdc"),
+            (f"usd/{name}_sim.usda", "the same in a physics scene: open this one to simulate"),
+            *((f"usd/{name}_{c.name}.usda", f"the same, playing {c.name}") for c in order.clips),
+        ],
+        "usdz": [
+            (f"{name}_ar.usdz", f"for AR Quick Look, playing {order.quick_looks[0]}" if order.clips else "at rest"),
+            *((f"{name}_{c}_ar.usdz", f"the same, playing {c}") for c in order.quick_looks[1:]),
+        ],
+        "glb": [(f"{name}.glb", "shapes and all motions, y up" if order.clips else "shapes, y up")],
+        "unity": [("unity/", "Unity package: player, stream client, interaction, tests")],
+        "tracks": [
+            *((f"tracks/{c.name}.json, .csv", "joint values and link poses at keys") for c in order.clips),
+            ("tracks/track.schema.json", "what the entries of a track are"),
+        ],
+        "mjcf": [(f"{name}.xml", "MJCF, loops closed by constraints; shapes in meshes/ (mm)")],
+        "urdf": [(f"{name}.urdf", "URDF, loops cut open; shapes in meshes/ (mm)")],
+    }
+    shown = [row for f in formats for row in rows[f]]
+    shown.append(("proof.json", "what every file was made from, its hash, and what readers of their own measured"))
+    width = max(len(file) for file, _ in shown)
+    yield from (f"{file.ljust(width)}  {what}" for file, what in shown)
+
+
+def _motions(order: Order) -> Iterator[str]:
+    if not order.clips:
+        yield "- none"
+    for c in order.clips:
+        b = c.budget
+        budget = (
+            f"budget: {b.position / UM:g} um, {b.rotation / DEG:g} degrees, {b.joint_gap / UM:g} um"
+            if b
+            else "measured by leaving out every second sample of the stage: all of them are about four times as good"
+        )
+        yield (
+            f"- {c.name}: {c.title}; {c.times[-1]:.3f} s, {len(c.times)} keys at {c.rate:g} Hz. A player that draws "
+            f"straight lines between keys is at most {c.between_position / UM:.1f} um off at any point of a link and "
+            f"{c.between_rotation / DEG:.4f} degrees; joints open by at most {c.joint_gap / UM:.1f} um ({budget})."
+        )
+
+
+def _assumed(order: Order) -> Iterator[str]:
+    if not (order.assumed or any(c.assumed for c in order.clips)):
+        yield "- none"
+    yield from (f"- {a}" for a in order.assumed)
+    of_protocols: dict[str, list[str]] = {}
+    for c in order.clips:
+        for a in c.assumed:
+            of_protocols.setdefault(a, []).append(c.name)
+    yield from (f"- {', '.join(names)}: {a}" for a, names in of_protocols.items())
+
+
+def _wrapped(lines: Sequence[str]) -> Iterator[str]:
+    for line in lines:
+        if "  " in line:  # a row of a table
+            yield line
+            continue
+        indent = "  " if line.startswith("- ") else ""
+        yield from textwrap.wrap(line, _WIDTH, subsequent_indent=indent, break_long_words=False) or [""]

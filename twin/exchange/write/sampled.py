@@ -1,0 +1,72 @@
+"""A clip from a stage that has motion baked in: nothing is planned, its own samples are the keys."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.errors import StageError
+from twin.core.spatial import Array
+from twin.exchange.write.clip import Clip, extremes, key_rows, measure_between
+from twin.model.mechanism import Mechanism
+
+
+def sampled_clip(mechanism: Mechanism, stage: Path) -> Clip | None:
+    """Return the motion of a USD stage as a clip, or None if nothing moves in it.
+
+    Between its samples a stage says nothing of the robot. The errors there are those of a player that is given every
+    second sample: measured, and above what all samples give.
+
+    Args:
+        mechanism: as read from the stage.
+        stage: its root layer.
+    """
+    from twin.usd.read import read_motion
+
+    try:
+        times, poses = read_motion(stage)
+    except StageError:
+        return None
+    if len(times) < 2:
+        return None
+    times = times - times[0]
+    T_base_world = spatial.inverse(poses.get(mechanism.base, np.eye(4)[None]))
+    links = {}
+    for body in mechanism.bodies:
+        Ts = T_base_world @ poses[body.name] if body.name in poses else mechanism.rest[body.name][None]
+        links[body.name] = np.round(np.broadcast_to(Ts, (len(times), 4, 4)), 13) + 0.0
+    reaches = {b.name: extremes(mechanism, b) for b in mechanism.bodies}
+    between = measure_between(mechanism, times, links, key_rows(len(times), 2), reaches)
+    name = stage.stem.removeprefix(f"{mechanism.name}_")
+    name = name if name != mechanism.name else "motion"
+    return Clip(
+        name,
+        name,
+        times,
+        links,
+        coordinates(mechanism, links),
+        tuple(j.name for j in mechanism.active),
+        (("all", 0.0, float(times[-1])),),
+        round(float(1 / np.median(np.diff(times))), 6),
+        between,
+        frame=mechanism.tool,
+        phase_rcm=(None,),
+    )
+
+
+def coordinates(mechanism: Mechanism, links: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the coordinate (k,) in m or rad of every joint that has a single one, from link poses (k, 4, 4)."""
+    out = {}
+    for joint in mechanism.joints:
+        if len(joint.free_axes) != 1:
+            continue
+        T = joint.relative(links[joint.parent], links[joint.child])
+        if joint.is_angle:
+            angle = np.unwrap(spatial.angle_about_z(T))
+            out[joint.name] = np.round(angle, 13) + 0.0
+        else:
+            out[joint.name] = T[:, 2, 3]
+    return out

@@ -1,0 +1,49 @@
+"""The Unity package `com.twin.player`, as it goes into a bundle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from twin.core.errors import OutputError
+
+PACKAGE = Path(__file__).resolve().parents[2] / "ui/headset/unity"
+"""Where the package lies, in a checkout and in an installed wheel."""
+
+
+def package_files() -> tuple[str, ...]:
+    """Return the files of the package by their paths in it, with forward slashes, sorted.
+
+    Raises:
+        OutputError: the package is not there.
+    """
+    found = (p.relative_to(PACKAGE).as_posix() for p in PACKAGE.rglob("*") if p.is_file())
+    names = tuple(sorted(n for n in found if not any(part.startswith(".") for part in n.split("/"))))
+    if "package.json" not in names:
+        raise OutputError(f"the Unity package is not in {PACKAGE}: install twin again, or export without 'unity'")
+    return names
+
+
+def write_unity(folder: Path) -> tuple[Path, ...]:
+    """Copy the package into `folder` and return its files, sorted.
+
+    The package is the same for every robot: Unity's menu "Twin > Import bundle…" takes the model and the tracks from
+    the folder that the bundle is in. A file is written byte by byte, without the times and rights of its source.
+
+    Args:
+        folder: the package folder itself (`<bundle>/unity`); made if it is not there.
+
+    Raises:
+        OutputError: the package is not there, or the folder cannot be written.
+    """
+    written = []
+    for name in package_files():
+        target = Path(folder) / name
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes((PACKAGE / name).read_bytes())
+        except OSError as error:
+            raise OutputError(
+                f"cannot write to {target}: {error.strerror or error}. Choose another folder with --out."
+            ) from error
+        written.append(target)
+    return tuple(written)

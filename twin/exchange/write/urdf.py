@@ -1,0 +1,165 @@
+"""The robot as URDF: its tree only, because URDF cannot close a loop; the file says which joints are missing.
+
+Links have the names and the frames of the mechanism's bodies. A URDF joint turns about a line through the origin of
+its child, so that a body whose pin is elsewhere hangs on a small link `<joint>_axis` at the pin. A ball is three
+turns about x, y and z, which are zero as drawn: the place farthest from their own singularity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.findings import Finding
+from twin.core.spatial import Array
+from twin.exchange.write.masses import inertia_of, unweighed
+from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
+from twin.exchange.write.xml import numbers, srgb, write_xml
+from twin.model.mechanism import Body, Inertia, Joint, Material, Mechanism
+from twin.usd.write.spanning import spanning
+
+SMALL = Inertia(1e-6, np.zeros(3), 1e-9 * np.eye(3))
+"""Of a link between two turns: next to nothing, but an inertia that engines take."""
+
+UNKNOWN = {"effort": "1e6", "velocity": "1e6"}
+"""URDF wants numbers where nobody knows any."""
+
+FAR = 1e3
+"""m a slide without limits may go: URDF has no slide without limits."""
+
+_ON_AXIS = 1e-12
+"""m from its pin at which a body's origin counts as on it."""
+
+
+def write_urdf(mechanism: Mechanism, folder: Path) -> Path:
+    """Write <robot>.urdf and its meshes; return the .urdf file. See `urdf_findings` for what it cannot say.
+
+    Args:
+        mechanism: weighed; loops are cut as `spanning` does.
+        folder: made if it is missing; the caller moves it into place.
+
+    Raises:
+        AssemblyError: the mechanism cannot be assembled as drawn.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    write_meshes(mechanism, folder)
+    return write_xml(_document(mechanism), folder / f"{mechanism.name}.urdf")
+
+
+def urdf_findings(mechanism: Mechanism) -> list[Finding]:
+    """Return what URDF cannot say of this mechanism; the file says it too, in comments."""
+    file = f"{mechanism.name}.urdf"
+    found = list(unweighed(mechanism, file))
+    cut = spanning(mechanism).cut
+    if cut:
+        names = ", ".join(f"{j.name} ({j.type}, {j.parent} to {j.child})" for j in cut)
+        found.append(
+            Finding(
+                "export.urdf_loops",
+                "warning",
+                f"{file}: URDF cannot close a loop; left out: {names}. Its links are right only while the "
+                f"passive joints get the values of the tracks",
+                where=", ".join(j.name for j in cut),
+                suggestion="use MJCF or USD where loops must hold",
+            )
+        )
+    for coupling in mechanism.couplings:
+        terms = " + ".join(f"{r:g} {n}" for n, r in zip(coupling.joints, coupling.ratios, strict=True))
+        found.append(
+            Finding(
+                "export.urdf_coupling",
+                "warning",
+                f"{file}: URDF cannot hold the coupling {coupling.name}: {terms} = {coupling.total:g}",
+                where=coupling.name,
+            )
+        )
+    return found
+
+
+def _document(mechanism: Mechanism) -> ET.Element:
+    from twin.reference import ReferenceModel
+
+    home = ReferenceModel(mechanism).home().link_poses
+    root = ET.Element("robot", name=mechanism.name)
+    for finding in urdf_findings(mechanism):
+        root.append(ET.Comment(f" {finding.message}. ".replace("--", "-")))
+    for look in dict.fromkeys(mechanism.materials.values()):
+        material = ET.SubElement(root, "material", name=look.name)
+        ET.SubElement(material, "color", rgba=srgb(look.color_rgba))
+    for body in mechanism.bodies:
+        _link(root, body, mechanism.materials, weighed=body.name != mechanism.base or body.inertia is not None)
+    for joint in spanning(mechanism).tree:
+        _joint(root, joint, joint.relative(home[joint.parent], home[joint.child]))
+    return root
+
+
+def _link(root: ET.Element, body: Body, materials: Mapping[str, Material], weighed: bool) -> None:
+    link = ET.SubElement(root, "link", name=body.name)
+    if weighed:
+        _inertial(link, inertia_of(body))
+    for mesh in body.meshes:
+        for use in ("visual", "collision"):
+            shape = ET.SubElement(link, use, name=f"{mesh.name}_{use}")
+            ET.SubElement(ET.SubElement(shape, "geometry"), "mesh", filename=mesh_file(mesh), scale=SCALE)
+            if use == "visual":
+                ET.SubElement(shape, "material", name=materials[mesh.name].name)
+
+
+def _joint(root: ET.Element, joint: Joint, T_home: Array) -> None:
+    """Write a joint of the tree as one URDF joint, or as a chain of them over small links."""
+    name, at = joint.name, joint.T_child_joint
+    through_origin = np.linalg.norm(np.cross(at[:3, 3], at[:3, 2])) < _ON_AXIS
+    if joint.type in ("fixed", "prismatic") or (joint.type == "revolute" and through_origin):
+        T = joint.T_parent_joint @ spatial.inverse(at)
+        _single(root, joint, name, joint.type, (joint.parent, joint.child), T, at[:3, 2])
+        return
+    x, y, z = np.eye(3)
+    T = joint.T_parent_joint
+    steps = [(name, "revolute", z)]
+    if joint.type == "cylindrical":
+        steps = [(f"{name}_slide", "prismatic", z), (name, "revolute", z)]
+    elif joint.type == "spherical":
+        steps = [(f"{name}_{a}", "revolute", v) for a, v in zip("xyz", (x, y, z), strict=True)]
+        T = T @ spatial.pose(T_home[:3, :3])
+    inner = joint.parent
+    for step, (part, kind, axis) in enumerate(steps):
+        outer = f"{name}_axis" if step == len(steps) - 1 else f"{part}_axis"
+        _inertial(ET.SubElement(root, "link", name=outer), SMALL)
+        _single(root, joint, part, kind, (inner, outer), T, axis)
+        inner, T = outer, np.eye(4)
+    _single(root, joint, f"{name}_body", "fixed", (inner, joint.child), spatial.inverse(at), z)
+
+
+def _single(
+    root: ET.Element, joint: Joint, name: str, kind: str, links: tuple[str, str], T: Array, axis: Array
+) -> None:
+    endless = kind == "revolute" and joint.limits is None
+    out = ET.SubElement(root, "joint", name=name, type="continuous" if endless else kind)
+    ET.SubElement(out, "origin", xyz=numbers(T[:3, 3]), rpy=numbers(spatial.euler_angles(T[:3, :3], "zyx")[::-1]))
+    ET.SubElement(out, "parent", link=links[0])
+    ET.SubElement(out, "child", link=links[1])
+    if kind == "fixed":
+        return
+    ET.SubElement(out, "axis", xyz=numbers(axis))
+    limit = dict(UNKNOWN)
+    if not endless:
+        low, high = joint.limits or (-FAR, FAR)
+        limit |= {"lower": numbers([low]), "upper": numbers([high])}
+    if joint.drive is not None and joint.drive.max_effort is not None:
+        limit["effort"] = numbers([joint.drive.max_effort])
+    if joint.max_speed is not None:
+        limit["velocity"] = numbers([joint.max_speed])
+    ET.SubElement(out, "limit", limit)
+
+
+def _inertial(link: ET.Element, inertia: Inertia) -> None:
+    out = ET.SubElement(link, "inertial")
+    ET.SubElement(out, "origin", xyz=numbers(inertia.p_body_com), rpy="0 0 0")
+    ET.SubElement(out, "mass", value=f"{inertia.mass:.12g}")
+    I = inertia.I_com  # noqa: E741 - the symbol of the field
+    parts = {"ixx": I[0, 0], "ixy": I[0, 1], "ixz": I[0, 2], "iyy": I[1, 1], "iyz": I[1, 2], "izz": I[2, 2]}
+    ET.SubElement(out, "inertia", {k: f"{v:.12g}" for k, v in parts.items()})

@@ -1,0 +1,140 @@
+"""One .usdz for AR Quick Look and other viewers: shape and motion, no physics.
+
+One flattened .usdc, Y up, in metres. The robot's root prim turns z up to y up once; its links stay in the
+robot's own frame, so that a pose there is the pose of the tracks and of the GLB. Only links that move have
+samples. A viewer plays the motion in a loop: where the last pose is not the first, it is held for `HOLD`.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom
+
+from twin.core.atomic import Scratch
+from twin.core.spatial import Array
+from twin.exchange.write.usd import rounded
+from twin.model.mechanism import Mechanism
+from twin.usd.write import Motion, write_motion
+from twin.usd.write.geometry import write_geometry
+from twin.usd.write.layers import TIME_CODES_PER_SECOND, save
+
+if TYPE_CHECKING:
+    from twin.exchange.write.clip import Clip
+
+HOLD = 1.0
+"""Seconds that the last pose is shown before the motion begins again."""
+
+STILL = 1e-9
+"""A link whose pose never changes by more than this (m, and parts of its rotation matrix) has no samples."""
+
+_ALIGNMENT = 64
+"""Bytes: readers map the layer in place (USDZ specification)."""
+
+_PADDING = 0x1986
+"""Id of the extra field that fills a zip header up to the alignment, as usd-core writes it."""
+
+
+def write_usdz(mechanism: Mechanism, clip: Clip | None, path: Path) -> Path:
+    """Write the robot, with a motion or at rest, as one .usdz; the same robot gives the same bytes.
+
+    Args:
+        mechanism: its meshes and materials are written, its frames, points and joints are not.
+        clip: the motion, or None.
+        path: the .usdz file, replaced if it exists.
+
+    Raises:
+        StageError: a clip does not fit the mechanism, or the file cannot be written.
+        AssemblyError: without a clip, the mechanism cannot be assembled as drawn.
+    """
+    with Scratch() as name:
+        folder = Path(name)
+        layers = [str(write_geometry(mechanism, folder / "geometry.usdc", _rest(mechanism, clip)))]
+        end = 0.0
+        if clip is not None:
+            moving = {n: Ts for n, Ts in rounded(clip.links).items() if np.abs(Ts - Ts[0]).max() > STILL}
+            layers.insert(0, str(write_motion(mechanism, folder, Motion(clip.name, clip.times, moving)).layer))
+            returns = all(np.abs(Ts[-1] - Ts[0]).max() < STILL for Ts in moving.values())
+            end = (float(clip.times[-1]) + (0.0 if returns else HOLD)) * TIME_CODES_PER_SECOND
+        flat = _flattened(mechanism, layers, end)
+        package(save(flat, folder / f"{mechanism.name}.usdc"), path)
+    return path
+
+
+def _rest(mechanism: Mechanism, clip: Clip | None) -> dict[str, Array]:
+    """Return T_world_body (4, 4) of every body: where the motion begins, or home."""
+    if clip is not None:
+        return rounded({name: Ts[0] for name, Ts in clip.links.items()})
+    from twin.reference import ReferenceModel
+
+    return rounded(ReferenceModel(mechanism).home().link_poses)
+
+
+def _flattened(mechanism: Mechanism, layers: list[str], end: float) -> Sdf.Layer:
+    """Return one layer of these, strongest first, turned to y up, without what only twin reads."""
+    stage = Usd.Stage.CreateInMemory()
+    # Before the layers come below it: times of a layer with another rate are rescaled.
+    stage.SetTimeCodesPerSecond(TIME_CODES_PER_SECOND)
+    stage.GetRootLayer().subLayerPaths = layers
+    flat = stage.Flatten(False)
+    stage = Usd.Stage.Open(flat)
+    root = stage.GetPrimAtPath(f"/{mechanism.name}")
+    for prim in list(stage.Traverse()):
+        if UsdGeom.Imageable(prim) and UsdGeom.Imageable(prim).GetPurposeAttr().Get() == UsdGeom.Tokens.guide:
+            stage.RemovePrim(prim.GetPath())
+            continue
+        for attribute in prim.GetAuthoredAttributes():
+            if attribute.GetName().startswith("twin:"):
+                prim.RemoveProperty(attribute.GetName())
+    _single_precision(flat)
+    UsdGeom.Xformable(root).AddRotateXOp().Set(-90.0)
+    stage.SetDefaultPrim(root)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    stage.SetTimeCodesPerSecond(TIME_CODES_PER_SECOND)
+    stage.SetFramesPerSecond(TIME_CODES_PER_SECOND)
+    stage.SetStartTimeCode(0.0)
+    stage.SetEndTimeCode(end)
+    return flat
+
+
+def _single_precision(layer: Sdf.Layer) -> None:
+    """Store translations as float3, which viewers turn them into anyway.
+
+    The reader of three.js (r187) knows no double3 of small whole numbers, as usdc packs (0, 0, 0): a link that
+    passes through the origin vanishes there, without an error.
+    """
+    double = []
+    layer.Traverse(
+        Sdf.Path.absoluteRootPath,
+        lambda path: double.append(path) if path.name == "xformOp:translate" else None,
+    )
+    for path in double:
+        old = layer.GetAttributeAtPath(path)
+        if old.typeName != Sdf.ValueTypeNames.Double3:
+            continue
+        default, samples = old.default, {t: layer.QueryTimeSample(path, t) for t in layer.ListTimeSamplesForPath(path)}
+        prim = layer.GetPrimAtPath(path.GetPrimPath())
+        prim.RemoveProperty(old)
+        new = Sdf.AttributeSpec(prim, path.name, Sdf.ValueTypeNames.Float3)
+        if default is not None:
+            new.default = Gf.Vec3f(default)
+        for code, value in samples.items():
+            layer.SetTimeSample(path, code, Gf.Vec3f(value))
+
+
+def package(layer: Path, path: Path) -> None:
+    """Put one layer file into a zip as USDZ wants it: stored, its data at a multiple of 64 bytes, no time.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    info = zipfile.ZipInfo(layer.name, (1980, 1, 1, 0, 0, 0))
+    info.create_system, info.external_attr = 3, 0o644 << 16
+    spare = -(30 + len(layer.name) + 4) % _ALIGNMENT
+    info.extra = _PADDING.to_bytes(2, "little") + spare.to_bytes(2, "little") + bytes(spare)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+        archive.writestr(info, layer.read_bytes())

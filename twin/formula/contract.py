@@ -1,0 +1,263 @@
+"""What a formula file provides: plain functions of symbols, and what is known about them.
+
+A formula is a flow of named symbols. It starts with the parameters and the pose coordinates (or the
+joints, for a forward formula); every equation is a Python function whose argument names say which
+symbols it needs and which returns its outputs in order; all other entries of `Formula` only name
+symbols of the flow. A file in `twin/robots/` and a user's `formula.py` obey this contract alike: both
+hold a module-level `FORMULA = Formula(...)`.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from twin.core.errors import KinematicsError
+from twin.core.provenance import Parameter
+
+Stage = Literal["inverse", "forward", "helper"]
+"""inverse: leads from the pose to the joints. forward: from the joints to the pose. helper: quantities
+that no printed equation names (angles, margins, measures), computed when all else is known."""
+
+POSE_SYMBOL = "T_base_tool"
+"""Symbol of the pose (4, 4). A forward flow yields it, or all the coordinates."""
+
+Rows = Callable[..., Any]
+"""A function of symbols by name that returns one SX, or a tuple of SX in the order of the outputs."""
+
+
+@dataclass(frozen=True)
+class Equation:
+    """One published equation, or one helper, in all its variants.
+
+    An output that is also an argument is implicit (q1 = ... q2 - q1 ...): such rows are written as
+    printed and solved by the compiler, which refuses them unless they are linear.
+
+    Attributes:
+        name: identifier, "eq1".
+        title: what leads to what.
+        source: document and equation number.
+        stage: see `Stage`.
+        outputs: symbols that the function returns, in order.
+        variants: readings of the equation by name ("printed", "corrected", ...).
+        reasons: for each variant, what it changes against the printed rows, and why.
+        default: the variant used unless another is asked for.
+
+    """
+
+    name: str
+    title: str
+    source: str
+    stage: Stage
+    outputs: tuple[str, ...]
+    variants: Mapping[str, Rows]
+    reasons: Mapping[str, str] = field(default_factory=dict)
+    default: str = "corrected"
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """Pose coordinates of the paper.
+
+    Attributes:
+        names: symbols, in the order of the paper.
+        units: "m" or "rad" for each.
+        to_pose: coordinates (in order) -> pose SX (4, 4).
+        from_pose: pose SX (4, 4) -> tuple of coordinates; a left inverse when there are fewer than six.
+
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    to_pose: Rows
+    from_pose: Rows
+
+
+@dataclass(frozen=True)
+class ActiveJoint:
+    """An actuated joint; its name is its symbol. Coordinates are in m or rad."""
+
+    name: str
+    kind: Literal["prismatic", "revolute"]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A number that vanishes at a singularity.
+
+    Attributes:
+        name: identifier under which reports show it.
+        symbol: symbol of the flow.
+        kind: "type1" (the tool stands still while joints move) or "type2" (the tool moves while they stand).
+        alarm: alarm when the magnitude falls below this; dimensionless.
+        note: what happens there; where the alarm comes from.
+
+    """
+
+    name: str
+    symbol: str
+    kind: Literal["type1", "type2"]
+    alarm: float
+    note: str
+
+
+@dataclass(frozen=True)
+class Aspect:
+    """A sign that tells assemblies apart; `preferred` is +1 or -1."""
+
+    symbol: str
+    preferred: int
+    note: str
+
+
+@dataclass(frozen=True)
+class Formula:
+    """The equations of one robot.
+
+    Attributes:
+        name, title, source: identifier, one line for people, document.
+        parameters: numbers with provenance; their names are symbols.
+        joints: active joints, in the order of q.
+        coordinates: pose coordinates of the paper.
+        equations: in the order in which they apply, helpers last.
+        characteristic_length: function of parameters, in m; makes rotations and translations comparable.
+        points: named points in base: one symbol of three rows each, or three symbols.
+        passive: symbols of the passive joints, in rad or m, zero and sign as in the CAD description.
+        reach: margin in m (>= 0: within reach) -> symbol.
+        measures: distance from singularities.
+        aspects: signs of the preferred assembly.
+        branches: numeric enumeration of all assemblies, (q, parameters, variants) -> list of poses, or None.
+        seeds: starting values for solvers in SI: coordinates, or joints for a formula that is only forward.
+        numbers: (pose, parameters) -> where in the file and why the inverse has no value there, or "".
+
+    """
+
+    name: str
+    title: str
+    source: str
+    parameters: tuple[Parameter, ...]
+    joints: tuple[ActiveJoint, ...]
+    coordinates: Coordinates
+    equations: tuple[Equation, ...]
+    characteristic_length: Rows
+    points: Mapping[str, str | tuple[str, str, str]] = field(default_factory=dict)
+    passive: tuple[str, ...] = ()
+    reach: Mapping[str, str] = field(default_factory=dict)
+    measures: tuple[Measure, ...] = ()
+    aspects: tuple[Aspect, ...] = ()
+    branches: Callable[[np.ndarray, Mapping[str, float], Mapping[str, str]], list[np.ndarray]] | None = None
+    seeds: Sequence[Sequence[float]] = ()
+    numbers: Callable[[np.ndarray, Mapping[str, float]], str] | None = None
+
+    def has(self, stage: Stage) -> bool:
+        """Return whether the formula has an equation of that stage."""
+        return any(e.stage == stage for e in self.equations)
+
+
+_IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_JOINT_NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+def check_formula(formula: Any) -> None:
+    """Check everything about a formula that needs no equation to be evaluated.
+
+    Raises:
+        KinematicsError: for the first thing that is wrong; the message names it and says what is expected.
+
+    """
+    if not isinstance(formula, Formula):
+        raise KinematicsError(f"FORMULA must be a twin.kinematics.Formula, not {type(formula).__name__}.")
+
+    def fail(text: str) -> None:
+        raise KinematicsError(f"formula '{formula.name}': {text}")
+
+    if not formula.joints:
+        fail("it names no active joint; give at least one ActiveJoint.")
+    names = [j.name for j in formula.joints]
+    _unique(fail, "joint", names)
+    for joint in formula.joints:
+        if not _JOINT_NAME.fullmatch(joint.name):
+            fail(f"joint name '{joint.name}' is not an identifier [a-z][a-z0-9_]*.")
+        if joint.kind not in ("prismatic", "revolute"):
+            fail(f"joint '{joint.name}' is '{joint.kind}'; a joint is prismatic or revolute.")
+    _unique(fail, "parameter", [p.name for p in formula.parameters])
+    for p in formula.parameters:
+        if not isinstance(p.value, int | float) or not math.isfinite(p.value):
+            fail(f"parameter '{p.name}' is {p.value}; it must be a finite number in SI units.")
+        if not p.note:
+            fail(f"parameter '{p.name}' has no note; say where it comes from, or why it is assumed.")
+    _check_coordinates(formula, fail)
+    _check_equations(formula, fail)
+    for aspect in formula.aspects:
+        if aspect.preferred not in (-1, 1):
+            fail(f"aspect '{aspect.symbol}': preferred is {aspect.preferred}; it must be +1 or -1.")
+    _unique(fail, "measure", [m.name for m in formula.measures])
+    for measure in formula.measures:
+        if not measure.alarm >= 0:
+            fail(f"measure '{measure.name}': alarm {measure.alarm} must not be negative.")
+    width = len(formula.coordinates.names) if formula.has("inverse") else len(names)
+    for i, seed in enumerate(formula.seeds):
+        if len(seed) != width or not np.all(np.isfinite(np.asarray(seed, float))):
+            fail(f"seed {i} must hold {width} finite numbers, found {list(seed)}.")
+
+
+def arguments(function: Rows) -> tuple[list[str], list[str]]:
+    """Return the names of the required and of the optional arguments of a function of symbols."""
+    required, optional = [], []
+    for p in inspect.signature(function).parameters.values():
+        (required if p.default is inspect.Parameter.empty else optional).append(p.name)
+    return required, optional
+
+
+def unread(formula: Formula, chosen: Mapping[str, str]) -> list[str]:
+    """Return the parameters that no equation asks for, in the chosen variants: given, and of no use."""
+    functions = [e.variants[chosen.get(e.name, e.default)] for e in formula.equations]
+    read = {n for f in (*functions, formula.characteristic_length) for names in arguments(f) for n in names}
+    return [p.name for p in formula.parameters if p.name not in read]
+
+
+def _check_coordinates(formula: Formula, fail: Callable[[str], None]) -> None:
+    c = formula.coordinates
+    _unique(fail, "coordinate", c.names)
+    if len(c.units) != len(c.names) or set(c.units) - {"m", "rad"}:
+        fail(f"coordinates {list(c.names)} need a unit each, 'm' or 'rad'; found {list(c.units)}.")
+
+
+def _check_equations(formula: Formula, fail: Callable[[str], None]) -> None:
+    if not (formula.has("inverse") or formula.has("forward")):
+        fail("it has neither an inverse nor a forward equation.")
+    _unique(fail, "equation", [e.name for e in formula.equations])
+    for e in formula.equations:
+        if e.stage not in ("inverse", "forward", "helper"):
+            fail(f"equation '{e.name}': stage '{e.stage}' is none of inverse, forward, helper.")
+        if not e.outputs:
+            fail(f"equation '{e.name}' has no outputs.")
+        for output in e.outputs:
+            if not _IDENTIFIER.fullmatch(output):
+                fail(f"equation '{e.name}': output '{output}' is not an identifier.")
+        if e.default not in e.variants:
+            fail(f"equation '{e.name}': default variant '{e.default}' is none of {sorted(e.variants)}.")
+        for variant, function in e.variants.items():
+            if not callable(function):
+                fail(f"equation '{e.name}', variant '{variant}' is not a function.")
+            if len(e.variants) > 1 and not e.reasons.get(variant):
+                fail(f"equation '{e.name}', variant '{variant}' has no reason; say what it changes and why.")
+
+
+def _unique(fail: Callable[[str], None], kind: str, names: Iterable[str]) -> None:
+    seen: dict[str, int] = {}
+    names = list(names)
+    for i, name in enumerate(names, 1):
+        if name in seen:
+            count = len(set(names))
+            fail(
+                f"two {kind} entries are named '{name}', number {seen[name]} and number {i}: {len(names)} entries have "
+                f"{count} names. Each needs one of its own."
+            )
+        seen[name] = i

@@ -1,0 +1,283 @@
+"""Run the symbols of a formula through its equations, and evaluate the result fast in numpy."""
+
+from __future__ import annotations
+
+import re
+import threading
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from twin.core.errors import KinematicsError, no_inverse, unknown
+from twin.core.spatial import Array
+from twin.formula import symbolic
+from twin.formula.contract import POSE_SYMBOL, Equation, Formula, Rows, Stage, arguments, unread
+
+if TYPE_CHECKING:
+    from twin.codegen import Kernel
+
+_SQUARE = re.compile(r"not square but (\d+)x(\d+)")
+"""How CasADi refuses to invert a matrix."""
+
+_MANY = 20_000
+"""Rows from which a kernel is worth compiling."""
+
+_REGULAR, _ROUNDING = 1e8, 1e-15
+"""Condition below which numbers are inverted, and what is left of zeros then."""
+
+_BLOCK = 256
+"""Samples that one mapped call evaluates; larger blocks are no faster and cost more for small batches."""
+
+
+def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[str, str]:
+    """Return the variant of every equation with a choice.
+
+    Args:
+        formula: the formula.
+        variants: equation -> variant; or one name for all equations that have a variant of that name.
+
+    Raises:
+        KinematicsError: if an equation or a variant is unknown; the message lists those that exist.
+
+    """
+    known = {e.name: e for e in formula.equations if e.stage != "helper"}
+    chosen = {name: e.default for name, e in known.items()}
+    if isinstance(variants, str):
+        having = {name: variants for name, e in known.items() if variants in e.variants}
+        if not having:
+            names = {v for e in known.values() for v in e.variants}
+            raise KinematicsError(f"formula '{formula.name}': {unknown('variant', variants, names)}")
+        variants = having
+    for name, variant in (variants or {}).items():
+        if name not in known:
+            raise KinematicsError(f"formula '{formula.name}': {unknown('equation', name, known)}")
+        if variant not in known[name].variants:
+            raise KinematicsError(
+                f"formula '{formula.name}', equation '{name}': {unknown('variant', variant, known[name].variants)}"
+            )
+        chosen[name] = variant
+    return chosen
+
+
+def call(function: Rows, symbols: Mapping[str, Any], what: str, unread: Sequence[str] = ()) -> Any:
+    """Call a function of symbols by name; `unread` are names of which one is probably meant where a symbol is missing.
+
+    Raises:
+        KinematicsError: if it needs a symbol that is not there, or fails; with its file and line.
+
+    """
+    required, optional = arguments(function)
+    for name in required:
+        if name not in symbols:
+            text = unknown("symbol", name, symbols, unread).removeprefix("there is no ")
+            raise KinematicsError(f"{what} needs {text}")
+    try:
+        return function(**{n: symbols[n] for n in (*required, *optional) if n in symbols})
+    except KinematicsError:
+        raise
+    except Exception as error:
+        raise KinematicsError(f"{what} fails at {_where(error, function)}: {_told(error)}") from error
+
+
+def _told(error: Exception) -> str:
+    square = _SQUARE.search(str(error))
+    return no_inverse(int(square[1]), int(square[2])) if square else str(error)
+
+
+def run(formula: Formula, chosen: Mapping[str, str], symbols: Mapping[str, Any], stage: Stage) -> dict[str, Any]:
+    """Return the symbols, and all that the equations of one stage add to them.
+
+    Equations whose outputs are all there already are passed over, so a flow can start half way: with the
+    named points instead of the pose.
+
+    Raises:
+        KinematicsError: if a symbol is missing, or an equation returns the wrong number or shape.
+
+    """
+    out = dict(symbols)
+    for equation in formula.equations:
+        if equation.stage != stage or all(name in out for name in equation.outputs):
+            continue
+        function = equation.variants[chosen.get(equation.name, equation.default)]
+        for name, value in zip(equation.outputs, _outputs(formula, equation, function, out), strict=True):
+            out.setdefault(name, value)
+    return out
+
+
+def from_pose(formula: Formula, T: Any) -> dict[str, Any]:
+    """Return the symbols of a pose: itself and its coordinates."""
+    what = f"formula '{formula.name}', coordinates.from_pose"
+    try:
+        values = formula.coordinates.from_pose(T)
+    except Exception as error:
+        raise KinematicsError(f"{what} fails at {_where(error, formula.coordinates.from_pose)}: {error}") from error
+    names = formula.coordinates.names
+    if not isinstance(values, tuple | list) or len(values) != len(names):
+        raise KinematicsError(f"{what} must return {len(names)} values: {', '.join(names)}.")
+    return {POSE_SYMBOL: T, **dict(zip(names, values, strict=True))}
+
+
+def to_pose(formula: Formula, symbols: Mapping[str, Any]) -> ca.SX:
+    """Return the pose (4, 4) of the coordinates among the symbols."""
+    what = f"formula '{formula.name}', coordinates.to_pose"
+    for name in formula.coordinates.names:
+        if name not in symbols:
+            raise KinematicsError(f"{what} needs {unknown('symbol', name, symbols).removeprefix('there is no ')}")
+    try:
+        T = ca.SX(formula.coordinates.to_pose(*(symbols[n] for n in formula.coordinates.names)))
+    except Exception as error:
+        raise KinematicsError(f"{what} fails at {_where(error, formula.coordinates.to_pose)}: {error}") from error
+    if T.shape != (4, 4):
+        raise KinematicsError(f"{what} must return a pose of shape (4, 4), not {T.shape}.")
+    return T
+
+
+def gather(formula: Formula, symbols: Mapping[str, Any], names: tuple[str, ...], what: str) -> ca.SX:
+    """Return scalar symbols by name as one column.
+
+    Raises:
+        KinematicsError: if one is missing or not a scalar.
+
+    """
+    column = []
+    for name in names:
+        if name not in symbols:
+            raise KinematicsError(
+                f"formula '{formula.name}': no equation gives {what} '{name}'. Given: {', '.join(sorted(symbols))}."
+            )
+        value = ca.SX(symbols[name])
+        if value.shape != (1, 1):
+            raise KinematicsError(f"formula '{formula.name}': {what} '{name}' has shape {value.shape}, not (1, 1).")
+        column.append(value)
+    return ca.vertcat(*column) if column else ca.SX(0, 1)
+
+
+def _outputs(formula: Formula, equation: Equation, function: Rows, symbols: Mapping[str, Any]) -> list[Any]:
+    what = f"formula '{formula.name}', equation '{equation.name}'"
+    required, _ = arguments(function)
+    implicit = [n for n in equation.outputs if n in required and n not in symbols]
+    unknowns = {n: ca.SX.sym(n) for n in implicit}
+    given = {**symbols, **unknowns}
+    values = call(function, given, what, () if given.keys() >= set(required) else unread(formula, {}))
+    values = list(values) if isinstance(values, tuple | list) else [values]
+    if len(values) != len(equation.outputs):
+        raise KinematicsError(
+            f"{what} returns {len(values)} values for {len(equation.outputs)} outputs: {', '.join(equation.outputs)}."
+        )
+    if not implicit:
+        return values
+    rows = ca.vertcat(*(values[equation.outputs.index(n)] for n in implicit))
+    x = ca.vertcat(*unknowns.values())
+    if rows.shape != x.shape:
+        raise KinematicsError(f"{what}: its implicit rows {', '.join(implicit)} must be scalars.")
+    A = ca.jacobian(rows, x)
+    if ca.depends_on(A, x):
+        raise KinematicsError(f"{what} is implicit in {', '.join(implicit)} and not linear in them.")
+    solved = _solved(ca.SX.eye(len(implicit)) - A, ca.substitute(rows, x, 0 * x))
+    values = [ca.substitute(ca.SX(v), x, solved) for v in values]
+    for i, n in enumerate(implicit):
+        values[equation.outputs.index(n)] = solved[i]
+    return values
+
+
+def _solved(A: ca.SX, b: ca.SX) -> ca.SX:
+    """Return the solution of A x = b; numbers are inverted now, instead of being eliminated at every call."""
+    if not ca.symvar(A):
+        numbers = ca.DM(ca.densify(A)).full()
+        if np.linalg.cond(numbers) < _REGULAR:
+            return ca.SX(ca.sparsify(ca.DM(np.linalg.inv(numbers)), _ROUNDING)) @ b
+    return ca.solve(A, b)
+
+
+def _where(error: BaseException, function: Rows) -> str:
+    """Return file and line of the innermost frame of the error in the file that defines the function."""
+    code = getattr(function, "__code__", None)
+    if code is None:
+        return repr(function)
+    line = code.co_firstlineno
+    for frame in traceback.extract_tb(error.__traceback__):
+        if frame.filename == code.co_filename:
+            line = frame.lineno
+    return f"{code.co_filename}:{line}"
+
+
+class Evaluator:
+    """A compiled function of one vector, called on single vectors by buffer, on batches in blocks or by a kernel.
+
+    `Function.buffer()` leaves out CasADi's argument handling, some 30 times the cost of a small function.
+    A lock guards the buffers: a viewer calls from several threads.
+
+    Attributes:
+        one: returns the value, of the declared shape, at one vector z.
+    """
+
+    def __init__(self, name: str, z: Any, out: Any, shape: tuple[int, ...] = ()) -> None:
+        self.name = name
+        self.shape = shape or (out.numel(),)
+        self.function = ca.Function(name, [z], [symbolic.flat(out) if out.shape[1] > 1 else ca.densify(out)])
+        self._lock = threading.Lock()
+        self._in = np.zeros(z.numel())
+        self._out = np.zeros(int(np.prod(self.shape)))
+        self._buffer, self._trigger = self.function.buffer()
+        if self._out.size:
+            self._buffer.set_arg(0, self._in.data)  # pyright: ignore[reportCallIssue]
+            self._buffer.set_res(0, self._out.data)  # pyright: ignore[reportCallIssue]
+        self.one = self._caller()
+
+    def _caller(self) -> Callable[[Array], Array]:
+        # Names of its own, no `with`, no `[:]`: they would cost as much as the function itself.
+        acquire, release, given, trigger = self._lock.acquire, self._lock.release, self._in, self._trigger
+        copy = self._out.reshape(self.shape).copy
+
+        def one(z: Array) -> Array:
+            acquire()
+            try:
+                given[...] = z
+                trigger()
+                return copy()
+            finally:
+                release()
+
+        return one
+
+    @cached_property
+    def _kernel(self) -> Kernel | None:
+        from twin import codegen as compiled
+
+        stage = compiled.Stage(self.function, ("z",), ("out",))
+        try:
+            return compiled.Kernel([stage], {"z": self._in.size}, ["out"])
+        except ValueError:  # a rootfinder, or an operation that no kernel has: CasADi does it
+            return None
+
+    @cached_property
+    def _mapped(self) -> tuple:
+        function = self.function.map(_BLOCK)
+        inputs, outputs = np.zeros((_BLOCK, self._in.size)), np.zeros((_BLOCK, self._out.size))
+        buffer, trigger = function.buffer()
+        buffer.set_arg(0, inputs.reshape(-1).data)  # pyright: ignore[reportCallIssue]
+        buffer.set_res(0, outputs.reshape(-1).data)  # pyright: ignore[reportCallIssue]
+        return inputs, outputs, trigger, buffer  # the buffer must stay alive
+
+    def many(self, Z: Array) -> Array:
+        """Return the values (k, *shape) at the rows of Z (k, n)."""
+        k = len(Z)
+        if k >= _MANY and self._out.size and self._kernel is not None:
+            return self._kernel(np.ascontiguousarray(np.asarray(Z, float).T))[0].T.reshape(k, *self.shape)
+        result = np.zeros((k, self._out.size))
+        if k <= 16:
+            for i in range(k):
+                result[i] = self.one(Z[i]).ravel()
+        elif self._out.size:
+            with self._lock:
+                inputs, outputs, trigger, _ = self._mapped
+                for start in range(0, k, _BLOCK):
+                    n = min(_BLOCK, k - start)
+                    inputs[:n] = Z[start : start + n]
+                    trigger()
+                    result[start : start + n] = outputs[:n]
+        return result.reshape(k, *self.shape)

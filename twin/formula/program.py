@@ -1,0 +1,234 @@
+"""The compiled functions behind one formula: which symbols they come from, each made when first used."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from twin.core.errors import KinematicsError, unknown
+from twin.formula import flow, symbolic
+from twin.formula.contract import POSE_SYMBOL, Formula
+from twin.formula.flow import Evaluator
+
+
+class Program:
+    """Functions of the state: the pose (16 numbers, row by row) if there is a closed inverse, else q (n).
+
+    Attributes:
+        order: symbol that each joint of the robot carries.
+        length: characteristic length in m.
+        scalars: names of "passive", "reach", "measure" and "aspect", the rows of `group`.
+
+    """
+
+    def __init__(
+        self,
+        formula: Formula,
+        variants: Mapping[str, str],
+        parameters: Mapping[str, float],
+        order: tuple[str, ...],
+        length: float,
+    ) -> None:
+        self.formula, self.variants, self.parameters = formula, variants, parameters
+        self.order, self.length = order, length
+        self.inverse_flow, self.forward_flow = formula.has("inverse"), formula.has("forward")
+        n = len(order)
+        if self.inverse_flow:
+            self._z = ca.SX.sym("z", 16)
+            symbols = self._after_pose(symbolic.unflat(self._z, 4, 4))
+            self._q = flow.gather(formula, symbols, order, "joint")
+        else:
+            self._z = self._q = ca.SX.sym("q", n)
+            symbols = self._after_joints(self._z)
+        self._symbols = flow.run(formula, variants, symbols, "helper")
+        self.scalars = {
+            "passive": formula.passive,
+            "reach": tuple(formula.reach),
+            "measure": tuple(m.name for m in formula.measures),
+            "aspect": tuple(a.symbol for a in formula.aspects),
+        }
+        groups = {
+            "passive": formula.passive,
+            "reach": tuple(formula.reach.values()),
+            "measure": tuple(m.symbol for m in formula.measures),
+            "aspect": tuple(a.symbol for a in formula.aspects),
+        }
+        # All made here, so that a formula that lacks a point or a measure fails when it is compiled.
+        self.group = {
+            kind: Evaluator(kind, self._z, flow.gather(formula, self._symbols, names, kind))
+            for kind, names in groups.items()
+        }
+        self.points = Evaluator("points", self._z, self._points(), (len(formula.points), 3))
+        self._partial: dict[tuple[str, ...], Evaluator] = {}
+
+    @cached_property
+    def inverse(self) -> Evaluator:
+        """Pose -> q (n), then the norm of what the pose differs by from the pose of its coordinates."""
+        T = symbolic.unflat(self._z, 4, 4)
+        misfit = _length(ca.vec(flow.to_pose(self.formula, self._symbols) - T))
+        return Evaluator("inverse", self._z, ca.vertcat(self._q, misfit))
+
+    @cached_property
+    def inverse_jacobian(self) -> Evaluator:
+        """Pose -> dq/dtwist (n, 6)."""
+        xi = ca.SX.sym("xi", 6)
+        J = ca.jacobian(self.joints_at(symbolic.retract(symbolic.unflat(self._z, 4, 4), xi)), xi)
+        J = ca.cse(ca.substitute(J, xi, ca.SX.zeros(6)))  # a third faster, and more: derivatives repeat themselves
+        return Evaluator("inverse_jacobian", self._z, J, (len(self.order), 6))
+
+    @cached_property
+    def forward(self) -> Evaluator:
+        """Joints -> pose (4, 4)."""
+        q, T = self._forward()
+        return Evaluator("forward", q, T, (4, 4))
+
+    @cached_property
+    def forward_jacobian(self) -> Evaluator:
+        """Joints -> dtwist/dq (6, n)."""
+        q, T = self._forward()
+        R = T[0:3, 0:3]
+        columns = []
+        for i in range(len(self.order)):
+            W = ca.jtimes(R, q, ca.SX.eye(len(self.order))[:, i]) @ R.T
+            columns.append(ca.vertcat(W[2, 1], W[0, 2], W[1, 0]))
+        J = ca.vertcat(ca.jacobian(T[0:3, 3], q), ca.horzcat(*columns))
+        return Evaluator("forward_jacobian", q, ca.cse(J), (6, len(self.order)))
+
+    @cached_property
+    def pose_of_coordinates(self) -> Evaluator:
+        """Coordinates of the paper -> pose (4, 4)."""
+        x = ca.SX.sym("x", len(self.formula.coordinates.names))
+        T = flow.to_pose(self.formula, dict(zip(self.formula.coordinates.names, ca.vertsplit(x), strict=True)))
+        return Evaluator("pose_of_coordinates", x, T, (4, 4))
+
+    @cached_property
+    def coordinates_of_pose(self) -> Evaluator:
+        """Pose (16 numbers) -> coordinates of the paper."""
+        z = ca.SX.sym("z", 16)
+        values = self.formula.coordinates.from_pose(symbolic.unflat(z, 4, 4))
+        return Evaluator("coordinates_of_pose", z, ca.vertcat(*values))
+
+    @cached_property
+    def newton(self) -> Evaluator:
+        """(q, start pose) -> pose (16), joint error, travel, aspects: Newton's method from the start pose.
+
+        The error is the norm of that of the joints, in m or rad; the travel that of the translation by the
+        characteristic length and the rotation in rad. All in one call, because Python around it would
+        cost ten times as much as the solution.
+        """
+        n = len(self.order)
+        xi, p = ca.SX.sym("xi", 6), ca.SX.sym("p", n + 16)
+        T = symbolic.retract(symbolic.unflat(p[n:], 4, 4), xi)
+        q = self.joints_at(T)
+        finder = ca.rootfinder(
+            "finder",
+            "fast_newton",
+            {"x": xi, "p": p, "g": q - p[:n]},
+            {"error_on_fail": False, "abstol": 1e-14, "abstolStep": 1e-14, "max_iter": 12},
+        )
+        travel = _length(ca.vertcat(xi[:3] / self.length, xi[3:]))
+        aspects = self.group["aspect"].function(symbolic.flat(T))
+        answer = ca.Function("answer", [xi, p], [ca.vertcat(symbolic.flat(T), _length(q - p[:n]), travel, aspects)])
+        z = ca.MX.sym("z", n + 16)
+        out = answer(finder(x0=ca.DM.zeros(6), p=z)["x"], z)
+        return Evaluator("newton", z, out, (out.shape[0],))
+
+    def from_points(self, names: tuple[str, ...]) -> Evaluator:
+        """Named points (3 numbers each, in that order) -> q (n)."""
+        if names not in self._partial:
+            z = ca.SX.sym("z", 3 * len(names))
+            symbols: dict[str, Any] = dict(self.parameters)
+            for i, name in enumerate(names):
+                symbol, p = self.formula.points[name], z[3 * i : 3 * i + 3]
+                symbols |= {symbol: p} if isinstance(symbol, str) else dict(zip(symbol, ca.vertsplit(p), strict=True))
+            symbols = flow.run(self.formula, self.variants, symbols, "inverse")
+            q = flow.gather(self.formula, symbols, self.order, "joint")
+            self._partial[names] = Evaluator("from_points", z, q)
+        return self._partial[names]
+
+    def margins_at(self, passive: tuple[str, ...], points: tuple[str, ...]) -> Evaluator:
+        """State of a mechanism -> reach, measures, aspects, each row fed with what the mechanism says.
+
+        Takes parameters in the order of `parameters`, pose (16), joints (n), the passive joints and the named points
+        (3 numbers each) that are given, in that order. An equation makes only what none of them is.
+        """
+        key = ("margins", *passive, "", *points)
+        if key not in self._partial:
+            n, m = len(self.parameters), len(self.order)
+            z = ca.SX.sym("z", n + 16 + m + len(passive) + 3 * len(points))
+            numbers, pose, q, turns, places = ca.vertsplit(
+                z, [0, n, n + 16, n + 16 + m, n + 16 + m + len(passive), z.numel()]
+            )
+            symbols: dict[str, Any] = dict(zip(self.parameters, ca.vertsplit(numbers), strict=True)) if n else {}
+            symbols |= flow.from_pose(self.formula, symbolic.unflat(pose, 4, 4))
+            symbols |= dict(zip(self.order, ca.vertsplit(q), strict=True))
+            symbols |= {name: turns[i] for i, name in enumerate(passive)}
+            for i, name in enumerate(points):
+                symbol, p = self.formula.points[name], places[3 * i : 3 * i + 3]
+                symbols |= {symbol: p} if isinstance(symbol, str) else dict(zip(symbol, ca.vertsplit(p), strict=True))
+            for stage in ("inverse", "forward", "helper"):
+                symbols = flow.run(self.formula, self.variants, symbols, stage)
+            names = (
+                *self.formula.reach.values(),
+                *(m.symbol for m in self.formula.measures),
+                *(a.symbol for a in self.formula.aspects),
+            )
+            self._partial[key] = Evaluator("margins_at", z, flow.gather(self.formula, symbols, names, "margin"))
+        return self._partial[key]
+
+    def around(self, state: ca.SX, step: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return pose and joints as expressions of a state and a step from it.
+
+        The state is q (n), the step is added to it, where there is a forward equation; else they are a pose
+        (16 numbers) and a twist (6).
+        """
+        if self.forward_flow:
+            return ca.SX(self._after_joints(state + step)[POSE_SYMBOL]), state + step
+        T = symbolic.retract(symbolic.unflat(state, 4, 4), step)
+        return T, self.joints_at(T)
+
+    def joints_at(self, T: ca.SX) -> ca.SX:
+        """Return q (n) as an expression of a pose expression (4, 4)."""
+        return flow.gather(self.formula, self._after_pose(T), self.order, "joint")
+
+    def _after_pose(self, T: ca.SX) -> dict[str, Any]:
+        symbols = {**self.parameters, **flow.from_pose(self.formula, T)}
+        symbols = flow.run(self.formula, self.variants, symbols, "inverse")
+        return flow.run(self.formula, self.variants, symbols, "forward")
+
+    def _after_joints(self, q: ca.SX) -> dict[str, Any]:
+        symbols = {**self.parameters, **dict(zip(self.order, ca.vertsplit(q), strict=True))}
+        symbols = flow.run(self.formula, self.variants, symbols, "forward")
+        if POSE_SYMBOL not in symbols:
+            symbols[POSE_SYMBOL] = flow.to_pose(self.formula, symbols)
+        T = ca.SX(symbols[POSE_SYMBOL])
+        if T.shape != (4, 4):
+            raise KinematicsError(f"formula '{self.formula.name}': {POSE_SYMBOL} has shape {T.shape}, not (4, 4).")
+        return {**flow.from_pose(self.formula, T), **symbols}
+
+    def _forward(self) -> tuple[ca.SX, ca.SX]:
+        q = ca.SX.sym("q", len(self.order))
+        return q, ca.SX(self._after_joints(q)[POSE_SYMBOL])
+
+    def _points(self) -> ca.SX:
+        rows = []
+        for name, symbol in self.formula.points.items():
+            what = f"formula '{self.formula.name}', point '{name}'"
+            if isinstance(symbol, str):
+                if symbol not in self._symbols:
+                    raise KinematicsError(f"{what}: {unknown('symbol', symbol, self._symbols)}")
+                p = ca.SX(self._symbols[symbol])
+            else:
+                p = flow.gather(self.formula, self._symbols, tuple(symbol), f"point '{name}':")
+            if p.numel() != 3:
+                raise KinematicsError(f"{what} has shape {p.shape}; it must hold 3 numbers.")
+            rows.append(ca.reshape(p, 1, 3))
+        return ca.vertcat(*rows) if rows else ca.SX(0, 3)
+
+
+def _length(v: ca.SX) -> ca.SX:
+    """Return the length of v, NaN if an entry is NaN: the maximum norm would lose it in fmax."""
+    return ca.sqrt(ca.sumsqr(v))

@@ -1,0 +1,162 @@
+"""Rotations, poses and guarded roots in CasADi SX.
+
+Every function takes and returns SX (or what SX accepts) and can be differentiated at the points where
+the naive form gives NaN: the derivative of a norm at the zero vector, of the logarithm at the identity.
+Those guards live here and nowhere else. Frames follow `twin.core.spatial`: T_a_b is the pose of b in a,
+twists are linear rows first, angles are in rad.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+SX = Any
+"""A CasADi SX scalar, vector or matrix, or a number."""
+
+_SERIES = 1e-6
+"""Squared angle in rad^2 below which series replace quotients; their next term is below 1e-20."""
+
+
+def sqrt(x: SX) -> SX:
+    """Return the root of x, 0 for x <= 0, with derivative 0 there instead of infinity or NaN.
+
+    For lengths that may vanish. Not for the radical of a reach condition: there NaN is the answer.
+    """
+    positive = x > 0
+    # Both branches of a conditional are evaluated and differentiated, so the argument is made safe first.
+    return ca.if_else(positive, ca.sqrt(ca.if_else(positive, x, 1)), 0)
+
+
+def norm(v: SX) -> SX:
+    """Return the length of the column v; its gradient at v = 0 is 0 (`norm_2` gives NaN)."""
+    return sqrt(ca.sumsqr(v))
+
+
+def unit(v: SX) -> SX:
+    """Return v / |v|, and 0 for v = 0."""
+    s = ca.sumsqr(v)
+    return ca.if_else(s > 0, v / ca.sqrt(ca.if_else(s > 0, s, 1)), 0 * v)
+
+
+def hat(w: SX) -> SX:
+    """Return the cross product matrix (3, 3) of w (3)."""
+    return ca.skew(w)
+
+
+def rotation_x(a: SX) -> SX:
+    """Return the rotation (3, 3) about x by a in rad."""
+    c, s = ca.cos(a), ca.sin(a)
+    return _matrix([[1, 0, 0], [0, c, -s], [0, s, c]])
+
+
+def rotation_y(a: SX) -> SX:
+    """Return the rotation (3, 3) about y by a in rad."""
+    c, s = ca.cos(a), ca.sin(a)
+    return _matrix([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def rotation_z(a: SX) -> SX:
+    """Return the rotation (3, 3) about z by a in rad."""
+    c, s = ca.cos(a), ca.sin(a)
+    return _matrix([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def rotation_zyx(psi: SX, theta: SX, phi: SX) -> SX:
+    """Return Rz(psi) Ry(theta) Rx(phi), (3, 3); angles in rad."""
+    return rotation_z(psi) @ rotation_y(theta) @ rotation_x(phi)
+
+
+def angles_zyx(R: SX) -> tuple[SX, SX, SX]:
+    """Return (psi, theta, phi) in rad with R = Rz(psi) Ry(theta) Rx(phi); theta within +-pi/2.
+
+    By atan2 only, so that theta keeps full precision near +-pi/2; psi and phi are undefined exactly there.
+    """
+    return (
+        ca.atan2(R[1, 0], R[0, 0]),
+        ca.atan2(-R[2, 0], sqrt(R[0, 0] ** 2 + R[1, 0] ** 2)),
+        ca.atan2(R[2, 1], R[2, 2]),
+    )
+
+
+def pose(R: SX, p: SX) -> SX:
+    """Return the pose (4, 4) of a rotation (3, 3) and a position (3) in m."""
+    return ca.vertcat(ca.horzcat(R, ca.vertcat(p)), _matrix([[0, 0, 0, 1]]))
+
+
+def flat(M: SX) -> SX:
+    """Return the entries of M as a column, row by row: the memory order of a numpy array."""
+    return ca.vec(ca.densify(ca.SX(M)).T)
+
+
+def unflat(v: SX, rows: int, columns: int) -> SX:
+    """Return the (rows, columns) matrix whose entries, row by row, are v."""
+    return ca.reshape(v, columns, rows).T
+
+
+def exp_so3(w: SX) -> SX:
+    """Return the rotation matrix (3, 3) of the rotation vector w (3) in rad; smooth at 0."""
+    s = ca.sumsqr(w)
+    small = s < _SERIES
+    safe = ca.if_else(small, 1, s)
+    angle = ca.sqrt(safe)
+    half = ca.sin(angle / 2)
+    a = ca.if_else(small, 1 - s / 6 + s**2 / 120, ca.sin(angle) / angle)
+    # 2 sin(x/2)^2 does not cancel where 1 - cos(x) does.
+    b = ca.if_else(small, 0.5 - s / 24 + s**2 / 720, 2 * half**2 / safe)
+    K = hat(w)
+    return ca.SX.eye(3) + a * K + b * K @ K
+
+
+def quaternion_wxyz(R: SX) -> SX:
+    """Return the unit quaternion (4), w first and w >= 0, of R (3, 3) by Shepperd's method."""
+    d = [R[0, 0], R[1, 1], R[2, 2]]
+    trace = d[0] + d[1] + d[2]
+    x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    xy, xz, yz = R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1]
+    columns = [
+        ca.vertcat(1 + trace, x, y, z),
+        ca.vertcat(x, 1 + 2 * d[0] - trace, xy, xz),
+        ca.vertcat(y, xy, 1 + 2 * d[1] - trace, yz),
+        ca.vertcat(z, xz, yz, 1 + 2 * d[2] - trace),
+    ]
+    best, q = trace, columns[0]
+    for i in range(3):
+        q = ca.if_else(d[i] > best, columns[i + 1], q)
+        best = ca.fmax(best, d[i])
+    q = unit(q)
+    return ca.if_else(q[0] < 0, -q, q)
+
+
+def log_so3(R: SX) -> SX:
+    """Return the rotation vector (3) in rad of R (3, 3); accurate near 0 and near pi, smooth at 0."""
+    q = quaternion_wxyz(R)
+    w, v = q[0], q[1:4]
+    s = ca.sumsqr(v)
+    small = s < _SERIES
+    n = ca.sqrt(ca.if_else(small, 1, s))
+    t = s / ca.if_else(small, w, 1) ** 2
+    return v * ca.if_else(small, 2 / ca.if_else(small, w, 1) * (1 - t / 3 + t**2 / 5), 2 * ca.atan2(n, w) / n)
+
+
+def retract(T: SX, xi: SX) -> SX:
+    """Return the pose (4, 4) after the small twist xi (6): p + v, exp(w) R.
+
+    The twist is in base axes, at the tool origin, linear rows first: the one that Jacobians here speak of.
+    """
+    return pose(exp_so3(xi[3:6]) @ T[0:3, 0:3], T[0:3, 3] + xi[0:3])
+
+
+def pose_residual(T: SX, T_target: SX) -> SX:
+    """Return the 6 errors of T against T_target, in the axes of the target: position in m, rotation in rad.
+
+    Zero only where the poses are equal. Single rows may be left out: the rotation rows x and y vanish
+    together exactly when the z axes agree.
+    """
+    R = T_target[0:3, 0:3].T
+    return ca.vertcat(R @ (T[0:3, 3] - T_target[0:3, 3]), log_so3(R @ T[0:3, 0:3]))
+
+
+def _matrix(rows: list[list[SX]]) -> SX:
+    return ca.vertcat(*(ca.horzcat(*(ca.SX(x) for x in row)) for row in rows))

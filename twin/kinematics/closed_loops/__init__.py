@@ -1,0 +1,5 @@
+"""Forward kinematics of closed loops, compiled from the description of any mechanism."""
+
+from twin.kinematics.closed_loops.solver import Closed, LoopSolver
+
+__all__ = ["Closed", "LoopSolver"]

@@ -1,0 +1,287 @@
+"""The closed loops of any mechanism as CasADi expressions: residuals, their derivative, and the pose of every body.
+
+Unknowns are the coordinates of the passive joints of the tree; balls carry a unit quaternion (w x y z), which a step
+multiplies by a small rotation, so that no attitude is singular. A loop is measured in the frame of the body where its
+two branches part: what both share cancels before it is written down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.model.mechanism import Joint, Mechanism
+
+LENGTH_SCALE = 0.1
+"""Metres of misfit that weigh as much as one radian of it."""
+
+STATES = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 4, "free": 7}
+STEPS = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 3, "free": 6}
+"""Numbers that describe where a passive joint is, and those that move it: lengths before angles."""
+
+_ROUNDED = 4e-16
+"""What an entry of a measured rotation may be beside 0, 1 or -1 by rounding alone."""
+
+
+@dataclass(frozen=True)
+class Passive:
+    """A passive joint of the tree: its state, a step from there, and the names of both."""
+
+    joint: Joint
+    state: ca.SX
+    step: ca.SX
+
+    @property
+    def name(self) -> str:
+        """Name of the joint."""
+        return self.joint.name
+
+    def stepped(self, step: ca.SX) -> ca.SX:
+        """Return the state after a step."""
+        kind = self.joint.type
+        if kind not in ("spherical", "free"):
+            return self.state + step
+        lengths, quat, turn = self.state[:-4], self.state[-4:], step[-3:] / 2
+        w, v = quat[0], quat[1:]
+        turned = ca.vertcat(w - ca.dot(v, turn), v + w * turn + ca.cross(v, turn))
+        return ca.vertcat(lengths + step[:-3], turned / ca.sqrt(ca.sumsqr(turned)))
+
+
+Chain = list[Any]
+"""What lies between a body and a frame, from there on: fixed poses (4, 4), moving joints, and errors of frames."""
+
+
+@dataclass(frozen=True)
+class _Error:
+    """A frame that is off by a shift (m) and a turn (rad) in its own axes, (6,); or the way back."""
+
+    e: ca.SX
+    back: bool
+
+
+class Equations:
+    """What must vanish for the loops to be closed.
+
+    Attributes:
+        mechanism: whose loops they are.
+        q: active joints (n,), in order.
+        passive: the unknowns.
+        residual: (m,) offsets in m and misalignments times `LENGTH_SCALE`; couplings last.
+        jacobian: (m, steps) its derivative by the steps of all unknowns, one joint after the other.
+        row_names: loop joint or coupling of each row.
+        offset, tilt: norms over all loops of the offsets in m and the misalignments in rad; a joint upside down is one.
+        T_base_tool: (4, 4).
+        errors: (6,) by joint and side ("parent", "child"): by what its frame there is off, in its own axes; the shift
+            in m, then the turn in rad, to second order. Empty unless they were asked for.
+    """
+
+    def __init__(self, mechanism: Mechanism, *, with_errors: bool = False) -> None:
+        self.mechanism = mechanism
+        sides = [(j.name, side) for j in mechanism.joints for side in ("parent", "child")] if with_errors else []
+        self.errors = {key: ca.SX.sym(f"e_{'_'.join(key)}", 6) for key in sides}
+        self.q = ca.SX.sym("q", len(mechanism.active))
+        self._active = {j.name: i for i, j in enumerate(mechanism.active)}
+        self._joint_to = {j.child: j for j in mechanism.tree}
+        free = [j for j in mechanism.tree if not j.active and j.type != "fixed"]
+        self.passive = [
+            Passive(j, ca.SX.sym(j.name, STATES[j.type]), ca.SX.sym(f"d_{j.name}", STEPS[j.type])) for j in free
+        ]
+        self._passive = {p.name: p for p in self.passive}
+        self.states, self.steps = _stack(p.state for p in self.passive), _stack(p.step for p in self.passive)
+        rows, moved, names = [], [], []
+        offsets, tilts = [ca.SX(0)], [ca.SX(0)]
+        for joint in mechanism.loops:
+            for stepping, out in ((False, rows), (True, moved)):
+                length, angle, cosine = self._misfit(joint, stepping)
+                out += [length, LENGTH_SCALE * angle]
+                if not stepping:
+                    names += [joint.name] * (length.numel() + angle.numel())
+                    offsets.append(ca.sumsqr(length))
+                    # the sine is small again where the joint is upside down
+                    tilts.append(ca.sumsqr(angle) + ca.if_else(cosine < 0, 1, 0))
+        for coupling in mechanism.couplings:
+            for stepping, out in ((False, rows), (True, moved)):
+                pairs = zip(coupling.joints, coupling.ratios, strict=True)
+                total = sum((k * self._coordinate(n, stepping) for n, k in pairs), ca.SX(-coupling.total))
+                angle = mechanism.joint(coupling.joints[0]).is_angle
+                out.append(LENGTH_SCALE * total if angle else total)
+                if not stepping:
+                    names.append(coupling.name)
+                    (tilts if angle else offsets).append(total**2)
+        self.row_names = tuple(names)
+        self.residual = _stack(rows)
+        self.jacobian = ca.substitute(ca.jacobian(_stack(moved), self.steps), self.steps, 0)
+        self.offset, self.tilt = (ca.sqrt(ca.sum1(ca.vertcat(*x))) for x in (offsets, tilts))  # NaN remains
+        tool = mechanism.frame(mechanism.tool)
+        self.T_base_tool = self.pose(tool.body, tool.T_body_frame)
+
+    def pose(self, body: str, T_body_frame: Array | None = None, stepping: bool = False) -> ca.SX:
+        """Return T_base_frame (4, 4) of a frame on a body; `stepping`: a first order step further."""
+        chain = self._chain(self._path(body)) + ([] if T_body_frame is None else [_rounded(T_body_frame)])
+        axes = [self._carried(chain, ca.SX(e), False, stepping) for e in np.eye(3)]
+        T = ca.horzcat(*axes, self._carried(chain, ca.SX.zeros(3), True, stepping))
+        return ca.vertcat(T, ca.SX([[0, 0, 0, 1]]))
+
+    def rest(self) -> tuple[Array, list[Array]]:
+        """Return q (n,) and the state of each unknown as drawn."""
+        rest = self.mechanism.rest
+        q, states = np.zeros(len(self._active)), []
+        for joint in self.mechanism.tree:
+            T = joint.relative(rest.get(joint.parent, np.eye(4)), rest.get(joint.child, np.eye(4)))
+            angle = spatial.angle_about_z(T)
+            if joint.name in self._active:
+                q[self._active[joint.name]] = angle if joint.is_angle else T[2, 3]
+            elif joint.name in self._passive:
+                quat = spatial.quat_from_matrix_wxyz(T[:3, :3])
+                states.append(
+                    {
+                        "revolute": np.array([angle]),
+                        "prismatic": T[2:3, 3],
+                        "cylindrical": np.array([T[2, 3], angle]),
+                        "spherical": quat,
+                        "free": np.concatenate([T[:3, 3], quat]),
+                    }[joint.type]
+                )
+        return q, states
+
+    def _misfit(self, joint: Joint, stepping: bool) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Return what the locked directions of a loop joint are off, in m and rad, and a cosine of the latter."""
+        ways = [self._path(joint.parent), self._path(joint.child)]
+        while ways[0] and ways[1] and ways[0][0].name == ways[1][0].name:
+            ways = [w[1:] for w in ways]
+        a = self._chain(ways[0]) + self._frame(joint, "parent")
+        b = self._chain(ways[1]) + self._frame(joint, "child")
+        gap = self._carried(b, ca.SX.zeros(3), True, stepping) - self._carried(a, ca.SX.zeros(3), True, stepping)
+        locked = [i for i in range(6) if i not in joint.free_axes]
+        frame = [self._carried(a, ca.SX(e), False, stepping) for e in np.eye(3)]
+        if locked[:3] == [0, 1, 2]:
+            # In a frame that stands still: as drawn, so that what a planar loop cannot do is exactly nothing.
+            rest = self.mechanism.rest
+            parted = ways[0][0].parent if ways[0] else ways[1][0].parent if ways[1] else joint.parent
+            R = spatial.inverse(rest.get(parted, np.eye(4))) @ rest.get(joint.parent, np.eye(4)) @ joint.T_parent_joint
+            length = ca.SX(_rounded(R[:3, :3]).T) @ gap
+        else:
+            length = ca.vertcat(*[ca.dot(frame[i], gap) for i in locked if i < 3])
+        if 3 in joint.free_axes:
+            return length, ca.SX(0, 1), ca.SX(1)
+        others = [self._carried(b, ca.SX(e), False, stepping) for e in np.eye(3)]
+        if 5 in joint.free_axes:
+            return length, ca.vertcat(*[ca.dot(frame[i], others[2]) for i in (0, 1)]), ca.dot(frame[2], others[2])
+        R = ca.horzcat(*frame).T @ ca.horzcat(*others)
+        return length, ca.inv_skew((R - R.T) / 2), (ca.trace(R) - 1) / 2
+
+    def _coordinate(self, name: str, stepping: bool) -> ca.SX:
+        if name in self._active:
+            return self.q[self._active[name]]
+        p = self._passive[name]
+        return p.state + p.step if stepping else p.state
+
+    def _path(self, body: str) -> list[Joint]:
+        out = []
+        while body != self.mechanism.base:
+            out.append(self._joint_to[body])
+            body = out[-1].parent
+        return out[::-1]
+
+    def _frame(self, joint: Joint, side: str, back: bool = False) -> Chain:
+        """Return the way from a body to its side of a joint, or back."""
+        T = joint.T_parent_joint if side == "parent" else joint.T_child_joint
+        error = [_Error(e, back)] if (e := self.errors.get((joint.name, side))) is not None else []
+        return [*error, spatial.inverse(T)] if back else [T, *error]
+
+    def _chain(self, joints: Sequence[Joint]) -> Chain:
+        """Return the way along joints of the tree; fixed poses that follow each other become one."""
+        parts: Chain = []
+        for joint in joints:
+            moving = [] if joint.type == "fixed" else [joint]
+            parts += [*self._frame(joint, "parent"), *moving, *self._frame(joint, "child", back=True)]
+        out: Chain = []
+        for part in parts:
+            if isinstance(part, np.ndarray) and out and isinstance(out[-1], np.ndarray):
+                out[-1] = out[-1] @ part
+            else:
+                out.append(part)
+        return out
+
+    def _carried(self, chain: Chain, v: ca.SX, point: bool, stepping: bool) -> ca.SX:
+        """Return a point or a direction (3,) given behind a chain, in the frame before it."""
+        fixed: Array | None = None
+        for part in [*reversed(chain), None]:
+            if isinstance(part, np.ndarray):
+                fixed = part if fixed is None else part @ fixed
+                continue
+            if fixed is not None:
+                v, fixed = _moved(_rounded(fixed), v, point), None
+            if isinstance(part, _Error):
+                v = _off(part, v, point)
+            elif part is not None:
+                v = self._motion(part, v, point, stepping)
+        return v
+
+    def _motion(self, joint: Joint, v: ca.SX, point: bool, stepping: bool) -> ca.SX:
+        kind, name = joint.type, joint.name
+        if name in self._active:
+            x = self.q[self._active[name]]
+        else:
+            p = self._passive[name]
+            x = p.state
+            if kind in ("spherical", "free"):
+                if stepping:  # to first order, of which only the derivative is used
+                    v = v + ca.cross(p.step[-3:], v)
+                v = _turned(x[-4:], v)
+                shift = x[:-4] + p.step[:-3] if stepping else x[:-4]
+                return v + shift if point and kind == "free" else v
+            if stepping:
+                x = x + p.step
+        if kind in ("revolute", "cylindrical"):
+            c, s = ca.cos(x[-1]), ca.sin(x[-1])
+            v = ca.vertcat(c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
+        if kind in ("prismatic", "cylindrical") and point:
+            v = v + ca.vertcat(0, 0, x[0])
+        return v
+
+
+def _turned(quat: ca.SX, v: ca.SX) -> ca.SX:
+    """Return v (3,) turned by a unit quaternion."""
+    w, x, y, z = ca.vertsplit(quat)
+    R = ca.vertcat(
+        ca.horzcat(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        ca.horzcat(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        ca.horzcat(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return R @ v
+
+
+def _moved(T: Array, v: ca.SX, point: bool) -> ca.SX:
+    out = ca.SX(T[:3, :3]) @ v
+    return out + ca.SX(T[:3, 3]) if point else out
+
+
+def _off(error: _Error, v: ca.SX, point: bool) -> ca.SX:
+    """Return v (3,) moved by the error of a frame, or back."""
+    shift, turn = error.e[:3], error.e[3:]
+    if error.back:
+        turn = -turn
+        v = v - shift if point else v
+    v = v + ca.cross(turn, v) + ca.cross(turn, ca.cross(turn, v)) / 2
+    return v + shift if point and not error.back else v
+
+
+def _rounded(T: Array) -> Array:
+    """Return a pose or rotation whose entries are 0, 1 or -1 where they are but for rounding: fewer terms remain."""
+    T = np.array(T, float)
+    R = T[:3, :3]
+    for value in (0.0, 1.0, -1.0):
+        R[np.abs(R - value) < _ROUNDED] = value
+    return T
+
+
+def _stack(parts: Iterable[ca.SX]) -> ca.SX:
+    parts = list(parts)
+    return ca.vertcat(*parts) if parts else ca.SX(0, 1)

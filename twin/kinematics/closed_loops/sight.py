@@ -1,0 +1,102 @@
+"""What one look at a closed mechanism says: a point of a body, the tool, and how the joints move them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from twin.codegen import Kernel, Stage
+from twin.core.spatial import Array
+from twin.kinematics.closed_loops.equations import LENGTH_SCALE
+from twin.kinematics.closed_loops.solver import LoopSolver
+
+_FLAT = 1e-9
+"""Relative size of singular values that count as zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """One closed state.
+
+    Attributes:
+        q, u: active joints (n,) and unknowns (numbers,), as `Closed.states`.
+        p: (3,) the point in base, in m.
+        J: (3, n) its rate per rate of each active joint.
+        answers: (steps, n) of the unknowns.
+        loops: by loop, the square matrix (or not) whose rank says whether the loops hold their joints.
+        tool: (6, n) the tool's twist, turns times `LENGTH_SCALE`, per rate of each active joint.
+    """
+
+    q: Array
+    u: Array
+    p: Array
+    J: Array
+    answers: Array
+    loops: tuple[Array, ...]
+    tool: Array
+
+
+class Sight:
+    """Looks at a mechanism: its loops and its tool are compiled once, each body when it is first looked at."""
+
+    def __init__(self, solver: LoopSolver) -> None:
+        """Compile what all looks have in common."""
+        e = self._equations = solver.equations
+        rows = [r for b in solver.blocks for r in b.rows]
+        self._columns = np.array([c for b in solver.blocks for c in b.columns], int)
+        self._square = all(b.square for b in solver.blocks)
+        self._parts, i, j = [], 0, 0
+        for b in solver.blocks:
+            self._parts.append((slice(i, i + len(b.rows)), slice(j, j + len(b.columns))))
+            i, j = i + len(b.rows), j + len(b.columns)
+        self._n, self._k, self._m = e.q.numel(), e.steps.numel(), len(rows)
+        tool = e.mechanism.frame(e.mechanism.tool)
+        T, z = e.pose(tool.body, tool.T_body_frame, stepping=True), ca.vertcat(e.q, e.steps)
+        turn = sum((ca.skew(T[:3, i]) @ ca.jacobian(T[:3, i], z) / 2 for i in range(3)), ca.SX(3, z.numel()))
+        twist = ca.substitute(ca.vertcat(ca.jacobian(T[:3, 3], z), LENGTH_SCALE * turn), e.steps, 0)
+        A = ca.horzcat(ca.jacobian(e.residual, e.q), e.jacobian)[rows, :] if rows else ca.SX(0, z.numel())
+        self._common = self._compiled("loops", ca.vertcat(twist, A))
+        self._bodies: dict[str, Callable[..., Array]] = {}
+
+    def __call__(self, q: Array, u: Array, body: str, p_body: Array) -> Look:
+        """Return what is seen at q (n,), u (numbers,) of the point (3,) on a body."""
+        n = self._n
+        if body not in self._bodies:
+            self._bodies[body] = self._point(body)
+        seen = self._common(q, u).reshape(6 + self._m, -1)
+        tool, A = seen[:6], seen[6:]
+        point = self._bodies[body](q, u, p_body).reshape(3, -1)
+        held = A[:, n + self._columns]
+        answers = np.zeros((self._k, n))
+        if self._m:
+            answers[self._columns] = -_solved(held, A[:, :n], self._square)
+        loops = tuple(held[part] for part in self._parts)
+        J = point[:, 1:]
+        return Look(
+            q, u, point[:, 0], J[:, :n] + J[:, n:] @ answers, answers, loops, tool[:, :n] + tool[:, n:] @ answers
+        )
+
+    def _point(self, body: str) -> Callable[..., Array]:
+        e, p_body = self._equations, ca.SX.sym("p", 3)
+        point = (e.pose(body, stepping=True) @ ca.vertcat(p_body, 1))[:3]
+        J = ca.jacobian(point, ca.vertcat(e.q, e.steps))
+        return self._compiled("point", ca.substitute(ca.horzcat(point, J), e.steps, 0), p=p_body)
+
+    def _compiled(self, name: str, rows: ca.SX, **more: ca.SX) -> Callable[..., Array]:
+        """Return a function of q, u and more, that returns all rows, stacked."""
+        e = self._equations
+        look = ca.Function(name, [e.q, e.states, *more.values()], [ca.densify(ca.vec(rows.T))], {"cse": True})
+        inputs = {"q": e.q.numel(), "u": e.states.numel(), **{n: x.numel() for n, x in more.items()}}
+        return Kernel([Stage(look, tuple(inputs), ("seen",))], inputs, ["seen"], single=True).single()
+
+
+def _solved(A: Array, B: Array, square: bool) -> Array:
+    if square:
+        try:
+            return np.asarray(np.linalg.solve(A, B), float)
+        except np.linalg.LinAlgError:
+            pass
+    return np.asarray(np.linalg.pinv(A, rcond=_FLAT) @ B, float)

@@ -1,0 +1,257 @@
+"""Newton's method on the loops of a mechanism, compiled: from the active joints to the pose of the tool.
+
+Blocks of equations are solved one after the other (see `structure`): planar loops by themselves, then what hangs on
+them. Every solution is asked three things: are the loops closed, upright, and is the determinant of each block on the
+side where it is as drawn? What answers no is solved again by walking there from the drawn state in small steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from twin.codegen import Kernel, Stage
+from twin.core.errors import AssemblyError, MechanismError
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.kinematics.closed_loops import linear
+from twin.kinematics.closed_loops.equations import Equations
+from twin.kinematics.closed_loops.structure import Block, blocks
+from twin.model.mechanism import Mechanism
+
+GAP, TILT = 1e-9, 1e-8
+"""Metres and radians within which a loop is closed; convergence is quadratic, so that most are at rounding."""
+
+_LAST = 1e-8
+"""A step (m, rad) below this is the last."""
+
+_STRIDE = 0.6
+"""Largest change (m, rad) of an unknown in one step."""
+
+_STEPS = 30
+_WALK = (8, 64)
+"""Stations on the way from the drawn state to one that was not found at once."""
+
+_SINGULAR = 1e8
+"""Condition number of a block as drawn, above which it is solved by least squares."""
+
+_RESULTS = ("pose", "gaps", "states")
+
+
+@dataclass(frozen=True)
+class Closed:
+    """States of the closed mechanism, k of them.
+
+    Attributes:
+        Ts_base_tool: (k, 4, 4); NaN where the loops cannot be closed.
+        states: (numbers, k) of all unknowns: what to continue from.
+        offset, tilt: (k,) norms over all loops of their gaps in m and misalignments in rad.
+        margin: (k,) smallest determinant of a block relative to that as drawn, at most 1: 0 at a singularity of the
+            loops, negative in another assembly mode.
+    """
+
+    Ts_base_tool: Array
+    states: Array
+    offset: Array
+    tilt: Array
+    margin: Array
+
+
+class LoopSolver:
+    """Closed-loop forward kinematics of a mechanism; shares no code with the reference that judges it.
+
+    Attributes:
+        mechanism: whose.
+        equations: of its loops.
+        blocks: in which they are solved.
+        q, home: active joints (n,) and unknowns as drawn, loops closed.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        """Find the structure and close the loops as drawn; kernels are compiled when first used.
+
+        Raises:
+            AssemblyError: as drawn the loops do not close.
+        """
+        self.mechanism = mechanism
+        self.equations = Equations(mechanism)
+        self.blocks = blocks(self.equations)
+        self.q, start = self.equations.rest()
+        self._newton = [self._stage(i, b, start) for i, b in enumerate(self.blocks)]
+        known = {"q": self.q, **{p.name: x for p, x in zip(self.equations.passive, start, strict=True)}}
+        for stage in self._newton:
+            for _ in range(_STEPS):
+                results = stage.function(*[known[n] for n in stage.takes])
+                known |= {n: r.full().ravel() for n, r in zip(stage.gives, results, strict=True)}
+                if not known["error"][0] > _LAST:
+                    break
+        self.home = [known[p.name] for p in self.equations.passive]
+        self._signs = {n: float(v[0]) for n, v in known.items() if n.startswith("det ")}
+        e = self.equations
+        gaps = ca.Function("gaps", [e.q, e.states], [e.offset, e.tilt])(self.q, np.concatenate([*self.home, []]))
+        offset, tilt = (float(g) for g in gaps)
+        if not (offset < 1e-3 and tilt < 0.1):
+            text = f"the loops do not close as drawn: {offset / MM:.3g} mm and {tilt:.3g} rad are left"
+            raise AssemblyError(f"{mechanism.name}: {text}", gap=offset)
+        # CAD that does not meet leaves a gap everywhere: that is a finding, not another reason to fail
+        self._gap, self._tilt = max(GAP, 10 * offset), max(TILT, 10 * tilt)
+
+    def forward(self, q: Array, seed: Array | None = None) -> Array:
+        """Return T_base_tool (4, 4) at active joints q (n,).
+
+        Args:
+            q: in m or rad.
+            seed: unknowns (numbers,) to start from, as in `Closed.states`; default as drawn.
+
+        Raises:
+            AssemblyError: the loops cannot be closed there.
+            MechanismError: q has the wrong length or is not finite.
+        """
+        single = self._single
+        if np.shape(q) != (len(self.q),):
+            raise MechanismError(f"q has shape {np.shape(q)}; expected ({len(self.q)},)")
+        out = single(q, self._start if seed is None else seed)
+        if out[12] <= self._gap and out[13] <= self._tilt and out[14] > 0:
+            T = np.eye(4)
+            T[:3] = out[:12].reshape(3, 4)
+            return T
+        found = self.forward_many(np.asarray(q, float)[None])
+        if np.isfinite(found.Ts_base_tool).all():
+            return found.Ts_base_tool[0]
+        if not np.isfinite(q).all():
+            raise MechanismError(f"q is not finite: {np.asarray(q).tolist()}")
+        raise AssemblyError(
+            f"{self.mechanism.name}: the loops cannot be closed at q = {np.round(q, 6).tolist()}: at best "
+            f"{found.offset[0] / MM:.3g} mm are left",
+            best=found,
+            gap=float(found.offset[0]),
+        )
+
+    def close(self, q: Array, seed: Array) -> Array | None:
+        """Return the unknowns (numbers,) that close the loops at q (n,), found from `seed` (numbers,) alone.
+
+        Whatever assembly is nearest to the seed; None if Newton's method finds none.
+        """
+        out = self._single(q, seed)
+        return out[15:] if out[12] <= self._gap and out[13] <= self._tilt else None
+
+    def pose(self, q: Array, states: Array) -> Array:
+        """Return T_base_tool (4, 4) at q (n,) and unknowns (numbers,) that close the loops."""
+        return np.vstack([self._single(q, states)[:12].reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
+
+    def forward_many(self, qs: Array, seeds: Array | None = None, threads: int | None = None) -> Closed:
+        """Return the states at active joints qs (k, n), each found by itself; NaN poses where there is none.
+
+        Args:
+            qs: in m or rad.
+            seeds: unknowns (numbers, k) to start from; default as drawn.
+            threads: at most so many; default as many as there are processors.
+        """
+        qs = np.asarray(qs, float)
+        if qs.ndim != 2 or qs.shape[1] != len(self.q):
+            raise MechanismError(f"q has shape {qs.shape}; expected (k, {len(self.q)})")
+        Q = np.ascontiguousarray(qs.T)
+        if seeds is None:
+            poses, gaps, states = self._cold(Q, threads=threads)
+        else:
+            poses, gaps, states = self._warm(Q, np.ascontiguousarray(seeds), threads=threads)
+        for stations in _WALK:
+            lost = np.flatnonzero(~self._good(gaps) & np.isfinite(Q).all(axis=0))
+            if not len(lost) or not self.blocks:
+                break
+            x = np.repeat(self._start[:, None], len(lost), axis=1)
+            for f in np.linspace(0, 1, stations + 1)[1:]:
+                way = self.q[:, None] + f * (Q[:, lost] - self.q[:, None])
+                found, left, x = self._warm(way, x, threads=threads)
+            better = self._good(left)  # what cannot be closed is left as near as it came at once
+            poses[:, lost[better]], gaps[:, lost[better]] = found[:, better], left[:, better]
+            states[:, lost[better]] = x[:, better]
+        Ts = np.zeros((len(qs), 4, 4))
+        Ts[:, 3, 3] = 1
+        Ts[:, :3] = poses.T.reshape(-1, 3, 4)
+        Ts[~self._good(gaps)] = np.nan
+        return Closed(Ts, states, *gaps)
+
+    def _good(self, gaps: Array) -> np.ndarray:
+        return (gaps[0] <= self._gap) & (gaps[1] <= self._tilt) & (gaps[2] > 0)
+
+    @cached_property
+    def _start(self) -> Array:
+        return np.concatenate([*self.home, []])
+
+    @cached_property
+    def stages(self) -> list[Stage]:
+        """From q and the unknowns to "pose" (12), "gaps" (3) and "states"."""
+        e, names = self.equations, [p.name for p in self.equations.passive]
+        determinants = [ca.SX.sym(n) for n in self._signs]
+        margin = ca.SX(1)
+        for d, sign in zip(determinants, self._signs.values(), strict=True):
+            margin = ca.fmin(margin, d / sign)
+        outputs = [ca.vec(e.T_base_tool[:3, :].T), ca.vertcat(e.offset, e.tilt, margin), ca.densify(e.states)]
+        arguments = [e.q, *[p.state for p in e.passive], *determinants]
+        end = ca.Function("end", arguments, [ca.densify(x) for x in outputs], {"cse": True})
+        return [*self._newton, Stage(end, ("q", *names, *self._signs), ("pose", "gaps", "states"))]
+
+    @cached_property
+    def _cold(self) -> Kernel:
+        drawn = Stage(ca.Function("drawn", [], [ca.SX(x) for x in self.home]), (), tuple(self._names))
+        return Kernel([drawn, *self.stages], {"q": len(self.q)}, _RESULTS)
+
+    @cached_property
+    def _warm(self) -> Kernel:
+        return Kernel(
+            [self._split, *self.stages], {"q": len(self.q), "seed": len(self._start)}, ["pose", "gaps", "states"]
+        )
+
+    @cached_property
+    def _single(self):
+        return Kernel([self._split, *self.stages], self._seeded, _RESULTS, single=True).single()
+
+    @property
+    def _seeded(self) -> dict[str, int]:
+        return {"q": len(self.q), "seed": len(self._start)}
+
+    @property
+    def _names(self) -> list[str]:
+        return [p.name for p in self.equations.passive]
+
+    @property
+    def _split(self) -> Stage:
+        e = self.equations
+        seed = ca.SX.sym("seed", len(self._start))
+        parts, at = [], 0
+        for p in e.passive:
+            parts.append(seed[at : at + p.state.numel()])
+            at += p.state.numel()
+        return Stage(ca.Function("split", [seed], parts), ("seed",), tuple(self._names))
+
+    def _stage(self, number: int, block: Block, start: list[Array]) -> Stage:
+        """Return one step of Newton's method on a block."""
+        e = self.equations
+        rows, columns = list(block.rows), list(block.columns)
+        J, r = ca.SX(len(rows), len(columns)), e.residual[rows]
+        full = e.jacobian[rows, columns]
+        for i, j in zip(*np.nonzero(block.pattern), strict=True):
+            J[int(i), int(j)] = full[int(i), int(j)]
+        sample = ca.Function("J", [e.q, e.states], [ca.densify(J)])(self.q, np.concatenate(start)).full()
+        more: dict[str, ca.SX] = {}
+        if block.square and np.linalg.cond(sample) < _SINGULAR:
+            step, more[f"det {number}"] = linear.square(J, -r, block.pattern, sample)
+        else:
+            step = linear.least_squares(J, -r, block.pattern)
+        size = ca.SX(0)
+        for x in ca.vertsplit(step):
+            size = ca.fmax(size, ca.fabs(x))
+        step = step * ca.fmin(1, _STRIDE / size)
+        new, at = {}, 0
+        for k in block.unknowns:
+            p = e.passive[k]
+            new[p.name] = p.stepped(step[at : at + p.step.numel()])
+            at += p.step.numel()
+        arguments, names = [e.q, *[p.state for p in e.passive]], ("q", *self._names)
+        results = {**new, "error": size, **more}
+        function = ca.Function(f"block{number}", arguments, [ca.densify(x) for x in results.values()], {"cse": True})
+        return Stage(function, names, tuple(results), _STEPS, _LAST, reciprocals=True)

@@ -1,5 +1,0 @@
-"""Forward kinematics of closed loops, compiled from the description of any mechanism."""
-
-from twin.loops.solver import Closed, LoopSolver
-
-__all__ = ["Closed", "LoopSolver"]

@@ -1,0 +1,497 @@
+"""The neutral model: bodies, joints and loops, whatever file they came from.
+
+A joint ties a frame on its parent body to one on its child body; its motion is along or about their common z axis:
+
+    T_parent_child = T_parent_joint @ motion(q) @ inverse(T_child_joint)
+
+Joints that would reach a body a second time close a loop; they have no coordinate of their own in the
+tree but the same two frames. Everything is SI and frozen.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import permutations
+from typing import Literal
+
+import numpy as np
+
+from twin.core import spatial, units
+from twin.core.errors import MechanismError, unknown
+from twin.core.foreign.budget import BODIES, FREEDOMS
+from twin.core.provenance import Parameter
+from twin.core.spatial import Array
+
+JointType = Literal["fixed", "revolute", "prismatic", "cylindrical", "spherical", "free"]
+
+FREE_AXES: dict[str, tuple[int, ...]] = {
+    "fixed": (),
+    "revolute": (5,),
+    "prismatic": (2,),
+    "cylindrical": (2, 5),
+    "spherical": (3, 4, 5),
+    "free": (0, 1, 2, 3, 4, 5),
+}
+"""Free directions of each joint type in its own frame: x y z translation 0..2, rotation 3..5."""
+
+_IDENTIFIER = re.compile(r"[a-z][a-z0-9_]*")
+
+
+@dataclass(frozen=True)
+class Finish:
+    """What the surface of a mesh is, to a renderer.
+
+    Attributes:
+        material: name of what the part is made of, or "" if nobody says.
+        metallic: 0 paint, plastic, glass .. 1 bare metal.
+        roughness: 0 mirror .. 1 chalk.
+    """
+
+    material: str = ""
+    metallic: float = 0.0
+    roughness: float = 0.5
+
+
+@dataclass(frozen=True)
+class Material:
+    """A material of a scene: a name that no other one of the robot has, a linear colour 0..1, and a finish."""
+
+    name: str
+    color_rgba: tuple[float, float, float, float]
+    finish: Finish
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A triangle mesh with one colour, in the frame of its body.
+
+    Attributes:
+        name: identifier, unique in the mechanism.
+        vertices: (n, 3) float64, metres.
+        triangles: (m, 3) int32, counter-clockwise seen from outside.
+        color_rgba: linear, 0..1.
+        finish: of its surface.
+    """
+
+    name: str
+    vertices: Array
+    triangles: np.ndarray
+    color_rgba: tuple[float, float, float, float] = (0.6, 0.6, 0.6, 1.0)
+    finish: Finish = Finish()
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """Mass in kg, centre of mass (3,) in m, and inertia (3, 3) in kg m^2 about it, all in the body frame."""
+
+    mass: float
+    p_body_com: Array
+    I_com: Array
+
+    def __add__(self, other: Inertia) -> Inertia:
+        """Return the inertia of two bodies fixed to each other, both in one frame (parallel axes)."""
+        mass = self.mass + other.mass
+        centre = (self.mass * self.p_body_com + other.mass * other.p_body_com) / mass
+        tensor = np.zeros((3, 3))
+        for part in (self, other):
+            r = part.p_body_com - centre
+            tensor += part.I_com + part.mass * ((r @ r) * np.eye(3) - np.outer(r, r))
+        return Inertia(mass, centre, tensor)
+
+    def seen_from(self, T: Array) -> Inertia:
+        """Return it in another frame, T (4, 4) the pose of its own frame in that."""
+        R = T[:3, :3]
+        return Inertia(self.mass, R @ self.p_body_com + T[:3, 3], R @ self.I_com @ R.T)
+
+    def principal(self) -> tuple[Array, Array]:
+        """Return principal moments (3,) and the rotation (3, 3) of their axes, as near to identity as they allow.
+
+        The order of eigenvectors is arbitrary; the choice nearest to identity keeps a part that is already
+        aligned readable, and stable when a length changes a little.
+        """
+        moments, axes = np.linalg.eigh(0.5 * (self.I_com + self.I_com.T))
+        best = max(permutations(range(3)), key=lambda p: np.sum(np.abs(np.diag(axes[:, p]))))
+        moments, axes = moments[list(best)], axes[:, best]
+        axes = axes * np.where(np.diag(axes) < 0, -1.0, 1.0)
+        if np.linalg.det(axes) < 0:
+            axes[:, np.argmin(np.diag(axes))] *= -1
+        return moments, axes
+
+    def violations(self) -> list[str]:
+        """Return what makes this tensor impossible for a rigid body; empty if nothing does."""
+        bad = []
+        if not (np.isfinite(self.mass) and self.mass > 0):
+            bad.append(f"mass {self.mass:g} kg is not positive")
+        moments = np.linalg.eigvalsh(0.5 * (self.I_com + self.I_com.T))
+        if moments[0] <= 0:
+            bad.append(f"smallest principal moment {moments[0]:.3g} kg m2 is not positive")
+        if moments[2] > (moments[0] + moments[1]) * (1 + 1e-6):
+            bad.append(
+                f"principal moments {moments[0]:.3g}, {moments[1]:.3g}, {moments[2]:.3g} kg m2 break the "
+                "triangle inequality: no distribution of mass has them"
+            )
+        return bad
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body; `meshes` are shown and collided with, `inertia` may be unknown (None)."""
+
+    name: str
+    meshes: tuple[Mesh, ...] = ()
+    inertia: Inertia | None = None
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A position drive: stiffness in N/m or N m/rad, damping in N s/m or N m s/rad, largest effort in N or N m."""
+
+    stiffness: float
+    damping: float
+    max_effort: float | None = None
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint between two bodies; its axis is z of both joint frames.
+
+    Attributes:
+        name, type, parent, child: identifiers; see `FREE_AXES` for the types.
+        T_parent_joint, T_child_joint: (4, 4) joint frame in the parent and in the child body.
+        active: driven by an actuator.
+        limits: hard range of the coordinate in m or rad, or None.
+        soft_limits: range whose breach is a warning only, or None.
+        cone: largest angle in rad between the two z axes of a spherical joint, or None.
+        max_speed, max_acceleration: of the coordinate, or None.
+        drive: the position drive of an active joint, or None.
+        mating: names of the two meshes that touch in this joint (pin and bore), not checked for contact.
+    """
+
+    name: str
+    type: JointType
+    parent: str
+    child: str
+    T_parent_joint: Array = field(default_factory=lambda: np.eye(4))
+    T_child_joint: Array = field(default_factory=lambda: np.eye(4))
+    active: bool = False
+    limits: tuple[float, float] | None = None
+    soft_limits: tuple[float, float] | None = None
+    cone: float | None = None
+    max_speed: float | None = None
+    max_acceleration: float | None = None
+    drive: Drive | None = None
+    mating: tuple[str, ...] = ()
+
+    @property
+    def free_axes(self) -> tuple[int, ...]:
+        """Free directions in the joint frame; see `FREE_AXES`."""
+        return FREE_AXES[self.type]
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether the (single) coordinate is an angle."""
+        return self.type == "revolute"
+
+    def relative(self, T_base_parent: Array, T_base_child: Array) -> Array:
+        """Return the pose of the child's joint frame in the parent's, (4, 4): identity at q = 0, no gap."""
+        return spatial.inverse(T_base_parent @ self.T_parent_joint) @ T_base_child @ self.T_child_joint
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A named frame on a body, T_body_frame (4, 4)."""
+
+    name: str
+    body: str
+    T_body_frame: Array
+
+
+@dataclass(frozen=True)
+class Point:
+    """A named point on a body, p_body (3,) in m."""
+
+    name: str
+    body: str
+    p_body: Array
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A belt, gear or cable: the sum of ratio times coordinate of some joints of the tree is constant.
+
+    Attributes:
+        name: identifier.
+        joints: names of joints with one coordinate, all angles or all lengths.
+        ratios: one for each.
+        total: the sum, in rad or m.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    ratios: tuple[float, ...]
+    total: float = 0.0
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """Bodies, joints and loops of one robot.
+
+    Attributes:
+        name: identifier.
+        base: name of the fixed body; its frame is the base frame.
+        bodies, joints, frames, points: in file order; order decides which joint of a loop closes it.
+        rest: T_base_body (4, 4) of every body as drawn or as authored: the seed of the assembly.
+        postures: named values of the active joints in m or rad.
+        tool: name of the frame that inverse and forward kinematics speak of.
+        parameters: numbers with provenance that the description adds (limits, drives, densities).
+        couplings: belts and gears between joints.
+        trocar: name of the joint that holds a trocar to the base, if there is one; see `with_trocar`.
+        source: the file it came from, for messages.
+    """
+
+    name: str
+    base: str
+    bodies: tuple[Body, ...]
+    joints: tuple[Joint, ...]
+    frames: tuple[Frame, ...] = ()
+    points: tuple[Point, ...] = ()
+    rest: Mapping[str, Array] = field(default_factory=dict)
+    postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    tool: str = "tool"
+    parameters: tuple[Parameter, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
+    trocar: str = ""
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        _check(self)
+
+    @cached_property
+    def tree(self) -> tuple[Joint, ...]:
+        """Joints that span the bodies from the base, parents first; the joint's child is the outer body.
+
+        The file order is kept as far as possible: of two joints that could reach a body, the earlier one
+        does. A joint that is met from its child's side is turned round.
+        """
+        reached, tree, pending = {self.base}, [], list(self.joints)
+        while pending:
+            for joint in pending:
+                inside = (joint.parent in reached, joint.child in reached)
+                if inside == (True, False):
+                    tree.append(joint)
+                    reached.add(joint.child)
+                elif inside == (False, True):
+                    tree.append(reversed_joint(joint))
+                    reached.add(joint.parent)
+                else:
+                    continue
+                pending.remove(joint)
+                break
+            else:
+                break
+        return tuple(tree)
+
+    @cached_property
+    def loops(self) -> tuple[Joint, ...]:
+        """Joints that close a loop, in file order."""
+        spanning = {j.name for j in self.tree}
+        return tuple(j for j in self.joints if j.name not in spanning)
+
+    @cached_property
+    def active(self) -> tuple[Joint, ...]:
+        """Active joints, in the order of q."""
+        return tuple(j for j in self.joints if j.active)
+
+    @cached_property
+    def limits(self) -> Array:
+        """Hard limits (n, 2) of the active joints in m or rad, infinite where there is none."""
+        return np.array([j.limits or (-np.inf, np.inf) for j in self.active], float).reshape(-1, 2)
+
+    @cached_property
+    def passive(self) -> tuple[Joint, ...]:
+        """Passive joints with one coordinate, tree and loop alike, in file order."""
+        return tuple(j for j in self.joints if not j.active and len(j.free_axes) == 1)
+
+    @property
+    def driven(self) -> tuple[list[tuple[str, bool]], Array, Array | None]:
+        """Active joints and whether each is an angle, T_base_tool and q (n,) as drawn; None if there is no posture."""
+        tool, q = self.frame(self.tool), self.posture(next(iter(self.postures))) if self.postures else None
+        return [(j.name, j.is_angle) for j in self.active], self.rest.get(tool.body, np.eye(4)) @ tool.T_body_frame, q
+
+    @cached_property
+    def materials(self) -> dict[str, Material]:
+        """Material of every mesh, by mesh name; all formats that are written take names and finish from here.
+
+        A name is what the part is made of and its colour, `steel_8a8f96`: the same for all robots and after every
+        change of the drawing, so that what a user puts in its place in another program stays.
+        """
+        known: dict[tuple[tuple[float, ...], Finish], Material] = {}
+        taken: set[str] = set()
+        out = {}
+        for mesh in (m for b in self.bodies for m in b.meshes):
+            key = (mesh.color_rgba, mesh.finish)
+            if key not in known:
+                color = _hex(mesh.color_rgba)
+                made_of = mesh.finish.material.removesuffix(f"_{color}") or "color"
+                # numbered: another finish, or colours that 8 bits do not tell apart
+                names = (f"{made_of}_{color}", *(f"{made_of}_{n}_{color}" for n in range(2, len(taken) + 3)))
+                name = next(n for n in names if n not in taken)
+                taken.add(name)
+                known[key] = Material(name, mesh.color_rgba, mesh.finish)
+            out[mesh.name] = known[key]
+        return out
+
+    def body(self, name: str) -> Body:
+        """Return the body of that name, or raise `MechanismError` with the names that exist."""
+        return _find("body", self.bodies, name)
+
+    def joint(self, name: str) -> Joint:
+        """Return the joint of that name, or raise `MechanismError` with the names that exist."""
+        return _find("joint", self.joints, name)
+
+    def frame(self, name: str) -> Frame:
+        """Return the frame of that name, or raise `MechanismError` with the names that exist."""
+        return _find("frame", self.frames, name)
+
+    def frame_in_tool(self, name: str) -> Array:
+        """Return the pose (4, 4) in the tool of a frame that moves with it, or raise `MechanismError`."""
+        tool, it = self.frame(self.tool), self.frame(name)
+        if tool.body != it.body:
+            raise MechanismError(f"frame '{name}' is on body '{it.body}', the tool on '{tool.body}': they move apart")
+        return spatial.inverse(tool.T_body_frame) @ it.T_body_frame
+
+    def point(self, name: str) -> Point:
+        """Return the point of that name, or raise `MechanismError` with the names that exist."""
+        return _find("point", self.points, name)
+
+    def posture(self, name: str) -> Array:
+        """Return q (n,) of a named posture, or raise `MechanismError` with the names that exist."""
+        if name not in self.postures:
+            raise MechanismError(f"{self.name}: {unknown('posture', name, self.postures)}")
+        return np.array([self.postures[name][j.name] for j in self.active])
+
+    def with_rest(self, rest: Mapping[str, Array]) -> Mechanism:
+        """Return the same mechanism resting in other poses."""
+        return replace(self, rest=dict(rest))
+
+    @property
+    def trocar_at(self) -> Array:
+        """Where the trocar is, (3,) in base, or raise `MechanismError` if the mechanism has none."""
+        if not self.trocar:
+            raise MechanismError(f"{self.name}: no joint is a trocar")
+        return self.joint(self.trocar).T_parent_joint[:3, 3]
+
+    def with_trocar(self, p_base: Array) -> Mechanism:
+        """Return the same mechanism with its trocar at p_base (3,) in m, turned as it was."""
+        T = self.joint(self.trocar).T_parent_joint.copy()
+        T[:3, 3] += np.asarray(p_base, float) - self.trocar_at
+        moved = tuple(replace(j, T_parent_joint=T) if j.name == self.trocar else j for j in self.joints)
+        return replace(self, joints=moved)
+
+
+def _hex(color_rgba: tuple[float, ...]) -> str:
+    """Return a linear colour as the hexadecimal digits that web pages and drawing programs know it by."""
+    parts = [*map(units.srgb, color_rgba[:3]), *(a for a in color_rgba[3:] if a < 1)]
+    return "".join(f"{round(255 * min(max(part, 0.0), 1.0)):02x}" for part in parts)
+
+
+def _find(kind: str, items, name: str):
+    for item in items:
+        if item.name == name:
+            return item
+    raise MechanismError(unknown(kind, name, (i.name for i in items)))
+
+
+def reversed_joint(joint: Joint) -> Joint:
+    """Return the joint seen from its child: parent and child swapped, half a turn about x keeps the sign of q.
+
+    T_child_parent = T_child_joint @ inverse(motion(q)) @ inverse(T_parent_joint), and a half turn H about x
+    gives H @ motion(q) @ H = inverse(motion(q)) for motion along or about z.
+    """
+    H = spatial.pose(np.diag([1.0, -1.0, -1.0]))
+    return replace(
+        joint,
+        parent=joint.child,
+        child=joint.parent,
+        T_parent_joint=joint.T_child_joint @ H,
+        T_child_joint=joint.T_parent_joint @ H,
+    )
+
+
+def _check(m: Mechanism) -> None:
+    """Raise `MechanismError` for the first thing that keeps `m` from being a mechanism."""
+
+    def fail(text: str) -> None:
+        raise MechanismError(f"{m.name or 'mechanism'}: {text}")
+
+    named = {"body": m.bodies, "joint": m.joints, "frame": m.frames, "point": m.points, "coupling": m.couplings}
+    for kind, items in named.items():
+        seen: set[str] = set()
+        for item in items:
+            if not _IDENTIFIER.fullmatch(item.name):
+                fail(f"{kind} name '{item.name}' is not an identifier [a-z][a-z0-9_]*")
+            if item.name in seen:
+                fail(f"two {kind} entries are named '{item.name}'")
+            seen.add(item.name)
+    for kind, count in (("bodies", len(m.bodies)), ("joints", len(m.joints))):
+        if count > BODIES:
+            fail(f"{count} {kind}; at most {BODIES} are computed with")
+    freedoms = sum(len(FREE_AXES.get(j.type, ())) for j in m.joints)
+    if freedoms > FREEDOMS:
+        fail(f"its joints have {freedoms} degrees of freedom together; at most {FREEDOMS} are computed with")
+    names = {b.name for b in m.bodies}
+    if m.base not in names:
+        fail(f"base: {unknown('body', m.base, names)}")
+    for joint in m.joints:
+        for end, body in (("parent", joint.parent), ("child", joint.child)):
+            if body not in names:
+                fail(f"joint '{joint.name}', {end}: {unknown('body', body, names)}")
+        if joint.parent == joint.child:
+            fail(f"joint '{joint.name}' joins body '{joint.parent}' to itself")
+        if joint.type not in FREE_AXES:
+            fail(f"joint '{joint.name}': {unknown('joint type', joint.type, FREE_AXES)}")
+        for label, T in (("parent", joint.T_parent_joint), ("child", joint.T_child_joint)):
+            if not spatial.is_pose(T, 1e-6):
+                fail(f"joint '{joint.name}': the frame on its {label} is not a rigid pose")
+        for label, limits in (("limits", joint.limits), ("soft limits", joint.soft_limits)):
+            if limits is not None and not limits[0] < limits[1]:
+                fail(f"joint '{joint.name}': {label} {limits[0]:g} .. {limits[1]:g} are not ordered")
+        if joint.active and len(joint.free_axes) != 1:
+            fail(f"joint '{joint.name}' is active, but a {joint.type} joint has no single coordinate to drive")
+    single = {j.name: j for j in m.joints if len(j.free_axes) == 1}
+    for coupling in m.couplings:
+        for name in coupling.joints:
+            if name not in single:
+                fail(f"coupling '{coupling.name}': {unknown('joint with one coordinate', name, single)}")
+        if len({single[n].is_angle for n in coupling.joints}) > 1:
+            fail(f"coupling '{coupling.name}' joins angles and lengths: their sum has no unit")
+        if len(coupling.ratios) != len(coupling.joints) or not all(coupling.ratios):
+            fail(f"coupling '{coupling.name}' needs one ratio, not zero, for each of its joints")
+    if m.trocar and next((j.parent for j in m.joints if j.name == m.trocar), None) != m.base:
+        fail(f"trocar: joint '{m.trocar}' must be one that holds to the base '{m.base}'")
+    for item in (*m.frames, *m.points):
+        if item.body not in names:
+            fail(f"'{item.name}': {unknown('body', item.body, names)}")
+    for frame in m.frames:
+        if not spatial.is_pose(frame.T_body_frame, 1e-6):
+            fail(f"frame '{frame.name}' is not a rigid pose")
+    for point in m.points:
+        if np.shape(point.p_body) != (3,) or not np.all(np.isfinite(point.p_body)):
+            fail(f"point '{point.name}' is not three finite numbers")
+    for name, T in m.rest.items():
+        if name in names and not spatial.is_pose(T, 1e-6):
+            fail(f"body '{name}': its rest pose is not rigid")
+    if lost := ", ".join(sorted(names - {m.base} - {j.child for j in m.tree})):
+        fail(f"no joint leads from base '{m.base}' to: {lost}. Join them, or leave them out as props.")
+    active = {j.name for j in m.active}
+    for posture, values in m.postures.items():
+        if wrong := sorted(set(values) ^ active):
+            fail(f"posture '{posture}' must give each active joint once; check: {', '.join(wrong)}")
+        for name, value in ((n, v) for n, v in values.items() if not np.isfinite(v)):
+            fail(f"posture '{posture}': {name} = {value} is not finite")
+    for joint in m.loops:
+        if joint.active:
+            fail(f"active joint '{joint.name}' would close a loop; list it before the passive joints of its loop")

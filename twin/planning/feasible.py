@@ -1,0 +1,151 @@
+"""Says before timing whether a robot can follow a path, and if not: where it ends, why, and what would do."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.core.errors import ProtocolError
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.planning.path import PhasePath
+from twin.planning.protocol import Insertion, Pivot, Retraction
+from twin.planning.trajectory import Cause, PathKinematics
+
+_PROBES = 401
+"""Points of a phase that are looked at; the 1 kHz samples are looked at again afterwards."""
+
+_Margins = dict[tuple[Cause, str], Array]
+
+
+def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, protocol: str) -> None:
+    """Do nothing if the robot can follow the path.
+
+    Raises:
+        ProtocolError: it cannot; the message gives the phase, the cause with its size, where on the phase
+            it begins, and what is reachable.
+    """
+    s = np.linspace(0.0, 1.0, _PROBES)
+    anchor = _anchor(path, kinematics)
+    margins = _margins(path, kinematics, s, anchor)
+    bad = np.any([m < 0 for m in margins.values()], axis=0)
+    if not bad.any():
+        return
+    first = int(np.argmax(bad))
+    low, high = (float(s[first - 1]), float(s[first])) if first else (0.0, 0.0)
+    for _ in range(40 if first else 0):
+        middle = (low + high) / 2
+        here = _margins(path, kinematics, np.array([middle]), anchor)
+        if any(m[0] < 0 for m in here.values()):
+            high = middle
+        else:
+            low = middle
+    (cause, name), margin = next(item for item in margins.items() if item[1][first] < 0)
+    worst = int(np.nanargmin(np.where(np.isnan(margin), 0.0, margin)))
+    text = _cause(kinematics, cause, name, float(-margin[worst]))
+    where = "already at its start" if first == 0 else f"from {100 * high:.1f} % of the phase on"
+    if cause not in ("branch", "inverse", "singularity"):
+        where += f", worst at {100 * s[worst]:.0f} %"
+    message = (
+        f"{protocol}: phase '{path.phase.name}' ({path.phase.type}) cannot be carried out: {text}, {where}, "
+        f"with {frame} at {_mm(path.motion(np.array([high])).p[0])}."
+        f"{_why(kinematics, path, high) if cause == 'inverse' else ''}"
+    )
+    raise ProtocolError(f"{message} {_reachable(path, low, first == 0)}")
+
+
+def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> _Margins:
+    """Return margins (k,) in m or rad by cause and name, negative where a pose cannot be taken."""
+    out: _Margins = {("reach", name): np.asarray(m) for name, m in kinematics.reach(Ts).items()}
+    solved = np.all(np.isfinite(q), axis=1)
+    out["inverse", ""] = np.where(solved, 0.0, -1.0)
+    for j, name in enumerate(kinematics.joint_names):
+        out["lower", name] = np.where(solved, q[:, j] - kinematics.lower[j], 0.0)
+        out["upper", name] = np.where(solved, kinematics.upper[j] - q[:, j], 0.0)
+    for gap in kinematics.gaps:
+        out["gap", gap.name] = np.where(solved, np.abs(q[:, gap.i] - q[:, gap.j]) - gap.smallest, 0.0)
+    return out
+
+
+def _anchor(path: PhasePath, kinematics: PathKinematics) -> tuple[dict[str, float], object]:
+    """Return signs of the singularity measures and the branch where the phase begins."""
+    Ts = path.motion(np.zeros(1)).Ts_base_tool
+    q = path.joints(np.zeros(1), kinematics)
+    if not np.all(np.isfinite(q)):
+        return {}, None
+    signs = {name: float(np.sign(v[0])) for name, v in kinematics.singularity(Ts, q).items()}
+    return signs, kinematics.branch(Ts, q)[0] if kinematics.branch else None
+
+
+def _margins(path: PhasePath, kinematics: PathKinematics, s: Array, anchor: tuple) -> _Margins:
+    Ts = path.motion(s).Ts_base_tool
+    q = path.joints(s, kinematics)
+    out = pose_margins(kinematics, Ts, q)
+    signs, branch = anchor
+    solved = np.all(np.isfinite(q), axis=1)
+    if not (signs or branch is not None) or not solved.any():
+        return out
+    for name, measure in kinematics.singularity(Ts[solved], q[solved]).items():
+        out["singularity", name] = _spread(solved, measure * signs.get(name, 1.0))
+    if kinematics.branch:
+        same = kinematics.branch(Ts[solved], q[solved]) == branch
+        out["branch", ""] = _spread(solved, np.where(same, 0.0, -1.0))
+    return out
+
+
+def _spread(rows: np.ndarray, values: Array) -> Array:
+    out = np.zeros(len(rows))
+    out[rows] = values
+    return out
+
+
+def _why(kinematics: PathKinematics, path: PhasePath, s: float) -> str:
+    """Return where the equations have no value, if they can tell, as one more sentence."""
+    text = kinematics.why(path.motion(np.array([s])).Ts_base_tool[0]) if kinematics.why else ""
+    return f" {text}" if text else ""
+
+
+def _cause(kinematics: PathKinematics, cause: Cause, name: str, size: float) -> str:
+    if cause in ("lower", "upper"):
+        j = kinematics.joint_names.index(name)
+        unit, factor = kinematics.unit(j)
+        limit = (kinematics.lower if cause == "lower" else kinematics.upper)[j] / factor
+        side = "below its lower" if cause == "lower" else "above its upper"
+        return f"joint {name} would go {size / factor:.2f} {unit} {side} limit of {limit:.2f} {unit}"
+    if cause == "gap":
+        gap = next(g for g in kinematics.gaps if g.name == name)
+        unit, factor = kinematics.unit(gap.i)
+        need, left = gap.smallest / factor, (gap.smallest - size) / factor
+        text = f"gap {name} would shrink to {left:.2f} {unit}"
+        return f"{text}, {size / factor:.2f} {unit} less than the {need:g} {unit} that it needs"
+    if cause == "reach":
+        return f"{name} is too short by {size / MM:.2f} mm"
+    if cause == "singularity":
+        return f"it would cross a singularity: the measure {name} changes its sign"
+    return "the working mode changes" if cause == "branch" else "the inverse kinematics has no answer"
+
+
+def _reachable(path: PhasePath, s: float, nothing: bool) -> str:
+    """Return what of the phase could be done, with a small distance to the edge."""
+    if nothing:
+        return "Nothing of it is reachable; change where it begins."
+    s = max(0.0, s - 1e-4)
+    match path.phase:
+        case Insertion():
+            return f"Reachable: insertion to a depth of {path.depth(s) / MM:.2f} mm."
+        case Retraction():
+            return f"Reachable: retraction to a depth of {path.depth(s) / MM:.2f} mm."
+        case Pivot():
+            ends = path.motion(np.array([0.0, s])).Ts_base_tool[:, :3, :3]
+            shafts = ends @ path.n_tool_shaft
+            tilt = np.arctan2(np.linalg.norm(np.cross(*shafts)), shafts[0] @ shafts[1]) / DEG
+            angles = ", ".join(f"{a / DEG:.2f}" for a in path.angles(s))
+            depth = f"{path.depth(s) / MM:.2f} mm"
+            return f"Reachable: ({angles}) deg at a depth of {depth}, {tilt:.2f} deg of tilt from its start."
+        case _:
+            here = path.motion(np.array([s])).p[0]
+            angles = ", ".join(f"{a / DEG:.2f}" for a in path.angles(s))
+            return f"Reachable: up to {_mm(here)} with ({angles}) deg."
+
+
+def _mm(p: Array) -> str:
+    return "(" + ", ".join(f"{x / MM:.2f}" for x in p) + ") mm"

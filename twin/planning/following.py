@@ -1,0 +1,288 @@
+"""Paths on which the mechanism has the say: by its driven joints, or along a line in the directions that it is free in.
+
+A robot with fewer than six freedoms cannot take every pose, nor every straight line between two that it can take. So
+as many directions as it has freedoms are led, positions before turns; in the others the tool is where the mechanism
+has it. At a waypoint that gives a pose the tool has to be there in every direction that the protocol does not leave
+free: if it is not, the waypoint is no pose of this robot, which is a mistake of the protocol.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.errors import AssemblyError, ProtocolError, unknown
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.planning.path import Motion, PhasePath, angles_of, rotation
+from twin.planning.protocol import DIRECTIONS, Home, Joints, Positioning, Protocol
+from twin.planning.smooth import Smooth, fit
+from twin.planning.trajectory import Carrier, PathKinematics
+
+_STATIONS = 33
+"""Points of a phase at which the mechanism is looked at before anything is fitted."""
+
+_STILL = 1e-12
+"""Change (m or of a matrix entry) along a phase that is rounding."""
+
+_NONE = 1e-9
+"""Change (m, rad) of every driven joint below which a phase has no length."""
+
+_LENGTH = 0.1
+"""Metres that count as much as a radian where directions are compared."""
+
+_INDEPENDENT = 1e-3
+"""Part of the largest rate that a direction needs of its own to be led."""
+
+
+@dataclass(frozen=True)
+class Followed(PhasePath):
+    """A phase as the mechanism takes it.
+
+    Attributes:
+        values: driven joints (n,) by s.
+        place: of the tool by s, (12,): its origin in m, and its rotation matrix row by row.
+    """
+
+    values: Smooth
+    place: Smooth
+
+    def joints(self, s: Array, kinematics: PathKinematics) -> Array:
+        """Return the driven joints (k, n) at s (k,)."""
+        return self.values(s)
+
+    def motion(self, s: Array) -> Motion:
+        """Return the motion at s (k,)."""
+        at = [self.place(s, order) for order in (0, 1, 2)]
+        R, R1, R2 = (x[:, 3:].reshape(-1, 3, 3) for x in at)
+        R = R @ (1.5 * np.eye(3) - 0.5 * np.swapaxes(R, 1, 2) @ R)  # what the series leaves out
+        Rt = np.swapaxes(R, 1, 2)
+        w1, w2 = _vee(R1 @ Rt), _vee(R2 @ Rt)
+        arm = R @ self.T_tool_frame[:3, 3]
+        turned = np.cross(w1, arm)
+        p, v = at[0][:, :3], at[1][:, :3]
+        p2 = at[2][:, :3] + np.cross(w2, arm) + np.cross(w1, turned)
+        return Motion(spatial.pose(R, p), p + arm, v + turned, p2, w1, w2, np.concatenate([v, w1], axis=1))
+
+    def angles(self, s: float) -> Array:
+        """Return the angles (3,) in rad at s, about the axes of `order`."""
+        R = self.motion(np.array([s])).Ts_base_tool[0, :3, :3]
+        return angles_of(R, self.order, self.angles0 + s * (self.angles1 - self.angles0))
+
+
+class Follower:
+    """Goes through a protocol phase by phase, each from where the mechanism was left by the one before.
+
+    Attributes:
+        q: (n,) where the driven joints are.
+    """
+
+    def __init__(self, protocol: Protocol, names: tuple[str, ...], angles: tuple[bool, ...], carrier: Carrier) -> None:
+        self._protocol, self._carrier, self._names, self._angles = protocol, carrier, names, angles
+        if not names:
+            raise ProtocolError(
+                f"{protocol.name}: no joint of the robot is driven, so nothing can move: name its joints in its "
+                "description, and mark the driven ones with active = true"
+            )
+        self._state, self.q = carrier.drawn()
+        self._drawn = self.q
+
+    def start(self, T_tool_frame: Array) -> tuple[Array, Array]:
+        """Return angles (3,) in rad and place (3,) of the moved frame where the protocol starts.
+
+        Raises:
+            ProtocolError: the mechanism cannot be there.
+        """
+        name = self._protocol.start
+        waypoint, where = self._protocol.waypoints[name], f"{self._protocol.name}: the start"
+        lever = T_tool_frame[:3, 3]
+        try:
+            if waypoint.joints is not None:
+                s = np.linspace(0.0, 1.0, _STATIONS)[:, None]
+                q = self.q + s * (self.goal(name) - self.q)
+                X, Ts = self._carrier.carry(q, self._state)
+            else:
+                assert waypoint.position is not None
+                R = rotation(waypoint.angles, self._protocol.rotation)
+                goal = spatial.pose(R, waypoint.position - R @ lever)
+                led = self._led(lever)
+                X, q, Ts = self._carrier.lead(goal[None], led, lever, self._state)
+                self._outside(name, T_tool_frame, Ts[-1], led)
+        except AssemblyError as error:
+            raise ProtocolError(f"{where}, '{name}', is not reached from where it is drawn: {error}") from error
+        self._state, self.q, T = X[-1], q[-1], Ts[-1]
+        return angles_of(T[:3, :3], self._protocol.rotation, waypoint.angles), T[:3, 3] + T[:3, :3] @ lever
+
+    def along(self, path: PhasePath) -> Followed:
+        """Return a phase as the mechanism takes it, and stand at its end.
+
+        Raises:
+            ProtocolError: it cannot follow, or is elsewhere than the waypoint at its end says.
+        """
+        where = f"{self._protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
+        start, lever = self._state, path.T_tool_frame[:3, 3]
+        ends, led = self._ends(path, where), np.ones(6, bool)
+        if ends is None and path.rcm is None and isinstance(path.phase, Positioning | Home):
+            led = self._led(lever)
+
+        def taken(s: Array) -> tuple[Array, Array, Array]:
+            try:
+                if ends is None:
+                    return self._carrier.lead(path.motion(s).Ts_base_tool, led, lever, start)
+                q = ends[0] + s[:, None] * (ends[1] - ends[0])
+                X, Ts = self._carrier.carry(q, start)
+            except AssemblyError as error:
+                raise ProtocolError(f"{where} cannot be carried out: {error}") from error
+            return X, q, Ts
+
+        X, q, Ts = taken(np.linspace(0.0, 1.0, _STATIONS))
+        if ends is None:
+            self._kept(path, led, Ts, where)
+            if path.waypoint is not None and path.rcm_mode is None:
+                self._outside(path.waypoint, path.T_tool_frame, Ts[-1], led)
+
+        def rows(s: Array) -> Array:
+            order = np.argsort(s)
+            _, q, Ts = taken(s[order])
+            out = np.concatenate([q, Ts[:, :3, 3], Ts[:, :3, :3].reshape(-1, 9)], axis=1)
+            middle = np.where(np.ptp(out, axis=0) < _STILL, out[0], out)  # rounding is no motion
+            return middle[np.argsort(order)]
+
+        series = fit(rows)
+        n = len(self._names)
+        values = Smooth(series.coefficients[:, :n], series.tail[:n])
+        if ends is not None:  # said exactly
+            values = Smooth(np.array([ends[0] + ends[1], ends[1] - ends[0]]) / 2, np.zeros(n))
+        self._state, self.q = X[-1], q[-1]
+        place = Smooth(series.coefficients[:, n:], series.tail[n:])
+        out = Followed(**vars(path), values=values, place=place)
+        end = out.motion(np.ones(1))
+        angles1 = angles_of(end.Ts_base_tool[0, :3, :3], path.order, path.angles1)
+        return replace(out, angles1=angles1, tip1=end.p[0])
+
+    def _ends(self, path: PhasePath, where: str) -> tuple[Array, Array] | None:
+        """Return where the driven joints (n,) begin and end if the phase goes by them, else None."""
+        name = path.phase.to if isinstance(path.phase, Joints | Home) else ""
+        if not name or self._protocol.waypoints[name].joints is None:
+            return None
+        goal = self.goal(name)
+        if np.abs(goal - self.q).max() < _NONE:
+            raise ProtocolError(f"{where}: it has no length: {self._unmoved(name)}")
+        return self.q, goal
+
+    def goal(self, name: str) -> Array:
+        """Return the driven joints (n,) at a waypoint of joint values; what it does not name is as drawn.
+
+        Raises:
+            ProtocolError: it names a joint that is not driven, or gives it in the wrong unit.
+        """
+        waypoint, q = self._protocol.waypoints[name], self._drawn.copy()
+        where = f"{self._protocol.name}: waypoint '{name}'"
+        for joint, value in (waypoint.joints or {}).items():
+            if joint not in self._names:
+                raise ProtocolError(f"{where}: {unknown('driven joint', joint, self._names)}")
+            i = self._names.index(joint)
+            if self._angles[i] != (joint in waypoint.angle_joints):
+                unit, other = ("deg", "mm") if self._angles[i] else ("mm", "deg")
+                raise ProtocolError(f"{where}: joint '{joint}' is in {unit}: write {joint}_{unit}, not {joint}_{other}")
+            q[i] = value
+        return q
+
+    def _unmoved(self, name: str) -> str:
+        i = 0
+        unit, factor = ("deg", DEG) if self._angles[i] else ("mm", MM)
+        near = self.q[i] / factor + (5 if self._angles[i] else 10)
+        return (
+            f"the driven joints are at waypoint '{name}' already. Move one, as in joints = {{ {self._names[i]}_{unit} "
+            f"= {near:.6g} }} of that waypoint, within its limits"
+        )
+
+    def _led(self, lever: Array) -> np.ndarray:
+        """Return (6,) which directions are led: as many as the mechanism is free in, positions first."""
+        J = self._carrier.jacobians(self._state, lever)
+        J = np.concatenate([J[:, :3] / _LENGTH, J[:, 3:]], axis=1)
+        largest = np.linalg.norm(J, axis=2).max()
+        led = np.zeros(6, bool)
+        for i, name in enumerate(DIRECTIONS):
+            if name in (self._protocol.free or ()):
+                continue
+            rows = led | (np.arange(6) == i)
+            if rows.sum() > J.shape[2]:
+                break
+            own = np.linalg.svd(J[:, rows], compute_uv=False)[:, -1].max()
+            led[i] = own > _INDEPENDENT * largest
+        return led
+
+    def _kept(self, path: PhasePath, led: np.ndarray, Ts: Array, where: str) -> None:
+        """Raise `ProtocolError` where the mechanism is off the path in a direction that is led."""
+        wanted = path.motion(np.linspace(0.0, 1.0, len(Ts))).Ts_base_tool
+        off = np.array([_missed(T, goal, path.T_tool_frame) for T, goal in zip(Ts, wanted, strict=True)])
+        over = np.abs(off) / self._tolerance() * led
+        k = int(np.argmax(over.max(axis=1)))
+        if over[k].max() > 1:
+            raise ProtocolError(
+                f"{where} cannot be carried out: {100 * k / (len(Ts) - 1):.0f} % along it the mechanism is off by "
+                f"{_words(off[k], led & (over[k] > 1))}: outside the freedoms of the robot. Lead it by its joints "
+                f'(type = "joints"), or leave what it need not keep to the mechanism, as in free = '
+                f"{_names(led & (over[k] > 1))}"
+            )
+
+    def _tolerance(self) -> Array:
+        t = self._protocol.tolerances
+        return np.repeat([t.waypoint, t.waypoint_angle], 3)
+
+    def _outside(self, name: str, T_tool_frame: Array, T: Array, led: np.ndarray) -> None:
+        """Raise `ProtocolError` if a pose is beside a waypoint in a direction that the protocol does not leave free."""
+        waypoint = self._protocol.waypoints[name]
+        if waypoint.position is None:
+            return
+        R = rotation(waypoint.angles, self._protocol.rotation)
+        off = _missed(T, spatial.pose(R, waypoint.position - R @ T_tool_frame[:3, 3]), T_tool_frame)
+        free = np.array([d in (self._protocol.free or ()) for d in DIRECTIONS])
+        bad = (np.abs(off) > self._tolerance()) & ~free
+        if not bad.any():
+            return
+        at = T[:3, 3] + T[:3, :3] @ T_tool_frame[:3, 3]
+        turned = angles_of(T[:3, :3], self._protocol.rotation, waypoint.angles)
+        count = int(led.sum())
+        raise ProtocolError(
+            f"{self._protocol.name}: waypoint '{name}' is no pose of this robot, which has {count} "
+            f"freedom{'s' if count != 1 else ''} to lead there: with {_list(led)} as written, the mechanism has "
+            f"{self._protocol.frame} off by {_words(off, bad)}. Write the pose that it takes: position_mm = "
+            f"{_numbers(at / MM)}, angles_deg = {_numbers(turned / DEG)}; or leave what follows to the mechanism, "
+            f"with free = {_names(~led)} above the tables of the protocol; or give the waypoint by joints."
+        )
+
+
+def _vee(A: Array) -> Array:
+    """Return (k, 3) of the antisymmetric parts of A (k, 3, 3)."""
+    return 0.5 * np.stack([A[:, 2, 1] - A[:, 1, 2], A[:, 0, 2] - A[:, 2, 0], A[:, 1, 0] - A[:, 0, 1]], axis=1)
+
+
+def _missed(T: Array, goal: Array, T_tool_frame: Array) -> Array:
+    """Return (6,) how far a tool is from a goal: the moved frame's origin in m, the rotation vector in rad, in base."""
+    way = (T[:3, 3] + T[:3, :3] @ T_tool_frame[:3, 3]) - (goal[:3, 3] + goal[:3, :3] @ T_tool_frame[:3, 3])
+    return np.concatenate([way, spatial.log_so3(T[:3, :3] @ goal[:3, :3].T)])
+
+
+def _words(off: Array, which: np.ndarray) -> str:
+    parts = [
+        f"{abs(off[i]) / (MM if i < 3 else DEG):.4g} {'mm in' if i < 3 else 'deg about'} {'xyz'[i % 3]}"
+        for i in np.flatnonzero(which)
+    ]
+    return ", ".join(parts)
+
+
+def _names(which: np.ndarray) -> str:
+    return "[" + ", ".join(f'"{DIRECTIONS[i]}"' for i in np.flatnonzero(which)) + "]"
+
+
+def _list(which: np.ndarray) -> str:
+    names = [DIRECTIONS[i].replace("turn_", "turn about ") for i in np.flatnonzero(which)]
+    return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1] if names else "nothing"
+
+
+def _numbers(values: Array) -> str:
+    return "[" + ", ".join(f"{v:.6f}".rstrip("0").rstrip(".") for v in values + 0.0) + "]"

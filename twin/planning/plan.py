@@ -1,0 +1,266 @@
+"""Plans a protocol: paths, feasibility, timing, samples, and a check of every sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.errors import ProtocolError, TimingError
+from twin.core.findings import Finding
+from twin.core.spatial import Array
+from twin.planning.check import check, rcm_error
+from twin.planning.feasible import pose_margins, require_feasible
+from twin.planning.following import Follower
+from twin.planning.path import Motion, PhasePath, build
+from twin.planning.protocol import Limits, Protocol
+from twin.planning.smooth import Smooth, fit
+from twin.planning.timing import Timing, time_path
+from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
+
+_ROUGH = 1e-6
+"""Metres or rad that a joint's series may leave out before the path counts as not smooth."""
+
+_LOOKED = 9
+"""Poses of a phase that are held against the robot's freedoms before it is planned."""
+
+
+@dataclass(frozen=True)
+class _Leg:
+    """A planned phase: samples at every dt, both ends included."""
+
+    path: PhasePath
+    timing: Timing
+    motion: Motion
+    q: Array
+    qd: Array
+    qdd: Array
+
+
+def plan(
+    protocol: Protocol,
+    kinematics: PathKinematics,
+    *,
+    T_tool_frame: Array,
+    dt: float = 1e-3,
+    progress: Callable[[str], None] | None = None,
+) -> Trajectory:
+    """Return the timed trajectory of a protocol, from rest to rest in every phase.
+
+    Args:
+        protocol: what to do.
+        kinematics: the robot.
+        T_tool_frame: (4, 4) pose of `protocol.frame` in the tool.
+        dt: sampling time in s; every phase takes a whole number of it.
+        progress: called with the name of each phase before it is planned.
+
+    Raises:
+        ProtocolError: a phase cannot be carried out; the message says where on it, by how much, and what
+            would be reachable.
+        TimingError: there is no timing within the limits.
+    """
+    T_tool_frame = np.asarray(T_tool_frame, float)
+    if T_tool_frame.shape != (4, 4) or not spatial.is_pose(T_tool_frame):
+        raise ProtocolError(f"{protocol.name}: T_tool_frame of '{protocol.frame}' is not a pose")
+    legs: list[_Leg] = []
+    findings = list(protocol.findings)
+    guide = _guide(protocol, kinematics, T_tool_frame)
+    for path in build(protocol, T_tool_frame, guide):
+        if progress:
+            progress(path.phase.name)
+        leg, found = _leg(path, protocol, kinematics, dt)
+        legs.append(leg)
+        findings += found
+    trajectory = replace(_assemble(protocol, kinematics, T_tool_frame, legs, dt), followed=guide is not None)
+    findings += check(trajectory, protocol, kinematics)
+    return replace(trajectory, findings=tuple(findings))
+
+
+def _guide(protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array) -> Follower | None:
+    """Return what leads the mechanism, if the protocol is the mechanism's to carry out; else None."""
+    by_joints = any(w.joints is not None for w in protocol.waypoints.values())
+    if not by_joints and protocol.free is None:
+        if kinematics.takes is None:
+            return None
+        s = np.linspace(0.0, 1.0, _LOOKED)
+        Ts = [path.motion(s).Ts_base_tool for path in build(protocol, T_tool_frame)]
+        if kinematics.takes(np.concatenate(Ts)):
+            return None
+    if kinematics.carrier is None:
+        raise ProtocolError(f"{protocol.name}: joint values and free directions need the mechanism, and there is none")
+    angles = tuple(kinematics.revolute) or (False,) * len(kinematics.joint_names)
+    return Follower(protocol, kinematics.joint_names, angles, kinematics.carrier)
+
+
+def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float) -> tuple[_Leg, list[Finding]]:
+    where = f"{protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
+    require_feasible(path, kinematics, protocol.frame, protocol.name)
+    rate = _rates(path, kinematics, where)
+    bend = rate.derivative()
+    limits = protocol.limits[path.phase.type]
+    max_speed, max_acceleration = _joint_limits(path, protocol, kinematics)
+
+    def derivatives(s: Array) -> tuple[Array, Array]:
+        m = path.motion(s)
+        length, length1 = _norm_rate(m.p1, m.p2)
+        turn, turn1 = _norm_rate(m.w1, m.w2)
+        first = np.column_stack([rate(s), length, turn])
+        return first, np.column_stack([bend(s), length1, turn1])
+
+    def load(s: Array, sd: Array, sdd: Array) -> tuple[Array, Array]:
+        m = path.motion(s)
+        sd, sdd = sd[:, None], sdd[:, None]
+        v = np.max(np.abs(rate(s) * sd) / max_speed, axis=1)
+        a = np.max(np.abs(rate(s) * sdd + bend(s) * sd**2) / max_acceleration, axis=1)
+        for d1, d2, speed, acceleration in _vectors(m, limits):
+            v = np.maximum(v, np.linalg.norm(d1 * sd, axis=1) / speed)
+            a = np.maximum(a, np.linalg.norm(d1 * sdd + d2 * sd**2, axis=1) / acceleration)
+        return v, a
+
+    def jerk(s: Array, sd: Array, sdd: Array) -> float:
+        m = path.motion(s)
+        parts = ((m.p1, m.p2, limits.tip_jerk), (m.w1, m.w2, limits.rotation_jerk))
+        accelerations = [(d1 * sdd[:, None] + d2 * sd[:, None] ** 2, most) for d1, d2, most in parts]
+        return max(float(np.max(np.linalg.norm(np.diff(a, axis=0), axis=1))) / (dt * most) for a, most in accelerations)
+
+    try:
+        timing = time_path(
+            derivatives,
+            np.concatenate([max_speed, [limits.tip_speed, limits.rotation_speed]]),
+            np.concatenate([max_acceleration, [limits.tip_acceleration, limits.rotation_acceleration]]),
+            dt=dt,
+            load=load,
+            jerk=jerk if min(limits.tip_jerk, limits.rotation_jerk) < np.inf else None,
+        )
+    except TimingError as error:
+        raise TimingError(f"{where}: {error}") from error
+    found = []
+    if timing.solver != "passes":
+        text = f"the optimal rate was found by {timing.solver}, since the passes of our own failed"
+        found.append(Finding("trajectory.timing", "info", text, when=f"phase '{path.phase.name}'"))
+    motion = path.motion(timing.s)
+    q = path.joints(timing.s, kinematics)
+    sd, sdd = timing.sd[:, None], timing.sdd[:, None]
+    first = rate(timing.s)
+    return _Leg(path, timing, motion, q, first * sd, first * sdd + bend(timing.s) * sd**2), found
+
+
+def _joint_limits(path: PhasePath, protocol: Protocol, kinematics: PathKinematics) -> tuple[Array, Array]:
+    """Return the largest speeds and accelerations (n,) of the driven joints.
+
+    In a phase between joint values, a joint without limits of its own keeps those of the phase: the tool may stand
+    still there (a gripper's fingers move), so that no limit of the tool would time the motion.
+    """
+    speed, acceleration = kinematics.max_speed, kinematics.max_acceleration
+    waypoint = protocol.waypoints.get(getattr(path.phase, "to", ""))
+    if path.phase.type not in ("joints", "home") or waypoint is None or waypoint.joints is None:
+        return speed, acceleration
+    limits, turns = protocol.limits[path.phase.type], np.array(kinematics.revolute, bool)
+    own_speed = np.where(turns, limits.rotation_speed, limits.tip_speed)
+    own_acceleration = np.where(turns, limits.rotation_acceleration, limits.tip_acceleration)
+    return np.where(np.isfinite(speed), speed, own_speed), np.where(
+        np.isfinite(acceleration), acceleration, own_acceleration
+    )
+
+
+def _rates(path: PhasePath, kinematics: PathKinematics, where: str) -> Smooth:
+    """Return dq/ds along the phase."""
+    joints = fit(lambda s: path.joints(s, kinematics))
+    if np.max(joints.tail) > _ROUGH:
+        j = int(np.argmax(joints.tail))
+        raise ProtocolError(
+            f"{where}: joint {kinematics.joint_names[j]} is not a smooth function of the path (a kink or "
+            f"jump of about {joints.tail[j]:.2g} m or rad): it passes close to a singularity, or the inverse "
+            "changes its branch"
+        )
+    return joints.derivative()
+
+
+def _vectors(m: Motion, limits: Limits) -> tuple[tuple[Array, Array, float, float], ...]:
+    return (
+        (m.p1, m.p2, limits.tip_speed, limits.tip_acceleration),
+        (m.w1, m.w2, limits.rotation_speed, limits.rotation_acceleration),
+    )
+
+
+def _norm_rate(d1: Array, d2: Array) -> tuple[Array, Array]:
+    """Return the first and second derivative of arc length from those of the curve."""
+    n = np.linalg.norm(d1, axis=1)
+    return n, np.einsum("ij,ij->i", d1, d2) / np.where(n > 0, n, 1.0)
+
+
+def _assemble(
+    protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, legs: list[_Leg], dt: float
+) -> Trajectory:
+    """Join the phases; where two meet, the sample of the earlier one is kept."""
+    spans: list[PhaseSpan] = []
+    waypoints: dict[str, list[int]] = {protocol.start: [0]}
+    start = 0
+    for leg in legs:
+        stop = start + len(leg.timing.t) - 1
+        p = leg.path
+        spans.append(
+            PhaseSpan(
+                name=p.phase.name,
+                type=p.phase.type,
+                start=start,
+                stop=stop,
+                t0=start * dt,
+                t1=stop * dt,
+                waypoint=p.waypoint,
+                rcm=p.rcm,
+                rcm_mode=p.rcm_mode,
+                depth0=p.depth0,
+                depth1=p.depth1,
+                optimal=leg.timing.optimal,
+                overshoot=leg.timing.overshoot,
+            )
+        )
+        if p.waypoint is not None:
+            waypoints.setdefault(p.waypoint, []).append(stop)
+        start = stop
+
+    def joined(of: Callable[[_Leg], Array]) -> Array:
+        return np.concatenate([of(leg)[min(i, 1) :] for i, leg in enumerate(legs)])
+
+    Ts = joined(lambda leg: leg.motion.Ts_base_tool)
+    Ts_frame = Ts @ T_tool_frame
+    q = joined(lambda leg: leg.q)
+    rcm, depth = np.full(len(q), np.nan), np.full(len(q), np.nan)
+    for span in spans:
+        if span.rcm is not None:
+            rows = slice(span.start, span.stop + 1)
+            rcm[rows] = rcm_error(Ts_frame[rows], protocol.shaft_axis, span.rcm)
+            shaft = Ts_frame[rows, :3, :3] @ protocol.shaft_axis
+            depth[rows] = np.einsum("ij,ij->i", Ts_frame[rows, :3, 3] - span.rcm, shaft)
+    margins = pose_margins(kinematics, Ts, q)
+    return Trajectory(
+        protocol=protocol.name,
+        robot=protocol.robot,
+        joint_names=kinematics.joint_names,
+        t=np.arange(len(q), dtype=np.float64) * dt,
+        q=q,
+        qd=joined(lambda leg: leg.qd),
+        qdd=joined(lambda leg: leg.qdd),
+        Ts_base_tool=Ts,
+        frame=protocol.frame,
+        Ts_base_frame=Ts_frame,
+        shaft_axis=protocol.shaft_axis,
+        tip_velocity=joined(lambda leg: leg.motion.p1 * leg.timing.sd[:, None]),
+        tip_acceleration=joined(lambda leg: _second(leg, leg.motion.p1, leg.motion.p2)),
+        angular_velocity=joined(lambda leg: leg.motion.w1 * leg.timing.sd[:, None]),
+        angular_acceleration=joined(lambda leg: _second(leg, leg.motion.w1, leg.motion.w2)),
+        phases=tuple(spans),
+        waypoints={name: tuple(rows) for name, rows in waypoints.items()},
+        rcm_error=rcm,
+        depth=depth,
+        limit_margin=np.minimum(q - kinematics.lower, kinematics.upper - q),
+        reach={name: m for (cause, name), m in margins.items() if cause == "reach"},
+        singularity=dict(kinematics.singularity(Ts, q)),
+    )
+
+
+def _second(leg: _Leg, first: Array, second: Array) -> Array:
+    return first * leg.timing.sdd[:, None] + second * leg.timing.sd[:, None] ** 2

@@ -1,0 +1,264 @@
+"""A checked protocol: frozen, SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import inf
+from typing import ClassVar, Literal
+
+from twin.core.findings import Finding
+from twin.core.provenance import Parameter, Provenance
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+
+PhaseType = Literal["positioning", "joints", "insertion", "pivot", "circle", "retraction", "home"]
+RcmMode = Literal["enforced", "monitored"]
+RotationOrder = Literal["zyx", "xyz"]
+"""Axes about which a frame is turned one after the other, each time its own: "zyx" is Rz Ry Rx."""
+
+Direction = Literal["x", "y", "z", "turn_x", "turn_y", "turn_z"]
+"""A direction in which a frame moves, along or about an axis of base."""
+
+DIRECTIONS: tuple[Direction, ...] = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
+"""In the order of the rows of a twist."""
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """A pose, an attitude, or values of driven joints.
+
+    Attributes:
+        name: identifier.
+        angles: (3,) in rad about `Protocol.rotation`; zero where `joints` are given.
+        position: (3,) in m, of a pose. depth: m, of an attitude about the RCM.
+        label, provenance, note: for people.
+        joints: value by driven joint, in m or rad; one that is not named is as drawn. None: no joint values.
+        angle_joints: those of them that were given in degrees.
+    """
+
+    name: str
+    angles: Array
+    position: Array | None
+    depth: float | None
+    label: str
+    provenance: Provenance
+    note: str
+    joints: Mapping[str, float] | None = None
+    angle_joints: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of the moved frame in SI: m/s, m/s2, rad/s, rad/s2; m/s3, rad/s3, infinite where none is given."""
+
+    tip_speed: float
+    tip_acceleration: float
+    rotation_speed: float
+    rotation_acceleration: float
+    provenance: Provenance
+    note: str
+    tip_jerk: float = inf
+    rotation_jerk: float = inf
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Tolerances in SI: m, `waypoint_angle` in rad."""
+
+    rcm: float
+    rcm_alarm: float
+    straightness: float
+    waypoint: float
+    waypoint_angle: float
+    provenance: Provenance
+    note: str
+
+
+@dataclass(frozen=True)
+class Positioning:
+    """Straight to the waypoint `to`."""
+
+    name: str
+    to: str
+    type: ClassVar[PhaseType] = "positioning"
+
+
+@dataclass(frozen=True)
+class Joints:
+    """The driven joints, each at the same share of its way, to the joint values of the waypoint `to`."""
+
+    name: str
+    to: str
+    type: ClassVar[PhaseType] = "joints"
+
+
+@dataclass(frozen=True)
+class Insertion:
+    """Along the shaft by `depth` in m; registers the RCM at its start."""
+
+    name: str
+    depth: float
+    to: str | None = None
+    type: ClassVar[PhaseType] = "insertion"
+
+
+@dataclass(frozen=True)
+class Pivot:
+    """About the RCM to the waypoint `to`."""
+
+    name: str
+    to: str
+    rcm: RcmMode
+    type: ClassVar[PhaseType] = "pivot"
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A full circle of the tip about the axis `normal` (3,) through `centre` (3,) in m, counter-clockwise.
+
+    With an RCM the shaft stays on it, without spin; without one the attitude stays.
+    """
+
+    name: str
+    centre: Array
+    normal: Array
+    turns: int = 1
+    type: ClassVar[PhaseType] = "circle"
+
+
+@dataclass(frozen=True)
+class Retraction:
+    """Back along the shaft until `depth` in m is left."""
+
+    name: str
+    depth: float = 0.0
+    type: ClassVar[PhaseType] = "retraction"
+
+
+@dataclass(frozen=True)
+class Home:
+    """To the home waypoint `to`: straight, or by the joints if it holds joint values."""
+
+    name: str
+    to: str
+    type: ClassVar[PhaseType] = "home"
+
+
+Phase = Positioning | Joints | Insertion | Pivot | Circle | Retraction | Home
+
+
+@dataclass(frozen=True)
+class PatientPlace:
+    """Who lies at a protocol's RCM: `body` of cad/patients by its `port`, turned by `turn` in rad about z of the base.
+
+    `replaces` names links that are not shown together with the patient.
+    """
+
+    body: str
+    port: str
+    turn: float
+    replaces: tuple[str, ...]
+    provenance: Provenance
+    note: str
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """A checked protocol, in SI.
+
+    Attributes:
+        name, title, source: what it is and where its numbers come from.
+        robot: name of the robot it is written for.
+        frame: name of the frame that it moves.
+        shaft_axis: (3,) unit vector in that frame, from the platform to the tip.
+        start: waypoint it begins at.
+        waypoints: by name.
+        phases: in order.
+        limits: by phase type; every type that is used is there.
+        tolerances: what the trajectory is judged with.
+        rotation: axes of the waypoints' angles, in their order.
+        trocar: (3,) in base in m, where a mechanism with a trocar has it; None: as drawn.
+        rcm: (3,) in base in m, if one is registered from the start: the instrument is in the patient already.
+        free: directions of the moved frame that no waypoint decides: they follow the mechanism. None: those that the
+            robot's freedoms leave, and every waypoint is a pose that the robot takes.
+        patient: who lies there, or None; then `no_patient` may say why.
+        findings: what reading it had to say (warnings only).
+    """
+
+    name: str
+    title: str
+    source: str
+    robot: str
+    frame: str
+    shaft_axis: Array
+    start: str
+    waypoints: Mapping[str, Waypoint]
+    phases: tuple[Phase, ...]
+    limits: Mapping[PhaseType, Limits]
+    tolerances: Tolerances
+    rotation: RotationOrder = "zyx"
+    trocar: Array | None = None
+    rcm: Array | None = None
+    free: frozenset[Direction] | None = None
+    patient: PatientPlace | None = None
+    no_patient: str = ""
+    findings: tuple[Finding, ...] = field(default=())
+
+    @property
+    def first_rcm(self) -> Array | None:
+        """The first RCM, (3,) in base: the trocar, the one registered from the start, or where an insertion begins.
+
+        None if there is none, or if only the mechanism knows its trocar.
+        """
+        if self.trocar is not None or self.rcm is not None:
+            return self.trocar if self.trocar is not None else self.rcm
+        here = self.start
+        for p in self.phases:
+            if isinstance(p, Insertion):
+                return self.waypoints[here].position
+            here = p.to if isinstance(p, Positioning | Home) else here
+        return None
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return every number that decides the motion, with its provenance."""
+        out: list[Parameter] = []
+
+        def add(name: str, value: float, unit: str, factor: float, provenance: Provenance, note: str) -> None:
+            out.append(Parameter(name, value, unit, value / factor, provenance, note))
+
+        for w in self.waypoints.values():
+            zyx = self.rotation == "zyx"
+            labels = ("psi", "theta", "phi") if zyx else tuple(f"about_{axis}" for axis in self.rotation)
+            for joint, value in (w.joints or {}).items():
+                unit, factor = ("deg", DEG) if joint in w.angle_joints else ("mm", MM)
+                add(f"{w.name}_{joint}", value, unit, factor, w.provenance, w.note)
+            for label, angle in zip(labels, w.angles if w.joints is None else (), strict=w.joints is None):
+                add(f"{w.name}_{label}", float(angle), "deg", DEG, w.provenance, w.note)
+            for label, p in zip("xyz", w.position if w.position is not None else (), strict=False):
+                add(f"{w.name}_{label}", float(p), "mm", MM, w.provenance, w.note)
+            if w.depth is not None:
+                add(f"{w.name}_depth", w.depth, "mm", MM, w.provenance, w.note)
+        for c in (p for p in self.phases if isinstance(p, Circle)):
+            for label, p in zip("xyz", c.centre, strict=True):
+                add(f"{c.name}_centre_{label}", float(p), "mm", MM, "ASSUMED", "centre of the circle; see the file")
+        for label, p in zip("xyz", self.rcm if self.rcm is not None else (), strict=False):
+            add(f"rcm_{label}", float(p), "mm", MM, "ASSUMED", "RCM from the start; see the file")
+        for label, p in zip("xyz", self.trocar if self.trocar is not None else (), strict=False):
+            add(f"trocar_{label}", float(p), "mm", MM, "ASSUMED", "where the patient is; see the file")
+        for kind, l in self.limits.items():  # noqa: E741
+            add(f"{kind}_tip_speed", l.tip_speed, "mm/s", MM, l.provenance, l.note)
+            add(f"{kind}_tip_acceleration", l.tip_acceleration, "mm/s2", MM, l.provenance, l.note)
+            add(f"{kind}_rotation_speed", l.rotation_speed, "deg/s", DEG, l.provenance, l.note)
+            add(f"{kind}_rotation_acceleration", l.rotation_acceleration, "deg/s2", DEG, l.provenance, l.note)
+            for name, jerk, unit, factor in (
+                ("tip", l.tip_jerk, "mm/s3", MM),
+                ("rotation", l.rotation_jerk, "deg/s3", DEG),
+            ):
+                if jerk < inf:
+                    add(f"{kind}_{name}_jerk", jerk, unit, factor, l.provenance, l.note)
+        t = self.tolerances
+        for name in ("rcm", "rcm_alarm", "straightness", "waypoint"):
+            add(f"tolerance_{name}", getattr(t, name), "mm", MM, t.provenance, t.note)
+        add("tolerance_waypoint_angle", t.waypoint_angle, "deg", DEG, t.provenance, t.note)
+        return tuple(out)

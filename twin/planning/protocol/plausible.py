@@ -1,0 +1,84 @@
+"""Numbers of a protocol that look like another unit: metres for millimetres, radians for degrees.
+
+Each is possible, so each is a warning: a protocol is its author's word, and nothing else knows better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from twin.core.findings import Finding
+from twin.planning.protocol.tables import ProtocolTable
+
+_TIP, _TURN = (0.2, 2000.0), (1.0, 720.0)
+"""Speeds in mm/s and deg/s that are meant."""
+
+_RAMP = (2e-3, 30.0)
+"""Seconds from rest to the largest speed that are meant, and from none to the largest acceleration (a tenth)."""
+
+_DEPTH = 0.5
+"""mm; an insertion of less is one in metres."""
+
+_NEAR, _FAR = 1.0, 100.0
+"""mm; a position within the first of the origin, where another is beyond the second, is one in metres."""
+
+
+def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
+    """Yield a warning for each number that would be usual in another unit."""
+    for name, w in table.waypoints.items():
+        if w.angles_deg is not None and _radians(w.angles_deg):
+            shown = ", ".join(f"{a:g}" for a in w.angles_deg)
+            turned = ", ".join(f"{np.rad2deg(a):.4g}" for a in w.angles_deg)
+            text = f"waypoint '{name}': angles ({shown}) deg look like radians: ({turned}) deg are round"
+            yield _warning(text, file, "degrees are meant here; multiply by 180/pi")
+    positions = {n: np.linalg.norm(w.position_mm) for n, w in table.waypoints.items() if w.position_mm is not None}
+    far = max(positions.values(), default=0.0)
+    for name, r in positions.items():
+        if 0 < r < _NEAR and far > _FAR:
+            text = f"waypoint '{name}' lies {r:.3g} mm from the origin, another {far:.4g} mm: it looks like metres"
+            yield _warning(text, file, "positions are in mm")
+    depths = {f"waypoint '{n}'": w.depth_mm for n, w in table.waypoints.items() if w.depth_mm is not None}
+    depths |= {f"phase '{p.name}'": p.depth_mm for p in table.phases if p.type == "insertion"}
+    for what, depth in depths.items():
+        if 0 < abs(depth) < _DEPTH:
+            yield _warning(f"{what}: a depth of {depth:g} mm looks like metres", file, "depths are in mm")
+    for kind, l in table.limits.items():  # noqa: E741
+        rows = (
+            ("tip", l.tip_speed_mm_s, l.tip_acceleration_mm_s2, l.tip_jerk_mm_s3, _TIP, "mm"),
+            ("rotation", l.rotation_speed_deg_s, l.rotation_acceleration_deg_s2, l.rotation_jerk_deg_s3, _TURN, "deg"),
+        )
+        for name, speed, acceleration, jerk, (low, high), unit in rows:
+            if not low <= speed <= high:
+                other = "m/s" if unit == "mm" else "rad/s"
+                text = f"limits.{kind}: a {name} speed of {speed:g} {unit}/s looks like another unit ({other}?)"
+                yield _warning(text, file, f"speeds are in {unit}/s")
+            elif not _RAMP[0] <= speed / acceleration <= _RAMP[1]:
+                text = (
+                    f"limits.{kind}: at {acceleration:g} {unit}/s2 the {name} speed of {speed:g} {unit}/s takes "
+                    f"{speed / acceleration:.3g} s: one of them looks like another unit"
+                )
+                yield _warning(text, file, f"accelerations are in {unit}/s2")
+            if jerk is not None and not _RAMP[0] / 10 <= acceleration / jerk <= _RAMP[1]:
+                text = (
+                    f"limits.{kind}: at {jerk:g} {unit}/s3 the {name} acceleration of {acceleration:g} {unit}/s2 takes "
+                    f"{acceleration / jerk:.3g} s: one of them looks like another unit"
+                )
+                yield _warning(text, file, f"jerks are in {unit}/s3")
+
+
+def _radians(angles: tuple[float, ...] | list[float]) -> bool:
+    """Return whether angles that are given in degrees are round numbers only if they are radians."""
+    some = [a for a in angles if a != 0]
+    if not some or max(abs(a) for a in some) > 2 * np.pi + 1e-3:
+        return False
+    in_degrees = np.rad2deg(some)
+    # half a unit of the fourth digit: who writes radians writes that many
+    round_there = all(abs(a - round(a)) < 0.02 and abs(a) > 0.9 for a in in_degrees)
+    round_here = any(abs(20 * a - round(20 * a)) < 1e-6 for a in some)
+    return round_there and not round_here
+
+
+def _warning(text: str, file: str, suggestion: str) -> Finding:
+    return Finding("protocol.unit", "warning", text, where=file, suggestion=suggestion)

@@ -1,0 +1,60 @@
+"""A path parameter in time, from its rates at grid points: as they are, or averaged over a window of time.
+
+The moving average is what limits the jerk. It changes when the motion is where, never where it goes: the mean of s over
+the last w seconds rises from 0 to 1 as s does, is at rest at both ends, and arrives w later. Its acceleration is
+(ds/dt(t) - ds/dt(t - w)) / w, without jumps, and its jerk at most the range of d2s/dt2 over w. On a straight line with
+constant speed in the middle this is the fastest motion there is with that jerk.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.core.spatial import Array
+
+Samples = tuple[Array, Array, Array, Array]
+"""t, s, ds/dt, d2s/dt2, each (k,)."""
+
+
+def sample(grid: Array, rates: Array, steps: int, dt: float, window: int = 0) -> Samples:
+    """Return the motion at every dt.
+
+    Args:
+        grid: (n,) path parameter from 0 to 1; its acceleration is constant between neighbours.
+        rates: (n,) ds/dt there; they take `steps` times dt, 0 at both ends.
+        steps: see `rates`.
+        dt: in s.
+        window: samples that are averaged; the motion takes so many steps longer.
+    """
+    t = np.arange(steps + window + 1, dtype=np.float64) * dt
+    if not window:
+        s, sd, sdd, _ = _at(grid, rates, t)
+        s[-1], sd[-1] = 1.0, 0.0
+        return t, s, sd, sdd
+    width, last = window * dt, steps * dt
+    before = np.maximum(t - width, 0.0)
+    s1, sd1, _, area1 = _at(grid, rates, np.minimum(t, last))
+    s0, sd0, _, area0 = _at(grid, rates, before)
+    area1 = area1 + np.maximum(t - last, 0.0)  # s stays 1
+    s = np.clip((area1 - area0) / width, 0.0, 1.0)
+    sd, sdd = np.maximum((s1 - s0) / width, 0.0), (sd1 - sd0) / width
+    s[[0, -1]], sd[[0, -1]], sdd[[0, -1]] = (0.0, 1.0), 0.0, 0.0
+    return t, s, sd, sdd
+
+
+def _at(grid: Array, rates: Array, t: Array) -> Samples:
+    """Return s, ds/dt, d2s/dt2 and the integral of s over time, at times from the first to the last."""
+    sdd_of = np.diff(rates**2) / (2 * np.diff(grid))
+    spans = 2 * np.diff(grid) / (rates[1:] + rates[:-1])
+    ends = np.concatenate([[0.0], np.cumsum(spans)])
+    areas = np.cumsum(np.concatenate([[0.0], _area(grid[:-1], rates[:-1], sdd_of, spans)]))
+    i = np.clip(np.searchsorted(ends, t, side="right") - 1, 0, len(sdd_of) - 1)
+    x = t - ends[i]
+    sdd = sdd_of[i]
+    sd = np.maximum(rates[i] + sdd * x, 0.0)
+    s = np.clip(grid[i] + rates[i] * x + 0.5 * sdd * x**2, 0.0, 1.0)
+    return s, sd, sdd, areas[i] + _area(grid[i], rates[i], sdd, x)
+
+
+def _area(s: Array, sd: Array, sdd: Array, x: Array) -> Array:
+    return x * (s + x * (sd / 2 + x * sdd / 6))

@@ -1,0 +1,66 @@
+"""Joint coordinates along a phase as Chebyshev series: derivatives without step sizes.
+
+Along one phase q(s) is analytic, so that a few dozen coefficients hold it to rounding. Differences of
+samples would lose half of the digits; differentiating the series keeps nearly all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from twin.core.spatial import Array
+
+_ROUNDING = 1e-13
+"""Coefficients below this, relative to the largest value, are rounding."""
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """A vector function on s in [0, 1].
+
+    Attributes:
+        coefficients: (degree + 1, n), Chebyshev in 2 s - 1.
+        tail: (n,) size of what the series leaves out, in the unit of the function.
+    """
+
+    coefficients: Array
+    tail: Array
+
+    def __call__(self, s: Array, order: int = 0) -> Array:
+        """Return the function, or its derivative of that order, (k, n) at s (k,)."""
+        c = self.coefficients
+        if order:
+            c = chebyshev.chebder(c, order, scl=2.0)  # s = (x + 1) / 2
+        return np.asarray(chebyshev.chebval(2 * np.asarray(s, float) - 1, c), np.float64).T
+
+    def derivative(self) -> Smooth:
+        """Return the derivative."""
+        return Smooth(np.asarray(chebyshev.chebder(self.coefficients, scl=2.0), np.float64), self.tail)
+
+
+def fit(function: Callable[[Array], Array], *, smallest: int = 17, largest: int = 513) -> Smooth:
+    """Return the series of a function (k,) -> (k, n) on [0, 1]; the degree grows until its tail is rounding.
+
+    A function that is not that accurate itself (an iterative inverse) stops at its own noise. What is
+    left is in `tail`, and it is the caller's to judge.
+    """
+    count = smallest
+    while True:
+        nodes = (np.arange(count) + 0.5) * np.pi / count
+        values = function((np.cos(nodes) + 1) / 2)
+        basis = np.cos(np.arange(count)[:, None] * nodes)
+        c = 2 / count * basis @ values
+        c[0] /= 2
+        scale = np.max(np.abs(values), axis=0) + np.finfo(float).tiny
+        tail = np.max(np.abs(c[-max(3, count // 5) :]), axis=0)
+        done = bool(np.all(tail <= _ROUNDING * scale))
+        noisy = count > 128 and bool(np.all(tail <= 1e-9 * scale))
+        if done or noisy or 2 * count - 1 > largest:
+            keep = np.abs(c) > np.maximum(_ROUNDING * scale / 10, 3 * tail if not done else 0)
+            degree = int(np.max(np.nonzero(keep.any(axis=1))[0], initial=0))
+            return Smooth(np.where(keep, c, 0.0)[: max(degree + 1, 2)], tail)
+        count = 2 * count - 1

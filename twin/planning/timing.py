@@ -1,0 +1,288 @@
+"""When to be where on a path, as fast as the limits allow: the one place that asks for a time-optimal rate.
+
+Solvers keep absolute tolerances, so that moves of micrometres would fail or lose accuracy. Here every
+problem is made dimensionless first (time in units of the shortest conceivable duration, coordinates in
+units of their acceleration limit): a move of 1 um is the same problem to them as one of 1 m. Two passes of
+our own solve it (`topp`); should they ever fail, the package toppra is asked, and the result says so.
+Between grid points the rate may still overshoot a little; each result is therefore checked inside every grid
+interval, the grid is refined, and the rest is taken out by slowing the whole motion down by that little.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import sys
+import types
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from twin.core.errors import TimingError
+from twin.core.spatial import Array
+from twin.planning import topp
+from twin.planning.sampling import Samples, sample
+
+Derivatives = Callable[[Array], tuple[Array, Array]]
+"""s (k,) -> first and second derivatives (k, m) of the limited coordinates with respect to s."""
+
+Load = Callable[[Array, Array, Array], tuple[Array, Array]]
+"""s, ds/dt, d2s/dt2, each (k,) -> largest speed and acceleration (k,), each relative to its limit."""
+
+Jerk = Callable[[Array, Array, Array], float]
+"""s, ds/dt, d2s/dt2, each (k,) at every dt -> largest jerk, relative to its limit."""
+
+OVER = 1e-3
+"""Fraction by which a sample may exceed a limit; more is an error."""
+
+Solver = Literal["passes", "toppra"]
+
+_REFINE = 1.01
+"""Acceleration relative to its limit, above which a finer grid is tried before slowing down."""
+
+
+_TRIES = 20
+"""How often a motion is slowed down for what its samples exceed; the first is enough for a path without kinks."""
+
+
+_SLOWEST = 1e3
+"""How often the optimal duration is waited for a jerk to keep its limit."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Where on the path at which time.
+
+    Attributes:
+        t: (k,) multiples of dt in s, from 0; s, sd, sdd: (k,) path parameter and its time derivatives.
+        duration: s, a whole number of dt.
+        optimal: duration of the optimal rate, before slowing down and rounding up.
+        overshoot: largest speed or acceleration of the optimal rate relative to its limit, minus 1.
+        knots: grid points used.
+        solver: what found the rate: our own passes, or the package toppra where they failed.
+    """
+
+    t: Array
+    s: Array
+    sd: Array
+    sdd: Array
+    duration: float
+    optimal: float
+    overshoot: float
+    knots: int
+    solver: Solver = "passes"
+
+
+_BEYOND = 1e3
+"""How many times the shortest conceivable duration's speed stands for no limit."""
+
+
+def time_path(
+    derivatives: Derivatives,
+    max_speed: Array,
+    max_acceleration: Array,
+    *,
+    dt: float = 1e-3,
+    load: Load | None = None,
+    jerk: Jerk | None = None,
+    knots: int = 241,
+    finest: int = 961,
+) -> Timing:
+    """Return the fastest timing of a path, s from 0 to 1, from rest to rest.
+
+    Args:
+        derivatives: of the m limited coordinates, exact at any s.
+        max_speed: (m,) limits, in the units of the coordinates per second.
+        max_acceleration: (m,) likewise, per second squared.
+        dt: sampling time in s; the duration is rounded up to a multiple of it.
+        load: a stricter judge than the m coordinates, if there is one (norms of vectors).
+        jerk: judge of a jerk that is limited: the rate is then averaged over a window of time, no longer than needed.
+        knots: grid points to begin with.
+        finest: grid points at which refining ends.
+
+    Raises:
+        TimingError: there is no timing, or it cannot be brought within the limits.
+    """
+    if not (np.all(np.asarray(max_speed) > 0) and np.all(np.asarray(max_acceleration) > 0)):
+        raise TimingError("every speed and acceleration limit must be positive")
+    judge = load or _plain_load(derivatives, max_speed, max_acceleration)
+    while True:
+        grid = np.linspace(0.0, 1.0, knots)
+        first, second = derivatives(grid)
+        rates, solver = _rates(grid, first, second, max_speed, max_acceleration)
+        speed, acceleration = _peaks(grid, rates, judge)
+        if acceleration <= _REFINE or 2 * knots - 1 > finest:
+            break
+        knots = 2 * knots - 1
+    optimal = float(np.sum(2 * np.diff(grid) / (rates[1:] + rates[:-1])))
+    slower = max(1.0, speed, np.sqrt(acceleration))
+
+    def paced(window: int, slower: float) -> tuple[Samples, float]:
+        """Return the samples, slowed down until they keep the limits, and their jerk relative to its limit."""
+        steps = 1
+        for _ in range(_TRIES):
+            # One step more at least: of few steps, rounding up takes the slowing down back.
+            steps = max(steps + 1, int(np.ceil(optimal * slower / dt - 1e-9)))
+            samples = sample(grid, rates * (optimal / (steps * dt)), steps, dt, window)
+            v, a = (float(np.max(x)) for x in judge(*samples[1:]))
+            if max(v, a) <= 1.0 + OVER:
+                return samples, jerk(*samples[1:]) if jerk else 0.0
+            slower *= max(v, np.sqrt(a))  # a path so sharp that the grid has missed its worst point
+        raise TimingError(f"a sample exceeds its limit by {100 * (max(v, a) - 1):.2g} % even after slowing down")
+
+    samples, excess = paced(0, slower)
+    if excess > 1:
+        samples = _averaged(paced, slower, optimal / dt)
+    t, s, sd, sdd = samples
+    return Timing(t, s, sd, sdd, float(t[-1]), optimal, max(speed, acceleration) - 1, knots, solver)
+
+
+def _averaged(paced: Callable[[int, float], tuple[Samples, float]], slower: float, steps: float) -> Samples:
+    """Return the samples with the shortest window that keeps the jerk; slower where the bends alone are too much."""
+    while slower < _SLOWEST:
+        low, high, least = 0, 1, np.inf
+        while high <= 2 * slower * steps:
+            samples, excess = paced(high, slower)
+            if excess <= 1:
+                while high - low > max(1, high // 50):
+                    middle = (low + high) // 2
+                    found, excess = paced(middle, slower)
+                    low, high, samples = (middle, high, samples) if excess > 1 else (low, middle, found)
+                return samples
+            low, high, least = high, 2 * high, min(least, excess)
+        slower *= max(float(np.cbrt(least)), 1.02)
+    raise TimingError(f"the jerk stays {least:.3g} times its limit, however slow the motion")
+
+
+def _plain_load(derivatives: Derivatives, max_speed: Array, max_acceleration: Array) -> Load:
+    def load(s: Array, sd: Array, sdd: Array) -> tuple[Array, Array]:
+        first, second = derivatives(s)
+        v = np.abs(first * sd[:, None]) / max_speed
+        a = np.abs(first * sdd[:, None] + second * sd[:, None] ** 2) / max_acceleration
+        return np.max(v, axis=1), np.max(a, axis=1)
+
+    return load
+
+
+def _peaks(grid: Array, rates: Array, load: Load, inside: int = 5) -> tuple[float, float]:
+    """Return the largest relative speed and acceleration, looking into every grid interval."""
+    f = np.linspace(0.0, 1.0, inside)  # both ends: the path acceleration jumps at grid points
+    s = (grid[:-1, None] + np.diff(grid)[:, None] * f).ravel()
+    squares = rates**2
+    sd = np.sqrt(squares[:-1, None] * (1 - f) + squares[1:, None] * f).ravel()
+    sdd = np.repeat(np.diff(squares) / (2 * np.diff(grid)), inside)
+    speed, acceleration = load(s, sd, sdd)
+    return float(np.max(speed)), float(np.max(acceleration))
+
+
+def _rates(grid: Array, first: Array, second: Array, speed: Array, acceleration: Array) -> tuple[Array, Solver]:
+    """Return ds/dt (k,) at the grid points, and what found it.
+
+    Raises:
+        TimingError: there is none.
+    """
+    if not (np.all(np.isfinite(first)) and np.all(np.isfinite(second))):
+        raise TimingError("the path has no finite derivatives")
+    length = np.mean(np.abs(first), axis=0)
+    moves = length > 0
+    top = np.minimum(speed, np.sqrt(np.where(moves, length, 1.0) * acceleration))
+    unit = float(np.max(length[moves] / top[moves], initial=0.0))  # s; the shortest conceivable duration
+    if not unit > 0:
+        raise TimingError("the path has no length")
+    # No limit is one that is never met: its coordinate may still have the other.
+    peak = np.max(np.abs(first), axis=0)
+    speed = np.where(np.isfinite(speed), speed, _BEYOND * np.where(peak > 0, peak, 1.0) / unit)
+    acceleration = np.where(np.isfinite(acceleration), acceleration, _BEYOND * speed / unit)
+    size = (acceleration * unit**2)[:, None]
+    first, second = (np.ascontiguousarray(d.T) / size for d in (first, second))
+    problem = grid, first, second, speed * unit / size[:, 0]
+    solvers: tuple[tuple[Solver, Callable[..., Array]], ...] = (("passes", topp.fastest), ("toppra", by_toppra))
+    why = []
+    for solver, rates_of in solvers:
+        try:
+            rates = rates_of(*problem)
+        except TimingError as error:
+            why.append(f"{solver}: {error}")
+            continue
+        if np.all(rates[1:] + rates[:-1] > 0):
+            return rates / unit, solver
+        why.append(f"{solver}: the timing stands still on the way")
+    raise TimingError(f"no timing was found within the limits ({'; '.join(why)})")
+
+
+class _Path:
+    """What TOPP-RA asks of a path; it only ever looks at the grid points."""
+
+    def __init__(self, grid: Array, first: Array, second: Array) -> None:
+        self.path_interval = np.array([grid[0], grid[-1]])
+        self.dof = first.shape[1]
+        self._tables = (np.zeros_like(first), first, second)
+
+    def __call__(self, s: Array, order: int = 0) -> Array:
+        if len(s) != len(self._tables[order]):
+            raise TimingError("TOPP-RA asked for the path away from its grid points")
+        return self._tables[order]
+
+
+def by_toppra(grid: Array, first: Array, second: Array, speed: Array) -> Array:
+    """Return what `topp.fastest` returns, of the same arguments, from the package toppra.
+
+    Raises:
+        TimingError: it finds none.
+    """
+    algorithm, constraint = _toppra()
+    with _quiet():
+        limits = [
+            constraint.JointVelocityConstraint(np.array([-1.0, 1.0]) * speed[:, None]),
+            constraint.JointAccelerationConstraint(
+                np.tile([-1.0, 1.0], (len(first), 1)),
+                discretization_scheme=constraint.DiscretizationType.Interpolation,
+            ),
+        ]
+        instance = algorithm.TOPPRA(
+            limits,
+            _Path(grid, first.T, second.T),
+            gridpoints=grid,
+            solver_wrapper="seidel",
+            parametrizer="ParametrizeConstAccel",
+        )
+        rates = instance.compute_parameterization(0.0, 0.0)[1]
+    if rates is None or not np.all(np.isfinite(rates)):
+        code = instance.problem_data.return_code
+        raise TimingError(f"no timing: {getattr(code, 'value', code)}")
+    return np.asarray(rates)
+
+
+def _toppra() -> tuple[Any, Any]:
+    """Import TOPP-RA, only when something is to be timed: with scipy it takes seconds.
+
+    It also loads pyplot, for figures that nobody asks it for; an empty module in its place saves two seconds.
+    """
+    name = "matplotlib.pyplot"
+    absent = name not in sys.modules
+    if absent:
+        sys.modules[name] = types.ModuleType(name)
+    try:
+        with _quiet():
+            from toppra import algorithm, constraint
+    finally:
+        if absent:
+            del sys.modules[name]
+    return algorithm, constraint
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep TOPP-RA's warnings to itself: what it cannot do is raised as an error, the rest is re-checked."""
+    logger = logging.getLogger("toppra")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.setLevel(level)

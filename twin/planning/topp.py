@@ -1,0 +1,125 @@
+"""Time-optimal motion along a path: TOPP-RA by one pass backwards and one forwards, its small problems solved exactly.
+
+At each grid point the unknowns are the squared rate x = (ds/dt)^2 and that of the next one, y. A limited acceleration
+gives two rows |p x + q y| <= 1 an interval, one for either end. Read as bounds on y they leave an interval whose width
+is concave and piecewise linear in x, so that Newton's method from above finds the largest x in a few steps, exactly.
+The pass backwards does so for the largest y from which the end can be reached at rest; the pass forwards takes the
+largest y there is. Limits are symmetric, hence standing still is always allowed and the smallest x is always 0.
+
+Method: H. Pham, Q.-C. Pham, A new approach to time-optimal path parameterization based on reachability analysis,
+IEEE Trans. Robotics 34 (2018) 645-659; the two rows are their interpolation scheme.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twin.core.errors import TimingError
+from twin.core.spatial import Array
+
+if TYPE_CHECKING:
+    from twin.codegen import Kernel
+
+_FREE = 1e12
+"""Squared rate that stands for none: that of a path parameter a million times as fast as on the mean."""
+
+_FLAT = 1e-24
+"""Least coefficient of y: with `_FREE` it changes a row by 1e-12 at most."""
+
+_SHRINK = 1e-12
+"""Fraction taken off each largest x, so that rounding cannot leave it beyond the root."""
+
+_SLACK = 1e-9
+"""Fraction of the limits that the pass backwards leaves alone, so that rounding cannot stop the one forwards."""
+
+_EXCESS = 1e-6
+"""Fraction by which a row of the result may exceed its limit; more is a failure."""
+
+_STEPS = 100
+
+
+def fastest(grid: Array, first: Array, second: Array, speed: Array) -> Array:
+    """Return ds/dt (k,) at the grid points of the fastest motion from rest to rest.
+
+    The problem is dimensionless: accelerations |first d2s/dt2 + second (ds/dt)^2| <= 1, a duration of the order of 1.
+
+    Args:
+        grid: (k,) path parameter, increasing.
+        first: (m, k) derivatives of the m coordinates with respect to it, finite.
+        second: (m, k) second derivatives.
+        speed: (m,) limits of |first ds/dt|.
+
+    Raises:
+        TimingError: no motion was found that keeps the limits.
+    """
+    backward, forward = _passes(len(first))
+    half = (0.5 / np.diff(grid))[None]
+    arrays = half, first[:, :-1], second[:, :-1], first[:, 1:], second[:, 1:]
+    most = backward(*arrays, carry=np.append(0.0, 1 / speed))[0]  # largest x from which the end can be reached
+    x, excess = forward(*arrays, np.append(most[:, 1:], [[0.0]], axis=1), carry=np.zeros(1))
+    if not np.max(excess) <= _EXCESS:  # also if it is NaN
+        raise TimingError(f"no rate keeps the accelerations at s = {grid[np.argmax(excess)]:.4g}")
+    return np.sqrt(np.append(0.0, x[0]))
+
+
+@cache
+def _passes(m: int) -> tuple[Kernel, Kernel]:
+    """Return the pass backwards and the pass forwards, for m coordinates."""
+    import casadi as ca
+
+    from twin.codegen import Kernel, Stage
+
+    half, x, y, limit = (ca.SX.sym(n) for n in ("half", "x", "y", "limit"))
+    d0, dd0, d1, dd1, inverse = (ca.SX.sym(n, m) for n in ("d0", "dd0", "d1", "dd1", "inverse"))
+    given, arguments = {"half": 1, "d0": m, "dd0": m, "d1": m, "dd1": m}, [half, d0, dd0, d1, dd1]
+    p = ca.vertcat(dd0 - d0 * half, -d1 * half)  # since d2s/dt2 = (y - x) / (2 ds)
+    q = ca.vertcat(d0 * half, dd1 + d1 * half)
+    q = ca.copysign(ca.fmax(ca.fabs(q), _FLAT), q)
+
+    top = 1 / ca.fmax(ca.mmax((d0 * inverse) ** 2), 1 / _FREE)
+    width = (1 - _SLACK) / ca.fabs(q)
+    start = ca.Function("start", [*arguments, inverse], [top, p / q, width])
+    # Each row allows y from -width - slope x to width - slope x.
+    slopes, widths = ca.SX.sym("slope", 2 * m), ca.SX.sym("width", 2 * m)
+    pairs = list(zip(ca.vertsplit(slopes), ca.vertsplit(widths), strict=True))
+    above, above1 = _least([(w - s * x, -s) for s, w in pairs] + [(limit, ca.SX(0))])
+    below, below1 = _least([(w + s * x, s) for s, w in pairs] + [(ca.SX(0), ca.SX(0))])
+    room = above + below
+    new = ca.if_else(room < 0, (x - room / (above1 + below1)) * (1 - _SHRINK), x)
+    newton = ca.Function("newton", [x, slopes, widths, limit], [new, room < 0])
+    backward = Kernel(
+        [
+            Stage(start, (*given, "inverse"), ("x", "slope", "width")),
+            Stage(newton, ("x", "slope", "width", "limit"), ("x", "error"), _STEPS),
+            Stage(ca.Function("keep", [x], [x]), ("x",), ("limit",)),
+        ],
+        given,
+        ["limit"],
+        carried={"limit": 1, "inverse": m},
+        backwards=True,
+    )
+
+    bounds = (ca.copysign(1, q) - p * x) / q
+    y = ca.fmax(_least([(b, ca.SX(0)) for b in (*ca.vertsplit(bounds), limit)])[0], 0)
+    step = ca.Function("step", [*arguments, limit, x], [y, ca.mmax(ca.fabs(p * x + q * y)) - 1])
+    forward = Kernel(
+        [Stage(step, (*given, "limit", "x"), ("x", "excess"))],
+        given | {"limit": 1},
+        ["x", "excess"],
+        carried={"x": 1},
+    )
+    return backward, forward
+
+
+def _least(lines: list[tuple]) -> tuple:
+    """Return the least value and the slope that belongs to it, found in pairs, then in pairs of these."""
+    import casadi as ca
+
+    while len(lines) > 1:
+        pairs = zip(lines[::2], lines[1::2], strict=False)
+        joined = [(ca.fmin(a, b), ca.if_else(a <= b, a1, b1)) for (a, a1), (b, b1) in pairs]
+        lines = joined + lines[2 * len(joined) :]
+    return lines[0]

@@ -1,0 +1,33 @@
+"""A trajectory as a table for any other program."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.units import DEG, MM
+from twin.planning.trajectory import Trajectory
+
+
+def write_csv(trajectory: Trajectory, path: Path, revolute: Sequence[bool] = ()) -> None:
+    """Write one row a sample, units in the header: joints, their rates, and the tool as position and quaternion.
+
+    Args:
+        trajectory: what to write.
+        path: the file.
+        revolute: (n,) which joints are in rad; empty: none.
+    """
+    units = ["deg" if r else "mm" for r in revolute or [False] * len(trajectory.joint_names)]
+    scale = np.array([DEG if u == "deg" else MM for u in units])
+    header = ["t_s"]
+    columns = [trajectory.t[:, None]]
+    for suffix, values in (("", trajectory.q), ("_s", trajectory.qd), ("_s2", trajectory.qdd)):
+        header += [f"{n}_{u}{suffix}" for n, u in zip(trajectory.joint_names, units, strict=True)]
+        columns.append(values / scale)
+    Ts = trajectory.Ts_base_tool
+    header += ["tool_x_mm", "tool_y_mm", "tool_z_mm", "tool_qw", "tool_qx", "tool_qy", "tool_qz"]
+    columns += [Ts[:, :3, 3] / MM, spatial.quat_from_matrix_wxyz(Ts[:, :3, :3])]
+    np.savetxt(path, np.hstack(columns), fmt="%.9g", delimiter=",", header=",".join(header), comments="")

@@ -1,0 +1,51 @@
+"""What any teleoperation controller must keep, measured on an ideal tool that moves as it is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.simulation.control.teleoperation import Teleoperation
+
+
+@dataclass(frozen=True)
+class ClutchReport:
+    """What the tool did when the pedal was pressed again with the handle elsewhere and at rest.
+
+    Attributes:
+        handle: how far the handle was moved while the pedal was up, in units of its coordinates.
+        jump: how far the tool went afterwards, likewise.
+        keeps: whether the tool stood still, to a billionth of the handle's way.
+    """
+
+    handle: float
+    jump: float
+    keeps: bool
+
+
+def play(controller: Teleoperation, handle: Array, pedal: Array, tool: Array) -> Array:
+    """Return the tool positions (k + 1, n) of an ideal tool, for handle positions (k, n) and pedal (k,)."""
+    out = [np.asarray(tool, float)]
+    for x, pressed in zip(handle, pedal, strict=True):
+        out.append(out[-1] + controller.dt * controller.step(x, out[-1], bool(pressed)))
+    return np.array(out)
+
+
+def clutch(make: Callable[[], Teleoperation], distance: float = 0.03, hold: float = 4.0) -> ClutchReport:
+    """Press, release, move the handle by `distance`, press again, and hold; each for `hold` seconds.
+
+    A controller keeps the contract if the tool then stands where it stood.
+    """
+    controller = make()
+    n, ticks = len(controller.offset), round(hold / controller.dt)
+    away = np.zeros(n)
+    away[0] = distance
+    phases = ((np.zeros(n), True), (np.zeros(n), False), (away, False), (away, True))
+    handle = np.concatenate([np.tile(x, (ticks, 1)) for x, _ in phases])
+    pedal = np.concatenate([np.full(ticks, p) for _, p in phases])
+    tool = play(controller, handle, pedal, np.zeros(n))
+    jump = float(np.linalg.norm(tool[-1] - tool[3 * ticks]))
+    return ClutchReport(distance, jump, jump <= 1e-9 * distance)

@@ -1,0 +1,86 @@
+"""One USD stage for a scene: the robots' own stages by reference, each at its place, and cameras."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.core.units import DEG
+from twin.model.mechanism import Mechanism
+from twin.model.scene import CameraTable, Scene
+from twin.reference import ReferenceModel
+from twin.usd import gf
+from twin.usd.write import write_stage
+from twin.usd.write.layers import describe, new_layer, save
+
+APERTURE_MM = 20.955
+"""Width of the picture in a USD camera, its default; the focal length follows from the angle of view."""
+
+LOOK = spatial.pose(np.diag([1.0, -1.0, -1.0]))
+"""USD cameras look along -z with +y up; a scope looks along z."""
+
+
+def write_scene(
+    scene: Scene,
+    folder: Path,
+    stages: Mapping[str, Path],
+    mechanisms: Mapping[str, Mechanism],
+    props: Mechanism | None,
+    duration: float,
+) -> Path:
+    """Write the scene's root layer, and what stands around beside it; return the root.
+
+    Args:
+        scene: who stands where.
+        folder: made if missing.
+        stages: by robot, the layer to reference (with its motion); as the layer is to name it.
+        mechanisms: by robot, to find the bodies that carry cameras.
+        props: what stands around, or None.
+        duration: of the longest motion in s.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{scene.name}.usda"
+    layer = new_layer(path)
+    describe(layer, scene.name, round(duration * 60.0))
+    layer.comment = f"{scene.title}. Robots are references to their own stages. Z up, metres."
+    stage = Usd.Stage.Open(layer)
+    references: dict[str, str] = {}
+    UsdGeom.Xform.Define(stage, f"/{scene.name}")
+    if props is not None:
+        home = ReferenceModel(props).home()
+        root = write_stage(props, folder / props.name, home.link_poses, home.q_full).root
+        UsdGeom.Xform.Define(stage, f"/{scene.name}/{props.name}")
+        references[f"/{scene.name}/{props.name}"] = f"./{props.name}/{root.name}"
+    for place in scene.places:
+        out = UsdGeom.Xform.Define(stage, f"/{scene.name}/{place.name}")
+        references[f"/{scene.name}/{place.name}"] = os.fspath(stages[place.name])
+        _pose(out, place.T_world_base)
+    for name, camera in scene.cameras.items():
+        _camera(stage, scene, name, camera, mechanisms[camera.robot])
+    del stage  # it would look for the references before the layer has a place
+    for prim, asset in references.items():
+        layer.GetPrimAtPath(prim).referenceList.Prepend(Sdf.Reference(asset))
+    return save(layer, path)
+
+
+def _pose(prim: UsdGeom.Xform | UsdGeom.Camera, T: Array) -> None:
+    prim.ClearXformOpOrder()
+    prim.AddTranslateOp().Set(Gf.Vec3d(*map(float, T[:3, 3])))
+    prim.AddOrientOp(UsdGeom.XformOp.PrecisionDouble).Set(gf.quatd(T[:3, :3]))
+
+
+def _camera(stage: Usd.Stage, scene: Scene, name: str, camera: CameraTable, mechanism: Mechanism) -> None:
+    frame = mechanism.frame(camera.frame)
+    out = UsdGeom.Camera.Define(stage, f"/{scene.name}/{camera.robot}/{frame.body}/{name}")
+    _pose(out, frame.T_body_frame @ LOOK)
+    out.CreateHorizontalApertureAttr(APERTURE_MM)
+    out.CreateVerticalApertureAttr(APERTURE_MM)
+    out.CreateFocalLengthAttr(float(APERTURE_MM / 2 / np.tan(camera.view_deg * DEG / 2)))
+    out.CreateClippingRangeAttr(Gf.Vec2f(0.001, 10.0))
+    stage.GetPrimAtPath(out.GetPath().GetParentPath()).SetSpecifier(Sdf.SpecifierOver)

@@ -1,0 +1,189 @@
+"""One TCP connection: what `websockets` leaves to its users, so that no peer can take more than its share.
+
+It reads the request head itself (methods, lengths, a deadline), counts bytes and frames of what follows, and never
+lets more than one frame wait in this process.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import re
+import socket
+import time
+from http import HTTPStatus
+from typing import Any, ClassVar
+
+from websockets.asyncio.server import ServerConnection
+from websockets.datastructures import Headers
+from websockets.http11 import Response
+
+from twin.ui.door.limits import BYTES, FRAMES, Bucket, Doorman, household
+
+HEAD_SECONDS = 5.0
+"""A request head must have come by then."""
+
+_HEAD_BYTES, _TARGET_BYTES = 16_384, 2048
+_SLICE = 1024
+"""Bytes that are parsed before the count of frames is looked at: ten thousand tiny ones fit into one read."""
+
+_UNSENT = 4096
+"""Bytes that may wait in the kernel before this process holds back: newest wins only if the old ones are not queued."""
+
+_REQUEST = re.compile(rb"([A-Z]{1,20}) (\S+) HTTP/1\.(\d)")
+
+
+class Connection(ServerConnection):
+    """A connection that is counted; `doorman`, and where they are others `bytes` and `frames`, are its server's.
+
+    Attributes:
+        household: what its address is counted as.
+        head_only: whether the request was HEAD.
+    """
+
+    doorman: ClassVar[Doorman]
+    bytes: ClassVar[tuple[float, float]] = BYTES
+    frames: ClassVar[tuple[float, float]] = FRAMES
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.household, self.head_only = "", False
+        self._head = b""
+        self._admitted = self._refused = False
+        self._deadline: asyncio.TimerHandle | None = None
+        now = time.monotonic()
+        self._bytes, self._frames = Bucket(*self.bytes, now), Bucket(*self.frames, now)
+
+    # -- the transport --------------------------------------------------------------------------------
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Let the peer in, if there is room."""
+        assert isinstance(transport, asyncio.Transport)
+        peer = transport.get_extra_info("peername")
+        self.household = household(peer[0] if peer else "")
+        self._admitted = self.doorman.admit(self.household, time.monotonic())
+        if not self._admitted:
+            self._refused = True
+            transport.abort()
+            return
+        self._deadline = self.loop.call_later(HEAD_SECONDS, self._late)
+        super().connection_made(transport)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Give back what was counted."""
+        if self._deadline is not None:
+            self._deadline.cancel()
+        if self._admitted:
+            self._admitted = False
+            self.doorman.leave(self.household)
+            super().connection_lost(exc)
+
+    def eof_received(self) -> None:
+        """Pass the end on; one before any request leaves nothing to answer."""
+        if self.request is None:
+            if self._admitted:
+                self.transport.abort()
+            return
+        super().eof_received()
+
+    def data_received(self, data: bytes) -> None:
+        """Read the request head; later count, and cut whoever sends too much."""
+        if self._refused:
+            return
+        if self.request is None:
+            self._read_head(data)
+            return
+        if not self._bytes.take(time.monotonic(), len(data)):
+            self.cut()
+            return
+        for first in range(0, len(data), _SLICE):
+            super().data_received(data[first : first + _SLICE])
+            if self._refused:
+                return
+
+    def process_event(self, event: Any) -> None:
+        """Count a frame, whatever it is."""
+        if self.request is not None and not self._frames.take(time.monotonic()):
+            self.cut()
+            return
+        super().process_event(event)
+
+    def cut(self) -> None:
+        """End the connection at once, without a word."""
+        self._refused = True
+        self.transport.abort()
+
+    # -- what is sent ---------------------------------------------------------------------------------
+
+    def send_data(self) -> None:
+        """Write what waits at once, and nothing to a peer that is gone.
+
+        A thousand pongs to somebody who has hung up would be a thousand lines of asyncio's log.
+        """
+        parts = self.protocol.data_to_send()
+        if self.transport.is_closing():
+            return
+        if any(parts):
+            self.transport.write(b"".join(parts))
+        if parts and not parts[-1]:  # the end of the stream
+            with contextlib.suppress(OSError, RuntimeError):
+                self.transport.write_eof() if self.transport.can_write_eof() else self.transport.close()
+
+    def keep_little(self) -> None:
+        """Let little wait in the kernel from now on (Linux, macOS); elsewhere its own buffer is the limit."""
+        sock = self.transport.get_extra_info("socket")
+        option = getattr(socket, "TCP_NOTSENT_LOWAT", None)
+        if sock is not None and option is not None:
+            sock.setsockopt(socket.IPPROTO_TCP, option, _UNSENT)
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that wait in this process."""
+        # Under TLS the encrypted bytes wait in a transport of their own, which asyncio shows to nobody.
+        inner = getattr(getattr(self.transport, "_ssl_protocol", None), "_transport", None)
+        return self.transport.get_write_buffer_size() + (0 if inner is None else inner.get_write_buffer_size())
+
+    # -- the request head -----------------------------------------------------------------------------
+
+    def _late(self) -> None:
+        if self.request is None and not self._refused:
+            self._refuse(HTTPStatus.REQUEST_TIMEOUT)
+
+    def _read_head(self, data: bytes) -> None:
+        self._head += data
+        head, end, rest = self._head.partition(b"\r\n\r\n")
+        line = head.partition(b"\r\n")[0]
+        if len(line) > _TARGET_BYTES + 100:
+            return self._refuse(HTTPStatus.REQUEST_URI_TOO_LONG)
+        if len(head) > _HEAD_BYTES:
+            return self._refuse(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
+        if not end:
+            return None
+        found = _REQUEST.fullmatch(line)
+        if found is None or not found[2].startswith(b"/"):
+            return self._refuse(HTTPStatus.BAD_REQUEST)
+        method, target, minor = found.groups()
+        if len(target) > _TARGET_BYTES:
+            return self._refuse(HTTPStatus.REQUEST_URI_TOO_LONG)
+        if method not in (b"GET", b"HEAD"):
+            return self._refuse(HTTPStatus.METHOD_NOT_ALLOWED, Allow="GET, HEAD")
+        if minor != b"1":
+            return self._refuse(HTTPStatus.HTTP_VERSION_NOT_SUPPORTED)
+        if rest:  # a body, or a frame before the handshake: nothing of ours sends either
+            return self._refuse(HTTPStatus.BAD_REQUEST)
+        if self._deadline is not None:
+            self._deadline.cancel()
+        self.head_only = method == b"HEAD"
+        self._head = b""
+        return super().data_received(b"GET" + head[len(method) :] + b"\r\n\r\n")
+
+    def _refuse(self, status: HTTPStatus, **headers: str) -> None:
+        """Answer a request that `websockets` would not."""
+        self._refused = True
+        body = f"{status.value} {status.phrase}\n".encode()
+        fields = Headers({"Connection": "close", "Content-Type": "text/plain", "Content-Length": str(len(body))})
+        fields.update(headers)
+        self.transport.write(Response(status.value, status.phrase, fields, body).serialize())
+        self.transport.close()
+        # Whoever does not read that is cut: closing waits until it is written.
+        self.loop.call_later(1.0, self.transport.abort)

@@ -1,0 +1,120 @@
+"""The tool where the equations put it, in a chosen variant: beside the mechanism it shows what a formula costs."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from twin.api import Robot
+from twin.core.errors import KinematicsError, TwinError
+from twin.core.spatial import Array
+from twin.ui.headset import protocol as wire
+from twin.ui.session.desk import Desk
+from twin.ui.session.timeline import Playback
+
+_CHUNK = 8
+"""Samples that are solved between two other jobs."""
+
+_PATIENCE = 10
+"""After a failure nothing is tried by hand for as many times what it took: a drag goes before a ghost."""
+
+
+class Ghost:
+    """The tool by the equations at the joints of the mechanism.
+
+    `at` and `forget` are for the event loop; the rest is for the worker.
+
+    Attributes:
+        name: the variant, or None for no ghost.
+    """
+
+    def __init__(self, robot: Robot, desk: Desk) -> None:
+        self.name: str | None = None
+        self._robot, self._desk = robot, desk
+        self._kin = None
+        self._chosen: str | None = None
+        self._playback: Playback | None = None
+        self._track: Array | None = None
+        self._solved = self._failures = 0
+        self._next = 0.0
+
+    def forget(self, name: str | None) -> None:
+        """Show nothing until `choose` has taken the variant."""
+        self.name, self._track, self._kin = name, None, None
+
+    def choose(self, name: str | None) -> str:
+        """Take a variant; return why not, or an empty string."""
+        self._kin, self._chosen, self._track, self._solved = None, name, None, 0
+        if name is None:
+            return ""
+        equation, _, variant = name.partition("=")
+        try:
+            self._kin = self._desk.robot.kinematics({equation: variant} if variant else name, {})
+        except TwinError as error:
+            return str(error)
+        self._begin()
+        return ""
+
+    def follow(self, playback: Playback) -> None:
+        """Go along a protocol from now on; the desk is bound to it."""
+        self._playback = playback
+        if self._chosen is not None:
+            self.choose(self._chosen)
+
+    def _begin(self) -> None:
+        self._solved = self._failures = 0
+        self._next = 0.0
+        if self._playback is not None:
+            self._track = np.full((len(self._playback.t), 7), np.nan)
+
+    @property
+    def wanting(self) -> bool:
+        """Whether samples of the protocol are still to be solved."""
+        return self._track is not None and self._solved < len(self._track)
+
+    def more(self) -> bool:
+        """Solve some samples; return whether there were any.
+
+        Where a variant has no solution, finding that out takes a hundred times as long: ever longer stretches are
+        left out then, without a ghost.
+        """
+        track, playback, kin = self._track, self._playback, self._kin
+        if track is None or playback is None or kin is None or self._solved >= len(track):
+            return False
+        rows = slice(self._solved, self._solved + (1 if self._failures else _CHUNK))
+        try:
+            Ts = kin.forward_many(playback.q[rows], playback.Ts_base_tool[rows])
+        except KinematicsError:
+            Ts = np.full((len(playback.q[rows]), 4, 4), np.nan)
+        good = np.asarray(np.isfinite(Ts).all(axis=(1, 2)))
+        track[rows][good] = wire.sevens(Ts[good])
+        self._failures = 0 if good[-1] else self._failures + 1
+        self._solved = rows.stop + (0 if good[-1] else 2 ** min(self._failures, 6))
+        return True
+
+    @property
+    def nowhere(self) -> bool:
+        """Whether the protocol is done and the variant has no tool pose anywhere in it."""
+        return self._track is not None and not self.wanting and not np.isfinite(self._track).any()
+
+    def at(self, k: int) -> Array | None:
+        """Return the ghost (7,) at a sample of the protocol, or None."""
+        track = self._track
+        if self.name is None or track is None or not np.isfinite(track[k]).all():
+            return None
+        return track[k]
+
+    def here(self) -> Array | None:
+        """Return the ghost (7,) where the desk stands, or None."""
+        if self.name is None or self._kin is None:
+            return None
+        now, start = self._desk.assembly, time.monotonic()
+        if start < self._next:
+            return None
+        try:
+            return wire.sevens(self._kin.forward(now.q, now.T_base_tool))
+        except KinematicsError:
+            end = time.monotonic()
+            self._next = end + _PATIENCE * (end - start)
+            return None

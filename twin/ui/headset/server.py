@@ -1,0 +1,288 @@
+"""The server of `twin serve`: files and the stream on one port, for several clients who see the same robot."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import ssl
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from http import HTTPStatus
+from typing import Any
+
+from pydantic_core import to_json
+from websockets.asyncio.server import Server, ServerConnection
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from twin.core.errors import TwinError
+from twin.ui.door.answers import File, refusal
+from twin.ui.door.connection import Connection
+from twin.ui.door.entrance import listen, page, query_of, stranger, visit
+from twin.ui.door.gate import Gate
+from twin.ui.door.limits import GARBAGE, MESSAGES, Bucket, Doorman
+from twin.ui.headset import protocol as wire
+from twin.ui.headset.client import Client, Source
+from twin.ui.headset.protocol import RefusedError
+from twin.ui.headset.recording import Recording
+from twin.ui.session.timeline import RATE
+
+STATE = 6
+"""Ticks between two states."""
+
+SILENCE, GRACE = 5.0, 3.0
+"""Seconds after which a grab is lost: its holder says nothing; its holder has gone and does not come back."""
+
+REMEMBERED = 256
+"""Clients that can come back as themselves."""
+
+
+class StreamServer:
+    """Serves one source until `stop`.
+
+    Attributes:
+        port: it listens on, once `start` has returned.
+        stopping: set it to end.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        hello: dict[str, Any],
+        files: dict[str, File],
+        gate: Gate,
+        recording: Recording | None = None,
+    ) -> None:
+        self.gate, self.files, self.recording = gate, files, recording
+        self.hello = hello
+        self.stopping = asyncio.Event()
+        self.clients: list[Client] = []
+        self._doorman = Doorman()
+        self._known: OrderedDict[str, str] = OrderedDict()
+        self._left: dict[str, float] = {}
+        self._tasks: set[asyncio.Future[None]] = set()
+        self._frame: bytes | None = None
+        self._state: dict[str, Any] = {}
+        self._dirty = False
+        self._tick = 0
+        self._numbers = 0
+        self.source = source
+        source.send = self._tell
+
+    # -- life -----------------------------------------------------------------------------------------
+
+    async def start(self, host: str, port: int, context: ssl.SSLContext | None = None) -> None:
+        """Listen."""
+        self._server: Server = await listen(
+            self._client, host, port, self._request, self._doorman, longest=wire.LONGEST, context=context
+        )
+        self.port = int(next(iter(self._server.sockets)).getsockname()[1])
+
+    async def run(self) -> None:
+        """Stream until `stopping` is set; late ticks are left out, never made up for."""
+        begin = time.monotonic()
+        ends = asyncio.ensure_future(self.stopping.wait())
+        try:
+            while not self.stopping.is_set():
+                self._tick = int((time.monotonic() - begin) * RATE)
+                self._step(begin + self._tick / RATE)
+                left = begin + (self._tick + 1) / RATE - time.monotonic()
+                await asyncio.wait((ends,), timeout=max(left, 0.0))
+        finally:
+            ends.cancel()
+            await self.close()
+
+    async def close(self) -> None:
+        """Tell the clients (1001) and end; who does not listen is cut."""
+        self._say_state()
+        self._server.close(code=1001, reason="the server ends")
+        try:
+            async with asyncio.timeout(0.5):
+                await self._server.wait_closed()
+        except TimeoutError:
+            for connection in list(self._server.handlers):
+                connection.transport.abort()
+        self.source.close()
+        if self.recording is not None:
+            self.recording.finish()()
+
+    # -- the stream -----------------------------------------------------------------------------------
+
+    def _step(self, server_time: float) -> None:
+        frame = self.source.frame(self._tick, server_time)
+        if frame is not None:
+            self._frame = frame
+            if self.recording is not None:
+                self.recording.add_frame(self._tick, frame)
+            for client in self.clients:
+                client.behind = True
+        if self.recording is not None and self.recording.full(self._tick):
+            self._write(self.recording.finish())
+        now = time.monotonic()
+        if self._dirty or self._tick % STATE == 0:
+            self._watch(now)
+            self._say_state()
+        for client in list(self.clients):
+            client.flush(self._frame, now)
+
+    def _say_state(self) -> None:
+        self._dirty = False
+        state = {**self.source.state(), "clients": len(self.clients)}
+        if self.recording is not None and not self.source.replays:
+            state["recording"] = self.recording.running
+        if state != self._state:
+            self._state = state
+            self._tell(state)
+
+    def _tell(self, document: dict[str, Any]) -> None:
+        """Let every client know."""
+        if self.recording is not None:
+            self.recording.add_document(self._tick, document)
+        text = to_json(document, inf_nan_mode="null").decode()
+        for client in self.clients:
+            client.queue(document["type"], text)
+
+    def _watch(self, now: float) -> None:
+        """Take the grab from who is silent or gone."""
+        for name, left in list(self._left.items()):
+            if now - left > GRACE:
+                del self._left[name]
+                self.source.release(name)
+        holder = self.source.holder
+        for client in self.clients:
+            if client.id == holder and now - client.heard > SILENCE:
+                self.source.release(client.id)
+                self._error(client, "released", f"nothing was heard for {SILENCE:g} s: the grab is lost")
+
+    # -- clients --------------------------------------------------------------------------------------
+
+    async def _client(self, connection: Connection) -> None:
+        client = self._join(connection)
+        try:
+            async for text in connection:
+                self._hear(client, text)
+        except ConnectionClosed:
+            pass
+        finally:
+            self._leave(client)
+
+    def _join(self, ws: Connection) -> Client:
+        assert ws.request is not None
+        token = query_of(ws.request.path).get("resume", "")
+        now = time.monotonic()
+        if token in self._known:
+            name = self._known[token]
+            for other in [c for c in self.clients if c.token == token]:  # it is half gone: the new one is it
+                self.clients.remove(other)
+                other.ws.cut()
+        else:
+            self._numbers += 1
+            name, token = f"c{self._numbers}", secrets.token_urlsafe(18)
+            self._known[token] = name
+            while len(self._known) > REMEMBERED:
+                self._known.popitem(last=False)
+        self._left.pop(name, None)
+        ws.keep_little()
+        client = Client(name, token, ws, Bucket(*MESSAGES, now), Bucket(*GARBAGE, now), now)
+        self.clients.append(client)
+        hello = {**self.hello, "type": "hello", "protocol": wire.VERSION, "client": name, "resume": token}
+        for document in (hello, self._state or self.source.state(), *self.source.welcome()):
+            client.queue(document["type"], to_json(document, inf_nan_mode="null").decode())
+        self._dirty = True
+        client.flush(self._frame, now)
+        return client
+
+    def _leave(self, client: Client) -> None:
+        if client in self.clients:
+            self.clients.remove(client)
+            if self.source.holder == client.id:
+                self._left[client.id] = time.monotonic()
+            self._dirty = True
+
+    def _hear(self, client: Client, text: str | bytes) -> None:
+        now = time.monotonic()
+        if not client.messages.take(now):
+            if now - client.told_rate > 1.0:
+                client.told_rate = now
+                self._error(client, "rate", f"more than {MESSAGES[0]:g} messages a second: some were dropped")
+            return
+        try:
+            message = wire.parse(text)
+        except RefusedError as error:
+            self._error(client, error.code, str(error), error.id)
+            if not client.garbage.take(now):
+                self._end(client, 1008, "too much that makes no sense")
+            return
+        client.heard = now
+        if isinstance(message, wire.Ping):
+            server_time = time.monotonic()
+            self._answer(client, {"type": "pong", "t": message.t, "server_time": server_time, "id": message.id})
+            return
+        if self.recording is not None:
+            self.recording.add_request(self._tick, client.id, message)
+        try:
+            if isinstance(message, wire.Record):
+                self._record(message.on)
+            else:
+                self.source.ask(client.id, message)
+        except RefusedError as error:
+            self._error(client, error.code, str(error), message.id)
+            return
+        self._dirty |= not isinstance(message, wire.Drag)
+        if message.id is not None:
+            self._answer(client, {"type": "ack", "id": message.id})
+
+    def _record(self, on: bool) -> None:
+        if self.recording is None:
+            raise RefusedError("refused", "nothing can be recorded: start the server with --record FILE")
+        if on:
+            self.recording.check_room()
+        self._say_state()
+        self._write(self.recording.finish())
+        if on:
+            self.recording.begin(self._tick)
+            for document in (self.source.state(), *self.source.welcome()):
+                self.recording.add_document(self._tick, document)
+
+    def _write(self, write: Callable[[], None]) -> None:
+        """Write a recording in a thread; who is told what if it fails is everybody."""
+
+        async def work() -> None:
+            try:
+                await asyncio.to_thread(write)
+            except TwinError as error:
+                self._tell({"type": "error", "code": "failed", "message": str(error)[:500]})
+
+        self._keep(asyncio.ensure_future(work()))
+
+    def _keep(self, task: asyncio.Future[None]) -> None:
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def _answer(self, client: Client, document: dict[str, Any]) -> None:
+        client.queue(document["type"], to_json({k: v for k, v in document.items() if v is not None}).decode())
+        client.flush(self._frame, time.monotonic())
+
+    def _error(self, client: Client, code: str, text: str, id: int | str | None = None) -> None:
+        self._answer(client, {"type": "error", "code": code, "message": text, "id": id})
+
+    def _end(self, client: Client, code: int, reason: str) -> None:
+        self._keep(asyncio.ensure_future(client.ws.close(code, reason)))
+
+    # -- requests -------------------------------------------------------------------------------------
+
+    def _request(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Answer a request for a file, or let a WebSocket come in (None)."""
+        seen = visit(self.gate, connection, request)
+        if isinstance(seen, Response):
+            return seen
+        if seen.path != "/ws":
+            return page(self.gate, seen, self.files)
+        if not seen.upgrade or seen.head:
+            out = refusal(HTTPStatus.UPGRADE_REQUIRED, "here is a WebSocket", seen.head)
+            out.headers["Upgrade"] = "websocket"
+            return out
+        if seen.known or seen.query.get("resume") in self._known or self.gate.spend(seen.query.get("token", "")):
+            return None
+        return stranger()

@@ -1,0 +1,106 @@
+"""What plots need of a report besides matplotlib: curves, thinned without losing peaks, and their limits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.validation.result import Quantity, Report, Residual
+
+POINTS = 2000
+"""Largest number of points that one drawn curve has."""
+
+
+def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
+    """Return at most `points` samples of a curve that look the same: the extremes of each of many intervals.
+
+    The first and last sample, the overall extremes and gaps (NaN) stay.
+
+    Args:
+        t: (k,) times, ascending.
+        y: (k,) values, NaN where there is none.
+        points: how many samples may remain, at least 16.
+    """
+    k = len(y)
+    if k <= points:
+        return t, y
+    gaps = np.isnan(y)
+    each = 3 if gaps.any() else 2
+    intervals = (points - 2) // each
+    starts = np.linspace(0, k, intervals + 1).astype(int)
+    width = int(np.diff(starts).max())
+    rows = np.minimum(starts[:-1, None] + np.arange(width), starts[1:, None] - 1)  # the last repeats
+    values = y[rows]
+    low, high = np.where(np.isnan(values), np.inf, values), np.where(np.isnan(values), -np.inf, values)
+    first = np.arange(intervals)
+    keep = [rows[first, low.argmin(axis=1)], rows[first, high.argmax(axis=1)], np.array([0, k - 1])]
+    if each == 3:
+        keep.append(rows[first, np.isnan(values).argmax(axis=1)])  # where a gap begins in the interval
+    index = np.unique(np.concatenate(keep))
+    return t[index], y[index]
+
+
+def pair(report: Report, key: str, times: str = "t") -> tuple[Array, Array] | None:
+    """Return (t, values) of a series, or None if it is missing, empty, all NaN or of another length."""
+    t, y = report.series.get(times), report.series.get(key)
+    if t is None or y is None:
+        return None
+    t, y = np.asarray(t, float), np.asarray(y, float)
+    if t.ndim != 1 or len(t) < 2 or y.ndim == 0 or len(y) != len(t) or not np.isfinite(y).any():
+        return None
+    return t, np.where(np.isfinite(y), y, np.nan)
+
+
+def named(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, Array, Array]]:
+    """Yield (name, t, values) of every series `<prefix>.<name>`."""
+    for key in report.series:
+        if key.startswith(f"{prefix}."):
+            found = pair(report, key, times)
+            if found is not None and found[1].ndim == 1:
+                yield key[len(prefix) + 1 :], *found
+
+
+def rows(report: Report, quantity: Quantity, unit: str = "", pairs: str = "") -> list[Residual]:
+    """Return the rows of one quantity; of one unit and one pair, if they are given."""
+    return [r for r in report.residuals if r.quantity == quantity and unit in ("", r.unit) and pairs in ("", r.pair)]
+
+
+def tolerance(report: Report, quantity: Quantity, unit: str, pairs: str = "A-B") -> float | None:
+    """Return the smallest tolerance of such rows, or None if none has one."""
+    return min((r.tolerance for r in rows(report, quantity, unit, pairs) if r.tolerance), default=None)
+
+
+def joint_unit(report: Report, joint: str) -> str:
+    """Return "rad" for a joint whose residuals are in rad, else "m"."""
+    angular = any(r.name == joint and r.unit == "rad" for r in rows(report, "driven"))
+    return "rad" if angular else "m"
+
+
+def alarms(report: Report) -> dict[str, float]:
+    """Return the alarm of each singularity measure, as the findings quote it."""
+    codes = ("singularity.", "margin.singularity")
+    return {f.where: f.limit for f in report.findings if f.code.startswith(codes) and f.limit}
+
+
+def rcm_tolerance(report: Report) -> float | None:
+    """Return the largest RCM error in m that the protocol allows, from the findings or else from the matrix.
+
+    The rows of a mechanism that is driven through an enforced RCM have a tolerance of their own: that of agreement.
+    """
+    scale = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
+    limits = [
+        f.limit * scale[f.unit]
+        for f in report.findings
+        if f.code in ("rcm.missed", "rcm.kept") and f.limit and f.unit in scale
+    ]
+    return min(limits) if limits else tolerance(report, "rcm", "m", "")
+
+
+def duration(report: Report) -> float | None:
+    """Return how long the protocol takes in s, or None if it is not known."""
+    if report.phases:
+        return report.phases[-1].t1 - report.phases[0].t0
+    t = report.series.get("t")
+    return None if t is None or len(t) == 0 else float(t[-1] - t[0])

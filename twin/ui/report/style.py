@@ -1,0 +1,283 @@
+"""How every plot looks: palette, panels, phase bands, axes in human units, and saving without timestamps."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from twin.core.units import DEG
+from twin.ui.report.format import power, quantity, seconds
+from twin.validation.result import PhaseSummary, Report
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INK, GRID, BAND = "#1c2733", "#d5dbe1", "#eef2f5"
+"""Text and axes; grid; every other phase. Replaced by CSS variables in the page, so that it can be dark."""
+FIT, UNFIT, NEAR = "#00795c", "#c4420a", "#d99100"
+"""Within tolerance, beyond it, near an alarm: a green and a red that also differ in lightness."""
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5195", "#8C8C8C")
+"""Okabe and Ito's colours, told apart with any colour vision, the strong ones first."""
+XYZ = ("#D55E00", "#009E73", "#0072B2")
+
+WIDTH = 9.0
+"""Width of a figure in inches, 900 px at 100 dpi."""
+PNG_DPI = 120
+
+_LEFT, _RIGHT, _BOTTOM, _GAP = 0.86, 0.18, 0.5, 0.16
+_RC: Any = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans", "Arial", "Helvetica"],
+    "font.size": 9,
+    "axes.labelsize": 9,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.grid.axis": "y",
+    "axes.axisbelow": True,
+    "axes.facecolor": "none",
+    "figure.facecolor": "none",
+    "savefig.facecolor": "auto",
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "ytick.minor.size": 0,
+    "lines.linewidth": 1.3,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "legend.handlelength": 1.4,
+    "legend.borderaxespad": 0.0,
+    "text.hinting": "none",
+    "text.parse_math": False,
+    "svg.fonttype": "none",
+    "path.simplify": True,
+    "path.simplify_threshold": 0.25,
+    "agg.path.chunksize": 0,
+}
+
+
+@contextlib.contextmanager
+def styled(salt: str = "twin") -> Iterator[None]:
+    """Draw and save with these settings alone, whatever the user's matplotlibrc says."""
+    import matplotlib
+
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_RC | {"svg.hashsalt": salt})
+        yield
+
+
+def panels(
+    title: str,
+    heights: list[float],
+    columns: int = 1,
+    right: float = _RIGHT,
+    head: float = 0.86,
+    gap: float = _GAP,
+) -> tuple[Figure, list[list[Axes]]]:
+    """Return a figure with a title and rows of axes that share the time axis.
+
+    Args:
+        title: at the top left.
+        heights: of the rows in inches.
+        columns: how many axes a row has.
+        right: space at the right in inches, for a legend beside the axes.
+        head: space above the first row in inches, for title, legend and phase names.
+        gap: space between the rows in inches.
+    """
+    from matplotlib.figure import Figure
+
+    height = head + sum(heights) + gap * (len(heights) - 1) + _BOTTOM
+    figure = Figure(figsize=(WIDTH, height))
+    axes = figure.subplots(
+        len(heights),
+        columns,
+        sharex=True,
+        squeeze=False,
+        gridspec_kw={
+            "left": _LEFT / WIDTH,
+            "right": 1 - right / WIDTH,
+            "top": 1 - head / height,
+            "bottom": _BOTTOM / height,
+            "hspace": gap / (sum(heights) / len(heights)),
+            "wspace": 0.22,
+            "height_ratios": heights,
+        },
+    )
+    figure.text(0.12 / WIDTH, 1 - 0.24 / height, title, fontsize=11, fontweight="bold", va="center")
+    grid = [list(row) for row in axes]
+    for row, tall in zip(grid, heights, strict=True):
+        for ax in row:
+            ax.tick_params(length=2.5)
+            ax.locator_params(nbins=6, axis="y")
+            wide = ax.get_position().width * WIDTH
+            ax.yaxis.set_label_coords((-0.66 if columns == 1 else -0.5) / wide, 0.5)  # not searched for
+            if row is grid[-1]:
+                ax.set_xlabel("time [s]")
+                ax.xaxis.set_label_coords(0.5, -0.3 / tall)
+            else:
+                ax.xaxis.set_visible(False)  # the bands say when; ticks are slow to draw
+                ax.spines["bottom"].set_visible(False)
+    return figure, grid
+
+
+def phase_bands(axes: list[list[Axes]], phases: tuple[PhaseSummary, ...]) -> None:
+    """Shade every other phase, and name the phases above the first row; a number where no name fits."""
+    if not phases:
+        return
+    t0, t1 = phases[0].t0, phases[-1].t1
+    if not t1 > t0:
+        return
+    for r, row in enumerate(axes):
+        for ax in row:
+            ax.set_xlim(t0, t1)
+            for i, phase in enumerate(phases):
+                if i % 2 == 0:
+                    ax.axvspan(phase.t0, phase.t1, color=BAND, lw=0, zorder=0)
+                if i:
+                    ax.axvline(phase.t0, color=INK, lw=0.5, alpha=0.35, zorder=0.5)
+            if r == 0:
+                inches = ax.get_position().width * WIDTH / (t1 - t0)
+                for i, phase in enumerate(phases):
+                    fits = int((phase.t1 - phase.t0) * inches / 0.078)
+                    name = phase.name.replace("_", " ")
+                    text = name if len(name) <= fits else f"{name[: fits - 1]}…" if fits > 3 else str(i + 1)
+                    if fits < len(text):  # a number would run into its neighbours
+                        continue
+                    middle = (phase.t0 + phase.t1) / 2
+                    ax.annotate(
+                        text, (middle, 1), (0, 3), xycoords=("data", "axes fraction"),
+                        textcoords="offset points", ha="center", va="bottom", fontsize=8.5, style="italic",
+                    )  # fmt: skip
+
+
+def legend_above(ax: Axes, columns: int = 8) -> None:
+    """Put the legend between the title and the phase names."""
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=1.9, ncols=columns, columnspacing=1.4)
+
+
+def legend_beside(ax: Axes) -> None:
+    """Put the legend right of the axes."""
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1), labelspacing=0.35)
+
+
+_LEAST = 1e-16
+"""Metres or degrees below which no axis goes."""
+
+
+def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float]) -> None:
+    """Make y logarithmic around the values and limits, with ticks such as "10 µm"."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+    positive = np.concatenate([v[np.isfinite(v) & (v > 0)] for v in values] + [np.array(limits)])
+    step = np.pi / 180 if unit.startswith("rad") else 1.0
+    scaled = positive / step if positive.size else np.array([1e-12, 1e-9])
+    low = int(np.floor(np.log10(max(np.percentile(scaled, 0.5), scaled.max() * 1e-16, _LEAST)) - 0.05))
+    top = np.log10(scaled.max())
+    top += 0.3 + 0.17 * (top - low)  # room for a label above the largest value
+    high = int(np.floor(top))
+    ax.set_yscale("log")
+    ax.set_ylim(10.0**low * step, 10.0**top * step)
+    every = max(1, int(np.ceil((high - low) / 6)))
+    ax.yaxis.set_major_locator(FixedLocator([10.0**e * step for e in range(low, high + 1, every)]))
+    ax.yaxis.set_minor_locator(NullLocator())
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: _tick(float(v), unit)))
+
+
+def _tick(value: float, unit: str) -> str:
+    """Return the label of a power of ten, also where it is smaller than anything worth telling in a table."""
+    text = quantity(value, unit, 1)
+    if text.startswith("<"):
+        text = f"{power(value / DEG, 1)}°{unit[3:]}" if unit.startswith("rad") else f"{power(value, 1)} {unit}"
+    return text.removeprefix("1×")
+
+
+def limit_line(ax: Axes, value: float | None, label: str, color: str = UNFIT) -> None:
+    """Draw a dashed limit with its label on it at the left."""
+    if value is None:
+        return
+    ax.axhline(value, color=color, lw=1.0, ls=(0, (5, 2)), zorder=1.8)
+    ax.annotate(
+        label, (0, value), (4, 2), xycoords=("axes fraction", "data"), textcoords="offset points",
+        color=color, fontsize=8.5, va="bottom",
+    )  # fmt: skip
+
+
+def mark(ax: Axes, t: float, value: float, text: str, color: str = INK, below: bool = False) -> None:
+    """Ring one sample and write its value above it, or below, on the side where there is room."""
+    ax.plot([t], [value], "o", ms=6, mfc="none", mec=color, mew=1.2, zorder=4, clip_on=False)
+    left, right = ax.get_xlim()
+    late = t > left + 0.7 * (right - left)
+    height = ax.transAxes.inverted().transform(ax.transData.transform((t, value)))[1]
+    below = height > 0.16 if below else height > 0.9
+    ax.annotate(
+        text, (t, value), (4 if late else -4, -6 if below else 6), textcoords="offset points", color=color,
+        ha="right" if late else "left", va="top" if below else "bottom", fontsize=8.5, fontweight="bold",
+        zorder=5, clip_on=False,
+    )  # fmt: skip
+
+
+def at(value: float, unit: str, t: float) -> str:
+    """Return "1.27 mm at 6.214 s"."""
+    return f"{quantity(value, unit)} at {seconds(t)}"
+
+
+def headline(what: str, report: Report) -> str:
+    """Return the title of a figure: what it shows, of which robot on which protocol."""
+    return f"{what} · {report.robot} on {report.protocol}"
+
+
+def png(figure: Figure) -> bytes:
+    """Return a figure as PNG on white, the same bytes for the same figure."""
+    buffer = io.BytesIO()
+    with styled():
+        figure.savefig(
+            buffer,
+            format="png",
+            dpi=PNG_DPI,
+            facecolor="white",
+            metadata={"Software": None},
+            pil_kwargs={"compress_level": 2},
+        )
+    return buffer.getvalue()
+
+
+def svg(figure: Figure, name: str, label: str) -> str:
+    """Return a figure as an SVG element for a page: no size, no timestamps, ids of its own, page colours.
+
+    Args:
+        figure: what to draw.
+        name: prefix of its ids, unique in the page.
+        label: what it shows, for those who cannot see it.
+    """
+    from markupsafe import escape
+
+    buffer = io.StringIO()
+    nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
+    with styled(name):
+        figure.savefig(buffer, format="svg", metadata=nothing)
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    box = re.search(r'viewBox="[^"]*"', text)
+    text = text[text.index(">") + 1 :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r"<!--.*?-->\s*", "", text, flags=re.DOTALL)
+    text = text.replace("xlink:href", "href")
+    text = re.sub(r'\b(id="|href="#|url\(#)', rf"\g<1>{name}-", text)
+    for color, variable in ((INK, "--ink"), (GRID, "--grid"), (BAND, "--band")):
+        text = text.replace(color, f"var({variable})")
+    return f'<svg {box[0] if box else ""} role="img" aria-label="{escape(label)}">{text}'

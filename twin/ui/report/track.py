@@ -1,0 +1,125 @@
+"""Computed torque control as a picture: tip error in time, torques against their limits, error over mismatch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from textwrap import fill
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.core.units import UM
+from twin.simulation.dynamics.inertia import Arm
+from twin.simulation.dynamics.track import TIP_LIMIT, Run
+from twin.ui.report.curves import thin
+from twin.ui.report.format import quantity
+from twin.ui.report.style import INK, PALETTE, WIDTH, legend_beside, limit_line, phase_bands, styled
+from twin.validation.result import PhaseSummary
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_TICKS = 25
+"""How many ticks the drawn mean of a torque takes in."""
+
+
+def figure(
+    title: str,
+    arm: Arm,
+    runs: Mapping[str, Run],
+    torques: str,
+    phases: tuple[PhaseSummary, ...] = (),
+    curves: Mapping[str, Sequence[Run]] | None = None,
+) -> Figure:
+    """Return tip errors of all runs, torques of one, and largest tip errors over the inertia error, if given.
+
+    Args:
+        title: at the top.
+        arm: for the torque limits.
+        runs: by name; the first is the one without mismatch.
+        torques: name of the run whose torques are drawn.
+        phases: to shade and name.
+        curves: runs over inertia errors, by name.
+    """
+    with styled():
+        from matplotlib.figure import Figure
+
+        heights = [2.3, 1.9, 1.9] if curves else [2.3, 1.9]
+        head, gaps, foot = 0.74, (0.18, 0.78), 0.5
+        tops = [head + sum(heights[:i]) + sum(gaps[:i]) for i in range(len(heights))]
+        total = tops[-1] + heights[-1] + foot
+        out = Figure(figsize=(WIDTH, total))
+        out.text(0.12 / WIDTH, 1 - 0.24 / total, title, fontsize=11, fontweight="bold", va="center")
+        left, wide = 0.86 / WIDTH, (WIDTH - 0.86 - 1.75) / WIDTH
+        axes = [
+            out.add_axes((left, 1 - (top + tall) / total, wide, tall / total))
+            for top, tall in zip(tops, heights, strict=True)
+        ]
+        _errors(axes[0], runs)
+        _torques(axes[1], arm, torques, runs[torques])
+        for ax in axes[:2]:
+            ax.set_xlim(runs[torques].t[0], runs[torques].t[-1])
+        phase_bands([[ax] for ax in axes[:2]], phases)
+        axes[0].tick_params(labelbottom=False)
+        axes[1].set_xlabel("time [s]")
+        if curves:
+            _curves(axes[2], curves)
+        for ax in axes:
+            ax.tick_params(length=2.5)
+            ax.yaxis.set_label_coords(-0.66 / (wide * WIDTH), 0.5)
+        return out
+
+
+def _errors(ax: Axes, runs: Mapping[str, Run]) -> None:
+    for (name, run), color in zip(runs.items(), (INK, *PALETTE), strict=False):
+        t, error = thin(run.t, run.tip_error / UM)
+        ax.plot(t, error, color=color, lw=1.1, label=f"{name}\nlargest {quantity(run.tip_max, 'm', 3)}")
+    _up_to(ax, max(r.tip_max for r in runs.values()))
+    ax.set_ylabel("tip error [µm]")
+    legend_beside(ax)
+
+
+def _torques(ax: Axes, arm: Arm, name: str, run: Run) -> None:
+    """Draw every tick faintly, since encoder steps shake the torque, and the mean of some ticks over it."""
+    for j, joint in enumerate(arm.joints):
+        part = 100 * run.torque[:, j] / arm.torque[j]
+        color = PALETTE[j % len(PALETTE)]
+        ax.plot(*thin(run.t, part), color=color, lw=0.5, alpha=0.3)
+        ax.plot(*thin(run.t, _mean(part)), color=color, lw=1.1, label=f"{joint}, limit {arm.torque[j]:g} N m")
+    if np.abs(100 * run.torque / arm.torque).max() > 60:
+        for side in (-100, 100):
+            limit_line(ax, side, "limit")
+    ax.axhline(0, color=INK, lw=0.5, alpha=0.4)
+    ax.annotate(f"{name}; faint: every tick", (0.006, 0.03), xycoords="axes fraction", fontsize=8.5)
+    ax.margins(y=0.12)
+    ax.set_ylabel("torque, % of limit")
+    legend_beside(ax)
+
+
+def _curves(ax: Axes, curves: Mapping[str, Sequence[Run]]) -> None:
+    for (name, runs), color in zip(curves.items(), PALETTE, strict=False):
+        x = [100 * r.conditions.inertia_error for r in runs]
+        label = fill(f"{name}: largest", 22)
+        ax.plot(x, [r.tip_max / UM for r in runs], "o-", ms=3.5, color=color, label=label)
+        ax.plot(x, [r.tip_rms / UM for r in runs], "o--", ms=3.5, mfc="none", color=color, lw=0.9, label="RMS")
+    _up_to(ax, max(r.tip_max for runs in curves.values() for r in runs))
+    ax.set_xlabel("error of all masses and tensors in the controller's model [%]")
+    ax.set_ylabel("tip error [µm]")
+    legend_beside(ax)
+
+
+def _up_to(ax: Axes, largest: float) -> None:
+    """Begin y at 0 and end it above the largest error in m, and above the paper's millimetre if that is near."""
+    near = largest > 0.4 * TIP_LIMIT
+    if near:
+        limit_line(ax, TIP_LIMIT / UM, "1 mm, as the paper reports")
+    ax.set_ylim(0, 1.16 * max(largest, TIP_LIMIT if near else 1e-9) / UM)
+
+
+def _mean(y: Array) -> Array:
+    """Return the running mean over `_TICKS` samples."""
+    half = min(_TICKS // 2, (len(y) - 1) // 2)
+    padded = np.pad(y, half, mode="edge")
+    return np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), mode="valid")

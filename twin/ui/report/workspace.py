@@ -1,0 +1,101 @@
+"""A workspace as a picture: three sections through its best position, and how much is how well conditioned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.ui.report.style import INK, PALETTE, WIDTH, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_SECTIONS = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
+"""Across, up, and the axis that is cut, of x y z."""
+
+
+def figure(robot: str, low: Array, step: float, values: np.ndarray, summary: Mapping[str, Any]) -> Figure:
+    """Return the picture.
+
+    Args:
+        robot: for the title.
+        low: (3,) first position in m.
+        step: between positions in m.
+        values: (nx, ny, nz, 4): share of orientations, inverse condition, margin to the limits, singularity.
+        summary: what is said in numbers.
+    """
+    cube, shape = values, values.shape
+    reached = cube[..., 0] > 0
+    conditioned = bool(cube[..., 1].any())
+    shown = np.where(reached, cube[..., 1 if conditioned else 2], np.nan)
+    cut = _cut(reached, shown)
+    most = float(np.nanquantile(shown, 0.995)) if reached.any() else 1.0
+    with styled():
+        from matplotlib.figure import Figure
+
+        out = Figure(figsize=(WIDTH, 7.4))
+        axes = out.subplots(2, 2)
+        out.subplots_adjust(left=0.08, right=0.9, top=0.9, bottom=0.08, wspace=0.28, hspace=0.3)
+        out.text(0.012, 0.965, f"{robot}: what the tool reaches{_around(summary)}", fontsize=11, fontweight="bold")
+        images = []
+        for ax, (a, b, c) in zip(axes.flat, _SECTIONS, strict=False):
+            plane = np.take(shown, cut[c], axis=c)
+            edges = [
+                (low[a] - step / 2) / MM,
+                (low[a] + (shape[a] - 0.5) * step) / MM,
+                (low[b] - step / 2) / MM,
+                (low[b] + (shape[b] - 0.5) * step) / MM,
+            ]
+            images.append(ax.imshow(plane.T, origin="lower", extent=edges, cmap="viridis", vmin=0, vmax=most))
+            ax.set_title(f"{'xyz'[c]} = {(low[c] + step * cut[c]) / MM:.0f} mm", fontsize=9, color=INK, loc="left")
+            ax.set_xlabel(f"{'xyz'[a]} [mm]")
+            ax.set_ylabel(f"{'xyz'[b]} [mm]")
+            ax.grid(visible=False)
+            ax.locator_params(nbins=5)
+        bar = out.add_axes((0.915, 0.55, 0.014, 0.33))
+        out.colorbar(images[0], cax=bar)
+        label = "inverse condition number" if conditioned else "margin to the joint limits"
+        bar.set_title(label.replace(" ", "\n"), fontsize=7.5, loc="left")
+        _volumes(axes[1][1], shown[reached], cube[reached], step, label)
+        return out
+
+
+def _around(summary: Mapping[str, Any]) -> str:
+    if summary.get("sampled") == "joints":
+        return f", {summary['samples']:.3g} joint positions"
+    if summary["orientations"] == 1:
+        return " in one orientation"
+    return f", {summary['orientations']} orientations within {summary['tilt_deg']:g}° about each axis"
+
+
+def _cut(reached: np.ndarray, shown: np.ndarray) -> tuple[int, int, int]:
+    """Return the indices of the cell in which the sections meet: the middle of the best tenth."""
+    if not reached.any():
+        return (0, 0, 0)
+    good = np.argwhere(reached & (np.nan_to_num(shown) >= np.nanquantile(shown, 0.9)))
+    middle = np.median(good, axis=0)
+    nearest = good[np.argmin(((good - middle) ** 2).sum(axis=1))]
+    return (int(nearest[0]), int(nearest[1]), int(nearest[2]))
+
+
+def _volumes(ax: Axes, shown: np.ndarray, values: np.ndarray, step: float, label: str) -> None:
+    """Draw the volume that is at least so good."""
+    cell = (step / 0.1) ** 3
+    share = values[:, 0].astype(float)
+    ordered = np.sort(shown.astype(float))
+    thin = np.unique(np.linspace(0, len(ordered) - 1, 400).astype(int)) if len(ordered) else np.zeros(0, int)
+    ax.plot(ordered[thin], cell * (len(ordered) - thin), color=PALETTE[0], label="reached at all")
+    if (share < 1).any():
+        full = np.sort(shown[share == 1].astype(float))
+        thin = np.unique(np.linspace(0, len(full) - 1, 400).astype(int)) if len(full) else np.zeros(0, int)
+        ax.plot(full[thin], cell * (len(full) - thin), color=PALETTE[1], label="in every orientation")
+        ax.legend(loc="upper right")
+    ax.set_xlabel(f"{label}, at least")
+    ax.set_ylabel("volume [dm³]")
+    ax.set_ylim(bottom=0)
+    ax.set_xlim(left=0)

@@ -1,0 +1,363 @@
+"""One robot in hand: where it stands, how it is moved, and what stops it. Knows nothing of any browser.
+
+The mechanism's loops decide where the links are; the equations are asked for the joints of a tool pose and are
+measured against it. Whatever cannot be reached leaves the last good pose and a reason.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.api import Robot
+from twin.core import spatial
+from twin.core.errors import AssemblyError, KinematicsError, TwinError, unknown
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.kinematics import Kinematics, Pose, solve
+from twin.kinematics.closed_loops.leading import Bound, Led
+from twin.model.mechanism import Joint, Mechanism
+from twin.planning.protocol import Protocol
+from twin.reference import ReferenceModel
+from twin.reference.states import Assembly
+from twin.ui.session.hand import Hand
+
+ENDOSCOPE = "endoscope_tip"
+"""The frame at which a robot's own endoscope looks out, along z."""
+
+
+@dataclass(frozen=True)
+class Moved:
+    """What became of a request.
+
+    Attributes:
+        good: whether the robot went where it was asked to go.
+        reason: why not, with value and limit; empty if it did.
+        seconds: what solving took.
+        more: whether only time was lacking: the same request again goes on from where it stands.
+    """
+
+    good: bool
+    reason: str = ""
+    seconds: float = 0.0
+    more: bool = False
+
+
+class Desk:
+    """A robot that can be taken by its tool, its joints or any point of a link.
+
+    Attributes:
+        robot: with its equations; `mechanism` and `model` may be a design that differs from the robot's own.
+        kin: its equations, or None (a bare USD stage).
+        assembly: where it stands.
+        asked: (4, 4) the tool pose last asked for, or None after another kind of move.
+        lock: held while it is being solved; readers take `assembly`, which is replaced as a whole.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.mechanism: Mechanism = robot.mechanism
+        self.model: ReferenceModel = robot.reference()
+        self.hand = self._hand()
+        self.kin: Kinematics | None = _equations(robot)
+        self.parameters: dict[str, float] = {}
+        self.variants: dict[str, str] = {}
+        self.lock = threading.RLock()
+        self.assembly: Assembly = self._first()
+        self.asked: Array | None = None
+        self.moved = Moved(True)
+        self._kept: dict[str, Array] = {}
+        self._frame, self._axis = self.mechanism.tool, np.array([0.0, 0.0, 1.0])
+        if robot.files is not None and robot.files.protocols():
+            self.speak_of(robot.protocol())
+
+    def _first(self) -> Assembly:
+        if "home" in self.mechanism.postures:
+            return self.model.solve(self.mechanism.posture("home"))
+        return self.model.home()
+
+    def shaft(self) -> tuple[Array, Array]:
+        """Return the tip (3,) and the direction (3,) of the shaft towards it, in base.
+
+        Those of the protocol last spoken of; without one, the tool's origin and its z axis.
+        """
+        frame = self.mechanism.frame(self._frame)
+        T = self.assembly.link_poses[frame.body] @ frame.T_body_frame
+        return T[:3, 3], T[:3, :3] @ self._axis
+
+    def speak_of(self, protocol: Protocol) -> None:
+        """Take tip and shaft to be those of a protocol; at first they are those of the default protocol."""
+        self._frame, self._axis = protocol.frame, protocol.shaft_axis / np.linalg.norm(protocol.shaft_axis)
+
+    def camera(self) -> tuple[Array, Array, Array]:
+        """Return where an endoscope looks from, a point ahead and one above, each (3,) in base.
+
+        It stands at the frame `endoscope_tip` and looks along its z with -y up; without one, at the tip of the shaft.
+        """
+        frame = next((f for f in self.mechanism.frames if f.name == ENDOSCOPE), self.mechanism.frame(self._frame))
+        T = self.assembly.link_poses[frame.body] @ frame.T_body_frame
+        ahead = T[:3, 2] if frame.name == ENDOSCOPE else T[:3, :3] @ self._axis
+        above = -T[:3, 1] if abs(ahead @ T[:3, 1]) < 0.9 else T[:3, 0]
+        return T[:3, 3], T[:3, 3] + 0.1 * ahead, T[:3, 3] + 0.1 * above
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """Active joints, in the order of q."""
+        return self.mechanism.active
+
+    # -- moving ---------------------------------------------------------------------------------------
+
+    def move_tool(self, T_base_tool: Array) -> Moved:
+        """Bring the tool to a pose (4, 4), by the equations where there are some.
+
+        A robot that cannot hold the orientation (five joints) follows with the tool's origin.
+        """
+
+        def go() -> Assembly:
+            q = self._joints_of(T_base_tool)
+            return self._assembled(q) if q is not None else self.model.solve_pose(T_base_tool, self.assembly)
+
+        weak = len(self.joints) < 6 or bool(self.mechanism.trocar)
+        with self.lock:
+            out = self._try(go, T_base_tool)
+            if out.good or not weak or not spatial.is_pose(T_base_tool, 1e-6):
+                return out
+            # the orientation asked for is given up: it is no measure of anything
+            return self._led(*self._tool_point(), T_base_tool[:3, 3])
+
+    def move_joint(self, joint: int, value: float) -> Moved:
+        """Bring one active joint towards a value in m or rad; it stops where something is in its way, and says what."""
+        with self.lock:
+            q = self.assembly.q.copy()
+            q[joint] = value
+            led: list[Led] = []
+
+            def go() -> Assembly:
+                found, how = self.hand.joints(self.assembly, q)
+                led.append(how)
+                return found
+
+            out = self._try(go)
+            if out.good and led[0].more:
+                out = self.moved = Moved(False, f"{self.joints[joint].name} is on its way", out.seconds, True)
+            elif out.good and abs(self.assembly.q[joint] - value) > 1e-12:
+                out = self.moved = replace(out, good=False, reason=self._stopped(joint, value, led[0]))
+            return out
+
+    def move_joints(self, q: Array) -> Moved:
+        """Bring all active joints (n,) to values in m or rad."""
+        return self._try(lambda: self._assembled(np.asarray(q, float)))
+
+    def move_point(self, body: str, p_body: Array, target: Array) -> Moved:
+        """Lead a point (3,) of a body towards a target (3,) in base, in m; the loops follow, in the same assembly."""
+        return self._led(body, p_body, target)
+
+    def let_go(self) -> None:
+        """Forget what was refused: the hand has let go, and where the robot stands is good."""
+        with self.lock:
+            self.moved = Moved(True)
+
+    def go(self, posture: str) -> Moved:
+        """Go to a named posture of the robot, or one kept with `keep`."""
+        if posture in self._kept:
+            return self.move_joints(self._kept[posture])
+        if posture not in self.mechanism.postures:
+            raise TwinError(f"{self.robot.name}: {unknown('posture', posture, self.postures)}")
+        return self._try(lambda: self.model.solve(self.mechanism.posture(posture)))
+
+    def keep(self, name: str) -> None:
+        """Remember where the joints are, for `go`."""
+        self._kept[name] = self.assembly.q.copy()
+
+    def show(self, assembly: Assembly, asked: Array | None = None) -> None:
+        """Stand where an assembly of the same model stands (a sample of a protocol, whose tool pose was `asked`)."""
+        with self.lock:
+            self.assembly, self.asked, self.moved = assembly, asked, Moved(True)
+
+    @property
+    def edited(self) -> bool:
+        """Whether equations or mechanism differ from the robot's own."""
+        return bool(self.variants or self.parameters) or self.mechanism is not self.robot.mechanism
+
+    @property
+    def postures(self) -> tuple[str, ...]:
+        """Names that `go` knows."""
+        return (*self.mechanism.postures, *(n for n in self._kept if n not in self.mechanism.postures))
+
+    # -- changing what is moved -----------------------------------------------------------------------
+
+    def bind(self, robot: Robot) -> None:
+        """Take the same robot with its trocar elsewhere."""
+        with self.lock:
+            self.robot, self.mechanism, self.model = robot, robot.mechanism, robot.reference()
+            self.kin = self._compiled()
+            self.assembly = self._first()
+            self.hand = self._hand()
+
+    def change(self, variants: Mapping[str, str] | None = None, parameters: Mapping[str, float] | None = None) -> None:
+        """Use other variants or parameters (SI) of the equations, besides those changed before; the robot's undo.
+
+        Raises:
+            KinematicsError: no such variant or parameter; nothing is changed.
+        """
+        with self.lock:
+            before, own = (self.variants, self.parameters), self.robot.kinematics()
+            chosen, values = {**self.variants, **(variants or {})}, {**self.parameters, **(parameters or {})}
+            self.variants = {n: v for n, v in chosen.items() if v != own.variants.get(n)}
+            self.parameters = {n: v for n, v in values.items() if v != own.parameters.get(n)}
+            try:
+                self.kin = self._compiled()
+            except TwinError:
+                self.variants, self.parameters = before
+                raise
+
+    def redesign(self, mechanism: Mechanism) -> None:
+        """Take another design of the mechanism, standing as near as it can to where the robot stands.
+
+        Raises:
+            AssemblyError: it cannot be assembled with these joints; nothing is changed.
+        """
+        with self.lock:
+            model = ReferenceModel(mechanism)
+            assembly = model.solve(self.assembly.q)
+            self.mechanism, self.model, self.assembly = mechanism, model, assembly
+            self.hand = self._hand()
+
+    def _compiled(self) -> Kinematics | None:
+        if _equations(self.robot) is None:
+            return None
+        if not self.variants and not self.parameters:
+            return self.robot.kinematics()
+        return self.robot.kinematics(self.variants or None, self.parameters)
+
+    # -- inside ---------------------------------------------------------------------------------------
+
+    def _joints_of(self, T: Array) -> Array | None:
+        """Return q (n,) by the equations, within the limits; None if there are no equations."""
+        if self.kin is None:
+            return None
+        if len(self.joints) > 6:  # a freedom to spare: the nearest of many postures
+            return solve(self.kin, Pose(T), self.assembly.q, self.mechanism.limits, starts=1, any_branch=True).q
+        return self.kin.inverse(T, self.assembly.q)
+
+    def _assembled(self, q: Array) -> Assembly:
+        for joint, value, (low, high) in zip(self.joints, q, self.mechanism.limits, strict=True):
+            if not low - 1e-9 <= value <= high + 1e-9:
+                raise KinematicsError(_beyond(joint, float(value), low, high))
+        for bound in self.hand.bounds:
+            if bound.kind == "gap" and bound.slack(q) < min(0.0, bound.slack(self.assembly.q)) - 1e-9:
+                lower, upper = bound.name.split()
+                least, left = bound.least / MM, (bound.slack(q) + bound.least) / MM
+                raise KinematicsError(f"{upper} - {lower} = {left:.3f} mm is below its minimum of {least:.3f} mm")
+        return self.model.solve(q, self.assembly)
+
+    def _tool_point(self) -> tuple[str, Array]:
+        tool = self.mechanism.frame(self.mechanism.tool)
+        return tool.body, tool.T_body_frame[:3, 3]
+
+    def _hand(self) -> Hand:
+        gaps = self.robot.cad.gaps if self.robot.files is not None else ()
+        return Hand(self.mechanism, self.model, gaps)
+
+    def _led(self, body: str, p_body: Array, target: Array) -> Moved:
+        """Lead a point; say by how much, and why, it did not come along."""
+        led: list[Led] = []
+
+        def go() -> Assembly:
+            found, how = self.hand.point(self.assembly, body, p_body, target)
+            led.append(how)
+            return found
+
+        with self.lock:
+            out = self._try(go)
+            if not out.good:
+                return out
+            p = (self.assembly.link_poses[body] @ np.append(p_body, 1.0))[:3]
+            left = float(np.linalg.norm(p - target))
+            if led[0].more:
+                text = f"{body} is on its way, {left / MM:.1f} mm short of the hand"
+                out = self.moved = Moved(False, text, out.seconds, True)
+            elif left > 0.05 * MM:
+                where = " ".join(f"{v:.1f}" for v in p / MM)
+                text = f"{body} stops {left / MM:.1f} mm short of the hand, at [{where}] mm: {self._why(led[0])}"
+                out = self.moved = replace(out, good=False, reason=text)
+            return out
+
+    def _why(self, led: Led) -> str:
+        """Return what is in the way of the hand."""
+        reasons = [self._bound(b) for b in led.stops]
+        if led.singular:
+            reasons.append(_ended(led.singular))
+        return ", ".join(reasons) or "no joint brings it nearer"
+
+    def _bound(self, bound: Bound) -> str:
+        if bound.kind == "gap":
+            lower, upper = bound.name.split()
+            return f"{upper} - {lower} is at its minimum of {bound.least / MM:.3f} mm ({self._rail(lower, upper)})"
+        joint = self.mechanism.joint(bound.name)
+        return (
+            f"{joint.name} is at its limit of {_shown(joint, bound.least if bound.kind == 'lower' else -bound.least)}"
+        )
+
+    def _stopped(self, number: int, value: float, led: Led) -> str:
+        """Return why a joint did not come to a value: what forbids the value, and what stopped it before."""
+        joint, (low, high) = self.joints[number], self.mechanism.limits[number]
+        q = self.assembly.q.copy()
+        q[number] = value
+        reasons = [] if low <= value <= high else [_beyond(joint, value, low, high)]
+        for bound in (b for b in self.hand.bounds if b.kind == "gap" and b.slack(q) < -1e-9):
+            lower, upper = bound.name.split()
+            if joint.name in (lower, upper):
+                other, side = (upper, "below") if joint.name == lower else (lower, "above")
+                at = _shown(joint, float(q[[j.name for j in self.joints].index(other)]))
+                least = f"{bound.least / MM:.3f} mm {side} {other} = {at}"
+                reasons.append(f"{joint.name} = {_shown(joint, value)} must stay {least} ({self._rail(lower, upper)})")
+        at = f"{joint.name} stops at {_shown(joint, float(self.assembly.q[number]))}"
+        if led.singular:
+            reasons.append(f"{at}: {_ended(led.singular)}")
+        elif len(reasons) != 1 or low <= value <= high:
+            reasons.append(at)
+        return "; ".join(reasons)
+
+    def _rail(self, lower: str, upper: str) -> str:
+        return " and ".join(self.mechanism.joint(n).child for n in (lower, upper)) + " share a rail"
+
+    def _try(self, go: Callable[[], Assembly], asked: Array | None = None) -> Moved:
+        with self.lock:
+            start = time.perf_counter()
+            try:
+                if asked is not None and not spatial.is_pose(asked, 1e-6):
+                    raise KinematicsError("the pose asked for is not rigid")
+                found = go()
+            except (KinematicsError, AssemblyError) as error:
+                self.moved = Moved(False, str(error), time.perf_counter() - start)
+            else:
+                self.assembly, self.asked = found, asked
+                self.moved = Moved(True, "", time.perf_counter() - start)
+            return self.moved
+
+
+def _equations(robot: Robot) -> Kinematics | None:
+    if robot.files is None or not robot.files.has_equations:
+        return None
+    return robot.kinematics()
+
+
+def _ended(singular: str) -> str:
+    """Return what it means that something becomes singular."""
+    if singular == "tool":
+        return "the tool becomes singular there, and another assembly begins"
+    return f"{singular} becomes singular there, and closes no further in this assembly"
+
+
+def _shown(joint: Joint, value: float) -> str:
+    return f"{value / DEG:.3f}°" if joint.is_angle else f"{value / MM:.3f} mm"
+
+
+def _beyond(joint: Joint, value: float, low: float, high: float) -> str:
+    side = low if value < low else high
+    return f"{joint.name} = {_shown(joint, value)} is beyond its limit of {_shown(joint, side)}"

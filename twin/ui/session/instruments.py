@@ -1,0 +1,229 @@
+"""What the instruments read of a desk: pose, limits, RCM, loops, singularities, equations against mechanism."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.errors import KinematicsError
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.kinematics import Kinematics
+from twin.reference.states import Assembly
+from twin.ui.session.desk import Desk
+
+
+class Residual(NamedTuple):
+    """The largest difference of equations and mechanism: its size in m, or in rad if it is an angle, and of what."""
+
+    size: float
+    what: str
+    is_angle: bool = False
+
+
+AGREE = 1e-6
+"""Difference of equations and mechanism in m or rad above which the readout turns red; the report is far stricter."""
+
+
+OTHER = "other assembly: equations not comparable"
+BEYOND = "beyond the reach of the equations: not comparable"
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A joint between its limits: value in mm or deg, and where it stands, 0 at the lower and 1 at the upper."""
+
+    joint: str
+    value: float
+    unit: str
+    low: float
+    high: float
+
+    @property
+    def part(self) -> float | None:
+        """Fraction of the range, or None without limits."""
+        width = self.high - self.low
+        return float((self.value - self.low) / width) if np.isfinite(width) and width > 0 else None
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One look at the robot.
+
+    Attributes:
+        coordinates: the tool in the convention of the equations: name, value, unit (mm or °).
+        limits: of each active joint.
+        gap: largest loop gap in m.
+        branch: label of the assembly by the equations; empty without.
+        condition: of the Jacobian, rotations scaled by the characteristic length; infinite at a singularity.
+        singular: name, kind (type1, type2), value over alarm; 1 and below is too near.
+        depth, rcm_error: m; None without an RCM.
+        residual: largest difference of equations and mechanism.
+        scope: why equations and mechanism cannot be compared here, empty if they can: in another assembly the
+            residual is how far the equations' joints bring the tool from where it is, in an assembly of their own.
+        points: (k, 3) named points of the equations, in base; `actual` where the mechanism has them.
+        reason: why the last request was refused.
+    """
+
+    coordinates: tuple[tuple[str, float, str], ...]
+    limits: tuple[Limit, ...]
+    gap: float
+    branch: str = ""
+    condition: float | None = None
+    singular: tuple[tuple[str, str, float], ...] = ()
+    depth: float | None = None
+    rcm_error: float | None = None
+    residual: Residual | None = None
+    scope: str = ""
+    points: dict[str, Array] = field(default_factory=dict)
+    actual: dict[str, Array] = field(default_factory=dict)
+    reason: str = ""
+
+    @property
+    def comparable(self) -> bool:
+        """Whether equations and mechanism speak of the same assembly, within the reach of both."""
+        return not self.scope
+
+    @property
+    def agrees(self) -> bool:
+        """Whether equations and mechanism agree here, as far as the eye can tell."""
+        return self.residual is None or self.residual.size <= AGREE
+
+
+def read(desk: Desk, rcm: Array | None = None) -> Reading:
+    """Read all instruments; `rcm` (3,) in base if one is registered, which a mechanism's own trocar overrides."""
+    with desk.lock:
+        kin, now, T = desk.kin, desk.assembly, desk.assembly.T_base_tool
+        asked, joints = desk.asked, desk.joints
+        reason = "" if desk.moved.more else desk.moved.reason
+    limits = []
+    for joint, value in zip(joints, now.q, strict=True):
+        unit, scale = ("°", DEG) if joint.is_angle else ("mm", MM)
+        low, high = joint.limits or (-np.inf, np.inf)
+        limits.append(Limit(joint.name, float(value) / scale, unit, low / scale, high / scale))
+    depth = error = None
+    tip, a = desk.shaft()
+    if desk.mechanism.trocar:  # a loop: what is left of it is its gap
+        depth, error = float(np.linalg.norm(desk.mechanism.trocar_at - tip)), now.worst_gap
+    elif rcm is not None and np.isfinite(rcm).all():
+        w = rcm - tip
+        depth, error = float(-w @ a), float(np.linalg.norm(w - (w @ a) * a))
+    if kin is None:
+        p, R = T[:3, 3], T[:3, :3]
+        turn = spatial.log_so3(R)
+        rows = [*zip("xyz", p / MM, ("mm",) * 3, strict=True)]
+        rows += [*zip(("rx", "ry", "rz"), turn / DEG, ("°",) * 3, strict=True)]
+        coordinates = tuple((n, float(v), u) for n, v, u in rows)
+        return Reading(coordinates, tuple(limits), now.worst_gap, depth=depth, rcm_error=error, reason=reason)
+    values = kin.program.coordinates_of_pose.one(T.ravel())
+    coordinates = tuple(
+        (name, float(v) / (MM if unit == "m" else DEG), "mm" if unit == "m" else "°")
+        for name, unit, v in zip(kin.formula.coordinates.names, kin.formula.coordinates.units, values, strict=True)
+    )
+    where = {"Ts": T[None]} if kin.closed_inverse else {"qs": now.q[None]}
+    measures = kin.singularity(**where)
+    singular = tuple((m.name, m.kind, abs(float(measures[m.name][0])) / m.alarm) for m in kin.formula.measures)
+    try:
+        condition = kin.condition(**({"T": T} if kin.closed_inverse else {"q": now.q}))
+    except (KinematicsError, np.linalg.LinAlgError):
+        condition = float("inf")
+    points = {n: p[0] for n, p in kin.points_many(**where).items()}
+    actual = {n: now.points[n] for n in points if n in now.points}
+    if len(joints) > 6:  # the arm of a robot with a freedom to spare is a choice, not an answer
+        points = actual = {}
+    residual, scope = _residual(desk, now, points, actual, asked)
+    if scope:
+        points = actual = {}
+    return Reading(
+        coordinates,
+        tuple(limits),
+        now.worst_gap,
+        str(kin.branch(**where)[0]),
+        condition,
+        tuple(sorted(singular, key=lambda s: s[2])),
+        depth,
+        error,
+        residual,
+        scope,
+        points,
+        actual,
+        reason,
+    )
+
+
+def _residual(
+    desk: Desk, now: Assembly, points: dict[str, Array], actual: dict[str, Array], asked: Array | None
+) -> tuple[Residual, str]:
+    """Return the largest difference of equations and mechanism: joints, named points, tool; and its scope.
+
+    A tool pose is taken in several assemblies, and equations that are written for one of them cannot be compared in
+    another. They are right all the same if their joints, put into the mechanism, bring the tool to the same pose;
+    and they are written for the assembly of the drawing if they have its joints there.
+    """
+    kin, q, T = desk.kin, now.q, now.T_base_tool
+    assert kin is not None
+    of_pose: list[Residual] = []
+    if asked is not None:
+        of_pose.append(Residual(float(np.linalg.norm(asked[:3, 3] - T[:3, 3])), "tool"))
+        of_pose.append(Residual(float(spatial.rotation_angle(asked[:3, :3].T @ T[:3, :3])), "tool rotation", True))
+    found = [
+        Residual(float(np.linalg.norm(points[n] - p)), f"point {n}")
+        for n, p in actual.items()
+        if np.isfinite(points[n]).all()
+    ]
+    if len(q) > 6:
+        if kin.closed_forward:
+            there = kin.forward(q)
+            found.append(Residual(float(np.linalg.norm(there[:3, 3] - T[:3, 3])), "tool of these joints"))
+        return _largest(found + of_pose), ""
+    try:
+        theirs = kin.inverse(T, q)
+    except KinematicsError:
+        return _largest(found + of_pose), ""
+    found.append(_joints_apart(desk, theirs, q))
+    if _largest(found).size > AGREE and _agree_as_drawn(desk):
+        away = min((_poses_apart(A, T) for A in desk.hand.tools(now, theirs)), key=lambda r: r.size, default=None)
+        if away is not None and away.size <= AGREE:
+            return _largest([away, *of_pose]), OTHER
+        if not _has_value(kin, q):
+            return _largest(of_pose), BEYOND
+    return _largest(found + of_pose), ""
+
+
+def _has_value(kin: Kinematics, q: Array) -> bool:
+    """Return whether equations that go forward have a tool pose at these joints (n,)."""
+    try:
+        return not kin.closed_forward or bool(np.isfinite(kin.forward(q)).all())
+    except KinematicsError:
+        return False
+
+
+def _largest(found: list[Residual]) -> Residual:
+    return max((f for f in found if np.isfinite(f.size)), key=lambda f: f.size, default=Residual(0.0, ""))
+
+
+def _joints_apart(desk: Desk, theirs: Array, q: Array) -> Residual:
+    """Return the joint that differs most; a whole turn is no difference."""
+    angle = np.array([j.is_angle for j in desk.joints], bool)
+    apart = np.where(angle, (theirs - q + np.pi) % (2 * np.pi) - np.pi, theirs - q)
+    k = int(np.argmax(np.abs(apart)))
+    return Residual(float(abs(apart[k])), f"joint {desk.joints[k].name}", bool(angle[k]))
+
+
+def _poses_apart(A: Array, B: Array) -> Residual:
+    way, turn = float(np.linalg.norm(A[:3, 3] - B[:3, 3])), float(spatial.rotation_angle(A[:3, :3].T @ B[:3, :3]))
+    what = "tool of the equations' joints"
+    return Residual(turn, what, True) if turn > way else Residual(way, what)
+
+
+def _agree_as_drawn(desk: Desk) -> bool:
+    """Return whether the equations have the joints of the mechanism as it is drawn, and so its assembly."""
+    home = desk.model.home()
+    assert desk.kin is not None
+    try:
+        return _joints_apart(desk, desk.kin.inverse(home.T_base_tool, home.q), home.q).size <= AGREE
+    except KinematicsError:
+        return False

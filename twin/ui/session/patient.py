@@ -1,0 +1,228 @@
+"""The patient of a protocol, with the table: shapes of cad/patients, placed by their port at the protocol's RCM."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import cos, pi, sin
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from twin.api import Robot
+from twin.core import assets, spatial
+from twin.core.errors import TwinError, unknown
+from twin.core.provenance import Provenance
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.model.mechanism import Body, Frame, Joint, Mechanism, Mesh
+from twin.planning.protocol import Protocol
+from twin.schema import Identifier, Table, Vector, error_at, load_toml
+
+_ROUND, _HIGH = 40, 20
+"""Facets of an ellipsoid about its axis, and from pole to pole."""
+
+
+class PartTable(Table):
+    """An ellipsoid, a dome (the upper half of one) or a box; `size_mm` is its whole extent along its own axes.
+
+    `floor`: a box reaches down to the floor, a dome stands on it. `port`: only there if that port is used.
+    """
+
+    name: Identifier
+    shape: Literal["ellipsoid", "dome", "box"]
+    size_mm: tuple[float, float, float]
+    centre_mm: Vector
+    angles_deg: Vector = (0.0, 0.0, 0.0)
+    color: tuple[float, float, float] | tuple[float, float, float, float]
+    floor: bool = False
+    port: Identifier | None = None
+
+
+class PortTable(Table):
+    """Where instruments go in: a sphere of `diameter_mm`, within which they may pass the parts that it `opens`."""
+
+    position_mm: Vector
+    diameter_mm: float = Field(gt=0)
+    opens: list[Identifier]
+    note: str = Field(min_length=1)
+
+
+class PatientFile(Table):
+    """A file of cad/patients."""
+
+    name: Identifier
+    title: str
+    provenance: Provenance
+    note: str = Field(min_length=1)
+    port: dict[Identifier, PortTable]
+    part: list[PartTable] = Field(min_length=1)
+
+
+@dataclass(frozen=True)
+class Patient:
+    """A patient where it lies, for a robot and a protocol.
+
+    Attributes:
+        mechanism: the parts as bodies that stand fast, each with its mesh in base, in m; named like the file.
+        port: (3,) in base, the RCM. port_radius: in m.
+        opens: parts that instruments may pass there, once they are inserted.
+        access: parts that belong to the port; instruments may stand in them before.
+        replaces: links that are not shown together with it.
+        assumed: what is assumed of it, for people.
+    """
+
+    mechanism: Mechanism
+    port: Array
+    port_radius: float
+    opens: frozenset[str]
+    access: frozenset[str]
+    replaces: tuple[str, ...]
+    assumed: str
+
+    @property
+    def poses(self) -> dict[str, Array]:
+        """T_base_body (4, 4) of every part."""
+        return {b.name: np.eye(4) for b in self.mechanism.bodies}
+
+
+def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None:
+    """Return the patient of a protocol, or None if it has none; `floor` is its height in base, in m.
+
+    Raises:
+        TwinError: there is no such patient, port or link, or the protocol has no RCM that a patient could lie at.
+    """
+    place = protocol.patient
+    if place is None:
+        return None
+    folder = assets.data_folder() / "cad" / "patients"
+    known = sorted(p.stem for p in folder.glob("*.toml"))
+    if place.body not in known:
+        raise TwinError(f"protocol '{protocol.name}': {unknown('patient', place.body, known)}")
+    table = read_patient(folder / f"{place.body}.toml")
+    if place.port not in table.port:
+        raise TwinError(f"protocol '{protocol.name}', patient {table.name}: {unknown('port', place.port, table.port)}")
+    for link in place.replaces:
+        robot.mechanism.body(link)
+    rcm = protocol.first_rcm
+    if protocol.trocar is None and robot.mechanism.trocar:
+        rcm = robot.mechanism.trocar_at
+    if rcm is None:
+        raise TwinError(
+            f"protocol '{protocol.name}' has a patient but no RCM to lie at: begin an insertion, or leave [patient] out"
+        )
+    port = table.port[place.port]
+    R = spatial.rotation_z(place.turn)
+    T = spatial.pose(R, rcm - R @ (np.array(port.position_mm) * MM))
+    meshes = tuple(_mesh(p, T, floor) for p in table.part if p.port in (None, place.port))
+    return Patient(
+        _fixed(table.name, meshes),
+        np.asarray(rcm, float),
+        0.5 * port.diameter_mm * MM,
+        frozenset(port.opens),
+        frozenset(p.name for p in table.part if p.port == place.port),
+        place.replaces,
+        f"{table.title}, {table.provenance}: {table.note} Place, {place.provenance}: {place.note}",
+    )
+
+
+def none_there(robot: Robot, protocol: Protocol) -> str:
+    """Return why a protocol has no patient, and which protocols of the robot have one."""
+    why = protocol.no_patient or "its file places none ([patient])"
+    out = f"{protocol.name}: no patient: {why}"
+    names = [] if robot.files is None else [n for n in robot.files.protocols() if robot.protocol(n).patient is not None]
+    others = [n for n in names if n != protocol.name and n not in why]
+    return out.rstrip(".") + "." + (f" With a patient: {', '.join(others)}." if others else "")
+
+
+def read_patient(path: Path) -> PatientFile:
+    """Return a checked file of cad/patients.
+
+    Raises:
+        DescriptionError: file, line, key, value and what would be right.
+    """
+    table = load_toml(path, PatientFile)
+    names = [p.name for p in table.part]
+    for k, part in enumerate(table.part):
+        if names.count(part.name) > 1:
+            raise error_at(path, ("part", k, "name"), f"two parts are called '{part.name}'")
+        if min(part.size_mm) <= 0:
+            raise error_at(path, ("part", k, "size_mm"), f"{list(part.size_mm)} is not above 0")
+        if part.port is not None and part.port not in table.port:
+            raise error_at(path, ("part", k, "port"), unknown("port", part.port, table.port))
+    for name, port in table.port.items():
+        for opened in port.opens:
+            if opened not in names:
+                raise error_at(path, ("port", name, "opens"), unknown("part", opened, names))
+    return table
+
+
+def floor_of(mechanism: Mechanism, poses: Mapping[str, Array]) -> float:
+    """Return the height of the lowest point of a robot that stands with link poses T_base_body, in m."""
+    heights = [
+        float((v.vertices @ poses[b.name][2, :3]).min() + poses[b.name][2, 3])
+        for b in mechanism.bodies
+        for v in b.meshes
+        if len(v.vertices)
+    ]
+    return round(min(heights, default=0.0), 6)
+
+
+def _fixed(name: str, meshes: tuple[Mesh, ...]) -> Mechanism:
+    """Return meshes as bodies, one each, all fixed to the first."""
+    base, *others = (Body(m.name, (m,)) for m in meshes)
+    joints = tuple(Joint(f"at_{b.name}", "fixed", base.name, b.name) for b in others)
+    return Mechanism(name, base.name, (base, *others), joints, (Frame("tool", base.name, np.eye(4)),))
+
+
+def _mesh(part: PartTable, T_base_patient: Array, floor: float) -> Mesh:
+    """Return a part in base; what stands on the floor is brought there."""
+    x, y, z = (0.5 * s * MM for s in part.size_mm)
+    about_x, about_y = (
+        spatial.exp_so3([part.angles_deg[2] * DEG, 0, 0]),
+        spatial.exp_so3([0, part.angles_deg[1] * DEG, 0]),
+    )
+    R = spatial.rotation_z(part.angles_deg[0] * DEG) @ about_y @ about_x
+    T = T_base_patient @ spatial.pose(R, np.array(part.centre_mm) * MM)
+    if part.floor and part.shape == "dome":
+        T[2, 3] = floor
+    if part.floor and part.shape == "box":
+        top = T[2, 3] + z
+        z = max(0.5 * (top - floor), 1 * MM)
+        T[2, 3] = top - z
+    points, triangles = _box() if part.shape == "box" else _ball(part.shape == "dome")
+    vertices = points * (x, y, z) @ T[:3, :3].T + T[:3, 3]
+    r, g, b, a = (*part.color, 1.0)[:4]
+    return Mesh(part.name, vertices, triangles, (r, g, b, a))
+
+
+def _ball(half: bool) -> tuple[Array, np.ndarray]:
+    """Return a ball of radius 1, or its upper half, closed below: points (n, 3) and triangles (m, 3)."""
+    rows = _HIGH // 2 if half else _HIGH
+    span = pi / 2 if half else pi
+    points = [(0.0, 0.0, 1.0)]
+    for i in range(1, rows + half):
+        t = span * i / rows
+        points += [
+            (sin(t) * cos(2 * pi * k / _ROUND), sin(t) * sin(2 * pi * k / _ROUND), cos(t)) for k in range(_ROUND)
+        ]
+    points.append((0.0, 0.0, 0.0 if half else -1.0))
+    last, k = len(points) - 1, np.arange(_ROUND)
+    after = (k + 1) % _ROUND
+    faces = [np.column_stack([0 * k, 1 + k, 1 + after])]
+    rings = rows - 1 + half
+    for i in range(rings - 1):
+        a, b = 1 + i * _ROUND, 1 + (i + 1) * _ROUND
+        faces += [np.column_stack([a + k, b + k, b + after]), np.column_stack([a + k, b + after, a + after])]
+    a = 1 + (rings - 1) * _ROUND
+    faces.append(np.column_stack([a + k, 0 * k + last, a + after]))
+    return np.array(points), np.concatenate(faces).astype(np.int32)
+
+
+def _box() -> tuple[Array, np.ndarray]:
+    """Return a cube of half edge 1: points (8, 3) and triangles (12, 3)."""
+    points = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return points, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], np.int32)

@@ -1,0 +1,182 @@
+"""A recorded interactive session: joints and tool over time, kept as JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import FailFast, Field, ValidationError
+
+from twin.core import spatial
+from twin.core.assets import atomic_folder
+from twin.core.errors import TwinError
+from twin.core.foreign.text import read_text
+from twin.core.spatial import Array
+from twin.model.mechanism import Mechanism
+from twin.schema import Identifier, Table
+from twin.schema.lines import spell
+
+MOST = 20_000
+"""Moments of one session: five minutes without a pause."""
+
+_COMMAS, _KEYS = 64 * MOST, 16
+"""In the file of such a session, and in one object of it: what is sent by a stranger is counted before it is read."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One state: `time` in s, `q` (n,) in m or rad, `T_base_tool` (4, 4), and what there is to say."""
+
+    time: float
+    q: Array
+    T_base_tool: Array
+    label: str = ""
+
+
+@dataclass
+class Session:
+    """What was done with one robot.
+
+    Attributes:
+        robot: its name.
+        joints: active joints, in the order of q.
+        units: "m" or "rad" of each.
+        moments: in the order of time; add with `add`.
+    """
+
+    robot: str
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    moments: list[Moment] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, mechanism: Mechanism) -> Session:
+        """Return an empty session of a robot."""
+        active = mechanism.active
+        return cls(mechanism.name, tuple(j.name for j in active), tuple("rad" if j.is_angle else "m" for j in active))
+
+    def add(self, time: float, q: Array, T_base_tool: Array, label: str = "") -> None:
+        """Add a state: `time` in s, q (n,) in m or rad, T_base_tool (4, 4).
+
+        Raises:
+            TwinError: the time is not after the last one, q does not fit the joints, or the pose is not rigid.
+        """
+        q, T = np.array(q, float), np.array(T_base_tool, float)
+        where = f"session of {self.robot}, moment {len(self.moments)}"
+        if not np.isfinite(time) or (self.moments and time <= self.moments[-1].time):
+            after = f" after {self.moments[-1].time:g} s" if self.moments else ""
+            raise TwinError(f"{where}: time = {time} s must be a finite number{after}")
+        if q.shape != (len(self.joints),) or not np.all(np.isfinite(q)):
+            raise TwinError(f"{where}: q = {q.tolist()} must be one finite number for each of {', '.join(self.joints)}")
+        if not spatial.is_pose(T, 1e-6):
+            raise TwinError(f"{where}: T_base_tool is no rigid pose: {T.tolist()}")
+        self.moments.append(Moment(float(time), q, T, label))
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last moment in s."""
+        return self.moments[-1].time - self.moments[0].time if self.moments else 0.0
+
+    def at(self, t: float) -> Array:
+        """Return q (n,) at time t in s, linear between moments; the first or last one outside.
+
+        Raises:
+            TwinError: nothing is recorded.
+        """
+        if not self.moments:
+            raise TwinError(f"session of {self.robot}: nothing is recorded; add a moment first")
+        times = [m.time for m in self.moments]
+        return np.array([np.interp(t, times, column) for column in np.transpose([m.q for m in self.moments])])
+
+    def save(self, path: Path) -> None:
+        """Write the session as JSON.
+
+        Raises:
+            OutputError: the file cannot be written; one that is there stays.
+        """
+        data = {
+            "schema": "twin-session",
+            "version": 1,
+            "robot": self.robot,
+            "joints": [{"name": n, "unit": u} for n, u in zip(self.joints, self.units, strict=True)],
+            "moments": [
+                {"time_s": m.time, "q": m.q.tolist(), "T_base_tool": m.T_base_tool.tolist(), "label": m.label}
+                for m in self.moments
+            ],
+        }
+        path = Path(path)
+        with atomic_folder(path.parent) as work:
+            (work / path.name).write_text(json.dumps(data, allow_nan=False) + "\n", encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: Path, mechanism: Mechanism) -> Session:
+        """Return the session in a file, if it belongs to the robot.
+
+        Raises:
+            TwinError: the file is missing or malformed, or of another robot; the message names the key.
+        """
+        try:
+            text = read_text(Path(path), "JSON")
+        except (OSError, UnicodeDecodeError) as error:
+            raise TwinError(f"{path}: cannot be read as a session: {error}") from error
+        try:
+            if text.count(",") > _COMMAS:
+                raise ValueError(f"{text.count(',')} values; at most {_COMMAS} are read, {MOST} moments have fewer")
+            json.loads(text, object_pairs_hook=_small)
+            table = _SessionTable.model_validate_json(text)
+        except (json.JSONDecodeError, RecursionError) as error:
+            raise TwinError(f"{path}: it is no JSON: {error}; a session is what `Session.save` wrote") from error
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            value = repr(first["input"])[:60] if first["loc"] and first["type"] != "missing" else ""
+            where = f"{spell(first['loc'])}{value and ' = ' + value}"
+            text = f"{path}: {where}: {first['msg']}; a session is what `Session.save` wrote"
+            raise TwinError(text) from error
+        except ValueError as error:
+            raise TwinError(f"{path}: {error}; a session is what `Session.save` wrote") from error
+        out = cls.of(mechanism)
+        if table.robot != out.robot:
+            raise TwinError(f"{path}: robot = '{table.robot}': the session is not of '{out.robot}'; load that robot")
+        theirs = [(j.name, j.unit) for j in table.joints]
+        ours = list(zip(out.joints, out.units, strict=True))
+        if theirs != ours:
+            was, now = (", ".join(f"{n} ({u})" for n, u in joints) for joints in (theirs, ours))
+            raise TwinError(f"{path}: joints: recorded with {was}; {out.robot} has {now}: record it anew")
+        for m in table.moments:
+            try:
+                out.add(m.time_s, np.array(m.q), np.array(m.T_base_tool), m.label)
+            except TwinError as error:
+                raise TwinError(f"{path}: {error}") from error
+        return out
+
+
+def _small(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    if len(pairs) > _KEYS:
+        raise ValueError(f"an object has {len(pairs)} keys; a session's have at most {_KEYS}")
+    return dict(pairs)
+
+
+_Row = tuple[float, float, float, float]
+
+
+class _JointTable(Table):
+    name: Identifier
+    unit: Literal["m", "rad"]
+
+
+class _MomentTable(Table):
+    time_s: float
+    q: Annotated[list[float], FailFast()]
+    T_base_tool: tuple[_Row, _Row, _Row, _Row]
+    label: str
+
+
+class _SessionTable(Table):
+    kind: Annotated[Literal["twin-session"], Field(alias="schema")]
+    version: Literal[1]
+    robot: Identifier
+    joints: Annotated[list[_JointTable], FailFast()]
+    moments: Annotated[list[_MomentTable], FailFast(), Field(max_length=MOST)]

@@ -1,0 +1,96 @@
+"""Lengths that a designer may change without drawing: the distance of two joints on one body.
+
+`twin.cad.lengths` measures faces of the CAD; this moves the frames that were measured there. The meshes stay
+as drawn: they are the ghost that the change is seen against.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from twin.core.errors import MechanismError
+from twin.core.spatial import Array
+from twin.core.units import MM, UM
+from twin.model.mechanism import Joint, Mechanism
+
+_SAME = 1 * UM
+"""Origins that are no further apart in m have no line between them to move along."""
+
+
+@dataclass(frozen=True)
+class Distance:
+    """Two joints of one body, and how far apart the origins of their frames on it are, in m."""
+
+    body: str
+    joint: str
+    other: str
+    distance: float
+
+
+def distances(mechanism: Mechanism) -> list[Distance]:
+    """Return what `with_distance` can change: each pair of joints that share one body, in file order."""
+    out = []
+    for a, b in combinations(mechanism.joints, 2):
+        shared = _shared(a, b)
+        if len(shared) == 1:
+            apart = float(np.linalg.norm(_on(a, shared[0])[:3, 3] - _on(b, shared[0])[:3, 3]))
+            if apart > _SAME:
+                out.append(Distance(shared[0], a.name, b.name, apart))
+    return out
+
+
+def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float) -> Mechanism:
+    """Return the mechanism with one joint frame moved along its body, and nothing else changed.
+
+    The frame of `joint` on the body that it shares with `other` moves along the straight line from the origin
+    of `other` until both are `distance` apart. It is not turned. Where the line is oblique to the axes, as
+    between two bores at different heights, part of the shift goes along them: a planar loop opens by that part
+    (`Assembly.worst_gap`). Along the axis of a slide it moves only its zero.
+
+    Args:
+        mechanism: as measured.
+        joint: the joint that is moved.
+        other: the joint that stays.
+        distance: between the two origins on the body, in m.
+
+    Raises:
+        MechanismError: the joints are unknown, share no body or two, or have no line between them, or the
+            distance is not positive.
+    """
+    a, b = mechanism.joint(joint), mechanism.joint(other)
+    shared = _shared(a, b)
+    if joint == other or len(shared) != 1:
+        what = "are one" if joint == other else "share no body" if not shared else f"share {' and '.join(shared)}"
+        partners = sorted({d.other if d.joint == joint else d.joint for d in _of(mechanism, joint)})
+        raise MechanismError(
+            f"{mechanism.name}: joints '{joint}' and '{other}' {what}, so they have no distance; "
+            f"'{joint}' has one to: {', '.join(partners) or 'none'}"
+        )
+    where = f"{mechanism.name}: distance of '{joint}' from '{other}' on '{shared[0]}'"
+    if not (np.isfinite(distance) and distance > _SAME):
+        raise MechanismError(f"{where}: {distance / MM:g} mm is not possible; give a length above {_SAME / MM:g} mm")
+    T, origin = _on(a, shared[0]).copy(), _on(b, shared[0])[:3, 3]
+    line = T[:3, 3] - origin
+    apart = float(np.linalg.norm(line))
+    if apart <= _SAME:
+        raise MechanismError(f"{where}: the origins coincide ({apart / UM:.3g} um), no line leads out; choose others")
+    T[:3, 3] = origin + line * (distance / apart)
+    moved = replace(a, T_parent_joint=T) if a.parent == shared[0] else replace(a, T_child_joint=T)
+    return replace(mechanism, joints=tuple(moved if j.name == joint else j for j in mechanism.joints))
+
+
+def _of(mechanism: Mechanism, joint: str) -> list[Distance]:
+    return [d for d in distances(mechanism) if joint in (d.joint, d.other)]
+
+
+def _shared(a: Joint, b: Joint) -> list[str]:
+    """Return the bodies that both joints are on."""
+    return sorted({a.parent, a.child} & {b.parent, b.child})
+
+
+def _on(joint: Joint, body: str) -> Array:
+    """Return the frame (4, 4) of a joint on one of its bodies."""
+    return joint.T_parent_joint if joint.parent == body else joint.T_child_joint

@@ -1,0 +1,329 @@
+"""The design panel: formula parameters, distances of the mechanism, variants, two designs beside each other, reach."""
+
+from __future__ import annotations
+
+from html import escape
+
+import numpy as np
+import viser
+
+from twin.core import spatial
+from twin.core.errors import AssemblyError, MechanismError
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.ui.session.desk import Desk, Moved
+from twin.ui.session.instruments import Reading, read
+from twin.ui.session.workspace import Chunk, Cloud, Job
+from twin.ui.viewer import readout
+from twin.ui.viewer.design import distances, with_distance
+from twin.ui.viewer.front import Actor, Front
+from twin.ui.viewer.nodes import ORANGE, RobotNodes
+
+_SHOWN = 60_000
+"""Points of the workspace that a browser is given."""
+
+_REDRAW = 0.5
+"""Seconds between two pictures of a growing workspace."""
+
+
+class DesignPanel:
+    """Changes to equations and mechanism; nothing of it is written to any file."""
+
+    def __init__(self, front: Front, tab: viser.GuiTabHandle) -> None:
+        self.front, self.gui, self._tab = front, front.server.gui, tab
+        self._handles: list = []
+        self._other: Desk | None = None
+        self._other_nodes: RobotNodes | None = None
+        self._cloud = Cloud()
+        self._points: list[np.ndarray] = []
+        self._condition: list[np.ndarray] = []
+        self._drawn, self._of = 0.0, ""
+        self.rebuild()
+        front.after_frame.append(self._poll)
+
+    def close(self) -> None:
+        """End the process that looks for the workspace."""
+        self._cloud.close()
+
+    def rebuild(self) -> None:
+        """Make the panel for the robot in hand."""
+        for handle in self._handles:
+            handle.remove()
+        self._handles = []
+        a, gui = self.front.hand, self.gui
+        with self._tab:
+            if a.desk.kin is not None:
+                self._equations(a)
+            self._mechanism(a)
+            self._compare(a)
+            if a.desk.kin is not None:
+                self._workspace(a)
+            self._note = gui.add_html("")
+            self._handles.append(self._note)
+
+    # -- equations ------------------------------------------------------------------------------------
+
+    def _equations(self, a: Actor) -> None:
+        gui, desk = self.gui, a.desk
+        assert desk.kin is not None
+        folder = gui.add_folder("Equations")
+        self._handles.append(folder)
+        with folder:
+            for name, choices in desk.kin.choices.items():
+                if len(choices) < 2:
+                    continue
+                buttons = gui.add_dropdown(name, choices, initial_value=desk.kin.variants[name])
+                buttons.on_update(self._chooser(a, name, buttons))
+            values = {n: v for n, v in desk.kin.parameters.items() if isinstance(v, float) and np.isfinite(v)}
+            if not values:
+                return
+            units = {p.name: p.unit for p in desk.kin.formula.parameters}
+            names = sorted(values)
+            which = gui.add_dropdown("parameter", names)
+            number = gui.add_number("value", 0.0, step=0.01)
+            reset = gui.add_button("as published")
+
+            def unit(name: str) -> tuple[float, str]:
+                return {"mm": (MM, "mm"), "m": (MM, "mm"), "deg": (DEG, "°"), "rad": (DEG, "°")}.get(
+                    units.get(name, ""), (1.0, "")
+                )
+
+            def choose(_: object = None) -> None:
+                scale, sign = unit(which.value)
+                number.label = f"value [{sign}]" if sign else "value"
+                number.value = round(desk.kin.parameters[which.value] / scale, 6)  # type: ignore[union-attr]
+
+            def change(event: viser.GuiEvent) -> None:
+                if event.client is None:
+                    return
+                name, value = which.value, number.value * unit(which.value)[0]
+                self._wish(lambda: (desk.change(parameters={name: value}), self._again(a)))
+
+            def undo(_: object) -> None:
+                def go() -> None:
+                    desk.parameters.pop(which.value, None)
+                    desk.change()
+                    choose()
+                    self._again(a)
+
+                self._wish(go)
+
+            choose()
+            which.on_update(choose)
+            number.on_update(change)
+            reset.on_click(undo)
+
+    def _chooser(self, a: Actor, name: str, buttons: viser.GuiDropdownHandle):
+        def chosen(event: viser.GuiEvent) -> None:
+            value = buttons.value
+            self._wish(lambda: (a.desk.change(variants={name: value}), self._again(a)))
+
+        return chosen
+
+    # -- mechanism ------------------------------------------------------------------------------------
+
+    def _mechanism(self, a: Actor) -> None:
+        gui, desk = self.gui, a.desk
+        found = {f"{d.body}: {d.joint} to {d.other}": d for d in distances(desk.robot.mechanism)}
+        if not found:
+            return
+        folder = gui.add_folder("Mechanism")
+        self._handles.append(folder)
+        with folder:
+            which = gui.add_dropdown("distance", tuple(found))
+            number = gui.add_number("length [mm]", 0.0, step=0.01)
+            reset = gui.add_button("as drawn")
+
+        def choose(_: object = None) -> None:
+            number.value = round(found[which.value].distance / MM, 6)
+
+        def change(event: viser.GuiEvent) -> None:
+            if event.client is None:
+                return
+            d, value = found[which.value], number.value * MM
+
+            def go() -> None:
+                try:
+                    desk.redesign(with_distance(desk.robot.mechanism, d.joint, d.other, value))
+                except AssemblyError as error:
+                    raise MechanismError(f"{d.joint} to {d.other} = {value / MM:g} mm: {error}") from error
+                self.front.rebuilt(a)
+                self.front.panels.ghost(True)  # the drawing, unedited
+
+            self._wish(go)
+
+        def undo(_: object) -> None:
+            def go() -> None:
+                desk.redesign(desk.robot.mechanism)
+                choose()
+                self.front.rebuilt(a)
+                self.front.panels.ghost(False)
+
+            self._wish(go)
+
+        choose()
+        which.on_update(choose)
+        number.on_update(change)
+        reset.on_click(undo)
+
+    # -- two designs ----------------------------------------------------------------------------------
+
+    def _compare(self, a: Actor) -> None:
+        gui = self.gui
+        folder = gui.add_folder("Two designs")
+        self._handles.append(folder)
+        with folder:
+            keep = gui.add_button("Keep this design as B")
+            self._beside = gui.add_checkbox("show B beside", False, disabled=self._other is None)
+            self._table = gui.add_html("")
+
+        def kept(_: object) -> None:
+            def go() -> None:
+                other = Desk(a.desk.robot)
+                other.change(a.desk.variants, a.desk.parameters) if other.kin is not None else None
+                if a.desk.mechanism is not a.desk.robot.mechanism:
+                    other.redesign(a.desk.mechanism)
+                other.move_joints(a.desk.assembly.q)
+                self._other, self._beside.disabled = other, False
+                self._beside.value = True
+                self._show_other(True)
+
+            self._wish(go)
+
+        keep.on_click(kept)
+        self._beside.on_update(lambda e: e.client and self._wish(lambda: self._show_other(self._beside.value)))
+
+    def _show_other(self, visible: bool) -> None:
+        a = self.front.hand
+        if self._other_nodes is not None:
+            self._other_nodes.remove()
+            self._other_nodes = None
+        if visible and self._other is not None:
+            self._other_nodes = RobotNodes(
+                self.front.server, "/design_b", self._other.mechanism, self._other.assembly.link_poses, ghost=ORANGE
+            )
+            box = self.front.nodes[a.name].box
+            aside = spatial.pose(p=[0.0, 1.15 * a.scale * float(box[1, 1] - box[0, 1]), 0.0])
+            self._other_nodes.place(aside @ a.T_world_base, a.scale)
+
+    def other_poses(self, a: Actor) -> dict[str, Array] | None:
+        """Return where the drawn mechanism stands with the same joints, if it has been edited: the ghost of it."""
+        if a.desk.mechanism is a.desk.robot.mechanism:
+            return None
+        try:
+            return dict(a.desk.robot.reference().solve(a.desk.assembly.q).link_poses)
+        except AssemblyError:
+            return None
+
+    def show(self, reading: Reading) -> None:
+        """Show both designs' numbers side by side, B asked for the same tool pose as A."""
+        if self._other is None or self._other_nodes is None:
+            return
+        desk = self.front.hand.desk
+        moved = self._other.move_tool(desk.asked if desk.asked is not None else desk.assembly.T_base_tool)
+        self._other_nodes.write(self._other.assembly.link_poses)
+        b = read(self._other)
+        rows: list[tuple[str, ...]] = [("", "A (in hand)", "B (orange)")]
+        rows.append(("condition", *(f"{r.condition:.2f}" if r.condition else "-" for r in (reading, b))))
+        rows.append(("differs by", *(differs(r) for r in (reading, b))))
+        for i, limit in enumerate(reading.limits):
+            rows.append((limit.joint, *(f"{r.limits[i].value:.3f} {r.limits[i].unit}" for r in (reading, b))))
+        lines = ("".join(f"<td style='padding:0 .6em 0 0'>{cell}</td>" for cell in row) for row in rows)
+        cells = "".join(f"<tr>{line}</tr>" for line in lines)
+        self._table.content = f"<table style='font-size:12px;margin:0 .8em'>{cells}</table>{refused(moved)}"
+
+    # -- workspace ------------------------------------------------------------------------------------
+
+    def _workspace(self, a: Actor) -> None:
+        gui = self.gui
+        folder = gui.add_folder("Workspace")
+        self._handles.append(folder)
+        with folder:
+            gui.add_markdown(
+                "Where the tool can be with its present orientation; **green** well, **red** badly conditioned."
+            )
+            edge = gui.add_number("half edge [mm]", round(250 * self.front.nodes[a.name].size) or 100, min=1, step=10)
+            count = gui.add_dropdown("poses", ("100 000", "1 000 000"), initial_value="1 000 000")
+            begin = gui.add_button("Look for it")
+            stop = gui.add_button("Stop and hide")
+            self._progress = gui.add_progress_bar(0.0)
+            self._found = gui.add_markdown("")
+
+        def go() -> None:
+            self._points, self._condition, self._of = [], [], a.name
+            desk = a.desk
+            assert desk.kin is not None
+            T = desk.assembly.T_base_tool.copy()
+            poses = int(count.value.replace(" ", ""))
+            parameters = {n: v for n, v in desk.kin.parameters.items() if n in desk.parameters}
+            self._cloud.start(
+                Job(a.source, dict(desk.kin.variants), parameters, desk.mechanism.limits, T, edge.value * MM, poses)
+            )
+
+        def hide() -> None:
+            self._cloud.cancel()
+            self.front.server.scene.remove_by_name(f"/{a.name}/workspace")
+            self._found.content = ""
+
+        begin.on_click(lambda _: self._wish(go))
+        stop.on_click(lambda _: self._wish(hide))
+
+    def _poll(self) -> None:
+        chunk: Chunk | None = self._cloud.poll()
+        if chunk is None:
+            return
+        if chunk.error:
+            self._found.content = f"<span style='color:#d62f2f'>{chunk.error}</span>"
+            return
+        self._points.append(chunk.points)
+        self._condition.append(chunk.condition)
+        done = chunk.evaluated >= chunk.count
+        if not done and self.front.now - self._drawn < _REDRAW:
+            return
+        self._drawn = self.front.now
+        points, condition = np.concatenate(self._points), np.concatenate(self._condition)
+        self._progress.value = 100.0 * chunk.evaluated / chunk.count
+        looked, reached = (f"{n:,}".replace(",", " ") for n in (chunk.evaluated, len(points)))
+        self._found.content = f"{looked} poses, **{reached}** within reach"
+        if not len(points):
+            return
+        some = slice(None, None, max(1, len(points) // _SHOWN))
+        self.front.server.scene.add_point_cloud(
+            f"/{self._of}/workspace", points[some], conditioned(condition[some]), point_size=0.002,
+            point_shape="circle", precision="float32",
+        )  # fmt: skip
+
+    def _wish(self, go) -> None:
+        self.front.ask("design", go)
+
+    def _again(self, a: Actor) -> None:
+        """Ask the changed equations for the tool pose that was asked for before."""
+        asked = a.desk.asked if a.desk.asked is not None else a.desk.assembly.T_base_tool
+        a.desk.move_tool(asked)
+        self.front.rebuilt(a)
+
+
+def differs(reading: Reading) -> str:
+    """Return by how much the equations differ from a design, with its unit and of what."""
+    if reading.residual is None:
+        return "-"
+    if not reading.comparable:
+        return escape(reading.scope)
+    what = f" ({escape(reading.residual.what)})" if reading.residual.what else ""
+    return readout.amount(reading.residual) + what
+
+
+def refused(moved: Moved) -> str:
+    """Return, as HTML, why design B is not where A is; empty if it is."""
+    if moved.good:
+        return ""
+    text = f"B cannot take A's pose and stands where it came nearest: {moved.reason}"
+    return f"<div style='color:#d62f2f;font-size:12px;margin:.4em .8em' data-b-refused>{escape(text)}</div>"
+
+
+def conditioned(condition: np.ndarray) -> np.ndarray:
+    """Return colours (m, 3) of condition numbers: green at 3 and below, red at 100 and above, logarithmic."""
+    s = np.clip((np.log10(np.maximum(condition, 1e-9)) - np.log10(3)) / (2 - np.log10(3)), 0, 1)[:, None]
+    low, middle, high = np.array([[31, 138, 85], [235, 190, 50], [214, 47, 47]], float)
+    color = np.where(s < 0.5, low + 2 * s * (middle - low), middle + (2 * s - 1) * (high - middle))
+    return color.astype(np.uint8)

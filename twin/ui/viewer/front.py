@@ -1,0 +1,400 @@
+"""The front end: everything of the page that viser shows. What the robot does is in `twin.ui.session`.
+
+One loop solves and draws: callbacks of the page only leave wishes, of each kind the last one counts. So a hand that
+is faster than the solver never queues up, and any number of browsers sees the same robot.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+import viser
+
+from twin.core import spatial
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.ui.session import instruments, timeline
+from twin.ui.session.desk import Desk, Moved
+from twin.ui.session.planner import Planner
+from twin.ui.session.timeline import Clock, Playback
+from twin.ui.viewer.nodes import BLUE, RobotNodes
+from twin.ui.viewer.server import stop, tell
+
+FRAME = 1 / 60
+"""Seconds a display frame lasts."""
+
+_READ = 0.1
+"""Seconds between two looks at the instruments: nobody reads faster, and each costs the page a redraw."""
+
+
+_DRAWN, _NOBODY = 1.5, 4.0
+"""Seconds that a browser gets for its first picture, and after which no browser is waited for."""
+
+
+@dataclass
+class Actor:
+    """A robot in the scene.
+
+    Attributes:
+        name: as shown.
+        source: what `twin.load` takes, for processes that load it again.
+        desk: where it stands.
+        T_world_base: (4, 4) where it was put.
+        protocol: what it plays first; None for the robot's default.
+        scale: how large it is drawn.
+        playback: what it plays, once prepared.
+    """
+
+    name: str
+    source: str
+    desk: Desk
+    T_world_base: Array = field(default_factory=lambda: np.eye(4))
+    protocol: str | None = None
+    scale: float = 1.0
+    playback: Playback | None = None
+
+
+class Terminal(Protocol):
+    """Asks one question at a time."""
+
+    def ask(self, question: str, then: Callable[[bool], object]) -> None: ...  # noqa: D102
+    def poll(self) -> None: ...  # noqa: D102
+
+
+class Scenery(Protocol):
+    """What stands around the robots, as far as the loop speaks of it; `scenery.Scenery` is it."""
+
+    def panel(self) -> None: ...  # noqa: D102
+    def trail(self, visible: bool) -> None: ...  # noqa: D102
+    def follow(self) -> None: ...  # noqa: D102
+    def update(self) -> None: ...  # noqa: D102
+    def rcm(self, a: Actor) -> Array | None: ...  # noqa: D102
+    def protocol_changed(self) -> None: ...  # noqa: D102
+
+
+class Panels(Protocol):
+    """What can be pressed and read, as far as the loop speaks of it; `panels.Panels` is it.
+
+    Attributes:
+        why: the reason of the last failure; empty: none.
+    """
+
+    why: str
+
+    def rebuild(self) -> None: ...  # noqa: D102
+    def show(self, reading: instruments.Reading) -> None: ...  # noqa: D102
+    def equations_shown(self) -> bool: ...  # noqa: D102
+    def exaggeration(self) -> float: ...  # noqa: D102
+    def ghost(self, visible: bool) -> None: ...  # noqa: D102
+    def ghost_poses(self, a: Actor) -> dict[str, Array] | None: ...  # noqa: D102
+    def preparing(self, a: Actor, protocol: str | None) -> None: ...  # noqa: D102
+    def failed(self, a: Actor, error: str) -> None: ...  # noqa: D102
+    def ready(self, a: Actor) -> None: ...  # noqa: D102
+    def close(self) -> None: ...  # noqa: D102
+
+
+class Front:
+    """The page: one or more robots, one of them in hand; made by `page.open_page`, which furnishes it.
+
+    Attributes:
+        server: viser's; `server.get_port()`.
+        actors: robots by the order given; `hand` is the one that gizmo, sliders and instruments speak of.
+        local: whether only this machine sees the page: then the session may be saved beside it.
+        terminal: where the person is asked who started this; nothing is written into a robot's files without.
+        clock: of the protocols being played.
+        nodes, ghosts: what shows each actor.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        actors: list[Actor],
+        server: viser.ViserServer,
+        stopping: threading.Event | None = None,
+        *,
+        local: bool = True,
+        terminal: Terminal | None = None,
+    ) -> None:
+        self.server, self.title, self.actors, self.hand = server, title, actors, actors[0]
+        self.local, self.terminal = local, terminal
+        self.clock = Clock()
+        self.nodes = {
+            a.name: RobotNodes(self.server, f"/{a.name}", a.desk.mechanism, a.desk.assembly.link_poses) for a in actors
+        }
+        self.ghosts: dict[str, RobotNodes] = {}
+        self.ghost_shown = False
+        self.dragging = False
+        self.stopping = threading.Event() if stopping is None else stopping
+        self._wishes: dict[str, Callable[[], object]] = {}
+        self._lock = threading.Lock()
+        self._plans: dict[str, Planner] = {}
+        self._last = self._looked = self.now = time.perf_counter()
+        self._stale = True
+        self.after_frame: list[Callable[[], object]] = []
+        for a in actors:
+            self.nodes[a.name].place(a.T_world_base, a.scale)
+        self.gizmo = self._add_gizmo()
+
+    def furnish(self, scenery: Callable[[Front], Scenery], panels: Callable[[Front], Panels]) -> None:
+        """Make what surrounds the robots, then the panels, which have its switches; show both."""
+        self.scenery = scenery(self)
+        self.panels = panels(self)
+        self._grab_links()
+        self.refresh()
+
+    # -- wishes and the loop --------------------------------------------------------------------------
+
+    def ask(self, kind: str, wish: Callable[[], object]) -> None:
+        """Leave a wish for the loop; the last of its kind counts."""
+        with self._lock:
+            self._wishes.pop(kind, None)
+            self._wishes[kind] = wish
+
+    def go_on(self, kind: str, move: Callable[[], Moved]) -> None:
+        """Leave the wish for a move; one that ran out of time goes on in the next frame, unless another came."""
+
+        def wish() -> None:
+            if move().more:
+                with self._lock:
+                    self._wishes.setdefault(kind, wish)
+
+        self.ask(kind, wish)
+
+    def wished(self, kind: str) -> bool:
+        """Return whether a wish of a kind waits: its slider must not be moved from here."""
+        with self._lock:
+            return any(k.startswith(kind) for k in self._wishes)
+
+    def run(self) -> None:
+        """Solve and draw until `stop` is called or `stopping` is set."""
+        try:
+            while not self.stopping.is_set():
+                start = time.perf_counter()
+                self.step()
+                self.stopping.wait(max(0.001, FRAME - (time.perf_counter() - start)))
+        finally:
+            self.close()
+
+    def step(self) -> None:
+        """Fulfil the wishes, let the clock run, draw one frame, look at the instruments now and then."""
+        now = time.perf_counter()
+        passed, self._last, self.now = now - self._last, now, now
+        with self._lock:
+            wishes, self._wishes = self._wishes, {}
+        for wish in wishes.values():
+            try:
+                wish()
+            except TwinError as error:
+                self.say(str(error), bad=True)
+            except Exception as error:  # one wish that fails must not take the robot from the screen
+                logging.getLogger(__name__).exception("a wish failed")
+                self.say(f"internal error, {type(error).__name__}: {error}. Please report it.", bad=True)
+            self._stale = True
+        self._take_plans()
+        if self.clock.advance(passed):
+            self.stand()
+        if self._stale or self.clock.playing:
+            self.draw()
+        for act in list(self.after_frame):
+            act()
+        if self.terminal is not None:
+            self.terminal.poll()
+        if now - self._looked >= _READ and (self._stale or self.clock.playing):
+            self._looked, self._stale = now, False
+            self.refresh()
+
+    def close(self) -> None:
+        """Leave nothing behind: no process, no thread, no port."""
+        self.stopping.set()
+        self.panels.close()
+        for planner in self._plans.values():
+            planner.close()
+        self._plans.clear()
+        stop(self.server)
+
+    def stop(self) -> None:
+        """End the loop."""
+        self.stopping.set()
+
+    def say(self, text: str, bad: bool = False) -> None:
+        """Show a notice in every browser."""
+        tell(self.server, self.title, text, bad)
+
+    # -- robots ---------------------------------------------------------------------------------------
+
+    def draw(self) -> None:
+        """Show where every robot stands, its ghost, and what its equations say."""
+        for a in self.actors:
+            self.nodes[a.name].write(a.desk.assembly.link_poses)
+        self.scenery.follow()
+        if self.ghost_shown:
+            self._draw_ghost()
+        if not self.dragging:
+            self._gizmo_to_tool()
+
+    def refresh(self) -> None:
+        """Read the instruments and show them; other robots are only drawn."""
+        a = self.hand
+        reading = instruments.read(a.desk, self.scenery.rcm(a))
+        shown = reading.points if self.panels.equations_shown() else {}
+        self.nodes[a.name].equations(shown, reading.actual, reading.agrees, self.panels.exaggeration())
+        self.panels.show(reading)
+        self.scenery.update()
+
+    def stand(self) -> None:
+        """Bring every robot to where its protocol is at the clock's time."""
+        for a in self.actors:
+            if a.playback is None:
+                continue
+            k = int(np.clip(round(self.clock.time * timeline.RATE), 0, len(a.playback.t) - 1))
+            if a.desk.edited and len(a.desk.joints) <= 6:
+                a.desk.move_tool(a.playback.Ts_base_tool[k])
+            else:
+                a.desk.show(a.desk.model.state(a.playback.x[k]), a.playback.Ts_base_tool[k])
+
+    def take(self, name: str) -> None:
+        """Take another robot in hand."""
+        self.nodes[self.hand.name].equations({}, {}, True, 1.0)
+        self.hand = next(a for a in self.actors if a.name == name)
+        self.panels.rebuild()
+        self._stale = True
+
+    def rebuilt(self, a: Actor) -> None:
+        """Forget what was drawn of a robot's ghost: its mechanism has changed."""
+        ghost = self.ghosts.pop(a.name, None)
+        if ghost is not None:
+            ghost.remove()
+        self._stale = True
+
+    def _draw_ghost(self) -> None:
+        a = self.hand
+        if a.name not in self.ghosts:
+            self.ghosts[a.name] = RobotNodes(
+                self.server, f"/ghost_{a.name}", a.desk.mechanism, a.desk.assembly.link_poses, ghost=BLUE
+            )
+        ghost = self.ghosts[a.name]
+        ghost.place(a.T_world_base, a.scale)
+        poses = self.panels.ghost_poses(a)
+        if poses is not None:
+            ghost.write(poses)
+
+    def show_ghost(self, visible: bool) -> None:
+        """Show or hide the ghost of the robot in hand."""
+        self.ghost_shown = visible
+        for name, ghost in self.ghosts.items():
+            ghost.show(visible and name == self.hand.name)
+
+    # -- protocols ------------------------------------------------------------------------------------
+
+    def load_soon(self) -> None:
+        """Prepare what the robots play once a browser has had time to draw them: planning wants a whole core."""
+        begin = self.now
+
+        def wait() -> None:
+            came = min(
+                (c.camera._state.update_timestamp or np.inf for c in self.server.get_clients().values()), default=np.inf
+            )
+            if time.time() - came > _DRAWN or self.now - begin > _NOBODY:
+                self.after_frame.remove(wait)
+                for a in self.actors:
+                    if a.desk.robot.files is not None and a.desk.robot.files.protocols():
+                        self.load(a, a.protocol)
+
+        self.after_frame.append(wait)
+
+    def load(self, a: Actor, protocol: str | None) -> None:
+        """Begin to prepare a protocol in another process; it is taken when it is ready."""
+        if a.name in self._plans:
+            self._plans.pop(a.name).close()
+        a.playback = None
+        self._plans[a.name] = Planner(a.source, protocol)
+        self.panels.preparing(a, protocol)
+
+    @property
+    def planning(self) -> bool:
+        """Whether protocols are still being prepared."""
+        return bool(self._plans)
+
+    def _take_plans(self) -> None:
+        for name, planner in list(self._plans.items()):
+            if not planner.done:
+                continue
+            self._plans.pop(name).close()
+            a = next(a for a in self.actors if a.name == name)
+            if not isinstance(planner.answer, Playback):
+                self.panels.failed(a, str(planner.answer))
+                continue
+            a.playback = planner.answer
+            if a.desk.robot.files is not None:
+                protocol = a.desk.robot.protocol(a.playback.protocol)
+                bound = a.desk.robot.bound(protocol)
+                if bound is not a.desk.robot:
+                    a.desk.bind(bound)
+                a.desk.speak_of(protocol)
+            self.clock.duration = max(b.playback.duration for b in self.actors if b.playback is not None)
+            self.panels.ready(a)
+            self.scenery.protocol_changed()
+            self.stand()
+            self._stale = True
+
+    # -- the hand -------------------------------------------------------------------------------------
+
+    def _add_gizmo(self) -> viser.TransformControlsHandle:
+        size = float(np.clip(0.16 * self.nodes[self.hand.name].size * self.hand.scale, 0.01, 0.4))
+        gizmo = self.server.scene.add_transform_controls("/tool", scale=size, depth_test=False)
+
+        @gizmo.on_update
+        async def _(event: viser.TransformControlsEvent) -> None:
+            if event.client is None:
+                return
+            if event.phase == "start":
+                self.dragging, self.clock.playing = True, False
+            wxyz, position = np.array(event.target.wxyz), np.array(event.target.position)
+            self.go_on("tool", lambda: self._tool_to(wxyz, position))
+            if event.phase == "end":
+                self.dragging = False
+                self.ask("settle", self.hand.desk.let_go)
+
+        return gizmo
+
+    def _tool_to(self, wxyz: Array, position: Array) -> Moved:
+        node = self.nodes[self.hand.name]
+        R = spatial.matrix_from_quat_wxyz(np.asarray(node.root.wxyz)).T @ spatial.matrix_from_quat_wxyz(wxyz)
+        u, _, vt = np.linalg.svd(R)  # a page sends four decimals of single precision
+        return self.hand.desk.move_tool(spatial.pose(u @ vt, node.to_base(position)))
+
+    def _gizmo_to_tool(self) -> None:
+        node, T = self.nodes[self.hand.name], self.hand.desk.assembly.T_base_tool
+        self.gizmo.position = node.to_world(T[:3, 3])
+        R = spatial.matrix_from_quat_wxyz(np.asarray(node.root.wxyz)) @ T[:3, :3]
+        self.gizmo.wxyz = spatial.quat_from_matrix_wxyz(R)
+
+    def _grab_links(self) -> None:
+        """Let shift and the left button take hold of any link."""
+        for a in self.actors:
+            held: dict[str, Array] = {}
+            for body, handle in self.nodes[a.name].meshes:
+                handle.on_drag("left", modifier="shift")(self._follower(a, body, held))
+
+    def _follower(self, a: Actor, body: str, held: dict[str, Array]):
+        node = self.nodes[a.name]
+
+        async def lead(event: viser.SceneNodeDragEvent) -> None:
+            if event.phase == "start":
+                T = a.desk.assembly.link_poses[body]
+                held[body] = (spatial.inverse(T) @ np.append(node.to_base(np.array(event.start_position)), 1.0))[:3]
+                self.clock.playing = False
+                self.ask("prepare", a.desk.hand.prepare)
+            elif event.phase == "update" and body in held:
+                target, p = node.to_base(np.array(event.end_position)), held[body]
+                self.go_on("point", lambda: a.desk.move_point(body, p, target))
+            elif event.phase == "end":
+                self.ask("settle", a.desk.let_go)
+
+        return lead

@@ -1,0 +1,190 @@
+"""The scene nodes of one robot: links, their names, frames and joint axes, what the equations say, a ghost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+
+import numpy as np
+import viser
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.model.mechanism import Mechanism
+from twin.ui.session.shapes import Look, behind, looks
+from twin.ui.viewer.frames import FrameWriter
+
+GREEN, RED, ORANGE, BLUE = (38, 150, 90), (225, 0, 0), (255, 120, 20), (40, 110, 220)
+_GHOST_OPACITY = 0.28
+
+
+class RobotNodes:
+    """One robot in the scene, under a root that places and scales it: what lies below is in its base, in m.
+
+    Attributes:
+        root: frame of the base in the world.
+        bodies: frame of each body, by name.
+        meshes: (body, handle) of everything that can be grabbed.
+        size: diagonal of the box about the meshes as first shown, in m.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        path: str,
+        mechanism: Mechanism,
+        poses: Mapping[str, Array],
+        ghost: tuple[int, int, int] | None = None,
+    ) -> None:
+        self._server, self._path, self._mechanism = server, path, mechanism
+        scene = server.scene
+        self.root = scene.add_frame(path, show_axes=False)
+        self.bodies: dict[str, viser.FrameHandle] = {}
+        self.meshes: list[tuple[str, viser.MeshHandle]] = []
+        self._looks: list[tuple[str, Look]] = []
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        with server.atomic():
+            for body in mechanism.bodies:
+                place = f"{path}/{body.name}"
+                T = poses[body.name]
+                wxyz = spatial.quat_from_matrix_wxyz(T[:3, :3])
+                self.bodies[body.name] = scene.add_frame(
+                    place, show_axes=False, axes_length=0.05, axes_radius=0.0015, wxyz=wxyz, position=T[:3, 3]
+                )
+                for k, look in enumerate(looks(body)):
+                    vertices, triangles, color, opacity = look
+                    seen = opacity if ghost is None else _GHOST_OPACITY
+                    handle = scene.add_mesh_simple(
+                        f"{place}/mesh{k}",
+                        vertices.astype(np.float32),
+                        triangles,
+                        color=ghost or color,
+                        opacity=seen if seen < 1 else None,
+                        cast_shadow=ghost is None,
+                        side="double" if seen < 1 else "front",
+                    )
+                    self.meshes.append((body.name, handle))
+                    self._looks.append((body.name, look))
+                    world = vertices @ T[:3, :3].T + T[:3, 3]
+                    low, high = np.minimum(low, world.min(axis=0)), np.maximum(high, world.max(axis=0))
+        self.box = np.array([low, high]) if np.isfinite(low).all() else np.array([[-0.2] * 3, [0.2] * 3])
+        self.size = float(np.linalg.norm(self.box[1] - self.box[0]))
+        self._writer = FrameWriter(server, list(self.bodies.values()))
+        self._extras: dict[str, list[viser.SceneNodeHandle]] = {}
+        self._equations: viser.LineSegmentsHandle | None = None
+
+    def write(self, poses: Mapping[str, Array]) -> None:
+        """Show link poses T_base_body (4, 4), as one frame."""
+        Ts = np.array([poses[name] for name in self.bodies])
+        self._writer.write(Ts[:, :3, 3], np.array([spatial.quat_from_matrix_wxyz(T[:3, :3]) for T in Ts]))
+
+    def place(self, T_world_base: Array, scale: float) -> None:
+        """Stand the whole robot somewhere, larger or smaller; its own units stay what they are."""
+        self.root.position, self.root.scale = T_world_base[:3, 3], scale
+        self.root.wxyz = spatial.quat_from_matrix_wxyz(T_world_base[:3, :3])
+
+    def to_base(self, p_world: Array) -> Array:
+        """Return a point (3,) of the world in the robot's base, in the robot's own metres."""
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = spatial.matrix_from_quat_wxyz(np.asarray(self.root.wxyz)), self.root.position
+        return T[:3, :3].T @ (np.asarray(p_world, float) - T[:3, 3]) / float(np.atleast_1d(self.root.scale)[0])
+
+    def to_world(self, p_base: Array) -> Array:
+        """Return a point (3,) of the base in the world."""
+        R = spatial.matrix_from_quat_wxyz(np.asarray(self.root.wxyz))
+        return np.asarray(self.root.position) + float(np.atleast_1d(self.root.scale)[0]) * R @ p_base
+
+    def show(self, visible: bool) -> None:
+        """Show or hide the whole robot."""
+        self.root.visible = visible
+
+    # -- what can be shown besides --------------------------------------------------------------------
+
+    def frames(self, visible: bool) -> None:
+        """Show the axes of every link frame."""
+        for handle in self.bodies.values():
+            handle.show_axes = visible
+
+    def labels(self, visible: bool) -> None:
+        """Show the name of every link beside it."""
+
+        def make() -> list[viser.SceneNodeHandle]:
+            middles: dict[str, Array] = {}
+            for body, (vertices, *_) in self._looks:
+                middles.setdefault(body, 0.5 * (vertices.min(axis=0) + vertices.max(axis=0)))
+            scene = self._server.scene
+            return [scene.add_label(f"{self._path}/{b}/label", b, position=p) for b, p in middles.items()]
+
+        self._toggle("labels", visible, make)
+
+    def axes(self, visible: bool) -> None:
+        """Show the axis of every joint with one freedom; active ones are blue, passive ones orange."""
+
+        def make() -> list[viser.SceneNodeHandle]:
+            out: list[viser.SceneNodeHandle] = []
+            half = np.array([0.0, 0.0, 0.06 * self.size])
+            for joint in self._mechanism.joints:
+                if len(joint.free_axes) != 1:
+                    continue
+                T = joint.T_parent_joint
+                ends = np.array([T[:3, 3] - T[:3, :3] @ half, T[:3, 3] + T[:3, :3] @ half])
+                color = BLUE if joint.active else ORANGE
+                name = f"{self._path}/{joint.parent}/axis_{joint.name}"
+                out.append(
+                    self._server.scene.add_line_segments(
+                        name, ends[None].astype(np.float32), color, thickness=2.0, thickness_units="screen"
+                    )
+                )
+            return out
+
+        self._toggle("axes", visible, make)
+
+    def equations(
+        self, points: Mapping[str, Array], actual: Mapping[str, Array], agrees: bool, exaggerated: float
+    ) -> None:
+        """Draw the named points (3,) of the equations, those of one body joined by rods; none: nothing is drawn.
+
+        They lie so many times as far from where the mechanism has them as they should: a millimetre is not seen.
+        """
+        owner = {p.name: p.body for p in self._mechanism.points}
+        known = [n for n in points if n in owner and n in actual and np.isfinite(points[n]).all()]
+        points = {n: actual[n] + exaggerated * (points[n] - actual[n]) for n in known}
+        pairs = [(a, b) for a, b in combinations(known, 2) if owner[a] == owner[b]]
+        if not pairs:
+            if self._equations is not None:
+                self._equations.visible = False
+            return
+        segments = np.array([[points[a], points[b]] for a, b in pairs], np.float32)
+        color = np.array(GREEN if agrees else RED, np.uint8)
+        if self._equations is None or len(self._equations.points) != len(segments):
+            self._equations = self._server.scene.add_line_segments(
+                f"{self._path}/equations", segments, tuple(color.tolist()), thickness=0.005 * self.size
+            )
+        else:
+            self._equations.points = segments
+            self._equations.colors = np.broadcast_to(color, (*segments.shape[:2], 3)).copy()
+        self._equations.visible = True
+
+    def section(self, poses: Mapping[str, Array], point: Array | None, normal: Array) -> None:
+        """Cut away what lies before a plane (in base), or with None show everything again."""
+        for (body, (vertices, triangles, *_)), (_, handle) in zip(self._looks, self.meshes, strict=True):
+            shown, faces = vertices, triangles
+            if point is not None:
+                T = poses[body]
+                shown, faces = behind(vertices, triangles, T[:3, :3].T @ (point - T[:3, 3]), T[:3, :3].T @ normal)
+            with self._server.atomic():
+                handle.visible = bool(len(faces))
+                if len(faces):
+                    handle.vertices, handle.faces = shown.astype(np.float32), faces
+                    handle.side = "double" if point is not None else "front"
+
+    def remove(self) -> None:
+        """Take all of it out of the scene."""
+        self.root.remove()
+
+    def _toggle(self, kind: str, visible: bool, make) -> None:
+        if visible and kind not in self._extras:
+            with self._server.atomic():
+                self._extras[kind] = make()
+        for handle in self._extras.get(kind, ()):
+            handle.visible = visible

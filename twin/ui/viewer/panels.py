@@ -1,0 +1,339 @@
+"""The panels of the page: play, move, scene; instruments and curves beside them. The design panel has its own file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from html import escape
+
+import numpy as np
+import viser
+from viser import uplot
+
+from twin.core.errors import AssemblyError
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.ui.session.instruments import Reading
+from twin.ui.session.timeline import SPEEDS, Playback
+from twin.ui.viewer import readout
+from twin.ui.viewer.design_panel import DesignPanel
+from twin.ui.viewer.front import Actor, Front
+from twin.ui.viewer.record_panel import RecordPanel
+
+PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#999999")
+MOST_POSTURES = 64
+"""That the list offers: `keep here` adds no more."""
+
+CURVES = ("displacement", "speed", "acceleration", "tip", "RCM error")
+_POINTS = 400
+"""Points of a curve that are sent."""
+
+
+class Panels:
+    """All that can be pressed, dragged and read."""
+
+    def __init__(self, front: Front) -> None:
+        self.front, self.gui, self.why = front, front.server.gui, ""
+        gui = self.gui
+        gui.set_panel_label(front.title)
+        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        self._side = gui.add_panel()
+        with self._side.add_tab("Instruments"):
+            self._readout = gui.add_html("")
+        self._curves_tab = self._side.add_tab("Curves")
+        self._side.dock_left()
+        self._side.set_width(330)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(350)
+        if len(front.actors) > 1:
+            names = [a.name for a in front.actors]
+            chosen = gui.add_dropdown("robot in hand", names, initial_value=names[0])
+            chosen.on_update(lambda e: front.ask("take", lambda: front.take(chosen.value)))
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Play"):
+            self._play()
+        self._move_tab = tabs.add_tab("Move")
+        self.design = DesignPanel(front, tabs.add_tab("Design"))
+        with tabs.add_tab("Scene"):
+            front.scenery.panel()
+        self._sliders: list[viser.GuiInputHandle] = []
+        self.record: RecordPanel | None = None
+        self._move()
+        with self._curves_tab:
+            self._what = gui.add_dropdown("curve", CURVES, initial_value=CURVES[0])
+            self._what.on_update(lambda _: self.front.ask("curves", lambda: self._draw_curves(force=True)))
+            self._legend = gui.add_html("")
+        self._plot: viser.GuiUplotHandle | None = None
+        self._plotted: tuple[str, str, Playback | None] = ("", "", None)
+
+    def close(self) -> None:
+        """Stop what runs in other processes."""
+        self.design.close()
+
+    # -- play -----------------------------------------------------------------------------------------
+
+    def _play(self) -> None:
+        gui, front = self.gui, self.front
+        files = front.hand.desk.robot.files
+        names = list(files.protocols()) if files is not None else []
+        self._protocol = gui.add_dropdown("protocol", names or ["none"], disabled=not names)
+        default = front.hand.protocol or (front.hand.desk.robot.protocol().name if names else "none")
+        self._protocol.value = default if default in names else (names or ["none"])[0]
+        self._state = gui.add_markdown("_not planned yet_")
+        self._run = gui.add_button("▶ Play", disabled=True)
+        self._time: viser.GuiSliderHandle | None = None
+        self._folder = gui.add_folder("Timeline")
+        with self._folder:
+            self._phases = gui.add_html("", order=1e9)
+        self._speed = gui.add_dropdown("speed", [f"{s:g} x" for s in SPEEDS], initial_value="1 x")
+        self._loop = gui.add_checkbox("loop", True)
+        self._trail = gui.add_checkbox("trail of the tip, RCM and shaft", True)
+        self._ghost = gui.add_checkbox(
+            "ghost of the mechanism", False, hint="Where the independent model puts the tool that is asked for"
+        )
+        self._equations = gui.add_checkbox(
+            "points of the equations", True, hint="Lines join points of one body: a rigid body keeps them rigid"
+        )
+
+        self._times = gui.add_dropdown(
+            "their error drawn", ("1 x", "10 x", "30 x"), initial_value="10 x",
+            hint="How many times as far from the mechanism's points as they are",
+        )  # fmt: skip
+
+        def planned(_: object) -> None:
+            front.ask("load", lambda: [front.load(a, self._chosen(a)) for a in front.actors])
+
+        self._protocol.on_update(planned)
+        self._run.on_click(lambda _: front.ask("run", self._toggle))
+        self._speed.on_update(lambda _: setattr(front.clock, "speed", float(self._speed.value.split()[0])))
+        self._loop.on_update(lambda _: setattr(front.clock, "loop", self._loop.value))
+        self._trail.on_update(lambda _: front.ask("trail", lambda: front.scenery.trail(self._trail.value)))
+        self._ghost.on_update(lambda _: front.ask("ghost", lambda: front.show_ghost(self._ghost.value)))
+        for handle in (self._equations, self._times):
+            handle.on_update(lambda _: front.ask("equations", lambda: None))
+
+    def _chosen(self, a: Actor) -> str | None:
+        return self._protocol.value if a is self.front.hand else a.protocol
+
+    def _toggle(self) -> None:
+        clock = self.front.clock
+        if clock.playing:
+            clock.playing = False
+        else:
+            clock.play()
+
+    def preparing(self, a: Actor, protocol: str | None) -> None:
+        """Say that a protocol is being planned."""
+        self._run.disabled = True
+        self._state.content = f"planning **{protocol or 'the default protocol'}** of {a.name} …"
+
+    def failed(self, a: Actor, error: str) -> None:
+        """Say why a protocol cannot be played."""
+        self.why = error
+        self._state.content = f"<span style='color:#d62f2f'>{a.name}: {escape(error)}</span>"
+
+    def ready(self, a: Actor) -> None:
+        """Offer the timeline of what was prepared."""
+        front = self.front
+        if a is front.hand and a.playback is not None:
+            if self._time is not None:
+                self._time.remove()
+            with self._folder:
+                self._time = self.gui.add_slider(
+                    "t [s]",
+                    0.0,
+                    round(front.clock.duration, 3),
+                    0.001,
+                    0.0,
+                    marks=tuple(round(t0, 3) for _, t0, _ in a.playback.phases),
+                )
+            time, self._phases.content = self._time, ""
+
+            def scrub(event: viser.GuiEvent) -> None:
+                if event.client is None:
+                    return
+                front.clock.playing = False
+                value = time.value
+                front.ask("scrub", lambda: (front.clock.seek(value), front.stand()))
+
+            time.on_update(scrub)
+            self._draw_curves(force=True)
+        self._run.disabled = any(b.playback is None for b in front.actors)
+        front.scenery.trail(self._trail.value)
+
+    # -- move -----------------------------------------------------------------------------------------
+
+    def rebuild(self) -> None:
+        """Make the panels of another robot in hand."""
+        self._move()
+        self.design.rebuild()
+        if self.front.hand.playback is not None:
+            self.ready(self.front.hand)
+
+    def _move(self) -> None:
+        gui, front, a = self.gui, self.front, self.front.hand
+        for handle in self._sliders:
+            handle.remove()
+        self._sliders = []
+        if self.record is not None:
+            self.record.close()
+        self._joint: list[viser.GuiSliderHandle] = []
+        with self._move_tab:
+            note = gui.add_markdown(
+                "Drag the **arrows** at the tool; **shift-drag** any link; or set a joint. "
+                "What cannot be reached stays where it was, and says why."
+            )
+            postures = gui.add_dropdown("posture", a.desk.postures or ("drawn",))
+            go = gui.add_button_group(" ", ("go", "keep here"))
+            self._sliders += [note, postures, go]
+            for i, joint in enumerate(a.desk.joints):
+                scale, unit = (DEG, "°") if joint.is_angle else (MM, "mm")
+                low, high = joint.limits or ((-np.pi, np.pi) if joint.is_angle else (-0.5, 0.5))
+                step = 0.01
+                slider = gui.add_slider(
+                    f"{joint.name} [{unit}]", round(low / scale, 2), round(high / scale, 2), step,
+                    float(np.clip(a.desk.assembly.q[i] / scale, low / scale, high / scale)),
+                )  # fmt: skip
+                slider.on_update(self._mover(i, scale, slider))
+                self._joint.append(slider)
+                self._sliders.append(slider)
+
+        def posture(_: object) -> None:
+            if go.value == "go":
+                front.clock.playing = False
+                front.ask("posture", lambda: a.desk.go(postures.value))
+            elif len(a.desk.postures) < MOST_POSTURES:
+                name = f"kept {sum(p.startswith('kept') for p in a.desk.postures) + 1}"
+                a.desk.keep(name)
+                postures.options = a.desk.postures
+                postures.value = name
+                front.say(f"kept as '{name}'")
+
+        go.on_click(posture)
+        self.record = RecordPanel(front, a, self._move_tab, self._sliders, lambda: postures.value)
+
+    def _mover(self, i: int, scale: float, slider: viser.GuiSliderHandle) -> Callable[[viser.GuiEvent], None]:
+        front = self.front
+
+        def moved(event: viser.GuiEvent) -> None:
+            if event.client is None:
+                return
+            front.clock.playing = False
+            value, desk = slider.value * scale, front.hand.desk
+            front.go_on(f"joint {i}", lambda: desk.move_joint(i, value))
+
+        return moved
+
+    # -- reading --------------------------------------------------------------------------------------
+
+    def equations_shown(self) -> bool:
+        """Return whether the points of the equations are wanted."""
+        return self._equations.value
+
+    def ghost(self, visible: bool) -> None:
+        """Show or hide the ghost, and tick its box accordingly."""
+        self._ghost.value = visible
+        self.front.show_ghost(visible)
+
+    def exaggeration(self) -> float:
+        """Return how many times the error of the equations' points is to be drawn."""
+        return float(self._times.value.split()[0])
+
+    def ghost_poses(self, a: Actor) -> dict[str, Array] | None:
+        """Return where the mechanism itself puts the tool that was asked for, or another design stands."""
+        other = self.design.other_poses(a)
+        if other is not None:
+            return other
+        desk = a.desk
+        if desk.asked is None:
+            return desk.assembly.link_poses
+        try:
+            return desk.model.solve_pose(desk.asked, desk.assembly).link_poses
+        except AssemblyError:
+            return None
+
+    def show(self, reading: Reading) -> None:
+        """Show what the instruments read."""
+        front = self.front
+        desk = front.hand.desk
+        variants = ""
+        if desk.kin is not None:
+            variants = ", ".join(
+                f"{n}: {v}" for n, v in desk.kin.variants.items() if len(desk.kin.choices.get(n, ())) > 1
+            )
+        text = readout.table(reading, variants)
+        if text != self._readout.content:
+            self._readout.content = text
+        scales = [DEG if j.is_angle else MM for j in desk.joints]
+        for slider, value, scale in zip(self._joint, desk.assembly.q, scales, strict=True):
+            shown = float(np.clip(round(value / scale, 2), slider.min, slider.max))
+            if abs(slider.value - shown) > 0.005 and not front.wished("joint"):
+                slider.value = shown
+        clock, playback = front.clock, front.hand.playback
+        if self._time is not None and playback is not None:
+            if abs(self._time.value - clock.time) > 5e-4:
+                self._time.value = round(min(clock.time, self._time.max), 3)
+            phase = playback.phase(clock.time)
+            state = f"**{escape(playback.title)}** · phase **{phase}** · {clock.time:.2f} of {clock.duration:.2f} s"
+            if state != self._state.content:
+                self._state.content = state
+                self._phases.content = readout.phases(playback.phases, phase)
+            label = "❚❚ Pause" if clock.playing else "▶ Play"
+            if self._run.label != label:
+                self._run.label = label
+        self._draw_curves()
+        self.design.show(reading)
+
+    def _draw_curves(self, force: bool = False) -> None:
+        """Draw the chosen curves of the protocol, with a dot on each where the clock is."""
+        playback = self.front.hand.playback
+        if playback is None:
+            return
+        names, values = curves(playback, self._what.value, [j.name for j in self.front.hand.desk.joints],
+                               [j.is_angle for j in self.front.hand.desk.joints])  # fmt: skip
+        step = max(1, len(playback.t) // _POINTS)
+        t, rows = playback.t[::step], values[:, ::step]
+        k = int(np.argmin(np.abs(t - self.front.clock.time)))
+        rows = np.where(np.isfinite(rows), rows, 0.0)  # a plot cannot show what is not there
+        low, high = float(rows.min()), float(rows.max())
+        now = np.full(len(t), low)  # a line of its own that stands up where the clock is
+        now[k] = max(high, low + LEAST_SPAN)
+        data = (t, *rows, now)
+        key = (self._what.value, self.front.hand.name, playback)
+        if self._plot is not None and not force and key == self._plotted:
+            self._plot.data = data
+            return
+        if self._plot is not None:
+            self._plot.remove()
+        series = [uplot.Series(label="t")]
+        series += [uplot.Series(label=n, stroke=PALETTE[i % len(PALETTE)], width=1.5) for i, n in enumerate(names)]
+        series.append(uplot.Series(label="now", stroke="#888888", width=1.0))
+        self._legend.content = readout.legend(names, PALETTE)
+        with self._curves_tab:
+            self._plot = self.gui.add_uplot(
+                data, tuple(series), scales={"x": uplot.Scale(time=False)},
+                cursor=uplot.Cursor(show=True), height=300,
+                axes=(uplot.Axis(label="time [s]"), uplot.Axis(size=58)), legend=uplot.Legend(show=False),
+            )  # fmt: skip
+        self._plotted = key
+
+
+LEAST_SPAN = 0.01
+"""Of an axis: the page labels it with three decimals, and ten labels must differ."""
+
+_SMALL = (("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9), ("pm", 1e-12))
+"""Units of a distance that may be anything from rounding to a centimetre, in m."""
+
+
+def curves(playback: Playback, what: str, joints: list[str], angles: list[bool]) -> tuple[list[str], Array]:
+    """Return names with units, and values (m, k), of what is to be drawn."""
+    if what == "tip":
+        return [f"{a} [mm]" for a in "xyz"], playback.tip.T / MM
+    if what == "RCM error":
+        worst = float(np.nanmax(playback.rcm_error, initial=0.0))
+        unit, scale = next((u for u in _SMALL if worst >= u[1]), _SMALL[-1])
+        return [f"shaft to RCM [{unit}]"], playback.rcm_error[None] / scale
+    per = {"displacement": "", "speed": "/s", "acceleration": "/s²"}[what]
+    values = {"displacement": playback.q, "speed": playback.qd, "acceleration": playback.qdd}[what]
+    scale = np.array([DEG if a else MM for a in angles])
+    names = [f"{n} [{'°' if a else 'mm'}{per}]" for n, a in zip(joints, angles, strict=True)]
+    return names, (values / scale).T

@@ -1,0 +1,129 @@
+"""The instruments as a small piece of HTML."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+from twin.core.units import DEG, MM
+from twin.ui.session.instruments import AGREE, Limit, Reading, Residual
+
+_GOOD, _BAD, _WARN, _DIM = "#1f8a55", "#d62f2f", "#c77700", "#7d8896"
+
+
+def length(metres: float) -> str:
+    """Return a length with a unit in which it reads well."""
+    if not np.isfinite(metres):
+        return "-"
+    for smallest, scale, unit in ((1e-4, MM, "mm"), (1e-7, 1e-6, "µm"), (1e-10, 1e-9, "nm"), (0.0, 1e-12, "pm")):
+        if abs(metres) >= smallest:
+            return f"{metres / scale:.3f} {unit}"
+    return "-"
+
+
+def amount(residual: Residual) -> str:
+    """Return a residual with its unit: a length or an angle."""
+    return angle(residual.size) if residual.is_angle else length(residual.size)
+
+
+def angle(radians: float) -> str:
+    """Return an angle in degrees, with as many digits as it needs."""
+    degrees = abs(radians) / DEG
+    return f"{degrees:.3f}°" if degrees >= 0.001 else f"{degrees:.1e}°"
+
+
+def table(reading: Reading, variants: str = "") -> str:
+    """Return the whole panel; what is beyond its limit is red."""
+    rows = [f"<div style='{_GRID}'>{''.join(_number(*c) for c in reading.coordinates)}</div>"]
+    if variants:
+        rows.append(_line("equations", variants))
+    if reading.residual is not None:
+        what = reading.residual.what
+        state = "agree" if reading.agrees else "DISAGREE"
+        text, color = f"{state}: {amount(reading.residual)} ({escape(what)})" if what else state, _GOOD
+        if not reading.agrees:
+            color = _BAD
+        elif not reading.comparable:
+            text, color = reading.scope, _WARN
+        rows.append(_line("formula ↔ mechanism", text, color))
+    rows.append(_line("loop gap", length(reading.gap), _GOOD if reading.gap < AGREE else _BAD))
+    if reading.rcm_error is not None and reading.depth is not None:
+        good = reading.rcm_error < 0.1 * MM
+        rows.append(_line("RCM error", length(reading.rcm_error), _GOOD if good else _BAD))
+        rows.append(_line("insertion depth", length(reading.depth)))
+    if reading.condition is not None:
+        rows.append(_line("condition number", f"{reading.condition:.1f}", _WARN if reading.condition > 100 else ""))
+    for kind, name in (("type1", "type I"), ("type2", "type II")):
+        near = next((s for s in reading.singular if s[1] == kind), None)
+        if near is not None:
+            color = _BAD if near[2] <= 1 else _WARN if near[2] <= 2 else ""
+            rows.append(_line(f"to {name} singularity", f"{near[2]:.2f} × alarm ({escape(near[0])})", color))
+    if reading.branch:
+        rows.append(_line("branch", escape(reading.branch)))
+    rows += [_bar(limit) for limit in reading.limits]
+    if reading.reason:
+        rows.append(f"<div style='color:{_BAD};padding-top:.5em' data-reason>{escape(reading.reason)}</div>")
+    agrees = "yes" if reading.agrees else "no"
+    return f"<div style='font-size:12px;line-height:1.5;padding:0 .8em' data-agrees='{agrees}'>{''.join(rows)}</div>"
+
+
+_GRID = (
+    "display:grid;grid-template-columns:1fr 1fr 1fr;gap:0 .8em;font-variant-numeric:tabular-nums;padding-bottom:.4em"
+)
+
+
+def phases(spans: Sequence[tuple[str, float, float]], now: str) -> str:
+    """Return the phases as a bar, each as long as it lasts, the present one filled."""
+    total = spans[-1][2] or 1.0
+    cells = (
+        f"<span title='{escape(name)}: {t0:.2f} to {t1:.2f} s' style='flex:0 0 {100 * (t1 - t0) / total:.2f}%;"
+        f"overflow:hidden;white-space:nowrap;padding:1px 3px;box-sizing:border-box;border-left:1px solid #8886;"
+        f"{'background:#2b8be0;color:#fff' if name == now else 'background:#8882'}'>{escape(name)}</span>"
+        for name, t0, t1 in spans
+    )
+    return f"<div style='display:flex;font-size:11px;margin:0 .8em .5em'>{''.join(cells)}</div>"
+
+
+def legend(names: Sequence[str], colors: Sequence[str]) -> str:
+    """Return names, each after a stroke of its colour."""
+    items = (
+        f"<span style='white-space:nowrap'><span style='display:inline-block;width:1.2em;height:3px;margin-right:.3em;"
+        f"vertical-align:middle;background:{colors[i % len(colors)]}'></span>{escape(name)}</span>"
+        for i, name in enumerate(names)
+    )
+    return f"<div style='display:flex;flex-wrap:wrap;gap:.1em .9em;font-size:11px;margin:0 .8em'>{''.join(items)}</div>"
+
+
+def _number(name: str, value: float, unit: str) -> str:
+    shown = f"{value:.3f}" if unit == "mm" else f"{value:.4f}"
+    return f"<span><span style='color:{_DIM}'>{escape(name)}</span> {shown.replace('-0.000', '0.000')} {unit}</span>"
+
+
+def _line(name: str, text: str, color: str = "") -> str:
+    style = f"color:{color};font-weight:600" if color else ""
+    return (
+        f"<div style='display:flex;justify-content:space-between;gap:1em'>"
+        f"<span style='color:{_DIM};white-space:nowrap'>{name}</span>"
+        f"<span style='{style};text-align:right'>{text}</span></div>"
+    )
+
+
+def _bar(limit: Limit) -> str:
+    """Return a joint as a mark between its limits; red within two hundredths of one."""
+    text = f"{limit.value:.3f} {limit.unit}".replace("-0.000 ", "0.000 ")
+    part = limit.part
+    if part is None:
+        return _line(escape(limit.joint), text)
+    near = min(part, 1 - part)
+    color = _BAD if near < 0.02 else _WARN if near < 0.1 else _GOOD
+    return (
+        f"<div style='display:grid;grid-template-columns:3.2em 1fr 8.5em;gap:.5em;align-items:center'>"
+        f"<span style='color:{_DIM}'>{escape(limit.joint)}</span>"
+        f"<span title='{limit.low:g} .. {limit.high:g} {limit.unit}' style='position:relative;height:6px;"
+        f"background:#8884;border-radius:3px'><span style='position:absolute;"
+        f"left:calc({100 * np.clip(part, 0, 1):.2f}% - 3px);top:-2px;width:6px;height:10px;border-radius:2px;"
+        f"background:{color}'></span></span>"
+        f"<span style='text-align:right;font-variant-numeric:tabular-nums'>{text}</span></div>"
+    )

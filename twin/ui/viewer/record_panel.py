@@ -1,0 +1,138 @@
+"""Keeping what the hand did: a recorded session, a posture in the robot's TOML, a phase at a protocol's end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import viser
+
+from twin.core.atomic import Scratch
+from twin.core.errors import TwinError
+from twin.ui.session.session import MOST, Session
+from twin.ui.viewer.front import Actor, Front
+from twin.ui.viewer.keep import append_phase, identifier, save_posture
+
+
+class RecordPanel:
+    """Buttons below the joints; `posture` gives the name of the posture that is chosen above."""
+
+    def __init__(
+        self, front: Front, a: Actor, tab: viser.GuiTabHandle, handles: list, posture: Callable[[], str]
+    ) -> None:
+        self.front, self.actor = front, a
+        self.session: Session | None = None
+        self._began = 0.0
+        self._replayed: float | None = None
+        gui = front.server.gui
+        with tab:
+            folder = gui.add_folder("Session")
+            with folder:
+                self._record = gui.add_button("● Record")
+                self._replay = gui.add_button("↻ Replay", disabled=True)
+                if front.local:
+                    save = gui.add_button("Save the session")
+                    save.on_click(lambda _: front.ask("save", self._save))
+                load = gui.add_upload_button("Load a session", mime_type="application/json")
+            handles.append(folder)
+            if front.local and a.desk.robot.files is not None:
+                keep = gui.add_folder("Write into the robot's files", expand_by_default=False)
+                handles.append(keep)
+                with keep:
+                    self._keep_buttons()
+        self._record.on_click(lambda _: front.ask("record", self._toggle))
+        self._replay.on_click(lambda _: front.ask("replay", self._start))
+        load.on_upload(lambda _: front.ask("open", lambda: self._load(load.value.content)))
+        front.after_frame.append(self._tick)
+
+    def _keep_buttons(self) -> None:
+        """Offer what is written once the terminal has said yes: whoever presses a button here may be anybody."""
+        gui, front = self.front.server.gui, self.front
+        if front.terminal is None:
+            gui.add_markdown("Start `twin view` in a terminal: it asks there before it writes.")
+            return
+        self._name = gui.add_text("name", "reached")
+        gui.add_button("as a posture").on_click(lambda _: front.ask("save", self._save_posture))
+        gui.add_button("as the protocol's last phase").on_click(lambda _: front.ask("save", self._save_phase))
+
+    def close(self) -> None:
+        """Look at the robot no more."""
+        self.front.after_frame.remove(self._tick)
+
+    def _toggle(self) -> None:
+        if self._record.label == "● Record":
+            a = self.actor
+            self.session = Session.of(a.desk.mechanism)
+            self._began, self._record.label, self._replay.disabled = time.perf_counter(), "■ Stop recording", True
+        else:
+            self._record.label, self._replay.disabled = "● Record", False
+
+    def _start(self) -> None:
+        self.front.clock.playing = False
+        self._replayed = time.perf_counter()
+
+    def _tick(self) -> None:
+        desk = self.actor.desk
+        if self.session is None:
+            return
+        if self._record.label != "● Record":
+            now = time.perf_counter() - self._began
+            if len(self.session.moments) >= MOST:
+                self._toggle()
+                self.front.say(f"{MOST} moments are recorded: that is all that one session holds", bad=True)
+            elif not self.session.moments or not np.array_equal(self.session.moments[-1].q, desk.assembly.q):
+                self.session.add(now, desk.assembly.q, desk.assembly.T_base_tool)
+        elif self._replayed is not None and self.session.moments:
+            now = time.perf_counter() - self._replayed
+            if now >= self.session.duration:
+                self._replayed = None
+            session = self.session
+            self.front.ask("replay", lambda: desk.move_joints(session.at(session.moments[0].time + now)))
+
+    def _load(self, content: bytes) -> None:
+        with Scratch() as folder:
+            path = Path(folder) / "session.json"
+            path.write_bytes(content)
+            self.session = Session.load(path, self.actor.desk.mechanism)
+        self._replay.disabled = False
+        self.front.say(f"{len(self.session.moments)} moments, {self.session.duration:.1f} s: press Replay")
+
+    def _save(self) -> None:
+        if self.session is None or not self.session.moments:
+            raise TwinError("nothing is recorded yet: press Record, move the robot, stop")
+        path = Path("twin-out") / self.actor.name / "session.json"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.session.save(path)
+        self.front.say(f"written: {path}")
+
+    def _save_posture(self) -> None:
+        files = self.actor.desk.robot.files
+        assert files is not None
+        name, path = self._name.value, files.description
+        values = dict(zip([j.name for j in self.actor.desk.joints], self.actor.desk.assembly.q, strict=True))
+        self._when_told(f"posture '{identifier(name)}'", path, lambda: save_posture(path, name, values))
+
+    def _save_phase(self) -> None:
+        robot, a = self.actor.desk.robot, self.actor
+        assert robot.files is not None
+        protocol = robot.protocol(a.playback.protocol if a.playback is not None else None)
+        T_tool_frame = a.desk.mechanism.frame_in_tool(protocol.frame)
+        name, path, T = self._name.value, robot.files.protocol(protocol.name), a.desk.assembly.T_base_tool.copy()
+        self._when_told(f"phase '{identifier(name)}'", path, lambda: append_phase(path, name, T, T_tool_frame))
+
+    def _when_told(self, what: str, path: Path, write: Callable[[], None]) -> None:
+        """Write if the person at the terminal says yes."""
+        front = self.front
+        assert front.terminal is not None
+
+        def then(yes: bool) -> None:
+            def do() -> None:
+                write()
+                front.say(f"{what} written into {path.name}: load it again")
+
+            front.ask("write", do if yes else lambda: front.say(f"{what}: the terminal said no; nothing is written"))
+
+        front.terminal.ask(f"The page wants to write {what} into {path}. Write it?", then)
+        front.say(f"{what}: answer in the terminal")

@@ -1,0 +1,114 @@
+"""Pictures and pages to take away: a screenshot, a turntable, a recording that plays without Python."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+
+import numpy as np
+import viser
+
+from twin.core import spatial
+from twin.core.errors import TwinError
+from twin.ui.viewer.front import Front
+
+TURN = 36
+"""Pictures of one turn."""
+
+RATE = 30.0
+"""Frames a second of a recording."""
+
+Progress = Callable[[float], object]
+
+
+def screenshot(client: viser.ClientHandle | None, title: str, progress: Progress) -> bytes:
+    """Send a browser the picture it shows, as PNG; return it."""
+    client = _one(client)
+    png = _png(_render(client, 1080, 1920))
+    progress(1.0)
+    client.send_file_download(f"{title}.png", png)
+    return png
+
+
+def turntable(client: viser.ClientHandle | None, title: str, progress: Progress) -> bytes:
+    """Send a browser a GIF of one turn about what it looks at; return it."""
+    from PIL import Image
+
+    client = _one(client)
+    camera = client.camera
+    centre, start, up = (
+        camera.look_at.copy(),
+        camera.position.copy(),
+        camera.up_direction / np.linalg.norm(camera.up_direction),
+    )
+    arm = start - centre
+    images = []
+    for k in range(TURN):
+        angle = 2 * np.pi * k / TURN
+        eye = centre + arm * np.cos(angle) + np.cross(up, arm) * np.sin(angle) + up * (up @ arm) * (1 - np.cos(angle))
+        z = (centre - eye) / np.linalg.norm(centre - eye)
+        x = np.cross(z, up) / np.linalg.norm(np.cross(z, up))
+        R = np.column_stack([x, np.cross(z, x), z])
+
+        images.append(
+            _over(_render(client, 480, 640, wxyz=spatial.quat_from_matrix_wxyz(R), position=eye, fov=camera.fov))
+        )
+        progress((k + 1) / TURN)
+    out = io.BytesIO()
+    frames = [Image.fromarray(i).convert("P", palette=Image.Palette.ADAPTIVE) for i in images]
+    frames[0].save(out, "GIF", save_all=True, append_images=frames[1:], duration=80, loop=0)
+    client.send_file_download(f"{title}.gif", out.getvalue())
+    return out.getvalue()
+
+
+def page(front: Front, progress: Progress = lambda part: None) -> str:
+    """Return the protocols that are loaded as one HTML page that plays by itself.
+
+    Raises:
+        TwinError: there is no protocol to play.
+    """
+    clock = front.clock
+    if clock.duration <= 0:
+        raise TwinError("there is nothing to record: load a protocol first (Play, protocol)")
+    was, clock.playing = clock.time, False
+    front.gizmo.visible = False
+    serializer = front.server.get_scene_serializer()
+    for t in np.arange(0.0, clock.duration, 1 / RATE):
+        clock.seek(float(t))
+        front.stand()
+        front.draw()
+        front.refresh()
+        serializer.insert_sleep(1 / RATE)
+        progress(t / clock.duration)
+    html = serializer.as_html()
+    front.gizmo.visible = True
+    clock.seek(was)
+    front.stand()
+    return html
+
+
+def _one(client: viser.ClientHandle | None) -> viser.ClientHandle:
+    if client is None:
+        raise TwinError("a picture needs a browser that shows the page")
+    return client
+
+
+def _render(client: viser.ClientHandle, height: int, width: int, **camera) -> np.ndarray:
+    try:
+        return client.get_render(height, width, transport_format="png", timeout=120, **camera)
+    except TimeoutError as error:
+        raise TwinError("the browser did not answer within 120 s: is its tab in the background?") from error
+
+
+def _over(image: np.ndarray) -> np.ndarray:
+    """Return a picture with alpha on white."""
+    a = image[..., 3:] / 255.0
+    return (image[..., :3] * a + 250 * (1 - a)).astype(np.uint8)
+
+
+def _png(image: np.ndarray) -> bytes:
+    from PIL import Image
+
+    out = io.BytesIO()
+    Image.fromarray(_over(image)).save(out, "PNG", optimize=True)
+    return out.getvalue()

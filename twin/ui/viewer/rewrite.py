@@ -1,0 +1,105 @@
+"""Puts entries into TOML that people have written: comments and layout survive, and nothing else changes."""
+
+from __future__ import annotations
+
+import shutil
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+from tomlkit.container import OutOfOrderTableProxy
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import Table, Whitespace
+
+from twin.core.assets import atomic_folder
+from twin.core.errors import DescriptionError, OutputError, TwinError
+
+Entry = tuple[str, str | None, dict[str, Any]]
+"""What is added: table, key in it (None: a list of tables, at its end), values."""
+
+
+def rewrite(path: Path, entries: list[Entry], check: Callable[[Path], None]) -> None:
+    """Put entries into a TOML file, if its new text passes.
+
+    Args:
+        path: a file that is valid as it is; replaced in one step.
+        entries: what to add, or to write over.
+        check: called with the new text as a file of the same name; raises `TwinError` to refuse it.
+
+    Raises:
+        TwinError: what `check` raised.
+        DescriptionError: the layout of the file has no place for the entries.
+        OutputError: the file cannot be written.
+    """
+    target = path.resolve()
+    text = target.read_bytes().decode("utf-8")
+    wanted = tomllib.loads(text)
+    try:
+        document: Any = tomlkit.parse(text)
+        for table, key, values in entries:
+            if key is None:
+                wanted[table].append(values)
+                _append(document, table, None, values)
+            else:
+                wanted.setdefault(table, {})[key] = values
+                _append(document, table, key, values)
+        new = tomlkit.dumps(document)
+        if "\r\n" in text:
+            new = new.replace("\r\n", "\n").replace("\n", "\r\n")
+        same = tomllib.loads(new) == wanted
+    except (TOMLKitError, ValueError, TypeError, AttributeError) as error:
+        raise _layout(path, entries) from error
+    if not same:
+        raise _layout(path, entries)
+    try:
+        with atomic_folder(target.parent) as work:
+            fresh = work / target.name
+            fresh.write_bytes(new.encode())
+            shutil.copymode(target, fresh)
+            try:
+                check(fresh)
+            except TwinError as error:
+                told = str(error).replace(str(fresh), str(path))
+                raise type(error)(f"{told} (in the file as it would be; it is left as it was)") from error
+    except OutputError as error:
+        why = getattr(error.__cause__, "strerror", None) or error
+        text = (
+            f"{path}: cannot be written: {why}. Copy the robot's folders to where you may write, and load them there."
+        )
+        raise OutputError(text) from error
+
+
+def _append(document: Any, table: str, key: str | None, values: dict[str, Any]) -> None:
+    """Put values at the end of a table of tables, or in the place of the ones that are there."""
+    parent: Any = document.get(table)
+    if key is not None and parent is not None and key in parent:
+        parent[key].update(values)
+        return
+    if parent is None:
+        document[table] = parent = tomlkit.table(is_super_table=True)
+    fresh: Any = tomlkit.table()
+    fresh.update(values)
+    before = list(parent if key is None else parent.values())
+    if before and isinstance(before[-1], Table) and not isinstance(parent, OutOfOrderTableProxy):
+        # What stands after a blank line below the last table heads the next one: it goes along behind the new one.
+        body = before[-1].value.body
+        end = max((n + 1 for n, (k, _) in enumerate(body) if k is not None), default=0)
+        end = next((n for n in range(end, len(body)) if isinstance(body[n][1], Whitespace)), len(body))
+        below = [item for _, item in body[end:]]
+        del body[end:]
+        before[-1].add(tomlkit.nl())
+        for item in below:
+            fresh.append(None, item)
+    if key is None:
+        parent.append(fresh)
+    else:
+        parent[key] = fresh
+
+
+def _layout(path: Path, entries: list[Entry]) -> DescriptionError:
+    names = ", ".join(f"[{table}.{key}]" if key else f"[[{table}]]" for table, key, _ in entries)
+    return DescriptionError(
+        f"{path}: cannot add {names} in this layout: write its other tables as [table.name] headers"
+    )

@@ -1,0 +1,315 @@
+"""What is around the robot: floor, table, patient, trocar, shaft, trail; light, cameras, cuts, pictures."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import viser
+
+from twin.core import spatial
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.model.mechanism import Mechanism
+from twin.reference import ReferenceModel
+from twin.ui.session.patient import none_there, patient_of
+from twin.ui.viewer import recording
+from twin.ui.viewer.front import Actor, Front
+from twin.ui.viewer.nodes import BLUE, ORANGE, RobotNodes
+
+VIEWS = ("overview", "front", "top", "along the shaft", "endoscope", "microscope")
+FIRST, ENDOSCOPE = 40, 70
+"""Angles of view in deg: at first, and of a common laparoscope."""
+
+_CUTS = ("none", "x", "y", "z")
+
+
+class Scenery:
+    """The surroundings of all robots, and from where they are looked at."""
+
+    def __init__(self, front: Front, props: Mechanism | None) -> None:
+        self.front, self.scene = front, front.server.scene
+        scene = self.scene
+        corners = [front.nodes[a.name].to_world(c) for a in front.actors for c in _corners(front.nodes[a.name].box)]
+        self.props: RobotNodes | None = None
+        if props is not None:
+            poses = ReferenceModel(props).home().link_poses
+            self.props = RobotNodes(front.server, f"/{props.name}", props, poses)
+            corners += list(_corners(self.props.box))
+        low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+        self.middle, self.size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+        floor = float(low[2]) if props is None else min(0.0, float(low[2]))
+        scene.set_up_direction("+z")
+        scene.configure_default_lights(False)
+        scene.configure_environment_map("studio", environment_intensity=0.25)
+        scene.add_light_directional("/light/key", intensity=1.7, position=(1.2, -0.9, 2.2), cast_shadow=True)
+        scene.add_light_directional("/light/fill", intensity=0.45, position=(-0.8, 1.6, 0.7))
+        cell = 0.1 if self.size > 0.4 else 0.02
+        at = (self.middle[0], self.middle[1], floor)
+        self.grid = scene.add_grid(
+            "/floor", 60 * cell, 60 * cell, cell_size=cell, section_size=5 * cell, position=at,
+            cell_color=(205, 211, 219), section_color=(186, 194, 204), shadow_opacity=0.3,
+            fade_distance=25 * cell, fade_from="origin",
+        )  # fmt: skip
+        self._floor = floor
+        self._patients: dict[str, RobotNodes] = {}
+        self._patient_shown = False
+        self._gizmo_wanted, self._through_lens = True, False
+        self._trail: dict[str, list[viser.SceneNodeHandle]] = {}
+        self._trail_shown = True
+        self._lines: dict[str, viser.LineSegmentsHandle] = {}
+        self._balls: dict[str, viser.IcosphereHandle] = {}
+        self._cut: tuple[int, float] | None = None
+        self._one = threading.Lock()
+        self._cut_drawn: tuple | None = None
+        front.server.initial_camera.position = self.middle + self.size * np.array([1.0, -1.35, 0.6])
+        front.server.initial_camera.look_at = self.middle
+        front.server.initial_camera.fov = FIRST * DEG
+
+    # -- the instrument -------------------------------------------------------------------------------
+
+    def rcm(self, a: Actor) -> Array | None:
+        """Return the RCM (3,) in base of a robot: of its protocol at this time, or of its trocar."""
+        if a.desk.mechanism.trocar:
+            return a.desk.mechanism.trocar_at
+        if a.playback is None:
+            return None
+        k = int(np.clip(np.searchsorted(a.playback.t, self.front.clock.time), 0, len(a.playback.t) - 1))
+        rcm = a.playback.rcm[k]
+        return rcm if np.isfinite(rcm).all() else None
+
+    def trail(self, visible: bool) -> None:
+        """Show the way of every tip along its protocol."""
+        self._trail_shown = visible
+        for a in self.front.actors:
+            for handle in self._trail.pop(a.name, []):
+                handle.remove()
+            if a.playback is None or not visible:
+                continue
+            tip = a.playback.tip[:: max(1, len(a.playback.t) // 600)]
+            line = self.scene.add_line_segments(
+                f"/{a.name}/trail", np.stack([tip[:-1], tip[1:]], axis=1).astype(np.float32), BLUE,
+                thickness=2.0, thickness_units="screen",
+            )  # fmt: skip
+            self._trail[a.name] = [line]
+
+    def follow(self) -> None:
+        """Follow the robots with RCM and shaft; a shaft that misses its RCM visibly (a bent wrist) is not drawn."""
+        for a in self.front.actors:
+            rcm = self.rcm(a) if self._trail_shown else None
+            if rcm is None:
+                for kind in (self._lines, self._balls):
+                    if a.name in kind:
+                        kind[a.name].visible = False
+                continue
+            size = self.front.nodes[a.name].size
+            tip, axis = a.desk.shaft()
+            ends = np.array([[tip, rcm - 0.12 * size * axis]], np.float32)
+            if a.name not in self._lines:
+                self._lines[a.name] = self.scene.add_line_segments(
+                    f"/{a.name}/shaft_axis", ends, ORANGE, thickness=2.0, thickness_units="screen"
+                )
+                self._balls[a.name] = self.scene.add_icosphere(
+                    f"/{a.name}/rcm", 0.007 * size, ORANGE, cast_shadow=False
+                )
+            self._lines[a.name].points = ends
+            self._balls[a.name].position = rcm
+            missed = np.linalg.norm(np.cross(rcm - tip, axis))
+            self._balls[a.name].visible, self._lines[a.name].visible = True, bool(missed < 2 * MM)
+
+    # -- the panel ------------------------------------------------------------------------------------
+
+    def panel(self) -> None:
+        """Make the panel."""
+        gui, front = self.front.server.gui, self.front
+        views = gui.add_dropdown("camera", VIEWS)
+        look = gui.add_button("Look from there")
+        look.on_click(lambda e: self.look(views.value, e.client))
+        views.on_update(lambda e: self.look(views.value, e.client))
+        with gui.add_folder("Show"):
+            boxes = {
+                "floor": (True, lambda v: setattr(self.grid, "visible", v)),
+                "table and patient": (False, self.patient),
+                "link names": (False, lambda v: [n.labels(v) for n in front.nodes.values()]),
+                "link frames": (False, lambda v: [n.frames(v) for n in front.nodes.values()]),
+                "joint axes": (False, lambda v: [n.axes(v) for n in front.nodes.values()]),
+                "gizmo at the tool": (True, self.gizmo),
+                "dark": (False, self.dark),
+            }
+            if self.props is not None:
+                del boxes["table and patient"]  # they are among the surroundings
+                boxes["see through the surroundings"] = (False, self.see_through)
+            for name, (first, do) in boxes.items():
+                box = gui.add_checkbox(name, first)
+                box.on_update(self._switch(name, box, do))
+        with gui.add_folder("Section"):
+            axis = gui.add_dropdown("cut across", _CUTS)
+            part = gui.add_slider("where [%]", 0, 100, 1, 50)
+
+            def cut(_: object) -> None:
+                self._cut = None if axis.value == "none" else (_CUTS.index(axis.value) - 1, part.value / 100)
+                front.ask("cut", lambda: None)
+
+            axis.on_update(cut)
+            part.on_update(cut)
+        with gui.add_folder("Size and place", expand_by_default=False):
+            gui.add_markdown("Of the picture alone: all numbers stay those of the robot.")
+            scale = gui.add_slider("size", 0.1, 10.0, 0.1, 1.0)
+            place = gui.add_vector3("place [mm]", (0.0, 0.0, 0.0), step=10.0)
+            yaw = gui.add_slider("turn [°]", -180, 180, 1, 0)
+
+            def put(e: viser.GuiEvent) -> None:
+                p, s, turn = np.array(place.value) * MM, scale.value, yaw.value * DEG
+                if e.client is not None:
+                    front.ask("place", lambda: self._put(front.hand, p, turn, s))
+
+            for handle in (scale, place, yaw):
+                handle.on_update(put)
+        with gui.add_folder("Pictures"):
+            shot = gui.add_button("Screenshot")
+            turn = gui.add_button("Turntable (GIF)")
+            page = gui.add_button("Recording that needs no Python (HTML)")
+            self._progress = gui.add_progress_bar(0.0, visible=False)
+            shot.on_click(lambda e: self._busy(lambda p: recording.screenshot(e.client, front.title, p)))
+            turn.on_click(lambda e: self._busy(lambda p: recording.turntable(e.client, front.title, p)))
+            page.on_click(lambda e: front.ask("page", lambda: self._page(e.client)))
+
+    def _switch(self, name: str, box: viser.GuiCheckboxHandle, do):
+        return lambda _: self.front.ask(name, lambda: do(box.value))
+
+    def _busy(self, work) -> None:
+        """Do one thing that takes long; whatever is asked for meanwhile is not done: each holds a thread."""
+        if not self._one.acquire(blocking=False):
+            return
+        try:
+            self._progress.visible = True
+            work(lambda part: setattr(self._progress, "value", 100 * part))
+        except TwinError as error:  # in a thread of viser's nobody would hear of it
+            self.front.say(str(error), bad=True)
+        finally:
+            self._progress.visible = False
+            self._one.release()
+
+    def _page(self, client: viser.ClientHandle | None) -> None:
+        def work(progress) -> None:
+            html = recording.page(self.front, progress)
+            if client is not None:
+                client.send_file_download(f"{self.front.title}.html".replace(" ", "_"), html.encode())
+
+        self._busy(work)
+
+    def _put(self, a: Actor, p: Array, turn: float, scale: float) -> None:
+        a.scale = scale
+        a.T_world_base = spatial.pose(spatial.rotation_z(turn), p)
+        self.front.nodes[a.name].place(a.T_world_base, scale)
+        self.front.gizmo.scale = float(np.clip(0.16 * self.front.nodes[a.name].size * scale, 0.01, 2.0))
+
+    # -- surroundings ---------------------------------------------------------------------------------
+
+    def dark(self, on: bool) -> None:
+        """Choose dark or light."""
+        self.front.server.gui.configure_theme(
+            dark_mode=on, control_width="large", show_logo=False, show_share_button=False
+        )
+        self.grid.cell_color = (58, 64, 72) if on else (205, 211, 219)
+        self.grid.section_color = (80, 88, 98) if on else (186, 194, 204)
+
+    def gizmo(self, on: bool) -> None:
+        """Show the handle at the tool, but not to the endoscope."""
+        self._gizmo_wanted = on
+        self.front.gizmo.visible = on and not self._through_lens
+
+    def see_through(self, on: bool) -> None:
+        """Let the instruments be seen inside the patient."""
+        assert self.props is not None
+        for _, handle in self.props.meshes:
+            handle.opacity = 0.3 if on else None
+
+    def patient(self, visible: bool) -> None:
+        """Show patient and table of what the robots play; say which protocols have one if none of these has."""
+        self._patient_shown = visible
+        missing = []
+        for a in self.front.actors:
+            if a.name in self._patients:
+                self._patients.pop(a.name).remove()
+                self._show_links(a, frozenset())
+            robot = a.desk.robot
+            if not visible or robot.files is None or not robot.files.protocols():
+                continue
+            protocol = robot.protocol(a.playback.protocol if a.playback is not None else a.protocol)
+            patient = patient_of(robot, protocol, self._floor - float(a.T_world_base[2, 3]))
+            if patient is None:
+                missing.append(none_there(robot, protocol))
+                continue
+            self._patients[a.name] = RobotNodes(
+                self.front.server, f"/{a.name}/patient", patient.mechanism, patient.poses
+            )
+            self._show_links(a, frozenset(patient.replaces))
+        if missing:
+            self.front.say(" ".join(missing))
+
+    def protocol_changed(self) -> None:
+        """Let the patient be that of the protocols that are played now."""
+        if self._patient_shown:
+            self.front.ask("table and patient", lambda: self.patient(True))
+
+    def _show_links(self, a: Actor, hidden: frozenset[str]) -> None:
+        for name, frame in self.front.nodes[a.name].bodies.items():
+            frame.visible = name not in hidden
+
+    def update(self) -> None:
+        """Cut the robots where they stand now, if a section is wanted."""
+        state = None if self._cut is None else (*self._cut, *(id(a.desk.assembly) for a in self.front.actors))
+        if state == self._cut_drawn:
+            return
+        self._cut_drawn = state
+        for a in self.front.actors:
+            node = self.front.nodes[a.name]
+            point = None
+            normal = np.zeros(3)
+            if self._cut is not None:
+                axis, part = self._cut
+                normal[axis] = 1.0
+                point = node.box[0] + part * (node.box[1] - node.box[0])
+            node.section(a.desk.assembly.link_poses, point, normal)
+
+    def look(self, view: str, client: viser.ClientHandle | None) -> None:
+        """Bring a browser's camera to a preset; without a client, every browser's."""
+        clients = [client] if client is not None else list(self.front.server.get_clients().values())
+        eye, at, up = self.camera(view)
+        inside = view == "endoscope"
+        self._through_lens = inside
+        self.front.gizmo.visible = self._gizmo_wanted and not inside  # it would fill the picture
+        for c in clients:
+            with c.atomic():
+                c.camera.up_direction = up
+                c.camera.position = eye
+                c.camera.look_at = at
+                c.camera.fov = (ENDOSCOPE if inside else FIRST) * DEG
+                c.camera.near = 0.001 if inside else 0.01
+
+    def camera(self, view: str) -> tuple[Array, Array, Array]:
+        """Return where a preset looks from, at what, and what is up; each (3,) in world."""
+        a = self.front.hand
+        node = self.front.nodes[a.name]
+        tip, axis = a.desk.shaft()
+        lens, sight, above = (node.to_world(x) for x in a.desk.camera())
+        R = node.to_world(np.eye(3)[0]) - node.to_world(np.zeros(3))  # base x in world, scaled
+        size = node.size * a.scale
+        p, up = node.to_world(tip), np.array([0.0, 0.0, 1.0])
+        along = node.to_world(tip + axis) - p
+        along /= np.linalg.norm(along)
+        side = R / np.linalg.norm(R) if abs(along[2]) > 0.9 else up
+        return {
+            "overview": (self.middle + self.size * np.array([1.0, -1.35, 0.6]), self.middle, up),
+            "front": (self.middle + self.size * np.array([1.5, 0.0, 0.1]), self.middle, up),
+            "top": (self.middle + self.size * np.array([0.0, -0.01, 1.5]), self.middle, up),
+            "along the shaft": (p - 0.6 * size * along + 0.04 * size * side, p, side),
+            "endoscope": (lens, sight, (above - lens) / np.linalg.norm(above - lens)),
+            "microscope": (p + 0.25 * size * up + 0.05 * size * np.array([1.0, -1.0, 0]), p, up),
+        }[view]
+
+
+def _corners(box: Array) -> Array:
+    return np.array([[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])

@@ -1,0 +1,187 @@
+"""The server by itself, light to import: a browser can load the page while the robot is being read.
+
+viser asks nobody who he is. So the one call in it that opens a socket is answered by our door: its page goes out, its
+WebSockets come in and its messages pass only through that. A viser that opens its socket otherwise is stopped.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import threading
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import viser
+import websockets.datastructures
+import websockets.exceptions
+from viser.infra import _infra
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
+
+from twin.core.errors import TwinError
+from twin.ui.door.answers import File
+from twin.ui.door.connection import Connection
+from twin.ui.door.entrance import listen, page, stranger, visit
+from twin.ui.door.gate import Gate
+from twin.ui.door.limits import GARBAGE, MESSAGES, Bucket, Doorman
+from twin.ui.viewer.letters import LONGEST, Letters, NonsenseError, StaleError
+
+CLIENTS, CLIENTS_OF_ONE = 16, 8
+"""WebSockets at once, in all and from one address."""
+
+BYTES = (8e6, 40e6)
+"""Of one page: a second, and at once. A turntable is 36 pictures."""
+
+FRAMES = (600.0, 1200.0)
+"""WebSocket frames of one page: a second, and at once."""
+
+PATIENCE = 60.0
+"""Seconds that a page may be silent: one that draws in software is."""
+
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob: data:; worker-src blob: data:; "
+    "style-src 'unsafe-inline'; img-src 'self' data: blob:; font-src data:; media-src data: blob:; "
+    "connect-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+"""Content-Security-Policy of viser's page, one file with everything in it: it speaks with its own server alone.
+
+Without it a link to our page with `?websocket=` or `?playbackPath=` would let another server write into it.
+"""
+
+_lock = threading.Lock()
+
+
+class PageConnection(Connection):
+    """A connection of which viser hears what `letters` lets through."""
+
+    letters: ClassVar[Letters]
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        now = time.monotonic()
+        self._messages, self._garbage = Bucket(*MESSAGES, now), Bucket(*GARBAGE, now)
+
+    async def recv(self, decode: bool | None = None) -> Any:
+        """Return the next message that a page may send; cut whoever sends others again and again."""
+        while True:
+            raw = await super().recv(decode)
+            now = time.monotonic()
+            if not self._messages.take(now):
+                continue
+            try:
+                self.letters.check(raw, self, now)
+            except StaleError:
+                continue
+            except NonsenseError:
+                if not self._garbage.take(now):
+                    self.cut()
+                continue
+            return raw
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Give back what was counted, and the place of an upload."""
+        self.letters.forget(self)
+        super().connection_lost(exc)
+
+
+class Door:
+    """What stands before one viser server.
+
+    Attributes:
+        gate: who may come in.
+        letters: what they may say.
+        stands: whether viser's socket is behind it.
+    """
+
+    def __init__(self, gate: Gate) -> None:
+        self.gate, self.letters, self.stands = gate, Letters(), False
+        content = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
+        self._files = {"/": File(content, "text/html; charset=utf-8", policy=POLICY)}
+
+    def listen(
+        self,
+        handler: Callable[[ServerConnection], Awaitable[None]],
+        host: str,
+        port: int,
+        *,
+        select_subprotocol: Callable[..., Any],
+        **ours: Any,
+    ) -> Any:
+        """Open the socket in the place of `websockets.serve`: of viser's wishes, the handler and the protocol count."""
+        self.stands = True
+        return listen(
+            handler,
+            host,
+            port,
+            self._request,
+            Doorman(CLIENTS, CLIENTS_OF_ONE),
+            kind=type("OwnPage", (PageConnection,), {"letters": self.letters}),
+            longest=LONGEST,
+            bytes=BYTES,
+            frames=FRAMES,
+            patience=PATIENCE,
+            select_subprotocol=select_subprotocol,
+        )
+
+    def _request(self, connection: ServerConnection, request: Request) -> Response | None:
+        seen = visit(self.gate, connection, request)
+        if isinstance(seen, Response):
+            return seen
+        if seen.upgrade and not seen.head:
+            return None if seen.known else stranger()
+        return page(self.gate, seen, self._files)
+
+
+def serve(title: str, host: str, port: int, gate: Gate | None = None) -> viser.ViserServer:
+    """Return a running server on a port that is free; 0 takes any.
+
+    Args:
+        title: of its page.
+        host: to listen on.
+        port: to listen on.
+        gate: who may come in; without one, whoever names this machine by the host, from its own page.
+
+    Raises:
+        TwinError: this version of viser opens its socket by itself.
+    """
+    door = Door(gate or Gate(host, port, False, lambda token: None))
+    with contextlib.redirect_stdout(io.StringIO()), _opening(door):
+        server = viser.ViserServer(host=host, port=port, label=title, verbose=False)
+    if not door.stands:
+        stop(server)
+        raise TwinError(f"viser {viser.__version__} opens its port by itself, without our door: install viser 1.1")
+    door.letters.belong_to(server)
+    door.letters.told = lambda text: tell(server, title, text, bad=True)
+    return server
+
+
+def tell(server: viser.ViserServer, title: str, text: str, bad: bool = False) -> None:
+    """Show a notice in every browser."""
+    for client in server.get_clients().values():
+        client.add_notification(title, text, color=(222, 48, 48) if bad else None, auto_close_seconds=8.0)
+
+
+def stop(server: viser.ViserServer) -> None:
+    """Stop a server without a word."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        server.stop()
+
+
+@contextlib.contextmanager
+def _opening(door: Door) -> Iterator[None]:
+    """Let viser find our door where it looks for `websockets.asyncio.server.serve`, while it opens its socket."""
+    ours = SimpleNamespace(
+        asyncio=SimpleNamespace(server=SimpleNamespace(serve=door.listen)),
+        exceptions=websockets.exceptions,
+        datastructures=websockets.datastructures,
+    )
+    with _lock:
+        theirs, _infra.websockets = _infra.websockets, ours
+        try:
+            yield
+        finally:
+            _infra.websockets = theirs

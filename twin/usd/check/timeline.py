@@ -1,0 +1,44 @@
+"""Where all bodies are, at rest and at every time sample."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.usd.scan import RawJoint, Scene
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """T_world_body (k + 1, 4, 4) of each body, and `labels` (k + 1): at rest, then at each sample."""
+
+    poses: dict[str, Array]
+    codes: Array
+    labels: list[str]
+    times_s: Array
+
+    def relative(self, joint: RawJoint) -> Array:
+        """Return the pose (k + 1, 4, 4) of the frame on body1 seen from the frame on body0."""
+        a, b = (
+            self.poses[e.body] @ e.T_body_joint if e.body else np.broadcast_to(e.T_body_joint, self._shape())
+            for e in joint.ends
+        )
+        return spatial.inverse(a) @ b
+
+    def _shape(self) -> tuple[int, int, int]:
+        return (len(self.labels), 4, 4)
+
+
+def timeline(scene: Scene) -> Timeline:
+    """Return the poses of all bodies at rest (default time) and at every time sample."""
+    prims = list(scene.bodies.values())
+    codes = scene.sample_codes
+    per_second = scene.stage.GetTimeCodesPerSecond()
+    poses = scene.poses(prims)
+    if len(codes):
+        poses = np.concatenate([poses, scene.poses(prims, codes)], axis=1)
+    labels = ["at rest", *(f"time code {c:g} ({c / per_second:.4g} s)" for c in codes)]
+    return Timeline(dict(zip(scene.bodies, poses, strict=True)), codes, labels, codes / per_second)

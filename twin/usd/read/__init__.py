@@ -1,0 +1,203 @@
+"""Read a UsdPhysics stage as a mechanism: one that twin wrote, or one that nobody here has seen.
+
+    names      foreign names made identifiers
+    bodies     meshes, colours, masses, named frames and points
+    joints     joints, limits, drives, the base
+    motion     baked poses, at their own time codes
+    tool       the tool of a stage that names none
+
+Nothing here imports the writer: what comes back is what any reader would see, joint frames in single
+precision included.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Tf, UsdGeom
+
+from twin.core import spatial
+from twin.core.errors import MechanismError, StageError
+from twin.core.findings import Finding
+from twin.core.provenance import Parameter
+from twin.core.spatial import Array
+from twin.model.mechanism import Body, Coupling, Frame, Mechanism, Point
+from twin.usd.read.bodies import bake_scale, below, original_name, read_inertia, read_marks, read_meshes
+from twin.usd.read.joints import WORLD, Selection, convert, select
+from twin.usd.read.motion import read_motion
+from twin.usd.read.names import identifier, unique
+from twin.usd.read.tool import with_tool
+from twin.usd.scan import Scene, said
+
+__all__ = ["inspect_stage", "made_from", "read_motion", "read_stage", "with_tool"]
+
+
+def made_from(path: str | Path) -> str:
+    """Return what the stage says it was made from (twin:source of its default prim), "" if it does not say."""
+    scene = Scene(path)  # kept: a prim dies with its stage
+    prim = scene.stage.GetDefaultPrim()
+    attribute = prim.GetAttribute("twin:source") if prim else None
+    return str(attribute.Get() or "") if attribute else ""
+
+
+def read_stage(path: str | Path, root: str | None = None) -> Mechanism:
+    """Return the mechanism of a stage; see `inspect_stage`, which also tells what was left out."""
+    return inspect_stage(path, root)[0]
+
+
+def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism, list[Finding]]:
+    """Return the mechanism of a stage, and what was renamed, guessed or left out.
+
+    Any up axis and unit are converted to world z up, metres and kilograms. Joint axes X and Y are turned to
+    z. Bodies may be nested; a joint side without body, or on a prim that is no body, holds to the world. The
+    base is the body that `twin:base` names, else the one fixed to the world, else (joints hold to the world)
+    a body "world" made for it, else the articulation root, else the only body that is never a child. Joints
+    excluded from the articulation come last, so that they close the loops, unless the stage is twin's own. Rest
+    poses are those of the default time, relative to the base; positions keep double precision, rotations that of the
+    orient op.
+
+    Args:
+        path: .usd, .usda, .usdc or .usdz.
+        root: prim path of the robot, if there are several on the stage.
+
+    Raises:
+        StageError: if the file is missing or no USD, holds no bodies or joints, more than one robot or an
+            ambiguous base, an unevenly scaled or mirrored body, a joint that has no counterpart here or is broken, or a
+            mesh that points to missing vertices.
+
+    """
+    scene = Scene(path)
+    _refuse_unknown_types(scene)
+    try:
+        return _inspect(scene, root)
+    except Tf.ErrorException as error:  # a path that leads nowhere it may, for instance
+        raise StageError(f"{scene.path}: {said(error)}") from error
+
+
+def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
+    notes: list[Finding] = []
+    chosen = select(scene, root, notes)
+    prims = [scene.bodies[p] for p in chosen.bodies]
+    for prim in prims:
+        bake_scale(scene, prim, notes)
+    made_up = [] if chosen.base else [("", WORLD)]
+    names = unique([*made_up, *((p, original_name(scene.bodies[p])) for p in chosen.bodies)])
+    joint_names = unique((j.path, j.prim.GetName()) for j in chosen.joints)
+    mesh_names = unique(
+        (str(p.GetPath()), original_name(p)) for body in prims for p in below(scene, body) if p.IsA(UsdGeom.Mesh)
+    )
+    _note_names(notes, {**names, **joint_names})
+
+    T_world_body = dict(zip(chosen.bodies, scene.poses(prims)[:, 0], strict=True))
+    T_world_base = T_world_body.get(chosen.base, np.eye(4))
+    bodies = [Body(names[""])] if not chosen.base else []
+    frames: list[Frame] = []
+    points: list[Point] = []
+    for body_path, prim in zip(chosen.bodies, prims, strict=True):
+        name = names[body_path]
+        bodies.append(Body(name, read_meshes(scene, prim, mesh_names, notes), read_inertia(scene, prim, notes)))
+        for kind, mark, T in read_marks(scene, prim):
+            if kind == "frame":
+                frames.append(Frame(mark, name, T))
+            else:
+                points.append(Point(mark, name, T[:3, 3]))
+    told = _told(scene, chosen)
+    joints = tuple(
+        convert(scene, j, joint_names[j.path], names, chosen.base, T_world_base, notes) for j in chosen.joints
+    )
+    try:
+        mechanism = Mechanism(
+            name=identifier(_robot_name(scene, chosen, root)),
+            base=names[chosen.base],
+            bodies=tuple(bodies),
+            joints=joints,
+            frames=tuple(frames),
+            points=tuple(points),
+            rest=_rest(names, T_world_body, T_world_base),
+            postures=told["postures"],
+            tool=told["tool"],
+            parameters=told["parameters"],
+            couplings=told["couplings"],
+            trocar=told["trocar"],
+            source=scene.path,
+        )
+    except MechanismError as error:
+        raise StageError(f"{scene.path}: {error}") from error
+    return mechanism, notes
+
+
+def _shape(name: Sdf.ValueTypeName) -> tuple:
+    """Return what values of a type are read as: of any precision, numbers, quaternions, vectors of a length, texts."""
+    value = name.scalarType.defaultValue
+    if isinstance(value, bool | str):
+        return name.isArray, type(value)
+    try:
+        return name.isArray, "quaternion" if hasattr(value, "GetReal") else len(value)
+    except TypeError:
+        return name.isArray, 0
+
+
+def _refuse_unknown_types(scene: Scene) -> None:
+    """Raise for an attribute of a type that USD does not know, or that is not its schema's: it would be misread."""
+    for layer in scene.stage.GetUsedLayers():
+
+        def check(path: Sdf.Path, layer: Sdf.Layer = layer) -> None:
+            spec = layer.GetAttributeAtPath(path) if path.IsPropertyPath() else None
+            if not spec:
+                return
+            kind = spec.GetInfo("typeName")
+            if spec.typeName.type.isUnknown:
+                raise StageError(f"{scene.path}: {path} is of type '{kind}', which USD does not know")
+            prim = scene.stage.GetPrimAtPath(path.GetPrimPath())
+            meant = prim.GetPrimDefinition().GetSchemaAttributeSpec(path.name) if prim else None
+            if meant and _shape(meant.typeName) != _shape(spec.typeName):
+                raise StageError(f"{scene.path}: {path} is of type '{kind}'; its schema has {meant.typeName}")
+
+        layer.Traverse(Sdf.Path.absoluteRootPath, check)
+
+
+def _rest(names: dict[str, str], T_world_body: dict[str, Array], T_world_base: Array) -> dict[str, Array]:
+    T_base_world = spatial.inverse(T_world_base)
+    return {name: T_base_world @ T_world_body.get(path, np.eye(4)) for path, name in names.items()}
+
+
+def _note_names(notes: list[Finding], names: dict[str, str]) -> None:
+    for path, name in names.items():
+        leaf = path.rpartition("/")[2]
+        if path and name != leaf:
+            notes.append(Finding("stage.read.renamed", "info", f"{path} is called '{name}' here.", path))
+
+
+def _robot_name(scene: Scene, chosen: Selection, root: str | None) -> str:
+    if root:
+        return root.rpartition("/")[2]
+    default = scene.stage.GetDefaultPrim()
+    return default.GetName() if default else chosen.bodies[0].split("/")[1]
+
+
+def _told(scene: Scene, chosen: Selection) -> dict[str, Any]:
+    """Return what only twin authors: tool, postures and parameters; empty for a foreign stage."""
+    out: dict[str, Any] = {"tool": "tool", "postures": {}, "parameters": (), "couplings": (), "trocar": ""}
+    parent = scene.bodies[chosen.bodies[0]].GetParent()
+    tool = parent.GetAttribute("twin:tool")
+    if tool and tool.Get():
+        out["tool"] = str(tool.Get())
+    trocar = parent.GetAttribute("twin:trocar")
+    if trocar and trocar.Get():
+        out["trocar"] = str(trocar.Get())
+    if couplings := parent.GetCustomDataByKey("twin:couplings"):
+        rows = sorted(couplings.items(), key=lambda item: item[1]["index"])
+        out["couplings"] = tuple(
+            Coupling(name, tuple(c["ratios"]), tuple(map(float, c["ratios"].values())), float(c["total"]))
+            for name, c in rows
+        )
+    if postures := parent.GetCustomDataByKey("twin:postures"):
+        out["postures"] = {k: {n: float(q) for n, q in v.items()} for k, v in postures.items()}
+    if parameters := parent.GetCustomDataByKey("twin:parameters"):
+        rows = sorted(parameters.items(), key=lambda item: item[1]["index"])
+        out["parameters"] = tuple(
+            Parameter(name, p["value"], p["unit"], p["shown"], p["provenance"], p["note"]) for name, p in rows
+        )
+    return out

@@ -1,0 +1,212 @@
+"""Meshes, colours, masses, named frames and points of one rigid body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
+
+from twin.core.errors import StageError
+from twin.core.findings import Finding
+from twin.core.spatial import Array
+from twin.model.mechanism import Finish, Inertia, Mesh
+from twin.usd import gf
+from twin.usd.scan import SCALE_TOL, Scene, rigid
+
+
+def bake_scale(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> None:
+    """Note the scale of a body that is scaled alike in all directions: lengths below it are read in true size.
+
+    Raises:
+        StageError: it, or a prim above it, is mirrored or scaled otherwise: frames and masses would mean nothing clear.
+    """
+    axes = scene.raw_transform(body)[:3, :3]
+    size = scene.size(body)
+    if np.linalg.det(axes) > 0 and np.abs(axes.T @ axes - size**2 * np.eye(3)).max() <= 2 * SCALE_TOL * size**2:
+        if size != 1.0:
+            where = str(body.GetPath())
+            text = f"{where} is scaled by {size:.6g}, with what is above it: its lengths are read in true size."
+            notes.append(Finding("stage.read.scaled", "info", text, where))
+        return
+    prim, scale = _culprit(body)
+    shown = f"({', '.join(f'{s:.6g}' for s in scale)}){', mirrored' if np.linalg.det(axes) < 0 else ''}"
+    above = "" if prim == body else f", by {prim.GetPath()} above it"
+    raise StageError(
+        f"{scene.path}: rigid body {body.GetPath()} is scaled by {shown}{above}. Scale the meshes "
+        "below it instead, or write the stage in its final unit."
+    )
+
+
+def _culprit(body: Usd.Prim) -> tuple[Usd.Prim, Array]:
+    """Return the prim, a body or one above it, that does not scale alike in all directions, and its scale (3,)."""
+    prim = body
+    while prim and not prim.IsPseudoRoot():
+        own = (
+            gf.affine(UsdGeom.Xformable(prim).GetLocalTransformation())[:3, :3]
+            if UsdGeom.Xformable(prim)
+            else np.eye(3)
+        )
+        size = np.linalg.norm(own, axis=0)
+        if np.ptp(size) > SCALE_TOL * size.max() or np.linalg.det(own) < 0:
+            return prim, size
+        prim = prim.GetParent()
+    return body, np.linalg.norm(gf.affine(UsdGeom.XformCache().GetLocalToWorldTransform(body))[:3, :3], axis=0)
+
+
+def below(scene: Scene, body: Usd.Prim) -> Iterator[Usd.Prim]:
+    """Yield the prims that move with a body, without those of bodies nested in it."""
+    prims = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
+    for prim in prims:
+        if prim != body and str(prim.GetPath()) in scene.bodies:
+            prims.PruneChildren()
+        else:
+            yield prim
+
+
+def original_name(prim: Usd.Prim) -> str:
+    """Return the name that a prim had in the mechanism it was written from: its leaf unless it says so."""
+    attribute = prim.GetAttribute("twin:name")
+    return str(attribute.Get()) if attribute and attribute.Get() else prim.GetName()
+
+
+def read_meshes(scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list[Finding]) -> tuple[Mesh, ...]:
+    """Return the shown meshes of a body, triangulated, in metres in its frame.
+
+    Args:
+        scene: the opened stage.
+        body: the rigid body.
+        names: identifiers by prim path.
+        notes: gets what could not be taken over.
+
+    Raises:
+        StageError: if a mesh points to vertices that do not exist.
+
+    """
+    out = []
+    for prim in below(scene, body):
+        if not prim.IsA(UsdGeom.Gprim):
+            continue
+        if UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.guide:
+            continue  # collision helpers of other tools
+        if not prim.IsA(UsdGeom.Mesh):
+            notes.append(
+                Finding(
+                    "stage.read.shape",
+                    "info",
+                    f"{prim.GetTypeName()} {prim.GetPath()} is not shown: only meshes are read.",
+                    where=str(prim.GetPath()),
+                )
+            )
+            continue
+        mesh = _mesh(scene, body, UsdGeom.Mesh(prim), names[str(prim.GetPath())])
+        if mesh is not None:
+            out.append(mesh)
+    return tuple(out)
+
+
+def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
+    """Return triangles (m, 3) of a mesh: polygons become fans, left-handed faces are turned round.
+
+    Raises:
+        StageError: if the counts do not fit, or an index points to no vertex.
+
+    """
+    counts = gf.array(mesh.GetFaceVertexCountsAttr().Get() or []).astype(int).ravel()
+    indices = gf.array(mesh.GetFaceVertexIndicesAttr().Get() or []).astype(int).ravel()
+    n = len(mesh.GetPointsAttr().Get() or [])
+    where = mesh.GetPath()
+    if counts.sum() != len(indices):
+        raise StageError(f"mesh {where}: its faces need {counts.sum()} indices, it has {len(indices)}")
+    if len(indices) and not (indices.min() >= 0 and indices.max() < n):
+        raise StageError(f"mesh {where}: an index points to vertex {indices.max()}, it has {n}")
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]]) if len(counts) else np.zeros(0, int)
+    fans = np.maximum(counts - 2, 0)
+    first = np.repeat(starts, fans)
+    step = np.arange(fans.sum()) - np.repeat(np.cumsum(fans) - fans, fans)
+    corners = np.column_stack([first, first + step + 1, first + step + 2])
+    triangles = indices[corners] if len(corners) else np.zeros((0, 3), int)
+    if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
+        triangles = triangles[:, ::-1]
+    return np.ascontiguousarray(triangles, dtype=np.int32)
+
+
+def _mesh(scene: Scene, body: Usd.Prim, mesh: UsdGeom.Mesh, name: str) -> Mesh | None:
+    triangles = mesh_triangles(mesh)
+    points = gf.array(mesh.GetPointsAttr().Get() or []).reshape(-1, 3).astype(float)
+    if not len(triangles):
+        return None
+    M = scene.relative(mesh.GetPrim(), body)
+    if np.linalg.det(M[:3, :3]) < 0:
+        triangles = triangles[:, ::-1].copy()
+    if not np.array_equal(M, np.eye(4)):
+        points = points @ M[:3, :3].T + M[:3, 3]
+    return Mesh(name, points * scene.meters * scene.size(body), triangles, *_shown(mesh))
+
+
+def _shown(mesh: UsdGeom.Mesh) -> tuple[tuple[float, float, float, float], Finish]:
+    """Return linear colour and finish of the bound preview surface, else the display colour, else grey."""
+    material, _ = UsdShade.MaterialBindingAPI(mesh.GetPrim()).ComputeBoundMaterial()
+    if material:
+        shader, *_ = material.ComputeSurfaceSource()
+        if shader and shader.GetIdAttr().Get() == "UsdPreviewSurface":
+
+            def value(name: str, default: float) -> float:
+                given = shader.GetInput(name).Get() if shader.GetInput(name) else None
+                return default if given is None else round(float(given), 6)  # 0.35 is 0.3499999 in single precision
+
+            color = shader.GetInput("diffuseColor")
+            if color and (rgb := color.Get()) is not None:
+                r, g, b = map(float, rgb)
+                finish = Finish(material.GetPrim().GetName(), value("metallic", 0.0), value("roughness", 0.5))
+                return (r, g, b, value("opacity", 1.0)), finish
+    shown = mesh.GetDisplayColorAttr().Get()
+    if shown:
+        r, g, b = map(float, shown[0])
+        opacity = mesh.GetDisplayOpacityAttr().Get()
+        return (r, g, b, float(opacity[0]) if opacity else 1.0), Finish()
+    return (0.6, 0.6, 0.6, 1.0), Finish()
+
+
+def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia | None:
+    """Return mass, centre of mass and inertia of a body in SI units, or None if the stage leaves them open.
+
+    Raises:
+        StageError: if the principal axes are no rotation.
+
+    """
+    mass = UsdPhysics.MassAPI(body)
+    kilograms = mass.GetMassAttr().Get() if body.HasAPI(UsdPhysics.MassAPI) else 0.0
+    diagonal = gf.vector(mass.GetDiagonalInertiaAttr().Get() or (0, 0, 0)) if kilograms else np.zeros(3)
+    if not kilograms or not np.any(diagonal):
+        notes.append(
+            Finding(
+                "stage.read.inertia",
+                "info",
+                f"{body.GetPath()} has no mass with inertia; simulators make one up from its colliders.",
+                where=str(body.GetPath()),
+            )
+        )
+        return None
+    center = gf.vector(mass.GetCenterOfMassAttr().Get())
+    if not np.all(np.isfinite(center)):  # -inf is the schema's word for "not given"
+        center = np.zeros(3)
+    axes = mass.GetPrincipalAxesAttr().Get()
+    try:
+        R = np.eye(3) if not np.any(gf.quat_wxyz(axes)) else gf.rotation(axes)  # zero: "not given"
+    except ValueError as error:
+        raise StageError(f"{scene.path}: {body.GetPath()}, principal axes: {error}") from error
+    unit = scene.kilograms * scene.meters**2
+    return Inertia(
+        float(kilograms) * scene.kilograms, center * scene.meters * scene.size(body), R @ np.diag(diagonal) @ R.T * unit
+    )
+
+
+def read_marks(scene: Scene, body: Usd.Prim) -> Iterator[tuple[str, str, Array]]:
+    """Yield (kind, name, T_body_mark) of the named frames and points of a body, in metres."""
+    for prim in below(scene, body):
+        kind = prim.GetAttribute("twin:kind")
+        if kind and kind.Get() in ("frame", "point"):
+            T = rigid(scene.relative(prim, body))
+            T[:3, 3] *= scene.meters * scene.size(body)
+            yield str(kind.Get()), original_name(prim), T

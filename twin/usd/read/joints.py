@@ -1,0 +1,261 @@
+"""Joint prims turned into joints of a mechanism, and the choice of its base."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from pxr import UsdPhysics
+
+from twin.core import spatial
+from twin.core.errors import StageError
+from twin.core.findings import Finding
+from twin.core.spatial import Array
+from twin.core.units import DEG
+from twin.model.mechanism import Drive, Joint
+from twin.usd import gf
+from twin.usd.scan import End, RawJoint, Scene
+
+WORLD = "world"
+"""Name of the body that is made up when joints hold the robot to the world, but no body is fixed to it."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The one robot of a stage.
+
+    Attributes:
+        base: prim path of its base, "" for the world itself.
+        bodies: prim paths of its bodies, in order.
+        joints: its joints, those that close loops last; the joint that only fixes the base is left out.
+
+    """
+
+    base: str
+    bodies: list[str]
+    joints: list[RawJoint]
+
+
+def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
+    """Pick the robot out of a stage and find its base.
+
+    Args:
+        scene: the opened stage.
+        root: prim path; only what lies below it counts, and what stands on the world there is one robot. None: the
+            whole stage.
+        notes: gets loose bodies and disabled joints, which are left out.
+
+    Raises:
+        StageError: if there are no bodies or joints, a joint is broken, several robots stand on the stage, or
+            the base is ambiguous.
+
+    """
+    within = (lambda path: path == root or path.startswith(f"{root}/")) if root else (lambda path: True)
+    bodies = [p for p in scene.bodies if within(p)]
+    joints = [j for j in scene.joints if within(j.path)]
+    place = f"{scene.path}{f', below {root}' if root else ''}"
+    if not bodies:
+        raise StageError(f"{place}: no rigid bodies (PhysicsRigidBodyAPI), so there is no mechanism")
+    notes.extend(
+        Finding("stage.read.disabled", "info", f"joint {j.path} is disabled: left out.", j.path)
+        for j in joints
+        if not j.enabled
+    )
+    joints = [_whole(scene, j) for j in joints if j.enabled]
+    if not joints:
+        raise StageError(f"{place}: no joints, so there is no mechanism")
+    groups = _groups(bodies, joints)
+    robots = [g for g in groups if any(_moves(j) and _touches(j, g) for j in joints)]
+    robots = robots or [g for g in groups if any(_touches(j, g) for j in joints)]
+    if root and len(robots) > 1 and all(any(_on_world(j) and _touches(j, g) for j in joints) for g in robots):
+        robots = [[p for g in robots for p in g]]  # limbs that stand on the world side by side are one robot
+    if len(robots) > 1:
+        firsts = ", ".join(g[0] for g in robots)
+        raise StageError(
+            f"{place}: {len(robots)} robots, with {firsts}. Choose one by its root prim: "
+            "twin new NAME --from FILE --root PRIM."
+        )
+    members = [p for p in bodies if p in set(robots[0])]
+    notes.extend(
+        Finding("stage.read.prop", "info", f"body {p} hangs on no joint of the robot: left out.", p)
+        for p in bodies
+        if p not in robots[0]
+    )
+    joints = [j for j in joints if _touches(j, robots[0])]
+    base, anchor = _base(scene, place, members, joints)
+    joints = [j for j in joints if j is not anchor]
+    if not _told(scene, base):  # else they stand in the order of the description, and close its loops
+        joints = sorted(joints, key=lambda j: j.excluded)
+    return Selection(base, members, joints)
+
+
+def _on_world(joint: RawJoint) -> bool:
+    return any(not end.body for end in joint.ends)
+
+
+def convert(
+    scene: Scene,
+    joint: RawJoint,
+    name: str,
+    names: Mapping[str, str],
+    base: str,
+    T_world_base: Array,
+    notes: list[Finding],
+) -> Joint:
+    """Return a joint in SI units, from body0 to body1.
+
+    Args:
+        scene: the opened stage.
+        joint: what to convert.
+        name: identifier for it.
+        names: identifiers of bodies by prim path.
+        base: prim path of the base; sides that hold to the world are tied to it instead.
+        T_world_base: its pose (4, 4).
+        notes: gets a drive that cannot be taken over.
+
+    """
+
+    def side(end: End) -> tuple[str, Array]:
+        if end.body:
+            return names[end.body], end.T_body_joint
+        return names[base], spatial.inverse(T_world_base) @ end.T_body_joint
+
+    (parent, T_parent), (child, T_child) = map(side, joint.ends)
+    turn = joint.prim.GetAttribute("twin:childTurn").Get()
+    if turn is not None:  # a ball whose frames were made to coincide as drawn
+        T_child = T_child @ spatial.pose(gf.rotation(turn))
+    unit = DEG if joint.is_angle else scene.meters
+    prim = joint.prim
+    drive, driven = _drive(scene, joint, notes)
+    active = prim.GetAttribute("twin:active")
+    limits = joint.limits and (joint.limits[0] * unit, joint.limits[1] * unit)
+    speed = prim.GetAttribute("physxJoint:maxJointVelocity").Get() if joint.instance else None
+    soft = prim.GetAttribute("twin:softLimits").Get()
+    acceleration = prim.GetAttribute("twin:maxAcceleration").Get()
+    return Joint(
+        name,
+        joint.type,  # pyright: ignore[reportArgumentType]
+        parent,
+        child,
+        T_parent,
+        T_child,
+        active=bool(active.Get()) if active else driven,
+        limits=limits,
+        soft_limits=None if soft is None else (float(soft[0]), float(soft[1])),
+        cone=_cone(joint),
+        max_speed=None if speed is None or not np.isfinite(speed) else float(speed) * unit,
+        max_acceleration=None if acceleration is None else float(acceleration),
+        drive=drive,
+        mating=tuple(prim.GetAttribute("twin:mating").Get() or ()),
+    )
+
+
+def _whole(scene: Scene, joint: RawJoint) -> RawJoint:
+    """Return the joint, or raise `StageError` for what keeps it from being understood."""
+    problem = joint.problem or next((e.problem for e in joint.ends if e.problem), "")
+    if not problem and joint.ends[0].body == joint.ends[1].body:
+        problem = f"both sides hold to {joint.ends[0].body or 'the world'}"
+    if problem:
+        raise StageError(f"{scene.path}: joint {joint.path}: {problem}")
+    return joint
+
+
+def _moves(joint: RawJoint) -> bool:
+    return joint.type != "fixed" or all(e.body for e in joint.ends)
+
+
+def _touches(joint: RawJoint, group: list[str]) -> bool:
+    return any(e.body in group for e in joint.ends)
+
+
+def _groups(bodies: list[str], joints: list[RawJoint]) -> list[list[str]]:
+    """Return the sets of bodies that joints connect; the world connects nothing."""
+    leader = {b: b for b in bodies}
+
+    def find(b: str) -> str:
+        while leader[b] != b:
+            b = leader[b]
+        return b
+
+    for joint in joints:
+        a, b = (e.body for e in joint.ends)
+        if a in leader and b in leader:
+            leader[find(b)] = find(a)
+    groups: dict[str, list[str]] = {}
+    for body in bodies:
+        groups.setdefault(find(body), []).append(body)
+    return list(groups.values())
+
+
+def _told(scene: Scene, body: str) -> bool:
+    """Whether the stage itself says that a body, by prim path, is the base: then twin wrote it."""
+    prim = scene.bodies.get(body)
+    told = prim.GetParent().GetAttribute("twin:base") if prim else None
+    return bool(prim and told and told.Get() == prim.GetName())
+
+
+def _base(scene: Scene, place: str, bodies: list[str], joints: list[RawJoint]) -> tuple[str, RawJoint | None]:
+    """Return the prim path of the base ("" is the world) and the joint that only fixes it."""
+    grounded = [j for j in joints if not all(e.body for e in j.ends)]
+    fixed = {next(e.body for e in j.ends if e.body): j for j in grounded if j.type == "fixed"}
+    for body in bodies:
+        if _told(scene, body):
+            return body, fixed.get(body)
+    if len(fixed) == 1:
+        return next(iter(fixed.items()))
+    if len(fixed) > 1:
+        raise StageError(
+            f"{place}: which body is the base? Fixed to the world are {', '.join(fixed)}. Keep one such "
+            "joint, and join the others to that body."
+        )
+    if grounded:
+        return "", None
+    roots = [b for b in bodies if scene.bodies[b].HasAPI(UsdPhysics.ArticulationRootAPI)]
+    if len(roots) == 1:
+        return roots[0], None
+    children = {j.ends[1].body for j in joints if not j.excluded}
+    never = [b for b in bodies if b not in children]
+    if len(never) == 1:
+        return never[0], None
+    raise StageError(
+        f"{place}: which body is the base? No joint fixes one to the world; candidates: "
+        f"{', '.join(never or bodies)}. Fix one with a PhysicsFixedJoint whose body0 is empty."
+    )
+
+
+def _cone(joint: RawJoint) -> float | None:
+    if joint.type != "spherical" or not joint.prim.IsA(UsdPhysics.SphericalJoint):
+        return None
+    told = joint.prim.GetAttribute("twin:cone").Get()
+    if told is not None:
+        return float(told)
+    schema = UsdPhysics.SphericalJoint(joint.prim)
+    # An elliptic cone is taken by its narrow side: nothing that is refused there may pass here.
+    angles = [schema.GetConeAngle0LimitAttr().Get(), schema.GetConeAngle1LimitAttr().Get()]
+    limited = [a for a in angles if a is not None and a >= 0]
+    return min(limited) * DEG if limited else None
+
+
+def _drive(scene: Scene, joint: RawJoint, notes: list[Finding]) -> tuple[Drive | None, bool]:
+    """Return the position drive in SI units, and whether the joint is driven at all.
+
+    Converters put drives without gains on every joint; those drive nothing. Gains of acceleration drives are
+    per effective mass, which a joint alone does not know: the joint counts as driven, the gains are left out.
+    """
+    if not joint.instance or not joint.prim.HasAPI(UsdPhysics.DriveAPI, joint.instance):
+        return None, False
+    drive = UsdPhysics.DriveAPI(joint.prim, joint.instance)
+    stiffness, damping, limit = (
+        float(a.Get()) for a in (drive.GetStiffnessAttr(), drive.GetDampingAttr(), drive.GetMaxForceAttr())
+    )
+    if not (stiffness > 0 or damping > 0):
+        return None, False
+    if drive.GetTypeAttr().Get() == UsdPhysics.Tokens.acceleration:
+        text = f"the gains of joint {joint.path} are left out: its drive is of type acceleration."
+        notes.append(Finding("stage.read.drive", "info", text, joint.path))
+        return None, True
+    force = scene.kilograms * scene.meters  # newtons per unit of force of the stage
+    effort = force * scene.meters if joint.is_angle else force
+    gain = effort / DEG if joint.is_angle else force / scene.meters
+    return Drive(stiffness * gain, damping * gain, limit * effort if np.isfinite(limit) else None), True

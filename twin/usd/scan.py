@@ -1,0 +1,360 @@
+"""What a UsdPhysics stage holds, before anyone interprets it: rigid bodies, joints, poses.
+
+Reader and checker start here. Everything leaves in metres with world z up, whatever the stage says; joint
+frames leave with their axis turned to z. Nothing is rejected that can be described: to refuse is the
+reader's business, to report the checker's.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdPhysics
+
+from twin.core import spatial
+from twin.core.errors import StageError
+from twin.core.spatial import Array
+from twin.model.mechanism import FREE_AXES
+from twin.usd import gf
+
+DIRECTIONS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
+"""Instance names of the six directions of a generic joint, in the order of `mechanism.FREE_AXES`."""
+
+SYMMETRIC = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
+"""Cyclic turn: x to y, y to z, z to x. Its columns are the images of the axes."""
+
+TURNS = {"X": SYMMETRIC, "Y": SYMMETRIC @ SYMMETRIC, "Z": np.eye(3)}
+"""Rotation R_joint_turned (3, 3) for each axis token: the z column is the joint's axis."""
+
+
+SCALE_TOL = 1e-5
+"""Largest relative deviation from unit scale that may still be rounding of a single precision transform."""
+
+
+@dataclass(frozen=True)
+class End:
+    """One side of a joint: the body's prim path ("" is the world) and T_body_joint (4, 4), axis along z.
+
+    `problem` says why the side cannot be resolved (dangling target, quaternion of zero); then T is identity.
+    """
+
+    body: str
+    T_body_joint: Array
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class RawJoint:
+    """A joint prim.
+
+    Attributes:
+        prim: the prim.
+        type: one of the mechanism's joint types, or "" if none fits; then `problem` says why.
+        ends: body0 and body1.
+        instance: name of its drive and joint state ("angular", "linear", "rotX", ...), "" without coordinate.
+        limits: lower and upper in units of the stage (degrees for angles), None if unlimited.
+        unit: degrees (angles) or metres per unit of limits, states and targets.
+        excluded: kept out of the articulation, because it closes a loop.
+        enabled: false for a joint that is switched off.
+        problem: see `type`.
+
+    """
+
+    prim: Usd.Prim
+    type: str
+    ends: tuple[End, End]
+    instance: str = ""
+    limits: tuple[float, float] | None = None
+    unit: float = 1.0
+    excluded: bool = False
+    enabled: bool = True
+    problem: str = ""
+
+    @property
+    def path(self) -> str:
+        """Prim path."""
+        return str(self.prim.GetPath())
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether the coordinate is an angle, in degrees on the stage."""
+        return self.type == "revolute"
+
+
+class Scene:
+    """An opened stage.
+
+    Attributes:
+        path: the file.
+        stage: the composed stage.
+        meters: metres per unit.
+        kilograms: kilograms per unit.
+        R_world_stage: (3, 3) turns the stage's axes so that z is up.
+
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        """Open `path`.
+
+        Raises:
+            StageError: if it is missing, no USD file, or a layer that it names cannot be found.
+
+        """
+        self.path = str(path)
+        self.stage = _open(Path(path))
+        self.meters = UsdGeom.GetStageMetersPerUnit(self.stage)
+        self.kilograms = UsdPhysics.GetStageKilogramsPerUnit(self.stage)
+        y_up = UsdGeom.GetStageUpAxis(self.stage) == UsdGeom.Tokens.y
+        self.R_world_stage = spatial.exp_so3([np.pi / 2, 0, 0]).round() if y_up else np.eye(3)
+
+    @cached_property
+    def prims(self) -> list[Usd.Prim]:
+        """All prims in order, those inside instances too."""
+        return list(self.stage.Traverse(Usd.TraverseInstanceProxies()))
+
+    @cached_property
+    def bodies(self) -> dict[str, Usd.Prim]:
+        """Rigid bodies by prim path, in order; those that are switched off are left out."""
+        out = {}
+        for prim in self.prims:
+            if prim.HasAPI(UsdPhysics.RigidBodyAPI):
+                enabled = UsdPhysics.RigidBodyAPI(prim).GetRigidBodyEnabledAttr().Get()
+                if enabled is not False:
+                    out[str(prim.GetPath())] = prim
+        return out
+
+    @cached_property
+    def joints(self) -> list[RawJoint]:
+        """Joints in order, also those of a type that nobody here knows."""
+        return [self._joint(p) for p in self.prims if p.IsA(UsdPhysics.Joint) or str(p.GetTypeName()).endswith("Joint")]
+
+    @cached_property
+    def sample_codes(self) -> Array:
+        """Time codes (k,) at which the transform of any body, or of a prim above one, is sampled."""
+        prims = {a.GetPath(): a for b in self.bodies.values() for a in _ancestry(b)}
+        codes = set()
+        for prim in prims.values():
+            if prim.IsA(UsdGeom.Xformable):
+                codes.update(UsdGeom.Xformable(prim).GetTimeSamples())
+        return np.array(sorted(codes), float)
+
+    def owner(self, prim: Usd.Prim) -> Usd.Prim | None:
+        """Return the rigid body that a prim belongs to: itself or the nearest above it, or None."""
+        for ancestor in _ancestry(prim):
+            if str(ancestor.GetPath()) in self.bodies:
+                return ancestor
+        return None
+
+    def raw_transform(self, prim: Usd.Prim, code: Usd.TimeCode | None = None) -> Array:
+        """Return the map (4, 4) from a prim to the stage, units and scale as authored."""
+        time = Usd.TimeCode.Default() if code is None else code
+        with self._evaluating():
+            return gf.affine(UsdGeom.XformCache(time).GetLocalToWorldTransform(prim))
+
+    def poses(self, prims: Sequence[Usd.Prim], codes: ArrayLike | None = None) -> Array:
+        """Return T_world_prim (len(prims), k, 4, 4) in metres, z up; scale is taken out.
+
+        Args:
+            prims: what to place.
+            codes: time codes; None stands for the default time alone (k = 1).
+
+        """
+        times = [Usd.TimeCode.Default()] if codes is None else [Usd.TimeCode(c) for c in np.asarray(codes).tolist()]
+        raw = np.zeros((len(prims), len(times), 4, 4))
+        cache = UsdGeom.XformCache()
+        with self._evaluating():
+            for k, time in enumerate(times):
+                cache.SetTime(time)
+                for i, prim in enumerate(prims):
+                    raw[i, k] = cache.GetLocalToWorldTransform(prim)
+        T = rigid(np.swapaxes(raw, -1, -2))
+        T[..., :3, 3] *= self.meters
+        if not np.array_equal(self.R_world_stage, np.eye(3)):
+            T = spatial.pose(self.R_world_stage) @ T
+        return T
+
+    def size(self, prim: Usd.Prim) -> float:
+        """Return how many units of the stage are one unit of a prim that is scaled alike in all directions."""
+        size = float(np.cbrt(abs(np.linalg.det(self.raw_transform(prim)[:3, :3]))))
+        return 1.0 if abs(size - 1) <= SCALE_TOL else size
+
+    def relative(self, prim: Usd.Prim, body: Usd.Prim) -> Array:
+        """Return the map (4, 4) from a prim below a body to the body, in units of the body, scale kept.
+
+        It multiplies only what lies between the two, so no precision is lost on the way to the world.
+        """
+        with self._evaluating():
+            M, _ = UsdGeom.XformCache().ComputeRelativeTransform(prim, body)
+        return gf.affine(M)
+
+    @contextlib.contextmanager
+    def _evaluating(self) -> Iterator[None]:
+        """Turn an error of USD's own (a transform op of a wrong type) into a `StageError`."""
+        try:
+            yield
+        except Tf.ErrorException as error:
+            reason = str(error).strip().splitlines()[-1].strip()
+            raise StageError(f"{self.path}: a transform cannot be evaluated: {reason}") from error
+
+    def _joint(self, prim: Usd.Prim) -> RawJoint:
+        joint = UsdPhysics.Joint(prim)
+        kind, free, token, problem = _freedom(prim)
+        ends = tuple(
+            self._end(joint, rel, pos, rot, TURNS[token])
+            for rel, pos, rot in (
+                (joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
+                (joint.GetBody1Rel(), joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr()),
+            )
+        )
+        instance, limits = _coordinate(prim, kind, free)
+        return RawJoint(
+            prim,
+            kind,
+            (ends[0], ends[1]),
+            instance,
+            limits,
+            1.0 if kind == "revolute" else self.meters,
+            bool(joint.GetExcludeFromArticulationAttr().Get()),
+            joint.GetJointEnabledAttr().Get() is not False,
+            problem,
+        )
+
+    def _end(self, joint, rel: Usd.Relationship, pos, rot, turn: Array) -> End:
+        targets = rel.GetForwardedTargets() if rel else []
+        p = gf.vector(pos.Get() if pos and pos.Get() is not None else (0, 0, 0))
+        q = rot.Get() if rot else None
+        try:
+            R = np.eye(3) if q is None else gf.rotation(q)
+        except ValueError as error:
+            return End("", np.eye(4), f"{rot.GetName()}: {error}")
+        if not targets:
+            return End("", spatial.pose(self.R_world_stage) @ spatial.pose(R @ turn, p * self.meters))
+        target = self.stage.GetPrimAtPath(targets[0])
+        if len(targets) > 1 or not target:
+            return End("", np.eye(4), f"{rel.GetName()} points to {', '.join(map(str, targets))}, not to one prim")
+        owner = self.owner(target)
+        local = spatial.pose(R @ turn, p * self.meters * self.size(target))
+        if owner is None:  # a prim that is no rigid body stands for the world
+            return End("", self.poses([target])[0, 0] @ local)
+        if owner == target:
+            return End(str(owner.GetPath()), local)
+        T = rigid(self.relative(target, owner))
+        T[:3, 3] *= self.meters * self.size(owner)
+        return End(str(owner.GetPath()), T @ local)
+
+
+def rigid(M: Array) -> Array:
+    """Return the poses (..., 4, 4) of maps (..., 4, 4) with scale and rounding taken out of the rotation."""
+    T = M.copy()
+    size = np.linalg.norm(T[..., :3, :3], axis=-2, keepdims=True)
+    # An exact rotation is kept to the last bit; what rounding or scale has touched is made orthonormal.
+    R = np.where(np.abs(size - 1) < 1e-15, T[..., :3, :3], T[..., :3, :3] / np.where(size > 0, size, 1.0))
+    R = np.where(np.linalg.det(R)[..., None, None] < 0, -R, R)
+    exact = np.all(np.swapaxes(R, -1, -2) @ R == np.eye(3), axis=(-1, -2))[..., None, None]
+    fixed = spatial.matrix_from_quat_wxyz(spatial.quat_from_matrix_wxyz(R))
+    T[..., :3, :3] = np.where(exact, R, fixed)
+    T[..., 3, :] = [0.0, 0.0, 0.0, 1.0]
+    return T
+
+
+def _open(path: Path) -> Usd.Stage:
+    if not path.is_file():
+        raise StageError(f"there is no file {path}")
+    try:
+        stage = Usd.Stage.Open(str(path))
+    except Tf.ErrorException as error:
+        raise StageError(f"{path} is no USD file that can be read: {said(error)}") from error
+    if not stage:
+        raise StageError(f"{path} is no USD file that can be read")
+    stage.Reload()  # USD keeps layers in memory; the file may have been rebuilt since
+    broken = [e for e in stage.GetCompositionErrors()]  # noqa: C416 - a C++ vector, not a list
+    if broken:
+        raise StageError(f"{path}: {said(broken[0])}")
+    return stage
+
+
+def said(error: object) -> str:
+    """Return the last line that USD says; text that is not UTF-8 makes its own messages unreadable."""
+    try:
+        lines = str(error).strip().splitlines()
+    except UnicodeDecodeError:
+        return "it holds text that is not UTF-8"
+    return lines[-1].strip() if lines else "unknown format"
+
+
+def _ancestry(prim: Usd.Prim):
+    while prim and not prim.IsPseudoRoot():
+        yield prim
+        prim = prim.GetParent()
+
+
+def _freedom(prim: Usd.Prim) -> tuple[str, frozenset[int], str, str]:
+    """Return type, free directions as authored, axis token and problem of a joint prim."""
+    for schema, kind in (
+        (UsdPhysics.FixedJoint, "fixed"),
+        (UsdPhysics.RevoluteJoint, "revolute"),
+        (UsdPhysics.PrismaticJoint, "prismatic"),
+        (UsdPhysics.SphericalJoint, "spherical"),
+    ):
+        if prim.IsA(schema):
+            token = "Z" if kind == "fixed" else str(schema(prim).GetAxisAttr().Get())
+            if token not in TURNS:
+                return "", frozenset(), "Z", f"axis '{token}' is not X, Y or Z"
+            return kind, frozenset(FREE_AXES[kind]), token, ""
+    if prim.GetTypeName() != "PhysicsJoint":
+        return "", frozenset(), "Z", f"joints of type {prim.GetTypeName()} have no counterpart here"
+    free = []
+    for axis, name in enumerate(DIRECTIONS):
+        if not prim.HasAPI(UsdPhysics.LimitAPI, name):
+            free.append(axis)
+            continue
+        limit = UsdPhysics.LimitAPI(prim, name)
+        low, high = limit.GetLowAttr().Get(), limit.GetHighAttr().Get()
+        if low < high:
+            free.append(axis)
+    if prim.HasAPI(UsdPhysics.LimitAPI, "distance"):
+        return "", frozenset(free), "Z", "a distance limit has no counterpart here"
+    for i, token in enumerate("XYZ"):
+        for kind, pattern in (("revolute", [3 + i]), ("prismatic", [i]), ("cylindrical", [i, 3 + i])):
+            if free == pattern:
+                return kind, frozenset(free), token, ""
+    for kind in ("fixed", "spherical", "free"):
+        if free == list(FREE_AXES[kind]):
+            return kind, frozenset(free), "Z", ""
+    names = ", ".join(DIRECTIONS[a] for a in free)
+    return "", frozenset(free), "Z", f"a joint free in {names} has no counterpart here; split it in two"
+
+
+def _coordinate(prim: Usd.Prim, kind: str, free: frozenset[int]) -> tuple[str, tuple[float, float] | None]:
+    """Return the instance name of drive and state, and the limits, of a joint with one coordinate."""
+    if kind not in ("revolute", "prismatic"):
+        return "", None
+    if prim.GetTypeName() == "PhysicsJoint":
+        instance = DIRECTIONS[min(free)]
+        limit = UsdPhysics.LimitAPI(prim, instance)
+        has = prim.HasAPI(UsdPhysics.LimitAPI, instance)
+        low, high = (limit.GetLowAttr().Get(), limit.GetHighAttr().Get()) if has else (-np.inf, np.inf)
+    else:
+        schema = UsdPhysics.RevoluteJoint if kind == "revolute" else UsdPhysics.PrismaticJoint
+        instance = "angular" if kind == "revolute" else "linear"
+        low, high = schema(prim).GetLowerLimitAttr().Get(), schema(prim).GetUpperLimitAttr().Get()
+    if np.isneginf(low) and np.isposinf(high):
+        return instance, None
+    return instance, (float(low), float(high))
+
+
+def quaternion_attributes(prim: Usd.Prim) -> list[tuple[Usd.Attribute, Gf.Quatf]]:
+    """Return the quaternion attributes of a prim that hold a value at the default time."""
+    out = []
+    for attribute in prim.GetAuthoredAttributes():
+        if attribute.GetTypeName().type in (Sdf.ValueTypeNames.Quatf.type, Sdf.ValueTypeNames.Quatd.type):
+            value = attribute.Get()
+            if value is not None:
+                out.append((attribute, value))
+    return out

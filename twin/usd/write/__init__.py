@@ -1,0 +1,87 @@
+"""Write a mechanism as USD: `<robot>.usda` = physics.usda over geometry.usdc, motions beside them.
+
+    layers     metadata that every layer carries, free leaf names
+    geometry   geometry.usdc: rest poses, meshes, materials, named frames and points
+    physics    physics.usda: masses, colliders, joints, drives, joint states
+    motion     motion/<protocol>.usdc and the root layer that plays it
+
+The same mechanism gives the same bytes: no time stamps, no absolute paths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from twin.core import spatial
+from twin.core.errors import StageError, unknown
+from twin.core.spatial import Array
+from twin.model.mechanism import Mechanism
+from twin.usd.write.geometry import RESERVED, write_geometry
+from twin.usd.write.layers import root_layer
+from twin.usd.write.motion import Motion, MotionFiles, write_motion
+from twin.usd.write.physics import write_physics
+
+__all__ = ["Motion", "MotionFiles", "StageFiles", "write_motion", "write_stage"]
+
+
+@dataclass(frozen=True)
+class StageFiles:
+    """The files of one robot; `motion` is None unless a motion was asked for."""
+
+    root: Path
+    physics: Path
+    geometry: Path
+    motion: MotionFiles | None = None
+
+
+def write_stage(
+    mechanism: Mechanism,
+    folder: Path,
+    link_poses: Mapping[str, Array],
+    q_full: Mapping[str, float],
+    *,
+    efforts: Mapping[str, float] | None = None,
+    motion: Motion | None = None,
+) -> StageFiles:
+    """Write the layers of `mechanism` into `folder`, which the caller moves into place.
+
+    Args:
+        mechanism: what to write.
+        folder: made if it is missing; files of the same names are replaced.
+        link_poses: T_world_body (4, 4) of every body in an assembled state, world z up.
+        q_full: coordinate in m or rad, at these poses, of every tree joint that has one; loop joints too if
+            they are known.
+        efforts: effort in N or N m with which each driven joint holds these poses against gravity: its drive
+            target is set ahead by it, so that a simulated robot stays where it was drawn.
+        motion: a motion to bake beside it.
+
+    Raises:
+        StageError: if a pose is missing or not rigid, a name is taken by twin itself, or a joint has what
+            UsdPhysics cannot hold.
+
+    """
+    folder = Path(folder)
+    bodies = {b.name for b in mechanism.bodies}
+    if taken := sorted(bodies & RESERVED):
+        raise StageError(f"{mechanism.name}: a body cannot be named '{taken[0]}', USD keeps a scope there")
+    for name in sorted(bodies):
+        if name not in link_poses:
+            raise StageError(f"{mechanism.name}: link_poses lacks body '{name}'")
+        if not spatial.is_pose(link_poses[name], 1e-6):
+            raise StageError(f"{mechanism.name}: the pose of body '{name}' is not rigid")
+    for name in q_full:
+        if name not in {j.name for j in mechanism.joints}:
+            raise StageError(f"{mechanism.name}, q_full: {unknown('joint', name, (j.name for j in mechanism.joints))}")
+    folder.mkdir(parents=True, exist_ok=True)
+    geometry = write_geometry(mechanism, folder / "geometry.usdc", link_poses)
+    physics = write_physics(mechanism, folder / "physics.usda", link_poses, q_full, efforts or {})
+    root = root_layer(
+        folder / f"{mechanism.name}.usda",
+        mechanism.name,
+        ["./physics.usda", "./geometry.usdc"],
+        0.0,
+        f"{mechanism.name}: physics over geometry. Z up, metres, kilograms; UsdPhysics angles are degrees.",
+    )
+    return StageFiles(root, physics, geometry, write_motion(mechanism, folder, motion) if motion else None)

@@ -1,0 +1,171 @@
+"""geometry.usdc: bodies at rest, meshes, materials, named frames and points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade
+
+from twin.core.spatial import Array
+from twin.core.units import DEG
+from twin.model.mechanism import Material, Mechanism, Mesh
+from twin.usd import gf
+from twin.usd.write.layers import Leaves, describe, new_layer, save
+
+CREASE = 30 * DEG
+"""Faces that meet at less than this angle share a normal: bores look round, edges stay crisp."""
+
+RESERVED = {"joints", "materials"}
+"""Scopes below the robot; no body may be named like them."""
+
+
+def mesh_paths(mechanism: Mechanism) -> dict[str, str]:
+    """Return the prim path of every mesh, by mesh name."""
+    leaves = _leaves(mechanism)
+    return {
+        mesh.name: f"/{mechanism.name}/{body.name}/{leaves.take(mesh.name, 'mesh')}"
+        for body in mechanism.bodies
+        for mesh in body.meshes
+    }
+
+
+def write_geometry(mechanism: Mechanism, path: Path, link_poses: Mapping[str, Array]) -> Path:
+    """Write the geometry layer: one Xform a body, flat below the robot, its meshes below it.
+
+    Args:
+        mechanism: what to write.
+        path: the .usdc file.
+        link_poses: T_world_body (4, 4) of every body; both ops are double.
+
+    """
+    layer = new_layer(path)
+    describe(layer, mechanism.name)
+    stage = Usd.Stage.Open(layer)
+    root = UsdGeom.Xform.Define(stage, f"/{mechanism.name}")
+    Usd.ModelAPI(root).SetKind(Kind.Tokens.component)
+    for body in mechanism.bodies:
+        xform = UsdGeom.Xform.Define(stage, f"/{mechanism.name}/{body.name}")
+        Usd.ModelAPI(xform).SetKind(Kind.Tokens.subcomponent)
+        T = link_poses[body.name]
+        xform.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble).Set(gf.vec3d(T[:3, 3]))
+        # Double: USD turns an orient op into angle and axis by an arc cosine, which in single precision loses
+        # every rotation below 3e-4 rad (measured, usd-core 26.11).
+        xform.AddOrientOp(UsdGeom.XformOp.PrecisionDouble).Set(gf.quatd(T[:3, :3]))
+    materials: dict[str, UsdShade.Material] = {}
+    paths = mesh_paths(mechanism)
+    for body in mechanism.bodies:
+        for mesh in body.meshes:
+            prim = _write_mesh(stage, paths[mesh.name], mesh).GetPrim()
+            _name(prim, mesh.name)
+            material = mechanism.materials[mesh.name]
+            if material.name not in materials:
+                place = f"/{mechanism.name}/materials/{material.name}"
+                materials[material.name] = _write_material(stage, place, material)
+            UsdShade.MaterialBindingAPI.Apply(prim).Bind(materials[material.name])
+    _write_marks(stage, mechanism)
+    return save(layer, path)
+
+
+def _leaves(mechanism: Mechanism) -> Leaves:
+    taken = {mechanism.name, *RESERVED, *(b.name for b in mechanism.bodies)}
+    return Leaves(taken | {j.name for j in mechanism.joints})
+
+
+def _name(prim: Usd.Prim, name: str) -> None:
+    """Keep the name of the mechanism where the leaf had to differ from it."""
+    if prim.GetName() != name:
+        prim.CreateAttribute("twin:name", Sdf.ValueTypeNames.String, True, Sdf.VariabilityUniform).Set(name)
+
+
+def _write_mesh(stage: Usd.Stage, path: str, mesh: Mesh) -> UsdGeom.Mesh:
+    out = UsdGeom.Mesh.Define(stage, path)
+    points = gf.vec3f_array(mesh.vertices)
+    out.CreatePointsAttr(points)
+    out.CreateFaceVertexCountsAttr(gf.int_array(np.full(len(mesh.triangles), 3)))
+    out.CreateFaceVertexIndicesAttr(gf.int_array(mesh.triangles))
+    # The default, Catmull-Clark, would round the part off.
+    out.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    out.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(points))
+    # Indexed, because most corners of a plane or a cylinder share a handful of normals: a quarter of the size.
+    normals, index = np.unique(np.round(corner_normals(mesh.vertices, mesh.triangles), 4), axis=0, return_inverse=True)
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    primvar = UsdGeom.PrimvarsAPI(out).CreatePrimvar(
+        "normals", Sdf.ValueTypeNames.Normal3fArray, UsdGeom.Tokens.faceVarying
+    )
+    primvar.Set(gf.vec3f_array(normals))
+    primvar.SetIndices(gf.int_array(index))
+    out.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([gf.vec3f(mesh.color_rgba[:3])])
+    return out
+
+
+def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREASE) -> Array:
+    """Return unit normals (3 m, 3), one per corner: the mean of the faces there that turn less than `crease`.
+
+    Args:
+        vertices: (n, 3); shared vertices make smooth surfaces, split ones make edges.
+        triangles: (m, 3).
+        crease: rad.
+
+    """
+    corners = np.asarray(triangles).ravel()
+    a, b, c = (np.asarray(vertices, float)[np.asarray(triangles)[:, i]] for i in range(3))
+    areas = np.cross(b - a, c - a)
+    length = np.linalg.norm(areas, axis=1, keepdims=True)
+    unit = areas / np.where(length > 0, length, 1.0)
+    # All ordered pairs of corners on one vertex, without a loop: corner i of a vertex meets its k corners.
+    order = np.argsort(corners, kind="stable")
+    count = np.bincount(corners, minlength=len(vertices))
+    first = np.concatenate([[0], np.cumsum(count)[:-1]])
+    mine = np.repeat(order, count[corners[order]])
+    start = np.concatenate([[0], np.cumsum(count[corners[order]])[:-1]])
+    step = np.arange(len(mine)) - np.repeat(start, count[corners[order]])
+    other = order[first[corners[mine]] + step]
+    near = np.sum(unit[mine // 3] * unit[other // 3], axis=1) >= np.cos(crease)
+    near |= mine == other
+    total = np.zeros((len(corners), 3))
+    np.add.at(total, mine[near], areas[other[near] // 3])
+    size = np.linalg.norm(total, axis=1, keepdims=True)
+    # A triangle without area has no normal; z is as good as any and keeps the array free of NaN.
+    return np.where(size > 0, total / np.where(size > 0, size, 1.0), [0.0, 0.0, 1.0])
+
+
+def _write_material(stage: Usd.Stage, path: str, look: Material) -> UsdShade.Material:
+    UsdGeom.Scope.Define(stage, Sdf.Path(path).GetParentPath())
+    material = UsdShade.Material.Define(stage, path)
+    color_rgba = look.color_rgba
+    shader = UsdShade.Shader.Define(stage, f"{path}/surface")
+    shader.CreateIdAttr("UsdPreviewSurface")
+    shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*color_rgba[:3]))
+    shader.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(look.finish.roughness)
+    shader.CreateInput("metallic", Sdf.ValueTypeNames.Float).Set(look.finish.metallic)
+    if color_rgba[3] < 1:
+        shader.CreateInput("opacity", Sdf.ValueTypeNames.Float).Set(float(color_rgba[3]))
+    surface = shader.CreateOutput("surface", Sdf.ValueTypeNames.Token)
+    material.CreateSurfaceOutput().ConnectToSource(surface)
+    return material
+
+
+def _write_marks(stage: Usd.Stage, mechanism: Mechanism) -> None:
+    """Write named frames and points as guides below their body, in double precision."""
+    leaves = _leaves(mechanism)
+    for body in mechanism.bodies:
+        for mesh in body.meshes:
+            leaves.take(mesh.name, "mesh")
+    for kind, marks in (("frame", mechanism.frames), ("point", mechanism.points)):
+        for mark in marks:
+            leaf = leaves.take(mark.name, kind)
+            xform = UsdGeom.Xform.Define(stage, f"/{mechanism.name}/{mark.body}/{leaf}")
+            xform.CreatePurposeAttr(UsdGeom.Tokens.guide)
+            prim = xform.GetPrim()
+            _name(prim, mark.name)
+            mark_type = Sdf.ValueTypeNames.Token
+            prim.CreateAttribute("twin:kind", mark_type, True, Sdf.VariabilityUniform).Set(kind)
+            place = xform.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble)
+            if kind == "point":
+                place.Set(gf.vec3d(mark.p_body))
+            else:
+                place.Set(gf.vec3d(mark.T_body_frame[:3, 3]))
+                turn = xform.AddOrientOp(UsdGeom.XformOp.PrecisionDouble)
+                turn.Set(gf.quatd(mark.T_body_frame[:3, :3]))

@@ -1,0 +1,87 @@
+"""Layers with the metadata that every file of a robot carries, and names that are free."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from pxr import Sdf, Tf, Usd, UsdGeom, UsdPhysics
+
+from twin.core.atomic import FULL
+from twin.core.errors import StageError
+
+TIME_CODES_PER_SECOND = 60.0
+"""Time codes and frames per second of every layer: viewers use the one or the other."""
+
+
+def new_layer(path: Path) -> Sdf.Layer:
+    """Return a new layer for `path`; .usda is readable text, .usdc is binary.
+
+    Layers are anonymous until `save`, so that writing the same file twice in one process never meets the
+    copy that USD keeps in memory.
+    """
+    return Sdf.Layer.CreateAnonymous(path.name)
+
+
+def describe(layer: Sdf.Layer, name: str, end_time_code: float = 0.0) -> None:
+    """Set default prim, up axis, units, frame rate and time range, so that no reader has to guess."""
+    stage = Usd.Stage.Open(layer)
+    layer.defaultPrim = name
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdPhysics.SetStageKilogramsPerUnit(stage, 1.0)
+    layer.timeCodesPerSecond = TIME_CODES_PER_SECOND
+    layer.framesPerSecond = TIME_CODES_PER_SECOND
+    layer.startTimeCode = 0.0
+    layer.endTimeCode = end_time_code
+
+
+def save(layer: Sdf.Layer, path: Path) -> Path:
+    """Write the layer to `path` and return it.
+
+    Raises:
+        OSError: the disk is full.
+        StageError: if USD cannot write there.
+
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        written = layer.Export(str(path))
+    except Tf.ErrorException as error:
+        for number in FULL:  # USD tells it in forty lines
+            if os.strerror(number) in str(error):
+                raise OSError(number, os.strerror(number), str(path)) from None
+        raise StageError(f"cannot write {path}: {error}") from error
+    if not written:
+        raise StageError(f"cannot write {path}")
+    return path
+
+
+def root_layer(path: Path, name: str, sublayers: list[str], end_time_code: float, comment: str) -> Path:
+    """Write a root layer that only lists sublayers, strongest first, and return its path."""
+    layer = new_layer(path)
+    Sdf.CreatePrimInLayer(layer, f"/{name}").specifier = Sdf.SpecifierOver
+    describe(layer, name, end_time_code)
+    layer.comment = comment
+    layer.subLayerPaths = sublayers
+    return save(layer, path)
+
+
+class Leaves:
+    """Gives every prim of a robot a leaf name of its own.
+
+    Equal leaf names at different places are legal USD, but Blender merges them and Unity clips address them
+    wrongly; a mechanism allows a frame, a point, a mesh and a body of one name.
+    """
+
+    def __init__(self, reserved: set[str]) -> None:
+        self._taken = set(reserved)
+
+    def take(self, name: str, suffix: str) -> str:
+        """Return `name`, or with `_<suffix>` (and a number) appended if it is taken."""
+        free, i = name, 1
+        while free in self._taken:
+            free = f"{name}_{suffix}" if i == 1 else f"{name}_{suffix}_{i}"
+            i += 1
+        self._taken.add(free)
+        return free

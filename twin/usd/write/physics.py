@@ -1,0 +1,302 @@
+"""physics.usda: overs with masses, colliders, joints, limits, drives and joint states.
+
+UsdPhysics counts angles in degrees: limits, cones, drives (per degree), joint states and speeds. Joint frames
+are single precision there and nothing else is stored, so that whoever reads the stage back, twin included,
+sees what a foreign reader sees. What UsdPhysics has no word for is a `twin:` attribute in SI units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
+
+from twin.core import spatial
+from twin.core.errors import StageError
+from twin.core.spatial import Array
+from twin.core.units import DEG
+from twin.model.mechanism import FREE_AXES, Coupling, Inertia, Joint, Mechanism
+from twin.usd import gf
+from twin.usd.scan import TURNS
+from twin.usd.write.geometry import mesh_paths
+from twin.usd.write.layers import Leaves, describe, new_layer, save
+from twin.usd.write.spanning import spanning
+
+SCHEMAS = {
+    "fixed": UsdPhysics.FixedJoint,
+    "revolute": UsdPhysics.RevoluteJoint,
+    "prismatic": UsdPhysics.PrismaticJoint,
+    "spherical": UsdPhysics.SphericalJoint,
+    "cylindrical": UsdPhysics.Joint,
+    "free": UsdPhysics.Joint,
+}
+"""UsdPhysics has no cylindrical joint: a generic one with locked axes says the same."""
+
+DIRECTIONS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
+
+
+POSITION_ITERATIONS = 128
+"""Of PhysX's solver for this robot. Its own 32 leave the platform of SILS, loaded by its weight, 6 um off at 1 kHz;
+64 leave 5 um, 128 leave 0.4 um (measured)."""
+
+
+def drive_kind(joint: Joint) -> str:
+    """Return "angular" or "linear", the UsdPhysics instance name for a joint with one coordinate."""
+    return "angular" if joint.is_angle else "linear"
+
+
+def to_usd(joint: Joint, value: float) -> float:
+    """Return a coordinate, limit or speed in the unit of UsdPhysics: degrees for angles, else metres."""
+    return float(value / DEG if joint.is_angle else value)
+
+
+def write_physics(
+    mechanism: Mechanism,
+    path: Path,
+    link_poses: Mapping[str, Array],
+    q_full: Mapping[str, float],
+    efforts: Mapping[str, float],
+) -> Path:
+    """Write the physics layer.
+
+    Args:
+        mechanism: what to write.
+        path: the .usda file.
+        link_poses: T_world_body (4, 4); the base is fixed to the robot's root prim at its pose.
+        q_full: coordinate of each joint that has one, at these poses, in m or rad.
+        efforts: what a driven joint bears at these poses, in N or N m; left out: nothing.
+
+    Raises:
+        StageError: if a joint has what UsdPhysics cannot hold, or a joint of the tree has no coordinate in
+            `q_full`: simulators start at the joint state, not at the authored poses.
+
+    """
+    layer = new_layer(path)
+    describe(layer, mechanism.name)
+    stage = Usd.Stage.Open(layer)
+    root = stage.OverridePrim(f"/{mechanism.name}")
+    UsdPhysics.ArticulationRootAPI.Apply(root)
+    root.AddAppliedSchema("PhysxArticulationAPI")
+    # Convex hulls of neighbouring links overlap at the joints; their contact breaks closed loops silently.
+    root.AddAppliedSchema("NewtonArticulationRootAPI")
+    _attribute(root, "physxArticulation:enabledSelfCollisions", Sdf.ValueTypeNames.Bool, False)
+    _attribute(root, "newton:selfCollisionEnabled", Sdf.ValueTypeNames.Bool, False)
+    _attribute(root, "physxArticulation:solverPositionIterationCount", Sdf.ValueTypeNames.Int, POSITION_ITERATIONS)
+    _write_model(root, mechanism)
+    for body in mechanism.bodies:
+        prim = stage.OverridePrim(f"/{mechanism.name}/{body.name}")
+        UsdPhysics.RigidBodyAPI.Apply(prim)
+        if body.inertia is not None:
+            _write_inertia(prim, body.inertia)
+    for mesh_path in mesh_paths(mechanism).values():
+        prim = stage.OverridePrim(mesh_path)
+        UsdPhysics.CollisionAPI.Apply(prim)
+        # A moving body cannot collide with its triangles; its hull is what all engines support.
+        UsdPhysics.MeshCollisionAPI.Apply(prim).CreateApproximationAttr(UsdPhysics.Tokens.convexHull)
+    UsdGeom.Scope.Define(stage, f"/{mechanism.name}/joints")
+    layer.GetPrimAtPath(root.GetPath()).specifier = Sdf.SpecifierOver  # the scope made its parent a def
+    _write_anchor(stage, mechanism, link_poses[mechanism.base])
+    joints = spanning(mechanism)
+    loops = {j.name for j in joints.cut}
+    # Outwards, whatever way the description has it: Newton refuses a joint of a tree whose parent is the outer body.
+    outwards = {j.name: j for j in joints.tree}
+    for joint in (outwards.get(j.name, j) for j in mechanism.joints):
+        if len(joint.free_axes) == 1 and joint.name not in q_full and joint.name not in loops:
+            raise StageError(f"{mechanism.name}: q_full lacks joint '{joint.name}'")
+        _write_joint(stage, mechanism, joint, joint.name in loops, q_full.get(joint.name), efforts.get(joint.name, 0.0))
+    for coupling in mechanism.couplings:
+        _write_tendon(stage, mechanism, coupling)
+    for joint in joints.tree:
+        if joint.type == "spherical":
+            _start_at_zero(stage, mechanism, joint, link_poses)
+    return save(layer, path)
+
+
+def _attribute(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value) -> None:
+    """Set an attribute that UsdPhysics does not know: ours, or one of a simulator."""
+    prim.CreateAttribute(name, kind, name.startswith("twin:"), Sdf.VariabilityVarying).Set(value)
+
+
+def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
+    _attribute(root, "twin:base", Sdf.ValueTypeNames.Token, mechanism.base)
+    _attribute(root, "twin:tool", Sdf.ValueTypeNames.Token, mechanism.tool)
+    # The file name only: a path would tie the file to the machine that wrote it.
+    _attribute(root, "twin:source", Sdf.ValueTypeNames.String, Path(mechanism.source).name)
+    postures = {k: {n: float(v) for n, v in values.items()} for k, values in mechanism.postures.items()}
+    parameters = {
+        p.name: {
+            "index": i,
+            "value": float(p.value),
+            "unit": p.unit,
+            "shown": float(p.shown),
+            "provenance": p.provenance,
+            "note": p.note,
+        }
+        for i, p in enumerate(mechanism.parameters)
+    }
+    couplings = {
+        c.name: {"index": i, "total": float(c.total), "ratios": dict(zip(c.joints, map(float, c.ratios), strict=True))}
+        for i, c in enumerate(mechanism.couplings)
+    }
+    if mechanism.trocar:
+        _attribute(root, "twin:trocar", Sdf.ValueTypeNames.Token, mechanism.trocar)
+    for key, value in (("postures", postures), ("parameters", parameters), ("couplings", couplings)):
+        if value:
+            root.SetCustomDataByKey(f"twin:{key}", value)
+
+
+def _write_inertia(prim: Usd.Prim, inertia: Inertia) -> None:
+    moments, axes = inertia.principal()
+    mass = UsdPhysics.MassAPI.Apply(prim)
+    mass.CreateMassAttr(float(inertia.mass))
+    mass.CreateCenterOfMassAttr(gf.vec3f(inertia.p_body_com))
+    mass.CreateDiagonalInertiaAttr(gf.vec3f(moments))
+    mass.CreatePrincipalAxesAttr(gf.quatf(axes))
+
+
+def _write_anchor(stage: Usd.Stage, mechanism: Mechanism, T_world_base: Array) -> None:
+    """Fix the base to the robot's root prim.
+
+    The root prim is no rigid body, so every parser takes it for the static world; and unlike an absent body
+    it moves the anchor along when a scene references the robot somewhere else.
+    """
+    name = Leaves({j.name for j in mechanism.joints}).take("root_joint", "world")
+    joint = UsdPhysics.FixedJoint.Define(stage, f"/{mechanism.name}/joints/{name}")
+    joint.CreateBody0Rel().SetTargets([f"/{mechanism.name}"])
+    joint.CreateBody1Rel().SetTargets([f"/{mechanism.name}/{mechanism.base}"])
+    _write_frames(joint, T_world_base, np.eye(4))
+    joint.CreateCollisionEnabledAttr(False)
+
+
+def _write_frames(joint: UsdPhysics.Joint, T_body0_joint: Array, T_body1_joint: Array) -> None:
+    joint.CreateLocalPos0Attr(gf.vec3f(T_body0_joint[:3, 3]))
+    joint.CreateLocalRot0Attr(gf.quatf(T_body0_joint[:3, :3]))
+    joint.CreateLocalPos1Attr(gf.vec3f(T_body1_joint[:3, 3]))
+    joint.CreateLocalRot1Attr(gf.quatf(T_body1_joint[:3, :3]))
+
+
+def _write_joint(
+    stage: Usd.Stage, mechanism: Mechanism, joint: Joint, closes_loop: bool, q: float | None, effort: float
+) -> None:
+    _refuse_what_is_lost(joint)
+    out = SCHEMAS[joint.type].Define(stage, f"/{mechanism.name}/joints/{joint.name}")
+    prim = out.GetPrim()
+    out.CreateBody0Rel().SetTargets([f"/{mechanism.name}/{joint.parent}"])
+    out.CreateBody1Rel().SetTargets([f"/{mechanism.name}/{joint.child}"])
+    _write_frames(out, joint.T_parent_joint, joint.T_child_joint)
+    out.CreateCollisionEnabledAttr(False)
+    if closes_loop:
+        out.CreateExcludeFromArticulationAttr(True)
+    if joint.type in ("revolute", "prismatic", "spherical"):
+        out.CreateAxisAttr(UsdPhysics.Tokens.z)
+    if joint.type == "cylindrical":
+        for axis in sorted(set(range(6)) - set(FREE_AXES["cylindrical"])):
+            lock = UsdPhysics.LimitAPI.Apply(prim, DIRECTIONS[axis])
+            lock.CreateLowAttr(1.0)  # low above high is how UsdPhysics locks an axis
+            lock.CreateHighAttr(-1.0)
+    if joint.limits is not None:
+        out.CreateLowerLimitAttr(to_usd(joint, joint.limits[0]))
+        out.CreateUpperLimitAttr(to_usd(joint, joint.limits[1]))
+    if joint.cone is not None:
+        out.CreateConeAngle0LimitAttr(float(joint.cone / DEG))
+        out.CreateConeAngle1LimitAttr(float(joint.cone / DEG))
+    if q is not None and len(joint.free_axes) == 1:
+        kind = drive_kind(joint)
+        prim.AddAppliedSchema(f"PhysicsJointStateAPI:{kind}")
+        _attribute(prim, f"state:{kind}:physics:position", Sdf.ValueTypeNames.Float, to_usd(joint, q))
+        _attribute(prim, f"state:{kind}:physics:velocity", Sdf.ValueTypeNames.Float, 0.0)
+        # Newton's own resolver, the only one it asks by default, reads no other state.
+        _attribute(prim, f"newton:{kind}:position", Sdf.ValueTypeNames.Float, to_usd(joint, q))
+    _write_actuation(prim, joint, q, effort)
+
+
+def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> None:
+    """Turn the frames of a ball in the tree so that they coincide at the poses as written.
+
+    Simulators start a ball of an articulation at zero and know no joint state for it (PhysX read one on a ball and
+    ignored it: SILS began 21 mm apart, SHER 0.28 m). So the frame on the child is the one on the parent as it lies
+    there, and what it was is kept beside it. A cone counts from the axes as they were: UsdPhysics cannot say that.
+    The axis is X because PhysX's tensors take no other for a ball.
+    """
+    out = UsdPhysics.SphericalJoint(stage.GetPrimAtPath(f"/{mechanism.name}/joints/{joint.name}"))
+    prim = out.GetPrim()
+    R_parent_joint = joint.T_parent_joint[:3, :3] @ TURNS["X"].T
+    R_child_joint = link_poses[joint.child][:3, :3].T @ link_poses[joint.parent][:3, :3] @ R_parent_joint
+    out.GetAxisAttr().Set(UsdPhysics.Tokens.x)
+    out.GetLocalRot0Attr().Set(gf.quatf(R_parent_joint))
+    out.GetLocalRot1Attr().Set(gf.quatf(R_child_joint))
+    turn = (R_child_joint @ TURNS["X"]).T @ joint.T_child_joint[:3, :3]
+    _attribute(prim, "twin:childTurn", Sdf.ValueTypeNames.Quatd, gf.quatd(turn))
+    if joint.cone is not None:
+        for limit in (out.GetConeAngle0LimitAttr(), out.GetConeAngle1LimitAttr()):
+            prim.RemoveProperty(limit.GetName())
+        _attribute(prim, "twin:cone", Sdf.ValueTypeNames.Double, float(joint.cone))
+
+
+def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling) -> None:
+    """Hold a coupling by a PhysX tendon over its joints, the one nearest to the base first.
+
+    UsdPhysics has no word for a coupling of joints; without it PhysX lets a passive joint of a belt swing. It is as
+    stiff as the drives: PhysX steps tendons explicitly, and one with damping or much stiffer blows up at 1 kHz.
+    """
+    ratios = dict(zip(coupling.joints, coupling.ratios, strict=True))
+    stiff = max((d.stiffness for d in (mechanism.joint(n).drive for n in ratios) if d), default=1.0)
+    for i, joint in enumerate(j for j in spanning(mechanism).tree if j.name in ratios):
+        prim = stage.GetPrimAtPath(f"/{mechanism.name}/joints/{joint.name}")
+        prim.AddAppliedSchema(f"PhysxTendonAxis{'' if i else 'Root'}API:{coupling.name}")
+        place = f"physxTendon:{coupling.name}"
+        _attribute(prim, f"{place}:gearing", Sdf.ValueTypeNames.FloatArray, [float(ratios[joint.name])])
+        if i == 0:
+            _attribute(prim, f"{place}:stiffness", Sdf.ValueTypeNames.Float, stiff)
+            _attribute(prim, f"{place}:damping", Sdf.ValueTypeNames.Float, 0.0)
+            _attribute(prim, f"{place}:restLength", Sdf.ValueTypeNames.Float, to_usd(joint, coupling.total))
+
+
+def _write_actuation(prim: Usd.Prim, joint: Joint, q: float | None, effort: float) -> None:
+    if joint.drive is not None:
+        drive = UsdPhysics.DriveAPI.Apply(prim, drive_kind(joint))
+        per_unit = DEG if joint.is_angle else 1.0
+        drive.CreateTypeAttr(UsdPhysics.Tokens.force)
+        drive.CreateStiffnessAttr(float(joint.drive.stiffness * per_unit))
+        drive.CreateDampingAttr(float(joint.drive.damping * per_unit))
+        if joint.drive.max_effort is not None:
+            drive.CreateMaxForceAttr(float(joint.drive.max_effort))
+        # Hold the authored pose: a target of zero would pull the robot away from it at the first step, and one
+        # without the weight that the spring bears would let it sag.
+        target = (0.0 if q is None else q) + (effort / joint.drive.stiffness if joint.drive.stiffness > 0 else 0.0)
+        drive.CreateTargetPositionAttr(to_usd(joint, np.clip(target, *(joint.limits or (-np.inf, np.inf)))))
+    if joint.max_speed is not None:
+        prim.AddAppliedSchema("PhysxJointAPI")
+        _attribute(prim, "physxJoint:maxJointVelocity", Sdf.ValueTypeNames.Float, to_usd(joint, joint.max_speed))
+    if joint.active:
+        _attribute(prim, "twin:active", Sdf.ValueTypeNames.Bool, True)
+    if joint.max_acceleration is not None:
+        _attribute(prim, "twin:maxAcceleration", Sdf.ValueTypeNames.Double, float(joint.max_acceleration))
+    if joint.soft_limits is not None:
+        _attribute(prim, "twin:softLimits", Sdf.ValueTypeNames.Double2, Gf.Vec2d(*map(float, joint.soft_limits)))
+    if joint.mating:
+        _attribute(prim, "twin:mating", Sdf.ValueTypeNames.StringArray, list(joint.mating))
+
+
+def _refuse_what_is_lost(joint: Joint) -> None:
+    """Raise `StageError` for what UsdPhysics cannot hold; nothing is dropped silently."""
+    scalar = {
+        "limits": joint.limits,
+        "soft limits": joint.soft_limits,
+        "a largest speed": joint.max_speed,
+        "a largest acceleration": joint.max_acceleration,
+        "a drive": joint.drive,
+    }
+    lost = [k for k, v in scalar.items() if v is not None and len(joint.free_axes) != 1]
+    if joint.cone is not None and joint.type != "spherical":
+        lost.append("a cone")
+    if lost:
+        raise StageError(
+            f"joint '{joint.name}' is {joint.type} and has {', '.join(lost)}: not one coordinate to put them "
+            "on. Give limits to joints with one coordinate, cones to spherical joints."
+        )
+    for T in (joint.T_parent_joint, joint.T_child_joint):
+        if not spatial.is_pose(T, 1e-6):
+            raise StageError(f"joint '{joint.name}': a joint frame is not a rigid pose")

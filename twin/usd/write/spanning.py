@@ -1,0 +1,56 @@
+"""Which joints an exported tree holds, and which are left to close its loops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from twin.model.mechanism import Joint, Mechanism, reversed_joint
+
+_KEPT = {"fixed": 0, "prismatic": 1, "cylindrical": 1, "free": 1, "revolute": 2, "spherical": 3}
+"""Order in which joints enter the tree. Balls come last: a cut ball is three exact rows of one kind in any engine,
+and a ball in the tree has no single coordinate that a table of joint values could hold."""
+
+
+@dataclass(frozen=True)
+class Spanning:
+    """A spanning tree made for other programs.
+
+    Attributes:
+        tree: parents first; the joint's child is the outer body, turned round where it must be.
+        cut: joints that close loops, as they are in the mechanism.
+    """
+
+    tree: tuple[Joint, ...]
+    cut: tuple[Joint, ...]
+
+
+def spanning(mechanism: Mechanism) -> Spanning:
+    """Return the tree of the best joints to keep: driven and coupled ones, then by type, then in file order.
+
+    It may differ from `mechanism.tree`, which follows the file alone: a slide that closes a loop there is kept
+    here, and the ball of the same loop is cut.
+    """
+    needed = {j.name for j in mechanism.active} | {name for c in mechanism.couplings for name in c.joints}
+    order = sorted(mechanism.joints, key=lambda j: -1 if j.name in needed else _KEPT[j.type])
+    group = {b.name: b.name for b in mechanism.bodies}
+
+    def find(name: str) -> str:
+        while group[name] != name:
+            name = group[name]
+        return name
+
+    kept: list[Joint] = []
+    for joint in order:  # Kruskal: the best joint that joins two parts which are still apart
+        a, b = find(joint.parent), find(joint.child)
+        if a != b:
+            group[a] = b
+            kept.append(joint)
+    names = {j.name for j in kept}
+    reached, tree = {mechanism.base}, []
+    pending = [j for j in mechanism.joints if j.name in names]
+    while pending:
+        joint = next(j for j in pending if j.parent in reached or j.child in reached)
+        pending.remove(joint)
+        tree.append(joint if joint.parent in reached else reversed_joint(joint))
+        reached |= {joint.parent, joint.child}
+    return Spanning(tuple(tree), tuple(j for j in mechanism.joints if j.name not in names))

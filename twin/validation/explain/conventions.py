@@ -1,0 +1,343 @@
+"""Conventions under which formula and mechanism agree: Euler angles, units, signs, offsets, axes, handedness, DH form.
+
+Each is tried as a whole: no single edit of a row amounts to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from itertools import permutations, product
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.formula.contract import POSE_SYMBOL
+from twin.validation.explain.invariants import said
+from twin.validation.explain.judge import Judge, Place, worst
+from twin.validation.explain.numeric import Matrix, to_array
+from twin.validation.explain.result import Convention
+from twin.validation.explain.suspects import suspects
+
+_NAMED = (
+    (-1.0, "the opposite sign"),
+    (1e3, "millimetres where metres are due"),
+    (1e-3, "metres where millimetres are due"),
+    (180 / np.pi, "degrees where radians are due"),
+    (np.pi / 180, "radians where degrees are due"),
+)
+
+
+def conventions(judge: Judge) -> list[Convention]:
+    """Return the conventions that cure rows, those that cure most first."""
+    if not judge.failing():
+        return []
+    with np.errstate(all="ignore"):
+        found = [*_euler(judge), *_angles_in(judge), *_scalars(judge), *_axes(judge), *_frames(judge), *_dh(judge)]
+    return sorted(found, key=lambda c: (-len(c.rows), c.after))
+
+
+def _name(p: Place) -> str:
+    return f"{p.equation}.{p.symbol}"
+
+
+def _cured(judge: Judge, other: Judge) -> tuple[list[Place], float] | None:
+    """Return the rows that another judge finds right and what is left of them; None if it harms a row."""
+    bad = judge.failing()
+    now = {(p.equation, p.statement, p.position): worst(r) for p, r in other.residuals.items()}
+    for p in judge.residuals:
+        agreed = p not in bad and judge.step(p.equation).stage != "helper"
+        if agreed and not now.get((p.equation, p.statement, p.position), np.inf) <= 1:
+            return None
+    cured = [p for p in bad if now.get((p.equation, p.statement, p.position), np.inf) <= 1]
+    if not cured:
+        return None
+    return cured, max(now[(p.equation, p.statement, p.position)] for p in cured)
+
+
+def _turns(axis: str, a: Array) -> Array:
+    i = "xyz".index(axis)
+    j, k = (i + 1) % 3, (i + 2) % 3
+    R = np.zeros((len(a), 3, 3))
+    R[:, i, i] = 1
+    R[:, j, j] = R[:, k, k] = np.cos(a)
+    R[:, k, j], R[:, j, k] = np.sin(a), -np.sin(a)
+    return R
+
+
+ORDERS = tuple("".join(o) for o in product("xyz", repeat=3) if o[0] != o[1] and o[1] != o[2])
+"""The twelve sequences of axes."""
+
+
+def _euler(judge: Judge) -> Iterator[Convention]:
+    """Yield the sequence of axes, with signs, by which the rows hold."""
+    truth = judge.truth
+    angles = [n for n, unit in truth.coordinates if unit == "rad"]
+    if len(angles) != 3:
+        return
+    bad = [p for p in judge.failing() if judge.step(p.equation).stage == "inverse"]
+    if not bad:
+        return
+    involved = {e for p in bad for e in suspects(judge, p)}
+    keys = {(p.equation, p.statement, p.position) for p in bad}
+    R = truth.Ts[:, :3, :3]
+    now = np.column_stack([truth.symbols[a] for a in angles])
+    for order in ORDERS:
+        for transposed in (False, True):
+            values = spatial.euler_angles(np.swapaxes(R, 1, 2) if transposed else R, order)
+            if transposed:
+                values = -values  # the same angles, applied in the opposite order
+            for place in permutations(range(3)) if not transposed else ((0, 1, 2), (2, 1, 0)):
+                for signs in product((1.0, -1.0), repeat=3):
+                    v = values[:, place] * signs
+                    if np.abs(np.sin(v - now)).max() < 1e-9:
+                        continue  # what the formula says already
+                    symbols = {**truth.symbols, **dict(zip(angles, v.T, strict=True))}
+                    other = replace(truth, symbols=symbols)
+                    quick = judge.on(other, involved).residuals
+                    if not any(
+                        worst(r) <= 1 for p, r in quick.items() if (p.equation, p.statement, p.position) in keys
+                    ):
+                        continue
+                    found = _cured(judge, judge.on(other))
+                    if found is None:
+                        continue
+                    terms = [""] * 3
+                    for k, (p, s) in enumerate(zip(place, signs, strict=True)):
+                        terms[p] = f"R{order[p]}({'-' if s < 0 else ''}{angles[k]})"
+                    text = " ".join(terms if not transposed else terms[::-1])
+                    rows = tuple(_name(p) for p in found[0])
+                    yield Convention(
+                        "euler", f"the rows hold for R = {text}, not for the angles that the formula's "
+                        "coordinates take from the pose", rows, found[1]
+                    )  # fmt: skip
+                    return
+
+
+def _angles_in(judge: Judge) -> Iterator[Convention]:
+    """Yield whether the rows want degrees, or lengths in millimetres."""
+    truth = judge.truth
+    for kind, factor, text in (
+        ("angle", 180 / np.pi, "the rows take angles in degrees; they are given in radians"),
+        ("length", 1e3, "the rows take lengths in millimetres; they are given in metres"),
+    ):
+        parameters = {p.name: p.unit for p in judge.formula.parameters}
+        units = ("deg",) if kind == "angle" else ("mm", "m")
+        symbols = {
+            n: v * factor if (truth.kinds.get(n) == kind or parameters.get(n) in units) else v
+            for n, v in truth.symbols.items()
+        }
+        if kind == "length":
+            T = truth.symbols[POSE_SYMBOL].a.copy()
+            T[:, :3, 3] *= factor
+            symbols[POSE_SYMBOL] = Matrix(T)
+        other = judge.on(replace(truth, symbols=symbols))
+        cured = []
+        for p, r in judge.residuals.items():
+            q = next((x for x in other.residuals if (x.equation, x.statement, x.position) == (p.equation, p.statement, p.position)), None)  # noqa: E501  # fmt: skip
+            if q is None or worst(r) <= 1 or truth.kinds[p.symbol] == "pose":
+                continue
+            # Outputs may come in either unit: the value must match one of them.
+            value = other.residuals[q] / (factor if truth.kinds[p.symbol] == kind else 1.0)
+            if worst(value) <= 1 or worst(other.residuals[q]) <= 1:
+                cured.append((p, min(worst(value), worst(other.residuals[q]))))
+        if cured and len(cured) == len({_name(p) for p in judge.failing()}):
+            yield Convention("unit", text, tuple(_name(p) for p, _ in cured), max(w for _, w in cured))
+
+
+def _scalars(judge: Judge) -> Iterator[Convention]:
+    """Yield signs, units and zeros: rows that are a straight line of the mechanism's value."""
+    truth, values = judge.truth, said(judge)
+    groups: dict[str, list[tuple[Place, float]]] = {}
+    for place in judge.failing():
+        true = to_array(truth.symbols[place.symbol], truth.k)
+        if place.symbol not in values or true.shape[1] != 1 or np.ptp(true) < 1e-9:
+            continue
+        raw = values[place.symbol]
+        t, y = true[:, 0], np.asarray(raw, float)
+        tolerance = judge.tolerance.angle if truth.kinds[place.symbol] == "angle" else judge.tolerance.length
+        for slope, text in (*_NAMED, (1.0, "")):
+            if truth.kinds[place.symbol] == "angle":
+                offset = np.angle(np.exp(1j * (y - slope * t))) if abs(slope) == 1 else y - slope * t
+                middle = float(np.angle(np.mean(np.exp(1j * offset)))) if abs(slope) == 1 else float(offset.mean())
+                left = np.abs(np.angle(np.exp(1j * (offset - middle)))).max() / tolerance
+            else:
+                offset = y - slope * t
+                middle = float(offset.mean())
+                left = float(np.abs(offset - middle).max()) / tolerance / abs(slope)
+            if not left <= 1:
+                continue
+            zero = ""
+            if abs(middle) > tolerance:
+                shown = (
+                    f"{np.degrees(middle):.6g}°" if truth.kinds[place.symbol] == "angle" else f"{middle * 1e3:.6g} mm"
+                )
+                zero = f"its zero is {shown} from the mechanism's"
+            message = " and ".join(x for x in (text, zero) if x)
+            if message:
+                groups.setdefault(message, []).append((place, float(left)))
+            break
+    for message, places in groups.items():
+        names = ", ".join(p.symbol for p, _ in places)
+        yield Convention(
+            "offset" if message.startswith("its zero") else "sign" if "sign" in message else "unit",
+            f"{names}: {message}", tuple(_name(p) for p, _ in places), max(w for _, w in places)
+        )  # fmt: skip
+
+
+def _axes(judge: Judge) -> Iterator[Convention]:
+    """Yield the axes that named points come in: permuted, mirrored, in another unit."""
+    truth, values = judge.truth, said(judge)
+    pairs = []
+    for name, symbol in judge.formula.points.items():
+        parts = (symbol,) if isinstance(symbol, str) else symbol
+        places = [p for p in judge.failing() if p.symbol in parts]
+        if not places or not all(p in values for p in parts):
+            continue
+        y = np.hstack([to_array(values[p], truth.k) for p in parts])
+        t = np.hstack([to_array(truth.symbols[p], truth.k) for p in parts])
+        pairs.append((name, places, y, t))
+    if not pairs:
+        return
+    Y, T = np.vstack([p[2] for p in pairs]), np.vstack([p[3] for p in pairs])
+    if not np.isfinite(Y).all():
+        return
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            for factor, unit in ((1.0, ""), (1e3, ", in millimetres")):
+                made = factor * T[:, order] * signs
+                left = np.abs(Y - made).max() / factor / judge.tolerance.length
+                if not left <= 1 or (order == (0, 1, 2) and min(signs) > 0):
+                    continue
+                matrix = np.eye(3)[list(order)] * np.array(signs)[:, None]
+                text = ", ".join(
+                    f"{a} = {'-' if s < 0 else ''}{'xyz'[o]}" for a, o, s in zip("xyz", order, signs, strict=True)
+                )
+                hand = "" if np.linalg.det(matrix) > 0 else ": a left-handed frame"
+                rows = tuple(_name(p) for _, places, _, _ in pairs for p in places)
+                yield Convention(
+                    "axes" if not hand else "handedness",
+                    f"points {', '.join(p[0] for p in pairs)} come in other axes{hand}: {text}{unit}", rows, float(left)
+                )  # fmt: skip
+                return
+
+
+def signed_permutations() -> list[Array]:
+    """Return the 48 signed permutation matrices (3, 3), the identity first."""
+    signs = list(product((1.0, -1.0), repeat=3))
+    return [np.eye(3)[list(order)] * np.array(s)[:, None] for order in permutations(range(3)) for s in signs]
+
+
+def _frames(judge: Judge) -> Iterator[Convention]:
+    """Yield fixed turns of base or tool by which a pose differs, or that it is inverted."""
+    for place in judge.failing():
+        if judge.truth.kinds[place.symbol] != "pose":
+            continue
+        k = judge.truth.k
+        scale = np.full(16, judge.tolerance.angle)
+        scale[[3, 7, 11]] = judge.tolerance.length
+        true = judge.truth.symbols[place.symbol].a
+        T = true + (judge.residuals[place] * scale).reshape(k, 4, 4)
+        if not np.isfinite(T).all():
+            continue
+        made = {"": T, "inverted, ": np.linalg.inv(T) if np.linalg.cond(T).max() < 1e12 else T}
+        best: tuple[float, str] | None = None
+        for how, M in made.items():
+            for unit, factor in (("", 1.0), ("its lengths in millimetres, ", 1e-3)):
+                p, R = M[:, :3, 3] * factor, M[:, :3, :3]
+                for P in signed_permutations():
+                    left = np.abs(p @ P.T - true[:, :3, 3]).max() / judge.tolerance.length
+                    if left > 1:
+                        continue
+                    Q = np.swapaxes(P @ R, 1, 2) @ true[:, :3, :3]
+                    spread = np.abs(Q - Q.mean(axis=0)).max() / judge.tolerance.angle
+                    if spread <= 1:
+                        base = "" if np.allclose(P, np.eye(3)) else f"base axes {_axes_text(P)}, "
+                        tool = "" if np.allclose(Q[0], np.eye(3)) else f"tool axes {_axes_text(Q[0].T)}, "
+                        text = f"{how}{unit}{base}{tool}".removesuffix(", ")
+                        score = (max(left, spread), text)
+                        best = score if best is None or len(text) < len(best[1]) else best
+        if best is not None:
+            yield Convention(
+                "axes", f"{place.symbol} of {place.equation} agrees with the mechanism's pose: {best[1]}",
+                (_name(place),), best[0],
+            )  # fmt: skip
+
+
+def _axes_text(P: Array) -> str:
+    """Return what each axis of a turn is, "x = -y, ...", or the turn about an axis that is none of them."""
+    if np.abs(np.abs(P).max(axis=1) - 1).max() < 1e-6:
+        rows = [(int(np.argmax(np.abs(r))), r) for r in P]
+        return ", ".join(f"{a} = {'-' if r[i] < 0 else ''}{'xyz'[i]}" for a, (i, r) in zip("xyz", rows, strict=True))
+    angle = np.degrees(np.arccos(np.clip((np.trace(P) - 1) / 2, -1, 1)))
+    return f"turned by {angle:.4f}°"
+
+
+def _dh(judge: Judge) -> Iterator[Convention]:
+    """Yield helpers that multiply rows of a Denavit-Hartenberg table in the wrong form."""
+    for step in judge.steps:
+        bad = [p for p in judge.failing() if p.equation == step.equation.name]
+        if not bad or step.stage == "helper":
+            continue
+        for helper in judge.helpers(step):
+            form = dh_form(helper.function)  # type: ignore[arg-type] - a field, not a method
+            if form is None:
+                continue
+            kind, order = form
+            other = "standard" if kind == "modified" else "modified"
+            stand_in = partial(_dh_row, other, order)
+            undo = []
+            scopes = [step.scope, helper.function.__globals__, *(h.function.__globals__ for h in judge.helpers(step))]
+            for scope in scopes:
+                for name, value in list(scope.items()):
+                    if value is helper.function:
+                        undo.append((scope, name))
+                        scope[name] = stand_in
+            try:
+                found = _cured(judge, judge.on(judge.truth))
+            finally:
+                for scope, name in undo:
+                    scope[name] = helper.function
+            if found is not None:
+                yield Convention(
+                    "dh", f"{helper.source.name}() multiplies rows in {kind} Denavit-Hartenberg form; the table is "
+                    f"one of the {other} form", tuple(_name(p) for p in found[0]), found[1],
+                )  # fmt: skip
+
+
+def _dh_row(kind: str, order: tuple[int, ...], *values: Any) -> Matrix:
+    """Return one row: arguments in the order of a helper, `order` giving where alpha, a, theta and d stand."""
+    alpha, a, theta, d = (np.atleast_1d(np.asarray(values[i], float)) for i in order)
+    k = max(len(x) for x in (alpha, a, theta, d))
+    alpha, a, theta, d = (np.broadcast_to(x, (k,)) for x in (alpha, a, theta, d))
+
+    def place(R: Array, x: Array, z: Array) -> Array:
+        T = np.tile(np.eye(4), (k, 1, 1))
+        T[:, :3, :3], T[:, 0, 3], T[:, 2, 3] = R, x, z
+        return T
+
+    o = np.zeros(k)
+    about_x, about_z = place(_turns("x", alpha), a, o), place(_turns("z", theta), o, d)
+    return Matrix(about_x @ about_z if kind == "modified" else about_z @ about_x)
+
+
+def dh_form(function: FunctionType) -> tuple[str, tuple[int, ...]] | None:
+    """Return "standard" or "modified" and where alpha, a, theta, d stand, if a function is such a row."""
+    if function.__code__.co_argcount != 4:
+        return None
+    probe = (0.3, 0.7, 1.1, 0.45)
+    try:
+        made = function(*probe)
+    except Exception:
+        return None
+    if not isinstance(made, Matrix) or made.shape != (4, 4):
+        return None
+    for kind in ("modified", "standard"):
+        for order in permutations(range(4)):
+            if np.abs(_dh_row(kind, order, *probe).a - made.a).max() < 1e-12:
+                return kind, order
+    return None

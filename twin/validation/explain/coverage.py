@@ -1,0 +1,62 @@
+"""Which rows of a formula were judged: by their own value, by what follows from them, or by where they vanish."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from twin.kinematics import compile_formula
+from twin.kinematics.margins import Margins
+from twin.reference import ReferenceModel
+from twin.reference.boundary import Boundary, Judged
+from twin.validation.explain.judge import Judge
+from twin.validation.explain.rows import Step
+from twin.validation.explain.suspects import passed
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How many rows (outputs of equations) there are, and what was not judged, each with the reason."""
+
+    rows: int
+    left: tuple[str, ...]
+
+    def describe(self) -> str:
+        """Return the count for a sentence."""
+        return f"{self.rows - len(self.left)} of {self.rows} rows judged"
+
+
+def margins(judge: Judge, model: ReferenceModel, parameters: dict[str, float] | None = None) -> list[Judged]:
+    """Return reach, singularity measures and aspects as the mechanism judges them."""
+    formula, run = judge.formula, judge.truth.run
+    if run is None or not (formula.reach or formula.measures or formula.aspects):
+        return []
+    kin = compile_formula(formula, judge.variants, parameters)
+    turns = {j.name: j.is_angle for j in model.mechanism.joints}
+    return Boundary(model, Margins(kin, turns, tuple(run.points)), run.x).judge()
+
+
+def coverage(judge: Judge, judged: list[Judged]) -> Coverage:
+    """Return what was judged of all rows; `judged` are the margins."""
+    done = {(p.equation, p.symbol) for p in judge.residuals}
+    unjudged = {(r.equation, r.symbol): r for r in judged if r.status == "not judged"}  # by one meaning of two, too
+    told = {(r.equation, r.symbol) for r in judged} - set(unjudged)
+    done |= passed(judge, done | told) | told
+    steps: dict[str, Step] = {s.equation.name: s for s in judge.steps}
+    total, left = 0, []
+    for equation in judge.formula.equations:
+        for symbol in dict.fromkeys(equation.outputs):
+            total += 1
+            k = (equation.name, symbol)
+            if k in done:
+                continue
+            step = steps.get(equation.name)
+            if k in unjudged:
+                why = f"{unjudged[k].name}: {unjudged[k].why}"
+            elif step is None:
+                why = "its text cannot be read row by row"
+            elif step.missing:
+                why = f"{step.missing} not known"
+            else:
+                why = "the mechanism has no such quantity, and nothing that it has follows from it"
+            left.append(f"{equation.name}.{symbol}: {why}")
+    return Coverage(total, tuple(left))

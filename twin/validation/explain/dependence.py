@@ -1,0 +1,212 @@
+"""What a row depends on, measured: a repair must leave the row something to say.
+
+A row that reads its own unknown (q1 = ... q2 - q1 ...) agrees with the mechanism by itself when an edit makes it
+q1 = q1, or a copy of the row beside it. A factor of zero makes any content agree. Neither is seen in the residuals
+at the mechanism's poses. Both are seen in how the residuals answer when one symbol at a time is moved off them.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.validation.explain.candidate import Candidate, Key, key, residuals
+from twin.validation.explain.judge import Judge
+from twin.validation.explain.numeric import Matrix
+from twin.validation.explain.rows import Step
+from twin.validation.explain.source import Edit, Source
+
+_STIR = 1e-3
+"""Relative move of a symbol that a row must answer to."""
+
+_STILL = 1e-9
+"""Answer, relative to the residual (in units of the tolerance, at least 1), that is rounding."""
+
+_STEP = 1e-5
+"""Step of the derivatives by the unknowns of an implicit equation: m, rad."""
+
+_PARALLEL = 1e-6
+"""Part of a row's gradient that the other rows do not have; below it the row only repeats them."""
+
+
+class Dependence:
+    """How the rows of a formula answer to their symbols, at the mechanism's poses and off them."""
+
+    def __init__(self, judge: Judge, shaken: Judge) -> None:
+        """Take the judge, and the same formula held against values that no mechanism has."""
+        self.judge = judge
+        self.bases = (judge, shaken)
+        self._stirred: dict[tuple[int, str, frozenset[str], str], Judge] = {}
+        self._stepped: dict[tuple[str, str, int], Judge] = {}
+        self._symbol = {key(p): p.symbol for p in judge.residuals}
+        self._read: dict[tuple[str, Key], set[str]] = {}
+
+    def judged(self, c: Candidate, rows: Collection[Key]) -> None:
+        """Note in a candidate whether it empties one of the rows that it cures, and which symbols it drops."""
+        if not rows:
+            return
+        if any(not self.determined(c, k) for k in rows):
+            c.hollow = True
+            return
+        dropped: set[str] = set()
+        after = self._answers(c.step, c.edits, rows)
+        before = {k: self.reads(c.step, k, rows) for k in rows}
+        for k in rows:
+            dropped |= before[k] - after[k]
+        c.dropped = tuple(sorted(dropped))
+        # What is still written there and has no effect was multiplied with zero, or taken from itself. One edit may
+        # undo just that (a zero that was misprinted); two are too many to believe it.
+        c.hollow = any(before[k] and not after[k] for k in rows) or (len(c.edits) > 1 and bool(dropped - _touched(c)))
+
+    def reads(self, step: Step, row: Key, rows: Collection[Key] = ()) -> set[str]:
+        """Return the symbols that a row depends on, as it stands."""
+        name = step.equation.name
+        if (name, row) not in self._read:
+            for k, found in self._answers(step, (), {row, *rows}).items():
+                self._read[name, k] = found
+        return self._read[name, row]
+
+    # -- which symbols ----------------------------------------------------------------------------------------
+
+    def _answers(self, step: Step, change: Sequence[Edit], rows: Collection[Key]) -> dict[Key, set[str]]:
+        """Return the symbols among the inputs of an equation that rows answer to, before or after edits."""
+        name = step.equation.name
+        equations = frozenset({name})
+        if any(k[0] != name for k in rows):  # an unknown that this equation gives leads on
+            later = self.judge.steps[self.judge.steps.index(self.judge.step(name)) :]
+            equations = frozenset(s.equation.name for s in later if s.stage == step.stage)
+        out: dict[Key, set[str]] = {k: set() for k in rows}
+        for i, base in enumerate(self.bases):
+            at = residuals(base, name, change)
+            if at is None:
+                continue
+            # An output that a later row reads is a symbol of that row, with the mechanism's value.
+            for symbol in (*step.inputs, *(n for n in step.equation.outputs if n in step.held - set(step.inputs))):
+                moved = self._moved(i, step, equations, symbol)
+                if moved is None:
+                    continue
+                there = residuals(moved, name, change)
+                if there is None:
+                    continue
+                for k in rows:
+                    if symbol == self._symbol[k] and symbol not in step.inputs:
+                        continue  # it is the left side
+                    if symbol not in out[k] and k in at and k in there and _differ(at[k], there[k]):
+                        out[k].add(symbol)
+        return out
+
+    def _moved(self, i: int, step: Step, equations: frozenset[str], symbol: str) -> Judge | None:
+        """Return a base with one symbol moved, over the equations that matter."""
+        at = (i, step.equation.name, equations, symbol)
+        if at not in self._stirred:
+            base = self.bases[i]
+            mine = base.step(step.equation.name)
+            # What came before is given as it is: nothing that leads there need run again.
+            values = {**mine.computed, **base.truth.symbols}
+            if symbol not in values:
+                return None
+            values[symbol] = _stirred(values[symbol], base.truth.k)
+            self._stirred[at] = base.on(base.truth.with_parameters(values), equations)
+        return self._stirred[at]
+
+    # -- what implicit rows determine ---------------------------------------------------------------------------
+
+    def determined(self, c: Candidate, row: Key) -> bool:
+        """Return whether a row, after edits, still settles its unknown beside the other rows of its equation.
+
+        Only an equation that reads its own outputs can fail to. The gradient of each of its rows (right side minus
+        left side) by these outputs is taken at the mechanism's poses; that of the edited row must not lie in the
+        span of the others.
+        """
+        step = self.judge.step(row[0])
+        unknown = [n for n in step.equation.outputs if n in step.known and n in step.inputs]
+        new = {e.define[0] for e in c.edits if e.define and not e.define[1]}
+        unknown += [n for n in step.equation.outputs if n in step.known and n in new and n not in unknown]
+        if not unknown:
+            return True
+        places = [key(p) for p in self.judge.residuals if p.equation == row[0]]
+        if row not in places or any(
+            self.judge.residuals[p].shape[1] != 1 for p in self.judge.residuals if key(p) == row
+        ):
+            return True
+        kinds = {key(p): self.judge.truth.kinds[p.symbol] for p in self.judge.residuals}
+        t = self.judge.tolerance
+        gradient: dict[Key, list[Array]] = {k: [] for k in places}
+        for name in unknown:
+            sides = [self._sides(c, row[0], name, sign) for sign in (1, -1)]
+            if sides[0] is None or sides[1] is None:
+                return False
+            for k in places:
+                tolerance = t.angle if kinds[k] == "angle" else t.length
+                slope = (sides[0][k] - sides[1][k]) * (tolerance / (2 * _STEP))
+                gradient[k].append(slope[:, 0] if slope.shape[1] == 1 else np.full(len(slope), np.nan))
+        J = {k: np.stack(g, axis=1) for k, g in gradient.items()}
+        mine = J.pop(row)
+        others = [g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), _PARALLEL) for g in J.values()]
+        others = [np.where(np.isfinite(g).all(axis=1, keepdims=True), g, 0.0) for g in others]
+        good = np.isfinite(mine).all(axis=1)
+        if not good.any():
+            return False
+        rest = mine
+        if others:
+            A = np.stack(others, axis=1)  # (k, rows, unknowns)
+            span = np.linalg.pinv(A, rcond=1e-8) @ A
+            rest = mine - (mine[:, None, :] @ span)[:, 0]
+        return float(np.mean(np.linalg.norm(rest, axis=1)[good] > _PARALLEL)) > 0.5
+
+    def _sides(self, c: Candidate, equation: str, name: str, sign: int) -> dict[Key, Array] | None:
+        at = (equation, name, sign)
+        if at not in self._stepped:
+            step = self.judge.step(equation)
+            values = {**step.computed, **self.judge.truth.symbols}
+            values[name] = values[name] + sign * _STEP
+            self._stepped[at] = self.judge.on(self.judge.truth.with_parameters(values), {equation})
+        judge = self._stepped[at]
+        as_it_stands = residuals(judge, equation, ()) or {}
+        mine = [e for e in c.edits if c.step.equation.name == equation]
+        changed = residuals(judge, equation, mine) if mine else {}
+        return None if changed is None else {**as_it_stands, **changed}
+
+
+def _stirred(x: Any, k: int) -> Any:
+    sign = np.where(np.arange(k) % 2, -1.0, 1.0)
+    if isinstance(x, Matrix):
+        pattern = np.cos(1.0 + np.arange(x.a[0].size)).reshape(x.a[0].shape)
+        return Matrix(x.a * (1 + _STIR * sign[:, None, None] * pattern) + _STIR / 10 * pattern)
+    return np.broadcast_to(np.asarray(x, float), (k,)) * (1 + _STIR * sign) + _STIR / 10 * sign
+
+
+def _differ(a: Array, b: Array) -> bool:
+    if a.shape != b.shape:
+        return True
+    both = np.isfinite(a) & np.isfinite(b)
+    if not both.any():
+        return bool((np.isfinite(a) != np.isfinite(b)).any())
+    return bool((np.abs(a - b)[both] > _STILL * np.maximum(np.abs(a)[both], 1.0)).any())
+
+
+def _touched(c: Candidate) -> set[str]:
+    """Return the symbols that the replaced text spoke of, by name or through the assignments before it."""
+    out: set[str] = set()
+    for e in c.edits:
+        try:
+            names: set[str] = {n.id for n in ast.walk(ast.parse(e.old.strip() or "0")) if isinstance(n, ast.Name)}
+        except SyntaxError:
+            names = set()
+        if e.function != c.step.source.name:
+            out |= set(c.step.inputs) if names else set()
+            continue
+        out |= _leads(c.step.source, e.statement, names)
+    return out
+
+
+def _leads(source: Source, index: int, names: Iterable[str]) -> set[str]:
+    out = set(names)
+    for s in reversed(source.statements[:index]):
+        if out & set(s.writes):
+            out |= s.reads
+    return out

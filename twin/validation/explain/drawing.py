@@ -1,0 +1,182 @@
+"""Parts that do not meet in the drawing: which of two is off, and whether that alone explains the rows that are off.
+
+Every suspect is corrected in the drawing, and the rows are judged against the resulting mechanism. What the
+drawing tells by itself (lengths, parts that are alike, loops that close) counts before what the rows tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import islice, product
+
+from twin.cad import frames
+from twin.cad.build import CadModel
+from twin.cad.faulty import Fault, Suspect, faults
+from twin.core.errors import TwinError
+from twin.core.findings import Finding
+from twin.formula.contract import Formula
+from twin.reference import ReferenceModel
+from twin.validation.explain.judge import Judge
+from twin.validation.explain.result import PartOff
+
+CODES = ("cad.meeting", "cad.tilt")
+"""Findings that say that parts do not meet."""
+
+_MOST = 12
+"""Choices of parts that are tried."""
+
+_OPEN = (1e-8, 1e-7)
+"""Gap in m and in rad from which on a loop does not close."""
+
+_TIMES = {"mm": "mm", "deg": "°"}
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """The drawing with its faults corrected.
+
+    Attributes:
+        findings: what does not meet, as the reader of the CAD says it.
+        parts: what is off, one for each fault.
+        model, judge: the corrected mechanism, and the rows judged against it; None if nothing could be corrected.
+        agrees: whether every row then holds.
+    """
+
+    findings: tuple[Finding, ...]
+    parts: tuple[PartOff, ...]
+    model: ReferenceModel | None
+    judge: Judge | None
+    agrees: bool
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """One choice of parts, corrected."""
+
+    chosen: tuple[Suspect, ...]
+    model: ReferenceModel | None = None
+    judge: Judge | None = None
+
+    @property
+    def closes(self) -> bool:
+        """Whether every loop closes at every pose."""
+        if self.judge is None or self.judge.truth.run is None:
+            return False
+        gaps = self.judge.truth.run.gaps
+        return not gaps.size or bool((gaps.max(axis=(0, 1)) < _OPEN).all())
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every row holds."""
+        return self.judge is not None and bool(self.judge.residuals) and not self.judge.failing()
+
+    @property
+    def rank(self) -> tuple[int, bool, bool, int]:
+        """How well it explains everything: the drawing first."""
+        off = len(self.judge.failing()) if self.judge is not None else 10**6
+        return sum(s.score for s in self.chosen), self.closes, self.agrees, -off
+
+
+def correct(
+    formula: Formula,
+    cad: CadModel,
+    judged: Callable[[ReferenceModel], Judge],
+    progress: Callable[[float], None] = lambda f: None,
+) -> Corrected | None:
+    """Return what is off in the drawing and the rows judged against the corrected drawing; None if every joint meets.
+
+    Args:
+        formula: the equations; their lengths count where the description declares them.
+        cad: the drawing as read.
+        judged: makes the judge of the rows for a mechanism.
+        progress: called with the fraction done.
+    """
+    findings = tuple(f for f in cad.findings if f.code in CODES)
+    if not findings:
+        return None
+    found = faults(cad, {p.name: float(p.value) for p in formula.parameters})
+    told = [f for f in found if f.suspects]
+    choices = sorted(islice(product(*(f.suspects for f in told)), 200), key=lambda c: -sum(s.score for s in c))
+    best = sum(s.score for s in choices[0])
+    first = [c for c in choices if sum(s.score for s in c) == best]
+    tried: list[_Tried] = []
+    for i, chosen in enumerate(choices[:_MOST] if told else []):
+        if chosen not in first and any(t.agrees for t in tried):
+            break
+        progress(i / min(_MOST, len(choices)))
+        tried.append(_put_right(cad, chosen, judged))
+    top = max((t for t in tried if t.agrees), default=None, key=lambda t: t.rank)
+    top = top or max(tried, default=_Tried(()), key=lambda t: t.rank)
+    sides = dict(zip((f.joints for f in told), top.chosen, strict=False))
+    parts = tuple(_part(f, findings, sides.get(f.joints), top, tried) for f in found)
+    return Corrected(findings, parts, top.model, top.judge, top.agrees and len(told) == len(found))
+
+
+def _put_right(cad: CadModel, chosen: Sequence[Suspect], judged: Callable[[ReferenceModel], Judge]) -> _Tried:
+    faces = dict(cad.measured)
+    given = {k: T for s in chosen for k, T in s.given.items()}
+    for s in chosen:
+        mine = {n: m for n, m in s.faces[s.body].items() if n in (s.features or s.faces[s.body])}
+        faces[s.body] = {**faces[s.body], **mine}
+    try:
+        model = ReferenceModel(frames.moved(cad.mechanism, cad.description, faces, given))
+        return _Tried(tuple(chosen), model, judged(model))
+    except TwinError:  # it cannot be assembled, or hardly moves
+        return _Tried(tuple(chosen))
+
+
+def _part(
+    fault: Fault,
+    findings: Sequence[Finding],
+    chosen: Suspect | None,
+    top: _Tried,
+    tried: Sequence[_Tried],
+) -> PartOff:
+    sizes = [f for f in findings if f.where in fault.joints]
+    much = " and ".join(f"{_number(f.size or 0.0)} {_TIMES[f.unit]}".replace(" °", "°") for f in sizes)
+    where = ", ".join(dict.fromkeys(f.where for f in sizes))
+    head = f"joint{'s' if len(fault.joints) > 1 else ''} {where}, {much}"
+    if chosen is None:
+        text = f"{head}: no single part explains it"
+        return PartOff(fault.joints, "", (), "", (), (), text)
+    others = [s for s in fault.suspects if s is not chosen]
+    by, why, rest = _told(chosen, others, top, tried)
+    left = [_name(s) for s in rest]
+    what = _name(chosen)
+    if left:
+        text = f"{head}: {what} is off, or {', or '.join(left)}; neither the drawing nor the rows tell which"
+    else:
+        text = f"{head}: {what} is off" + (f" ({'; '.join(why[:2])})" if why else "")
+    return PartOff(fault.joints, chosen.body, chosen.features, by, tuple(why), tuple(left), text)
+
+
+def _told(
+    chosen: Suspect, others: list[Suspect], top: _Tried, tried: Sequence[_Tried]
+) -> tuple[str, list[str], list[Suspect]]:
+    """Return what tells that it is this part (`PartOff.told_by`), why, and what else it may be."""
+    why = [*chosen.for_it, *(text for s in others for text in s.against_it)]
+    if not others:
+        return "joints", [*why, "the joints of the other part that meet do so only if this one is off"], []
+    if all(s.score < chosen.score for s in others) and top.agrees >= any(t.agrees for t in tried):
+        return "drawing", why, []
+    same = {s: [t for t in tried if s in t.chosen] for s in others}
+    if top.closes and all(same[s] and not any(t.closes for t in same[s]) for s in others):
+        return "loops", [*why, "the loops close at every pose only with it corrected"], []
+    if top.agrees and all(same[s] and not any(t.agrees for t in same[s]) for s in others):
+        return "rows", [*why, "every row holds only with it corrected"], []
+    if not top.agrees:
+        return "", why, others
+    return "", why, [s for s in others if any(t.agrees for t in same[s]) or not same[s]]
+
+
+def _name(s: Suspect) -> str:
+    if s.given:
+        return f"'{s.body}' (the numbers that place {', '.join(joint for joint, _ in s.given)} on it)"
+    if not s.features:
+        return f"'{s.body}' is out of its place in the drawing"
+    return f"'{s.body}' at its {' and '.join(s.features)}"
+
+
+def _number(x: float) -> str:
+    return f"{x:.6g}"

@@ -1,0 +1,216 @@
+"""When numbers rather than the form are wrong: parameters fitted to the mechanism, and what the poses cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core.provenance import Parameter
+from twin.core.spatial import Array
+from twin.validation.explain.judge import Judge, worst
+from twin.validation.explain.result import Identified, Moved
+
+_BLIND = 1e-7
+"""Relative size of singular values below which a combination of parameters has no effect."""
+
+_STEPS = 30
+_SLIPS = ((1e3, "metres for millimetres"), (1e-3, "millimetres for metres"), (np.pi / 180, "radians for degrees"),
+          (180 / np.pi, "degrees for radians"), (-1.0, "the sign"))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Parameters fitted by Gauss-Newton: values in SI, residuals in units of the tolerance, Jacobian by parameter."""
+
+    names: tuple[str, ...]
+    values: Array
+    residual: Array
+    J: Array
+
+    @property
+    def worst(self) -> float:
+        """Worst residual."""
+        return worst(self.residual)
+
+
+class Numbers:
+    """The rows of a formula as functions of its parameters; `complete` if every row that is off has a value."""
+
+    def __init__(self, judge: Judge, noise: float = 0.0, seed: int = 0) -> None:
+        """Take the rows; `noise` (in units of the tolerance) is added to the mechanism's values."""
+        self.judge = judge
+        self.start = {n: float(np.asarray(judge.truth.symbols[n])) for n in (p.name for p in judge.formula.parameters)}
+        bad = judge.failing()
+        # Helpers often only repeat the error of a printed row: they count where the printed rows agree.
+        printed = any(self._printed(p.equation) for p in bad)
+        mine = [p for p in judge.residuals if not printed or self._printed(p.equation)]
+        self.rows = [p for p in mine if np.isfinite(judge.residuals[p]).all()]
+        self.complete = all(p in self.rows for p in bad if p in mine)
+        size = sum(judge.residuals[p].size for p in self.rows)
+        self.noise = noise * np.random.default_rng(seed).standard_normal(size) if noise else np.zeros(size)
+
+    def _printed(self, equation: str) -> bool:
+        return self.judge.step(equation).stage != "helper"
+
+    def residual(self, values: dict[str, float]) -> Array:
+        """Return the residuals of all rows with other parameters, in one vector."""
+        other = self.judge.on(self.judge.truth.with_parameters(values))
+        missing = np.full(1, np.nan)
+        return np.concatenate([other.residuals.get(p, missing).ravel() for p in self.rows]) + self.noise
+
+    def used(self) -> list[Parameter]:
+        """Return the parameters that move some row."""
+        base = self.residual(self.start)
+        out = []
+        for p in self.judge.formula.parameters:
+            h = 1e-4 * max(abs(self.start[p.name]), 0.01)
+            moved = self.residual({**self.start, p.name: self.start[p.name] + h})
+            if moved.shape == base.shape and np.nanmax(np.abs(moved - base), initial=0.0) > 1e-3:
+                out.append(p)
+        return out
+
+    def fit(self, names: tuple[str, ...]) -> Fit:
+        """Return the least-squares fit of some parameters: Gauss-Newton with halved steps, least norm where blind."""
+        x: Array = np.array([self.start[n] for n in names], float)
+        scale = np.maximum(np.abs(x), 0.01)
+
+        def at(values: Array) -> Array:
+            r = self.residual({**self.start, **dict(zip(names, values.tolist(), strict=True))})
+            return r if r.shape == self.noise.shape else np.full(self.noise.shape, np.nan)
+
+        r = at(x)
+        J = np.zeros((len(r), len(names)))
+        for _ in range(_STEPS):
+            for i in range(len(names)):
+                h = np.zeros(len(names))
+                h[i] = 1e-6 * scale[i]
+                J[:, i] = (at(x + h) - at(x - h)) / 2e-6
+            if not np.isfinite(J).all():
+                break
+            step = np.asarray(np.linalg.lstsq(J, -r, rcond=_BLIND)[0], np.float64) * scale
+            new, factor = at(x + step), 1.0
+            while not (np.isfinite(new).all() and new @ new <= r @ r) and factor > 1e-3:
+                factor /= 2
+                new = at(x + factor * step)
+            if not np.isfinite(new).all() or new @ new > r @ r:
+                break
+            x, done, r = x + factor * step, float(np.abs(factor * step / scale).max()), new
+            if done < 1e-13:
+                break
+        return Fit(names, x, r, J / scale)
+
+
+def identify(
+    judge: Judge,
+    progress: Callable[[float], None] = lambda f: None,
+    noise: float = 0.0,
+    alone: bool = False,
+) -> Identified | None:
+    """Return which parameters explain the rows that are off; None if no parameter moves them.
+
+    One parameter alone is tried first: several that would each do are alternatives. Then all together.
+
+    Args:
+        judge: the rows.
+        progress: called with the fraction done.
+        noise: standard deviation in units of the tolerance that is added to the mechanism's values.
+        alone: try single parameters only; None if none serves.
+    """
+    numbers = Numbers(judge, noise)
+    if alone and not (numbers.complete and judge.failing()):
+        return None
+    parameters = numbers.used()
+    if not parameters:
+        return None
+    before = worst(numbers.residual(numbers.start))
+    limit = max(1.0, 6 * noise)
+    serve = []
+    for i, p in enumerate(parameters):
+        progress(i / len(parameters))
+        fit = numbers.fit((p.name,))
+        if fit.worst <= limit and numbers.complete:
+            serve.append((p, fit))
+    if alone and not serve:
+        return None
+    everything = numbers.fit(tuple(p.name for p in parameters))
+    blind = _blind(everything, parameters)
+    if serve:
+        moved = tuple(_moved(p, numbers, fit, 0, noise) for p, fit in serve)
+        fit = serve[0][1]
+        return Identified(
+            True, before, fit.worst, moved, len(moved) > 1, blind, fit.names, _plain(_covariance(fit, noise))
+        )
+    start = np.array([numbers.start[n] for n in everything.names])
+    covariance = _covariance(everything, noise)
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
+    exact = everything.worst <= limit and numbers.complete
+    moved = tuple(
+        _moved(p, numbers, everything, i, noise)
+        for i, p in enumerate(parameters)
+        if abs(everything.values[i] - start[i]) > max(4 * sigma[i], 1e-9 * max(1, abs(start[i])))
+    )
+    return Identified(
+        exact, before, everything.worst, moved if exact else (), False, blind, everything.names, _plain(covariance)
+    )
+
+
+def _covariance(fit: Fit, noise: float) -> Array:
+    """Return the covariance in SI, from the residuals, but not below rounding of the mechanism's own values."""
+    m, n = fit.J.shape
+    variance = max(float(fit.residual @ fit.residual) / max(m - n, 1), 1e-8, noise**2)
+    scale = np.maximum(np.linalg.norm(fit.J, axis=0), 1e-300)
+    inverse = np.linalg.pinv(fit.J / scale, rcond=_BLIND)
+    return variance * (inverse @ inverse.T) / np.outer(scale, scale)
+
+
+def _moved(p: Parameter, numbers: Numbers, fit: Fit, i: int, noise: float) -> Moved:
+    unit = p.value / p.shown if p.shown else {"mm": 1e-3, "deg": np.pi / 180}.get(p.unit, 1.0)
+    start, value = numbers.start[p.name], float(fit.values[i])
+    sigma = float(np.sqrt(max(_covariance(fit, noise)[i, i], 0)))
+    return Moved(p.name, p.unit, start / unit, value / unit, sigma / unit, _slip(p.name, start, value, numbers.start))
+
+
+def _slip(name: str, start: float, value: float, values: dict[str, float]) -> str:
+    """Return what a fitted value looks like: another unit, another sign, another parameter; "" if nothing."""
+    ratio = value / start if start else float("nan")
+    for slip, text in _SLIPS:
+        if abs(ratio / slip - 1) < 1e-6:
+            return f"looks like {text}"
+    same = [n for n, v in values.items() if n != name and v and abs(value / v - 1) < 1e-6]
+    return f"the value of {' or '.join(same)}" if same else ""
+
+
+def _blind(fit: Fit, parameters: list[Parameter]) -> tuple[str, ...]:
+    """Return the combinations of parameters that no row depends on, by SVD of the scaled Jacobian."""
+    if not np.isfinite(fit.J).all() or not fit.J.any():
+        return ()
+    scale = np.maximum(np.linalg.norm(fit.J, axis=0), 1e-300)
+    _, s, Vt = np.linalg.svd(fit.J / scale, full_matrices=True)
+    null = Vt[np.count_nonzero(s > _BLIND * s[0]) :]
+    out = []
+    for v in _sparse(null) if len(null) else []:
+        change = v / scale
+        change = change / np.abs(change).max()
+        parts = [f"{c:+.3g} {p.name}" for c, p in zip(change, parameters, strict=True) if abs(c) > 1e-6]
+        out.append(" ".join(parts).removeprefix("+"))
+    return tuple(out)
+
+
+def _sparse(null: Array) -> Array:
+    """Return a basis of the same space with many zeros: reduced row echelon form, largest pivots first."""
+    A = null.copy()
+    for row in range(len(A)):
+        rest = np.abs(A[row:])
+        i, j = np.unravel_index(int(np.argmax(rest)), rest.shape)
+        A[[row, row + i]] = A[[row + i, row]]
+        A[row] /= A[row, j]
+        for k in range(len(A)):
+            if k != row:
+                A[k] -= A[k, j] * A[row]
+    return np.where(np.abs(A) < 1e-7, 0.0, A)
+
+
+def _plain(a: Array) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(float(x) for x in row) for row in a)

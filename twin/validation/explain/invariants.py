@@ -1,0 +1,295 @@
+"""What must hold whatever the formula: rigid bodies, rods of constant length, closed loops, rotations, dimensions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from twin.core.findings import Finding
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM, decimals
+from twin.model.mechanism import Joint
+from twin.reference import ReferenceModel
+from twin.validation.explain.judge import Judge, Place, worst
+from twin.validation.explain.numeric import Matrix, to_array
+from twin.validation.explain.plain import copied, parts
+from twin.validation.explain.source import OUT
+from twin.validation.explain.truth import Truth
+
+
+def said(judge: Judge) -> dict[str, Any]:
+    """Return what the formula gives for each symbol that the mechanism knows, from the true inputs of its row."""
+    truth, out = judge.truth, {}
+    units = {"length": judge.tolerance.length, "angle": judge.tolerance.angle}
+    for place, r in judge.residuals.items():
+        kind = truth.kinds[place.symbol]
+        if kind == "pose" or (place.symbol in out and worst(r) == 0):
+            continue
+        true = to_array(truth.symbols[place.symbol], truth.k)
+        value = true + r * units[kind]
+        out[place.symbol] = (
+            Matrix(value[:, :, None]) if isinstance(truth.symbols[place.symbol], Matrix) else value[:, 0]
+        )
+    return out
+
+
+def solved(judge: Judge) -> dict[str, Any]:
+    """Return the outputs of implicit equations, solved for: rows that name each other, all taken at their word."""
+    out: dict[str, Any] = {}
+    k = judge.truth.k
+    for step in judge.steps:
+        names = [n for n in step.equation.outputs if n in step.required and n in judge.truth.kinds]
+        if not names or step.missing or step.stage == "helper":
+            continue
+
+        def at(x: list[float], names: list[str] = names, step: Any = step) -> Array | None:
+            got = outputs(judge, step.equation.name, dict(zip(names, x, strict=True)))
+            return np.stack([to_array(got[n], k)[:, 0] for n in names], axis=1) if got else None
+
+        n = len(names)
+        b, tested = at([0.0] * n), at([2.0] * n)
+        columns = [at([float(i == j) for j in range(n)]) for i in range(n)]
+        if b is None or tested is None or any(c is None for c in columns):
+            continue
+        A = np.stack([c - b for c in columns if c is not None], axis=2)
+        if not np.allclose(A.sum(axis=2) * 2 + b, tested, atol=1e-9) or not np.isfinite(A).all():
+            continue  # not linear in them
+        M = np.eye(n) - A
+        if np.linalg.cond(M).max() < 1e12:
+            x = np.linalg.solve(M, b[..., None])[..., 0]
+            out |= {name: x[:, i] for i, name in enumerate(names)}
+    return out
+
+
+def invariants(judge: Judge, model: ReferenceModel) -> list[Finding]:
+    """Return what does not hold; nothing for a formula that agrees."""
+    values = {**said(judge), **solved(judge)}
+    out = [*_rigid(judge, model, values), *_rods(judge, model, values), *_loops(judge, model, values)]
+    return [*out, *_rotations(judge), *_dimensions(judge)]
+
+
+def _points(judge: Judge, values: dict[str, Any]) -> dict[str, Array]:
+    out = {}
+    for name, symbol in judge.formula.points.items():
+        parts = (symbol,) if isinstance(symbol, str) else symbol
+        if all(p in values for p in parts):
+            out[name] = np.hstack([to_array(values[p], judge.truth.k) for p in parts])
+    return out
+
+
+def _off(judge: Judge, name: str) -> bool:
+    """Whether the rows of a named point are off."""
+    symbol = judge.formula.points[name]
+    bad = {p.symbol for p in judge.failing()}
+    return bool(bad & ({symbol} if isinstance(symbol, str) else set(symbol)))
+
+
+def _rigid(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
+    """Points of one body keep their distances."""
+    placed = _points(judge, values)
+    bodies: dict[str, list[str]] = {}
+    for p in model.mechanism.points:
+        if p.name in placed:
+            bodies.setdefault(p.body, []).append(p.name)
+    where = {p.name: p.p_body for p in model.mechanism.points}
+    for body, names in bodies.items():
+        for a, b in combinations(names, 2):
+            if not (_off(judge, a) or _off(judge, b)):
+                continue
+            true = float(np.linalg.norm(where[a] - where[b]))
+            length = np.linalg.norm(placed[a] - placed[b], axis=1)
+            yield from _distance(judge, length, true, f"{a}-{b}", f"on '{body}' ", "invariant.rigid")
+
+
+def _distance(
+    judge: Judge, length: Array, true: float, name: str, where: str, code: str, what: str = ""
+) -> Iterator[Finding]:
+    off = np.abs(length - true)
+    if not np.isfinite(off).any() or float(np.nanmax(off)) <= judge.tolerance.length:
+        return
+    low, high = float(np.nanmin(length)), float(np.nanmax(length))
+    constant = high - low <= 10 * judge.tolerance.length
+    n = decimals(float(np.nanmax(off)) / MM)
+    much = f"{low / MM:.{n}f} mm" if constant else f"{low / MM:.{n}f} .. {high / MM:.{n}f} mm"
+    yield Finding(
+        code,
+        "disagreement",
+        f"{what or f'the formula makes {name}'} {much} long; {where}in the CAD it is {true / MM:.{n}f} mm"
+        + ("" if constant else ": no rigid body is that long at every pose"),
+        where=name,
+        when=judge.truth.pose_text(int(np.nanargmax(off))),
+        size=float(np.nanmax(off)) / MM,
+        unit="mm",
+        limit=judge.tolerance.length / MM,
+    )
+
+
+def _rods(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
+    """Yield links that would have to change their length with the drives as the formula has them."""
+    truth = judge.truth
+    active = {j.name for j in model.mechanism.active if j.name in values}
+    wrong = {n for n in active if _moved(judge, n, values[n])}
+    if truth.run is None or not wrong:
+        return
+    states = truth.run.x.copy()
+    for name in wrong:
+        states[:, model.tree.configuration[name]] = values[name]
+    moved, real = model.link_poses(states), model.link_poses(truth.run.x)
+    driven = {j.child: j.name for j in model.mechanism.tree if j.name in wrong}
+    for link in model.mechanism.bodies:
+        joints = [j for j in model.mechanism.joints if link.name in (j.parent, j.child)]
+        from_drive = [j for j in joints if _other(j, link.name) in driven]
+        for j in from_drive:
+            pivot = _centre(j, _other(j, link.name), moved)
+            held = _centre(j, link.name, real)
+            ends = [(k.name, _centre(k, link.name, real)) for k in joints if k is not j and k not in from_drive]
+            for name, end in ends:
+                true = float(np.linalg.norm(held[0] - end[0]))
+                if true < 1e-6 or j.type == "prismatic" or np.ptp(np.linalg.norm(held - end, axis=1)) > 1e-6:
+                    continue
+                length = np.linalg.norm(pivot - end, axis=1)
+                drive = driven[_other(j, link.name)]
+                what = f"with {drive} as the formula has it, '{link.name}' would be, from {j.name} to {name},"
+                yield from _distance(judge, length, true, link.name, "", "invariant.rod", what)
+
+
+def _moved(judge: Judge, name: str, value: Any) -> bool:
+    """Whether the formula has a joint elsewhere than the mechanism."""
+    return not worst(judge.difference(name, value)) <= 1
+
+
+def _other(joint: Joint, body: str) -> str:
+    return joint.parent if joint.child == body else joint.child
+
+
+def _centre(joint: Joint, body: str, poses: dict[str, Array]) -> Array:
+    T = joint.T_parent_joint if joint.parent == body else joint.T_child_joint
+    return (poses[body] @ T)[:, :3, 3]
+
+
+def _loops(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
+    """Loops close at the formula's joints, the others where the mechanism has them."""
+    truth = judge.truth
+    names = [n for n in model.tree.configuration if n in values and _moved(judge, n, values[n])]
+    if truth.run is None or not names or not model.mechanism.loops:
+        return
+    states = truth.run.x.copy()
+    for name in names:
+        states[:, model.tree.configuration[name]] = values[name]
+    if not np.isfinite(states).all():
+        return
+    gaps = model.collect(states).gaps[..., 0]
+    for i, loop in enumerate(truth.run.loop_names):
+        k = int(np.argmax(gaps[:, i]))
+        if gaps[k, i] > max(judge.tolerance.length, 10 * float(truth.run.gaps[..., 0].max(initial=0.0))):
+            yield Finding(
+                "invariant.loop",
+                "disagreement",
+                f"with {', '.join(names)} as the formula has them the loop opens by up to {gaps[k, i] / MM:.3f} mm at "
+                f"{loop}",
+                where=loop,
+                when=truth.pose_text(k),
+                size=float(gaps[k, i]) / MM,
+                unit="mm",
+                limit=judge.tolerance.length / MM,
+            )
+
+
+def _rotations(judge: Judge) -> Iterator[Finding]:
+    """Poses that rows make hold rotations: orthogonal, right-handed."""
+    for step in judge.steps:
+        for name, value in outputs(judge, step.equation.name).items():
+            if not isinstance(value, Matrix) or value.shape not in ((3, 3), (4, 4)):
+                continue
+            R = value.a[:, :3, :3]
+            if not np.isfinite(R).all():
+                continue
+            off = float(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max())
+            det = np.linalg.det(R)
+            if off > 1e-9 or det.min() < 0:
+                left = off <= 1e-9
+                what = "left-handed (its determinant is -1)" if left else f"not orthogonal (off by {off:.2g})"
+                yield Finding(
+                    "invariant.rotation", "disagreement",
+                    f"{name} of {step.equation.name} holds a rotation that is {what}",
+                    where=f"{step.equation.name}.{name}", size=off, unit="", limit=1e-9,
+                )  # fmt: skip
+
+
+def outputs(judge: Judge, equation: str, given: dict[str, Any] | None = None) -> dict[str, Any]:
+    """Return the outputs of an equation just as it gives them; nothing if it cannot be run."""
+    step = judge.step(equation)
+    if step.missing or not step.before:
+        return {}
+    env = {**copied(step.before[0]), **(given or {})}
+    try:
+        with np.errstate(all="ignore"):
+            for code in step.codes:
+                exec(code, env)
+    except Exception:
+        return {}
+    values = env[OUT]
+    if step.plain is not None:
+        return dict(zip(step.equation.outputs, parts(step.plain, values), strict=True))
+    values = list(values) if isinstance(values, tuple | list) else [values]
+    return dict(zip(step.equation.outputs, values, strict=False))
+
+
+_SCALE = 1.25
+
+
+def _dimensions(judge: Judge) -> Iterator[Finding]:
+    """All lengths larger by a factor: lengths come out larger by it, angles as they were."""
+    failing = judge.failing()
+    if not failing:
+        return
+    scaled = _scaled(judge)
+    again = judge.on(scaled)
+    for place in failing:
+        other = next((r for p, r in again.residuals.items() if _key(p) == _key(place)), None)
+        if other is None:
+            continue
+        r = judge.residuals[place]
+        kind = judge.truth.kinds[place.symbol]
+        if kind == "pose" or not (np.isfinite(r).all() and np.isfinite(other).all()):
+            continue
+        factor = _SCALE if kind == "length" else 1.0
+        off = float(np.abs(other - factor * r).max()) / max(float(np.abs(r).max()), 1e-300)
+        if off > 1e-6:
+            unit = "a length" if kind == "length" else "an angle"
+            yield Finding(
+                "invariant.dimension",
+                "disagreement",
+                f"the row of {place.symbol} in {place.equation} ({place.variant}) is no {unit.split()[1]}: it adds or "
+                f"compares quantities of different dimensions where {unit} is due",
+                where=f"{place.equation}.{place.symbol}, line {place.line}",
+                suggestion="look for a lost square, root or parenthesis",
+            )
+
+
+def _key(p: Place) -> tuple[str, int, int]:
+    return p.equation, p.statement, p.position
+
+
+def _scaled(judge: Judge) -> Truth:
+    truth, symbols = judge.truth, dict(judge.truth.symbols)
+    lengths = {p.name for p in judge.formula.parameters if p.unit in ("mm", "m", "cm", "um")}
+    for name, value in symbols.items():
+        kind = truth.kinds.get(name)
+        if kind == "pose":
+            a = value.a.copy()
+            a[:, :3, 3] *= _SCALE
+            symbols[name] = Matrix(a)
+        elif kind == "length" or name in lengths:
+            symbols[name] = value * _SCALE
+    from dataclasses import replace
+
+    return replace(truth, symbols=symbols)
+
+
+def unit(kind: str) -> tuple[str, float]:
+    """Return unit and scale in which residuals of a kind are shown."""
+    return ("deg", DEG) if kind == "angle" else ("mm", MM)

@@ -1,0 +1,365 @@
+"""The functions of a formula file on numpy arrays: one call evaluates many samples, and nothing is compiled.
+
+A function is rebuilt with globals in which every CasADi name stands for its numpy twin here. Scalars are arrays (k,)
+or floats, matrices are `Matrix`. Helpers that the function calls, in its own file or another one of ours or of the
+user, are rebuilt in the same way.
+"""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.core.errors import KinematicsError, no_inverse
+from twin.core.spatial import Array
+
+_SYMBOLIC = "twin.formula.symbolic"
+
+
+class Matrix:
+    """Matrices of SX's habits for k samples at once; `a` is (k or 1, rows, columns)."""
+
+    __array_ufunc__ = None  # numpy scalars and arrays leave mixed operations to this class
+    __slots__ = ("a",)
+
+    def __init__(self, a: Array) -> None:
+        self.a = a
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns) of one sample."""
+        return self.a.shape[1], self.a.shape[2]
+
+    @property
+    def T(self) -> Matrix:  # noqa: N802
+        """The transposed matrices."""
+        return Matrix(np.swapaxes(self.a, 1, 2))
+
+    def numel(self) -> int:
+        """Entries of one sample."""
+        return self.a.shape[1] * self.a.shape[2]
+
+    def __getitem__(self, key: Any) -> Any:
+        rows, columns = self.shape
+        if not isinstance(key, tuple):
+            if columns != 1:  # one index counts down the columns
+                flat = Matrix(np.swapaxes(self.a, 1, 2).reshape(len(self.a), -1, 1))
+                return flat[key, 0]
+            key = (key, 0)
+        i, j = key
+        if isinstance(i, slice) or isinstance(j, slice):
+            si = i if isinstance(i, slice) else slice(_at(i, rows), _at(i, rows) + 1)
+            sj = j if isinstance(j, slice) else slice(_at(j, columns), _at(j, columns) + 1)
+            return Matrix(self.a[:, si, sj])
+        return self.a[:, _at(i, rows), _at(j, columns)]
+
+    def __matmul__(self, other: Any) -> Any:
+        out = np.matmul(self.a, _as(other).a)
+        return out[:, 0, 0] if out.shape[1:] == (1, 1) else Matrix(out)
+
+    def __neg__(self) -> Matrix:
+        return Matrix(-self.a)
+
+    def __pos__(self) -> Matrix:
+        return self
+
+    def __add__(self, other: Any) -> Matrix:
+        return _apply(np.add, self, other)
+
+    def __sub__(self, other: Any) -> Matrix:
+        return _apply(np.subtract, self, other)
+
+    def __mul__(self, other: Any) -> Matrix:
+        return _apply(np.multiply, self, other)
+
+    def __truediv__(self, other: Any) -> Matrix:
+        return _apply(np.divide, self, other)
+
+    def __pow__(self, other: Any) -> Matrix:
+        return _apply(np.power, self, other)
+
+    def __radd__(self, other: Any) -> Matrix:
+        return _apply(np.add, other, self)
+
+    def __rsub__(self, other: Any) -> Matrix:
+        return _apply(np.subtract, other, self)
+
+    def __rmul__(self, other: Any) -> Matrix:
+        return _apply(np.multiply, other, self)
+
+    def __rtruediv__(self, other: Any) -> Matrix:
+        return _apply(np.divide, other, self)
+
+
+def _at(i: Any, n: int) -> int:
+    if isinstance(i, float | np.ndarray):
+        raise TypeError("an index must be a whole number")
+    if not -n <= i < n:
+        raise IndexError(i)
+    return i % n
+
+
+def _as(x: Any) -> Matrix:
+    """Return a scalar, an array (k,) or a list of rows as a matrix."""
+    if isinstance(x, Matrix):
+        return x
+    a = np.asarray(x, float)
+    if isinstance(x, list | tuple):
+        return Matrix(a.reshape(1, len(a), -1))
+    return Matrix(a.reshape(-1, 1, 1))
+
+
+def _apply(op: Callable, *args: Any) -> Matrix:
+    parts = [_as(x).a for x in args]
+    shapes = {p.shape[1:] for p in parts} - {(1, 1)}
+    if len(shapes) > 1:
+        raise ValueError(f"shapes {sorted(shapes)} do not go together")
+    return Matrix(op(*parts))
+
+
+def _stack(args: tuple, axis: int) -> Any:
+    parts = [_as(x).a for x in args]
+    k = max(len(p) for p in parts)
+    return Matrix(np.concatenate([np.broadcast_to(p, (k, *p.shape[1:])) for p in parts], axis=axis))
+
+
+def _one(op: Callable) -> Callable:
+    """Return an elementwise function of one scalar or matrix; numpy's own would write into a second argument."""
+
+    def apply(x: Any) -> Any:
+        return _apply(op, x) if isinstance(x, Matrix) else op(x)
+
+    return apply
+
+
+def _two(op: Callable) -> Callable:
+    """Return an elementwise function of two scalars or matrices."""
+
+    def apply(x: Any, y: Any) -> Any:
+        return _apply(op, x, y) if isinstance(x, Matrix) or isinstance(y, Matrix) else op(x, y)
+
+    return apply
+
+
+def _column(x: Any) -> Array:
+    return np.swapaxes(_as(x).a, 1, 2).reshape(len(_as(x).a), -1)
+
+
+def _dot(a: Any, b: Any) -> Array:
+    return np.sum(_column(a) * _column(b), axis=1)
+
+
+def _cross(a: Any, b: Any) -> Matrix:
+    u, v = np.broadcast_arrays(_column(a), _column(b))
+    return Matrix(np.cross(u, v)[:, :, None])
+
+
+def _if_else(condition: Any, yes: Any, no: Any, *_: Any) -> Any:
+    if isinstance(yes, Matrix) or isinstance(no, Matrix):
+        return Matrix(np.where(_as(condition).a.astype(bool), _as(yes).a, _as(no).a))
+    return np.where(condition, yes, no)
+
+
+def _norm(x: Any) -> Array:
+    return np.sqrt(np.sum(_column(x) ** 2, axis=1))
+
+
+def _inv(A: Any) -> Matrix:
+    a = _as(A).a
+    if a.shape[1] != a.shape[2]:
+        raise ValueError(no_inverse(*a.shape[1:]))
+    return Matrix(np.asarray(np.linalg.inv(a), np.float64))
+
+
+class _SX:
+    """`casadi.SX` and `casadi.DM` as far as equations use them."""
+
+    def __call__(self, *args: Any) -> Any:
+        if len(args) == 2:
+            return Matrix(np.zeros((1, *args)))
+        (x,) = args
+        return _as(x) if isinstance(x, list | tuple) else x
+
+    def eye(self, n: int) -> Matrix:
+        return Matrix(np.eye(n)[None])
+
+    def zeros(self, rows: int, columns: int = 1) -> Matrix:
+        return Matrix(np.zeros((1, rows, columns)))
+
+    def ones(self, rows: int, columns: int = 1) -> Matrix:
+        return Matrix(np.ones((1, rows, columns)))
+
+
+_UNARY = ("sin", "cos", "tan", "sqrt", "exp", "log", "sinh", "cosh", "tanh", "floor", "sign", "fabs")
+_ARC = {"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan}
+
+_FUNCTIONS: dict[str, Any] = {
+    **{n: _one(getattr(np, n)) for n in _UNARY},
+    **{name: _one(f) for short, f in _ARC.items() for name in (short, f"arc{short[1:]}")},
+    **{n: _two(getattr(np, n)) for n in ("fmin", "fmax", "hypot")},
+    **{n: _two(np.arctan2) for n in ("atan2", "arctan2")},
+    "vertcat": lambda *a: _stack(a, 1),
+    "horzcat": lambda *a: _stack(a, 2),
+    "vcat": lambda a: _stack(tuple(a), 1),
+    "hcat": lambda a: _stack(tuple(a), 2),
+    "vertsplit": lambda a: [a[i, :] if a.shape[1] > 1 else a[i] for i in range(a.shape[0])],
+    "dot": _dot,
+    "cross": _cross,
+    "norm_2": _norm,
+    "sumsqr": lambda x: np.sum(_column(x) ** 2, axis=1),
+    "mtimes": lambda *a: a[0] @ a[1] if len(a) == 2 else a[0] @ _FUNCTIONS["mtimes"](*a[1:]),
+    "if_else": _if_else,
+    "logic_and": _two(np.logical_and),
+    "logic_or": _two(np.logical_or),
+    "logic_not": _one(np.logical_not),
+    "densify": lambda x: x,
+    "vec": lambda x: Matrix(_column(x)[:, :, None]),
+    "inv": _inv,
+    "pinv": lambda x: Matrix(np.linalg.pinv(x.a)),
+    "solve": lambda A, b: _inv(A) @ b,
+    "trace": lambda x: np.trace(x.a, axis1=1, axis2=2),
+    "SX": _SX(),
+    "DM": _SX(),
+    "pi": np.pi,
+    "inf": np.inf,
+}
+
+
+def _skew(w: Any) -> Matrix:
+    x, y, z = _column(w).T
+    o = np.zeros_like(x)
+    return Matrix(np.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3))
+
+
+_FUNCTIONS["skew"] = _skew
+
+
+def _turn(axis: int) -> Callable[[Any], Matrix]:
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+
+    def rotation(a: Any) -> Matrix:
+        angle = np.atleast_1d(np.asarray(a, float))
+        out = np.zeros((len(angle), 3, 3))
+        out[:, axis, axis] = 1
+        out[:, i, i] = out[:, j, j] = np.cos(angle)
+        out[:, j, i] = np.sin(angle)
+        out[:, i, j] = -out[:, j, i]
+        return Matrix(out)
+
+    return rotation
+
+
+def _pose(R: Any, p: Any) -> Matrix:
+    R, p = _as(R).a, _as(p).a
+    if R.shape[1:] != (3, 3) or p.shape[1] * p.shape[2] != 3:
+        raise ValueError("a pose needs a (3, 3) rotation and three numbers")
+    out = np.zeros((max(len(R), len(p)), 4, 4))
+    out[:, :3, :3], out[:, :3, 3], out[:, 3, 3] = R, p.reshape(len(p), 3), 1
+    return Matrix(out)
+
+
+_FAST = {"rotation_x": _turn(0), "rotation_y": _turn(1), "rotation_z": _turn(2), "pose": _pose}
+"""Functions of `symbolic` that are worth a numpy form of their own."""
+
+
+class Rebuilder:
+    """Rebuilds functions; one instance shares what it has rebuilt."""
+
+    def __init__(self) -> None:
+        self._done: dict[int, Any] = {}
+        self._keep: list[Any] = []  # ids stay taken
+
+    def function(self, f: Callable) -> Callable:
+        """Return a function whose globals, defaults and closure are numeric."""
+        if id(f) in self._done:
+            return self._done[id(f)]
+        if not isinstance(f, types.FunctionType):
+            raise KinematicsError(f"{f!r} is not a plain Python function: it cannot be evaluated on arrays")
+        scope = self.scope(f)
+        closure = None
+        out = types.FunctionType(f.__code__, scope, f.__name__, f.__defaults__, closure or f.__closure__)
+        self._done[id(f)] = out
+        self._keep.append(f)
+        if f.__closure__:
+            cells = tuple(types.CellType(self.value(c.cell_contents)) for c in f.__closure__)
+            out = types.FunctionType(f.__code__, scope, f.__name__, f.__defaults__, cells)
+            self._done[id(f)] = out
+        out.__kwdefaults__ = f.__kwdefaults__
+        return out
+
+    def scope(self, f: types.FunctionType) -> dict[str, Any]:
+        """Return the globals of a function, numeric."""
+        home = f.__globals__
+        if id(home) not in self._done:
+            scope: dict[str, Any] = {}
+            self._done[id(home)] = scope
+            self._keep.append(home)
+            for name, value in home.items():
+                if not name.startswith("__"):
+                    scope[name] = self.value(value)
+            scope["__builtins__"] = home.get("__builtins__", __builtins__)
+            if home.get("__name__") == _SYMBOLIC:
+                scope |= _FAST
+        return self._done[id(home)]
+
+    def value(self, x: Any) -> Any:
+        """Return the numeric twin of a global; what needs none is returned as it is."""
+        if isinstance(x, types.ModuleType):
+            if x.__name__.split(".")[0] == "casadi":
+                return types.SimpleNamespace(**_FUNCTIONS)
+            if x.__name__ == _SYMBOLIC or x.__name__.startswith("twin.robots."):
+                return self._module(x)
+            return x
+        module = getattr(x, "__module__", None) or ""
+        if module.split(".")[0] == "casadi":
+            return _FUNCTIONS.get(getattr(x, "__name__", ""), _missing(getattr(x, "__name__", str(x))))
+        if isinstance(x, types.FunctionType) and _ours(x):
+            return self.function(x)
+        return x
+
+    def _module(self, module: types.ModuleType) -> types.SimpleNamespace:
+        if id(module) not in self._done:
+            space = types.SimpleNamespace()
+            self._done[id(module)] = space
+            for name, value in vars(module).items():
+                if not name.startswith("__"):
+                    fast = _FAST.get(name) if module.__name__ == _SYMBOLIC else None
+                    setattr(space, name, fast or self.value(value))
+        return self._done[id(module)]
+
+
+def _ours(f: types.FunctionType) -> bool:
+    """Whether a function is part of some formula: it can reach CasADi, or functions that do."""
+    module = f.__globals__.get("__name__", "")
+    shim = module.startswith("twin.formula.") and module != "twin.formula.symbolic"  # NumPy itself stands in for it
+    return "site-packages" not in f.__code__.co_filename and module not in ("dataclasses", "typing") and not shim
+
+
+def of_formula(f: types.FunctionType) -> bool:
+    """Whether a function that a formula calls is the formula's own, not one of the library's."""
+    path = Path(f.__code__.co_filename)
+    return path != Path(__file__) and not {"kinematics", "formula"} & set(path.parts[-2:-1])
+
+
+def _missing(name: str) -> Callable:
+    def refuse(*_: Any, **__: Any) -> Any:
+        raise KinematicsError(f"explain has no numpy form of casadi.{name}")
+
+    return refuse
+
+
+def to_array(x: Any, k: int) -> Array:
+    """Return a scalar or matrix as (k, entries); entries row by row."""
+    a = x.a.reshape(len(x.a), -1) if isinstance(x, Matrix) else np.asarray(x, float).reshape(-1, 1)
+    if len(a) == k:
+        return a
+    return np.broadcast_to(a, (k, a.shape[1]))
+
+
+def named(symbols: Mapping[str, Any], names: list[str]) -> dict[str, Any]:
+    """Return some of the symbols, those that are there."""
+    return {n: symbols[n] for n in names if n in symbols}

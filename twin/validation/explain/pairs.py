@@ -1,0 +1,266 @@
+"""Two edits at once: every pair of two positions is tried in one evaluation, over all that could stand at either.
+
+A position whose token is a number or a name of a scalar takes all its replacements together: the token becomes a
+choice whose value, an array, has one entry for each combination of replacements of the two positions. What changes
+the form (operators, signs, functions, indices) is tried one by one. Few samples sort out nearly everything; what is
+left is judged by the search like any other edit.
+"""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import itertools
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.formula.scalar import Scalar
+from twin.validation.explain import plain
+from twin.validation.explain.candidate import Key, aliases, residuals
+from twin.validation.explain.judge import Judge
+from twin.validation.explain.numeric import Matrix
+from twin.validation.explain.rows import Step
+from twin.validation.explain.source import Edit
+
+_PLACES = 2
+"""Samples of the mechanism at which pairs are sorted out; one more lies off it."""
+
+_AWAY = 100
+"""Statements that a token of another function counts as away from the row."""
+
+_MANY = 4096
+"""Combinations of replacements that one evaluation takes."""
+
+
+@dataclass(frozen=True)
+class _Position:
+    """A token and what could stand there: edits of the same bytes. `free` if all are tried at once."""
+
+    edits: tuple[Edit, ...]
+    free: bool
+
+    @property
+    def start(self) -> int:
+        return self.edits[0].start
+
+    @property
+    def end(self) -> int:
+        return self.edits[0].end
+
+
+class Pairs:
+    """Pairs of edits of one equation, and of the functions that it calls, for one row."""
+
+    def __init__(self, judge: Judge, shaken: Judge, step: Step, row: Key, edits: Sequence[Edit]) -> None:
+        """Take the formula, its twin off the mechanism, and the single edits of one token that move the row."""
+        self.judge, self.shaken, self.step, self.row = judge, shaken, step, row
+        self.evaluated = 0
+        self._tiled: dict[int, Judge] = {}
+        self._pick = (_Choice(0), _Choice(1))
+        r = next(r for p, r in judge.residuals.items() if (p.equation, p.statement, p.position) == row)
+        good = np.flatnonzero(np.isfinite(r).all(axis=1))
+        good = good if len(good) >= _PLACES else np.arange(judge.truth.k)
+        self._places = good[np.linspace(0, len(good) - 1, _PLACES).astype(int)]
+        self.positions = self._sorted(edits)
+        n = len(self.positions)
+        self.total = n * (n - 1) // 2
+
+    def found(self, deadline: float) -> Iterator[tuple[Edit, Edit]]:
+        """Yield pairs that agree at a few poses, and do not where no mechanism is; stop at the deadline.
+
+        To be called with numpy's warnings off.
+        """
+        for a, b in self._order():
+            if time.monotonic() > deadline:
+                return
+            self.evaluated += 1
+            if a.edits[0].path == b.edits[0].path and a.start <= b.end and b.start <= a.end:
+                continue
+            yield from self._try(a, b)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every pair was tried."""
+        return self.evaluated >= self.total
+
+    def _order(self) -> Iterator[tuple[_Position, _Position]]:
+        """Yield pairs of positions, the nearest to each other first: of one statement, of one function, then others.
+
+        Of equally near ones, those come first that are near to the row. Who slips twice often does it in one place.
+        """
+        groups: dict[tuple[str, str, int], list[_Position]] = {}
+        for p in self.positions:
+            e = p.edits[0]
+            groups.setdefault((str(e.path), e.function, e.statement), []).append(p)
+
+        def near(pair: tuple[tuple[str, str, int], tuple[str, str, int]]) -> tuple[bool, int, int]:
+            (*a, i), (*b, j) = pair
+            away = sum(abs(self.row[1] - k) if f == self.step.source.name else _AWAY for _, f, k in pair)
+            return a != b, abs(i - j) if a == b else 0, away
+
+        for k, other in sorted(itertools.combinations_with_replacement(groups, 2), key=near):
+            if k == other:
+                yield from itertools.combinations(groups[k], 2)
+            else:
+                yield from itertools.product(groups[k], groups[other])
+
+    def _sorted(self, edits: Sequence[Edit]) -> list[_Position]:
+        """Group edits of the same token; those that can be tried together stand before the others."""
+        together: dict[tuple[str, int, int], list[Edit]] = {}
+        alone: list[_Position] = []
+        for e in edits:
+            if _is_value(e):
+                together.setdefault((str(e.path), e.start, e.end), []).append(e)
+            else:
+                alone.append(_Position((e,), False))
+        free: list[_Position] = []
+        for group in together.values():
+            position = _Position(tuple(group), True)
+            done = self._residual([self._choice(position, 0)], position.edits, (len(group), 1))
+            if done is None:  # a name that is not there yet, say
+                alone += [_Position((e,), False) for e in group if self._residual([e], [e], (1, 1)) is None]
+                group = [e for e in group if all(p.edits[0] is not e for p in alone)]
+                if not group:
+                    continue
+                position = _Position(tuple(group), True)
+                done = self._residual([self._choice(position, 0)], position.edits, (len(group), 1))
+            odd = set(range(len(group))) if done is None else self._pick[0].odd  # matrices, lists: one by one
+            alone += [_Position((e,), False) for i, e in enumerate(group) if i in odd]
+            scalar = tuple(e for i, e in enumerate(group) if i not in odd)
+            free += [_Position(scalar, True)] if scalar else []
+        return free + alone
+
+    # -- evaluation -------------------------------------------------------------------------------------------
+
+    def _try(self, a: _Position, b: _Position) -> Iterator[tuple[Edit, Edit]]:
+        most = max(_MANY // len(b.edits), 1)
+        if len(a.edits) > most:
+            for i in range(0, len(a.edits), most):
+                yield from self._try(_Position(a.edits[i : i + most], True), b)
+            return
+        shape = (len(a.edits), len(b.edits))
+        change = [self._choice(a, 0), self._choice(b, 1)]
+        r = self._residual(change, (*a.edits, *b.edits), shape)
+        if r is None:
+            return
+        on, off = np.abs(r[:, :_PLACES]).max(axis=(1, 2)), np.abs(r[:, _PLACES:]).max(axis=(1, 2))
+        for c in np.flatnonzero((on <= 1) & ~(off <= 1e-3)):  # not a number counts as off the mechanism
+            i, j = divmod(int(c), shape[1])
+            yield a.edits[i], b.edits[j]
+
+    def _choice(self, p: _Position, axis: int) -> Edit:
+        """Return the edit that puts a choice of all replacements in a position; the replacement, if it has only one."""
+        if not p.free:
+            return p.edits[0]
+        words = ", ".join(e.new for e in p.edits)
+        return dataclasses.replace(p.edits[0], new=f"{_NAMES[axis]}({words})", kind="choice", define=None)
+
+    def _residual(self, change: list[Edit], edits: Sequence[Edit], shape: tuple[int, int]) -> Array | None:
+        """Return the row's residuals (combinations, places and one more, entries) after edits."""
+        count = shape[0] * shape[1]
+        n = 1 << (count - 1).bit_length()
+        judge = self._judge(n)
+        for pick in self._pick:
+            pick.shape, pick.size = (*shape, _PLACES + 1), n * (_PLACES + 1)
+            pick.odd = set()
+        step = judge.step(self.step.equation.name)
+        defined = [e for e in edits if e.define]
+        extra = aliases(judge, step, defined)
+        if extra is None:
+            return None
+        for e in defined:
+            if e.define and not e.define[1] and e.define[0] in judge.truth.symbols:
+                extra[e.define[0]] = plain.inside(step.plain, judge.truth.symbols[e.define[0]])
+        picks = dict(zip(_NAMES, self._pick, strict=True))
+        called = [h.function.__globals__ for h in judge.helpers(step)] if self._foreign(change) else []
+        for scope in called:
+            scope.update(picks)
+        found = residuals(judge, self.step.equation.name, change, {**extra, **picks})
+        for scope in called:
+            for name in picks:
+                scope.pop(name, None)
+        if found is None or self.row not in found:
+            return None
+        r = found[self.row]
+        return r.reshape(n, _PLACES + 1, -1)[:count] if len(r) == n * (_PLACES + 1) else None
+
+    def _foreign(self, change: list[Edit]) -> bool:
+        return any(e.function != self.step.source.name for e in change)
+
+    def _judge(self, n: int) -> Judge:
+        """Return the formula at the few places, n times over."""
+        if n not in self._tiled:
+            step, other = self.step, self.shaken.step(self.step.equation.name)
+            on = {**step.computed, **self.judge.truth.symbols}
+            off = {**other.computed, **self.shaken.truth.symbols}
+            symbols = {name: self._tile(on[name], off[name], n) for name in on if name in off}
+            later = self.judge.steps[self.judge.steps.index(step) :]
+            equations = {step.equation.name}
+            if self.row[0] != step.equation.name:
+                equations = {s.equation.name for s in later if s.stage == step.stage}
+            truth = dataclasses.replace(self.judge.truth, symbols=symbols, k=n * (_PLACES + 1), run=None)
+            self._tiled[n] = self.judge.on(truth, equations)
+        return self._tiled[n]
+
+    def _tile(self, on: Any, off: Any, n: int) -> Any:
+        k = self.judge.truth.k
+        if isinstance(on, Matrix):
+            a, b = (np.broadcast_to(x.a, (k, *x.a.shape[1:])) for x in (on, off))
+            return Matrix(np.tile(np.concatenate([a[self._places], b[self._places[:1]]]), (n, 1, 1)))
+        a, b = (np.broadcast_to(np.asarray(x, float), (k,)) for x in (on, off))
+        return np.tile(np.concatenate([a[self._places], b[self._places[:1]]]), n)
+
+
+_NAMES = ("_first_", "_second_")
+"""What the choices are called in the edited text."""
+
+
+class _Choice:
+    """A function that mixes its arguments: combination (i, j) gets the i-th of the first, the j-th of the second."""
+
+    def __init__(self, axis: int) -> None:
+        self.axis = axis
+        self.shape: tuple[int, int, int] = (1, 1, 1)
+        self.size = 1
+        self.odd: set[int] = set()
+
+    def __call__(self, *values: Any) -> Any:
+        out = np.ones(self.size)
+        mixed = out[: int(np.prod(self.shape))].reshape(self.shape)
+        wrap = None
+        for i, value in enumerate(values):
+            at = (i,) if self.axis == 0 else (slice(None), i)
+            if isinstance(value, Scalar):
+                wrap, value = type(value), value.x
+            try:
+                x = np.asarray(value, float)
+            except (TypeError, ValueError):
+                x = np.zeros(0)
+            if x.shape not in ((), (self.size,)):
+                self.odd.add(i)
+                mixed[at] = np.nan
+                continue
+            mixed[at] = x if not x.ndim else x[: mixed.size].reshape(self.shape)[at]
+        return out if wrap is None else wrap(out)
+
+
+def _is_value(e: Edit) -> bool:
+    """Whether an edit puts one number or scalar for another, so that both can be tried in one array."""
+    if e.kind not in ("name", "parameter", "trig", "index", "number", "exponent"):
+        return False
+    old, new = (_parsed(t) for t in (e.old, e.new))
+    if isinstance(old, ast.Constant) and e.kind == "index":
+        return False
+    return isinstance(old, ast.Name | ast.Constant) and new is not None and not isinstance(new, ast.Call)
+
+
+def _parsed(text: str) -> ast.expr | None:
+    try:
+        return ast.parse(text, mode="eval").body
+    except SyntaxError:
+        return None

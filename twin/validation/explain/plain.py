@@ -1,0 +1,95 @@
+"""A plain formula on arrays: NumPy's objects hold all samples of one scalar, so that the rows run as they stand."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from twin.formula.rows import PlainRows, entries
+from twin.formula.scalar import METHODS, Scalar
+from twin.validation.explain.numeric import Matrix
+from twin.validation.explain.source import Source
+
+
+class Samples(Scalar):
+    """A scalar that is its values (k,) at all samples."""
+
+    __slots__ = ()
+    functions = {**{n: getattr(np, n) for n in METHODS}, "if_else": np.where}  # noqa: RUF012
+
+
+def enter(x: Any) -> Any:
+    """Return a value of the judge as NumPy has it in a plain function: numbers, objects, arrays of objects."""
+    if isinstance(x, Matrix):
+        _, rows, columns = x.a.shape
+        out = np.array([[Samples(x.a[:, i, j]) for j in range(columns)] for i in range(rows)], dtype=object)
+        return out[:, 0] if columns == 1 else out
+    if isinstance(x, np.ndarray):
+        return Samples(x)
+    return x
+
+
+def leave(x: Any) -> Any:
+    """Return what a plain function made as the judge has it: numbers, arrays (k,), matrices."""
+    if isinstance(x, Samples):
+        return np.asarray(x.x, float)
+    if isinstance(x, np.ndarray) and x.ndim in (1, 2):
+        a = x.reshape(len(x), -1)
+        parts = np.broadcast_arrays(*(np.asarray(v.x if isinstance(v, Scalar) else v, float) for v in a.ravel()))
+        return Matrix(np.stack(parts, axis=-1).reshape(-1, *a.shape))
+    return x
+
+
+def inside(row: PlainRows | None, x: Any) -> Any:
+    """Return a value of the judge as a function has it."""
+    return x if row is None or row.casadi else enter(x)
+
+
+def outside(row: PlainRows | None, x: Any) -> Any:
+    """Return a value of a function as the judge has it."""
+    return x if row is None or row.casadi else leave(x)
+
+
+def arguments(row: PlainRows, symbols: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments of a plain function out of the symbols of the flow."""
+    if row.casadi:
+        return row.given(symbols, lambda x: x, lambda *q: Matrix(np.stack(np.broadcast_arrays(*q), 1)[:, :, None]))
+    return row.given(symbols, enter, lambda *q: np.array([enter(x) for x in q], dtype=object))
+
+
+def parts(row: PlainRows, value: Any) -> list[Any]:
+    """Return what a plain function returned, one value for each output."""
+    if row.casadi:
+        return row.spread(value, lambda x: [x[i] for i in range(x.numel())] if isinstance(x, Matrix) else None)
+    return [leave(v) for v in row.spread(value, entries)]
+
+
+def copied(scope: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a scope whose lists and arrays are its own: statements may fill them."""
+    return {n: _copy(v) for n, v in scope.items()}
+
+
+def _copy(x: Any) -> Any:
+    if type(x) is list or type(x) is dict or (type(x) is np.ndarray and x.dtype == object):
+        return x.copy()
+    return x
+
+
+def held(source: Source, outputs: tuple[str, ...]) -> set[str]:
+    """Return the outputs that have a name in the function: assigned once, returned at their place under that name.
+
+    Other variables may bear the name of an output by chance.
+    """
+    returned = getattr(source.statements[-1].node, "value", None)
+    if isinstance(returned, ast.Dict):
+        pairs = [
+            (k.value, v) for k, v in zip(returned.keys, returned.values, strict=True) if isinstance(k, ast.Constant)
+        ]
+    else:
+        elements = getattr(returned, "elts", [returned])
+        pairs = list(zip(outputs, elements, strict=False)) if len(elements) == len(outputs) else []
+    writes = [w for s in source.statements for w in s.writes]
+    return {v.id for n, v in pairs if isinstance(v, ast.Name) and v.id == n and writes.count(v.id) == 1}

@@ -1,0 +1,387 @@
+"""The smallest edits of the source that make the rows agree, and how unique they are."""
+
+from __future__ import annotations
+
+import inspect
+import time
+import warnings
+from collections.abc import Callable, Container
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from twin.core.atomic import Scratch
+from twin.core.errors import KinematicsError
+from twin.core.spatial import Array
+from twin.robots import load_formula
+from twin.validation.explain.candidate import REST, TOKENS, Candidate, Found, Key, aliases, key, residuals, scores
+from twin.validation.explain.canonical import canonical
+from twin.validation.explain.dependence import Dependence
+from twin.validation.explain.edits import edits, pool
+from twin.validation.explain.judge import Judge, evaluate, worst
+from twin.validation.explain.pairs import Pairs
+from twin.validation.explain.rows import Helper, Step
+from twin.validation.explain.source import Edit, Source, Statement, patched
+from twin.validation.explain.suspects import available, suspects
+
+_WHOLE = 12
+"""Repairs of a kind that are tried in the whole formula, when there is a choice."""
+
+_SHARED = 3
+"""Edits of each group of rows that are tried beside a second one in the rows that are left."""
+
+_SHARED_PART = 0.2
+"""Part of the time for two edits that these take at most."""
+
+_SAME = 1e-7
+"""Relative difference below which two edited rows are the same function, off the mechanism's poses as well."""
+
+
+class Search:
+    """Repair search over one judged formula."""
+
+    def __init__(self, judge: Judge, progress: Callable[[float], None] = lambda f: None) -> None:
+        self.judge = judge
+        self.progress = progress
+        self.base = {key(p): worst(r) for p, r in judge.residuals.items()}
+        self.raw = {key(p): r for p, r in judge.residuals.items()}
+        bad = judge.failing()
+        # What no printed equation says (helpers) often only repeats their error: it is looked at when they are right.
+        self.targets = [p for p in bad if judge.step(p.equation).stage != "helper"] or bad
+        self.failing = [key(p) for p in self.targets]
+        self.tried = 0
+        self.senseless: list[tuple[Step, Edit]] = []  # give no number by themselves; beside another edit they may
+        self.parameters = {p.name for p in judge.formula.parameters}
+
+    # -- one edit ------------------------------------------------------------------------------------------
+
+    def own_sites(self) -> list[tuple[Step, Statement]]:
+        """Return the statements of the equations that some failing row depends on."""
+        out: dict[tuple[str, int], tuple[Step, Statement]] = {}
+        for place in self.targets:
+            for equation, indices in suspects(self.judge, place).items():
+                step = self.judge.step(equation)
+                for i in sorted(indices):
+                    out.setdefault((equation, i), (step, step.source.statements[i]))
+        return list(out.values())
+
+    def singles(self, kinds: Container[str], only: Container[tuple[str, int]] | None = None) -> list[Candidate]:
+        """Return every single edit of some kinds that can be evaluated, of all those statements or only of some."""
+        out: list[Candidate] = []
+        sites = [x for x in self.own_sites() if only is None or (x[0].equation.name, x[1].index) in only]
+        for n, (step, statement) in enumerate(sites):
+            self.progress(n / len(sites))
+            choice = pool(step.source, statement, available(self.judge, step), self.parameters, step.scope)
+            # Other equations may call this one.
+            others = [s for s in self.judge.steps if s is not step and not s.missing and self._calls(s, step.source)]
+            for edit in edits(step.source, statement, choice, kinds):
+                candidate = self._everywhere([step, *others] if not edit.define else [step], [edit])
+                if candidate is not None:
+                    out.append(candidate)
+                else:
+                    self.senseless.append((step, edit))
+        return out
+
+    def _calls(self, step: Step, source: Source) -> bool:
+        return any((h.source.name, h.source.path) == (source.name, source.path) for h in self.judge.helpers(step))
+
+    def in_helpers(self, kinds: Container[str]) -> list[Candidate]:
+        """Return every single edit of the plain functions that those statements call."""
+        out: list[Candidate] = []
+        reached: dict[int, tuple[Helper, list[Step]]] = {}
+        for step in {id(s): s for s, _ in self.own_sites()}.values():
+            for h in self.judge.helpers(step):
+                reached.setdefault(id(h.function), (h, []))[1].append(step)
+        for n, (helper, steps) in enumerate(reached.values()):
+            self.progress(n / len(reached))
+            source = helper.source
+            # An edit of a helper counts wherever it is called, also where all is well.
+            others = [s for s in self.judge.steps if any(h.function is helper.function for h in self.judge.helpers(s))]
+            every = [*steps, *(s for s in others if s not in steps and not s.missing)]
+            for statement in source.statements:
+                choice = pool(source, statement, set(source.arguments), self.parameters, helper.function.__globals__)
+                for edit in edits(source, statement, choice, kinds):
+                    candidate = self._everywhere(every, [edit])
+                    if candidate is not None:
+                        out.append(candidate)
+                    else:
+                        self.senseless.append((every[0], edit))
+        return out
+
+    def _everywhere(self, steps: list[Step], change: list[Edit]) -> Candidate | None:
+        """Return the candidate of an edited helper, judged in every equation that calls it."""
+        first: Candidate | None = None
+        passed: set[str] = set()  # equations judged already, with all that led to them edited too
+        for step in sorted(steps, key=self.judge.steps.index):
+            if step.equation.name in passed:
+                continue
+            c = self.attempt(step, change)
+            if c is None:
+                if first is not None:
+                    first.broken = True
+                return first
+            if step.source.name != change[0].function:
+                passed |= {k[0] for k in c.scores}
+            if first is None:
+                first = c
+                continue
+            first.hollow |= c.hollow
+            first.dropped = tuple(sorted({*first.dropped, *c.dropped}))
+            first.scores |= {k: max(v, first.scores.get(k, 0.0)) for k, v in c.scores.items()}
+            first.changed |= c.changed
+            first.broken |= c.broken
+        if first is not None:
+            first.step = steps[0]
+        return first
+
+    def attempt(self, step: Step, change: list[Edit]) -> Candidate | None:
+        """Return the candidate, or None if it makes no formula."""
+        self.tried += 1
+        extra = aliases(self.judge, step, change)
+        found = None if extra is None else evaluate(self.judge, step, change, extra)
+        if found is None:
+            return None
+        changed = {key(p): r for p, r in found.items()}
+        worsts = scores(changed)
+        broken = any(s > 1 and self.base.get(k, np.inf) <= 1 for k, s in worsts.items())
+        c = Candidate(step, change, extra or {}, worsts, broken, {k: changed[k] for k in changed if k in self.raw})
+        if not broken:
+            self.dependence.judged(c, [k for k in self.failing if worsts.get(k, np.inf) <= 1])
+        return c
+
+    @cached_property
+    def shaken(self) -> Judge:
+        """The formula held against values that belong to no mechanism."""
+        return self.judge.on(self.judge.truth.perturbed())
+
+    @cached_property
+    def dependence(self) -> Dependence:
+        """What the rows depend on."""
+        return Dependence(self.judge, self.shaken)
+
+    # -- groups ---------------------------------------------------------------------------------------------
+
+    def run(self, budget: float = 8.0) -> tuple[list[Found], list[Key]]:
+        """Return what was found, by groups of rows, and the rows that neither one edit nor two can cure."""
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter(
+                "ignore", SyntaxWarning
+            )  # a moved parenthesis may call a number: it is tried, and fails
+            return self._run(budget)
+
+    def _run(self, budget: float) -> tuple[list[Found], list[Key]]:
+        singles: list[Candidate] = []
+        left = list(self.failing)
+        groups: list[list[Key]] = []
+        # One token first; where nothing of that kind serves, terms, factors and parentheses; then the functions called.
+        for more in (
+            lambda: self.singles(TOKENS),
+            lambda: self.singles(REST),
+            lambda: self.in_helpers(TOKENS),
+            lambda: self.in_helpers(REST),
+        ):
+            if not left:
+                break
+            singles += more()
+            new = self._cover(singles, left)
+            groups += new
+            left = [k for k in left if not any(k in g for g in new)]
+        # Where one token serves, what else could be meant in the same statement is looked at as well.
+        looked = {(c.step.equation.name, c.edits[0].statement) for g in groups for c in self._exact(g, singles)}
+        if not any(c.edits[0].kind in REST for c in singles):
+            singles += self.singles(REST, looked)
+        out = [self._found(group, singles, singles) for group in groups]
+        lost: list[Key] = []
+        if left:
+            deadline = time.monotonic() + budget
+            while left:
+                k, began = left[0], time.monotonic()
+                shared = [c for g in groups for c in self._exact(g, singles)[:_SHARED]]
+                pairs, complete = self._pairs(k, singles, shared, deadline) if budget > 0 else ([], False)
+                # What cures this row may cure others as well.
+                group = next((g for g in self._cover(pairs, left) if k in g), [])
+                for f in [f for f in out if group and f.ways and self._exact([*group, *f.rows], pairs)]:
+                    group += f.rows  # what seemed another slip is cured as well
+                    out.remove(f)
+                f = self._found(group or [k], pairs if group else [], [*singles, *pairs])
+                f.complete, f.seconds = complete, time.monotonic() - began
+                out.append(f)
+                lost += [] if group else [k]
+                left = [x for x in left if x not in f.rows]
+        return out, lost
+
+    def _cover(self, candidates: list[Candidate], rows: list[Key]) -> list[list[Key]]:
+        """Return groups of rows that one edit cures, the largest first."""
+        left, groups = set(rows), []
+        cures = [frozenset(k for k, s in c.scores.items() if s <= 1 and k in left) for c in candidates if c.serves]
+        while left:
+            best = max((c & left for c in cures), key=len, default=frozenset())
+            if not best:
+                break
+            groups.append([k for k in rows if k in best])
+            left -= best
+        return groups
+
+    def _found(self, rows: list[Key], exact_from: list[Candidate], all_: list[Candidate]) -> Found:
+        exact = self._exact(rows, exact_from)
+        ways = self._best(self._ways(sorted(exact, key=lambda c: c.rank), rows))
+        mine = {id(c) for c in exact}
+        rest = [(c.over(rows, self.base), c) for c in all_ if id(c) not in mine and any(k in c.scores for k in rows)]
+        rest = [(s, c) for s, c in rest if s > 1 or c.broken]
+        nearest = min((x for x in rest if x[0] > 1), key=lambda x: x[0], default=(float("inf"), None))
+        after = min((c.over(rows, self.base) for c in exact), default=max(self.base[k] for k in rows))
+        return Found(rows, ways, nearest[1], after, nearest[0], self.tried)
+
+    def _exact(self, rows: list[Key], candidates: list[Candidate]) -> list[Candidate]:
+        touching = [c for c in candidates if c.serves and any(k in c.scores for k in rows)]
+        return [c for c in touching if c.over(rows, self.base) <= 1]
+
+    def _ways(self, exact: list[Candidate], rows: list[Key]) -> list[list[Candidate]]:
+        """Sort exact candidates into functions, and each function into canonically different readings."""
+        ways: list[tuple[dict[Key, Array] | None, list[Candidate], set[str]]] = []
+        for c in exact:
+            value = self._off_the_mechanism(c, rows)
+            text = self._text(c)
+            home = next((w for w in ways if text in w[2]), None)
+            if home is None and value is not None:
+                home = next((w for w in ways if w[0] is not None and _same(w[0], value)), None)
+            if home is None:
+                ways.append((value, [c], {text}))
+            elif text not in home[2]:
+                home[1].append(c)
+                home[2].add(text)
+        return [w[1] for w in ways]
+
+    def _best(self, ways: list[list[Candidate]]) -> list[list[Candidate]]:
+        """Leave out what leaves more rows of the whole formula wrong than another repair does."""
+        if sum(map(len, ways)) < 2:
+            return ways
+        left = {id(c): self._left(c) for way in ways for c in way[:_WHOLE]}
+        least = min((n for n in left.values() if n is not None), default=None)
+        kept = [[c for c in way if left.get(id(c), least) in (None, least)] for way in ways]
+        return [way for way in kept if way]
+
+    def _left(self, c: Candidate) -> int | None:
+        """Return how many rows are wrong in the whole formula after edits; None where they are not in its own file."""
+        formula = self.judge.formula
+        home = formula.equations[0]
+        path = Path(inspect.unwrap(home.variants[home.default]).__code__.co_filename)  # type: ignore[attr-defined]
+        joints = [(j.name, j.kind == "revolute") for j in formula.joints]
+        if any(e.path != path or e.kind == "left side" for e in c.edits):
+            return None
+        with Scratch() as folder:
+            file = Path(folder) / "formula.py"
+            file.write_text(patched(c.edits), encoding="utf-8")
+            try:
+                formula = load_formula(file, formula.name, lambda: (joints, np.eye(4), None), trial=True)
+            except KinematicsError:
+                return None
+            return len(Judge(formula, self.judge.variants, self.judge.truth, self.judge.tolerance).failing())
+
+    def _text(self, c: Candidate) -> str:
+        parts = []
+        for path, name, i in sorted({(e.path, e.function, e.statement) for e in c.edits}):
+            source = self._source(c, path, name)
+            mine = [e for e in c.edits if (e.path, e.function) == (path, name)]
+            parts.append(f"{name}:{i}:{canonical(source, source.statements[i], mine)}")
+        return "; ".join(parts)
+
+    def _source(self, c: Candidate, path: Path, name: str) -> Source:
+        if (path, name) == (c.step.source.path, c.step.source.name):
+            return c.step.source
+        return next(h.source for h in self.judge.helpers(c.step) if (h.source.path, h.source.name) == (path, name))
+
+    def _off_the_mechanism(self, c: Candidate, rows: list[Key]) -> dict[Key, Array] | None:
+        """Return the residuals of a candidate where no mechanism is: they tell functions apart."""
+        found = residuals(self.shaken, c.step.equation.name, c.edits)
+        if not found:
+            return None
+        out = {k: r for k, r in found.items() if k in rows}
+        return out if all(np.isfinite(r).any() for r in out.values()) else None
+
+    # -- two edits --------------------------------------------------------------------------------------------
+
+    def _pairs(
+        self, k: Key, singles: list[Candidate], shared: list[Candidate], deadline: float
+    ) -> tuple[list[Candidate], bool]:
+        """Return pairs of edits near or at agreement: sums of effects of any kind, then all pairs of tokens."""
+        mine = [c for c in singles if k in c.changed and c.changed[k].shape == self.raw[k].shape]
+        mine = [c for c in mine if np.isfinite(c.changed[k]).all()]
+        out: list[Candidate] = []
+        done: set[tuple[int, int]] = set()
+
+        def add(a: Candidate, b: Candidate) -> None:
+            pair = (min(id(a), id(b)), max(id(a), id(b)))
+            e, f = a.edits[0], b.edits[0]
+            if pair in done or a.step is not b.step or e.function != f.function or e.path != f.path:
+                return
+            if e.start <= f.end and f.start <= e.end:
+                return
+            done.add(pair)
+            c = self.attempt(a.step, [e, f])
+            if c is not None:
+                out.append(c)
+
+        if mine and np.isfinite(self.raw[k]).all():
+            weights = np.random.default_rng(3).standard_normal(self.raw[k].size)
+            weights /= np.linalg.norm(weights)
+            target = -float(weights @ self.raw[k].ravel())
+            effect = np.array([weights @ (c.changed[k] - self.raw[k]).ravel() for c in mine])
+            order = np.argsort(effect)
+            for i, c in enumerate(mine):
+                lo, hi = np.searchsorted(effect[order], [target - effect[i] - 20, target - effect[i] + 20])
+                for j in order[lo : min(hi, lo + 50)]:
+                    add(c, mine[j])
+        now = time.monotonic()
+        for a in shared:  # what cures other rows already may be half of what cures this one
+            for b in singles:
+                if k in b.scores and time.monotonic() < now + _SHARED_PART * (deadline - now):
+                    add(a, b)
+        if any(c.serves and c.over([k], self.base) <= 1 for c in out):
+            return out, True
+        complete = True
+        for step, some in self._moving(k, singles):
+            pairs = Pairs(self.judge, self.shaken, step, k, some)
+            for e, f in pairs.found(deadline):
+                c = self.attempt(step, [e, f])
+                if c is not None:
+                    out.append(c)
+            self.tried += pairs.evaluated
+            complete &= pairs.complete
+        return out, complete
+
+    def _moving(self, k: Key, singles: list[Candidate]) -> list[tuple[Step, list[Edit]]]:
+        """Return the edits of one token that move a row, by the equation that they are tried in."""
+        mine = self.judge.step(k[0])
+        called = {(h.source.path, h.source.name) for h in self.judge.helpers(mine)}
+        blind = not np.isfinite(self.raw[k]).all()  # then one edit alone may well move nothing
+        some = [(c.step, c.edits[0]) for c in singles if blind or _moves(c, k, self.raw[k])]
+        out: dict[str, tuple[Step, list[Edit]]] = {}
+        for first, e in [*some, *(self.senseless if mine.stuck else ())]:
+            if e.kind in TOKENS and e.kind != "left side":
+                step = mine if (e.path, e.function) in called else first
+                out.setdefault(step.equation.name, (step, []))[1].append(e)
+        return sorted(out.values(), key=lambda x: x[0] is not mine)
+
+
+def _moves(c: Candidate, k: Key, raw: Array) -> bool:
+    after = c.changed.get(k)
+    return after is not None and not np.array_equal(after, raw)
+
+
+def _same(a: dict[Key, Array], b: dict[Key, Array]) -> bool:
+    """Whether two edited equations say the same: residuals equal, but for a constant factor."""
+    if a.keys() != b.keys():
+        return False
+    for k in a:
+        if a[k].shape != b[k].shape or not np.array_equal(np.isfinite(a[k]), np.isfinite(b[k])):
+            return False
+        x, y = a[k][np.isfinite(a[k])], b[k][np.isfinite(b[k])]
+        size = float(np.abs(x).max(initial=0.0))
+        if size == 0:
+            continue
+        i = int(np.argmax(np.abs(x)))
+        if np.abs(y - x * (y[i] / x[i])).max() > _SAME * float(np.abs(y).max(initial=0.0)):
+            return False
+    return True

@@ -1,0 +1,55 @@
+"""The parameter of a redundant mechanism, state by state: the value at which the rows that read it come nearest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.core.spatial import Array
+from twin.validation.explain.rows import Place
+
+_GRID = 12
+"""Angles that are tried all round."""
+
+_REFINE = 6
+_STEP = 1e-6
+"""Steps of Gauss and Newton, and the difference (rad) for their slopes."""
+
+
+def fitted(rows: Callable[[Array], Mapping[Place, Array]], states: int) -> Array:
+    """Return the angles (states,) in rad that leave least of the residuals of `rows`, state by state.
+
+    A pose fixes all of a redundant mechanism but this angle, and no mechanism knows its zero: rows are judged up to it.
+    """
+
+    def residuals(angle: Array) -> Array:
+        found = rows(angle)
+        flat = [r.reshape(states, -1) for _, r in sorted(found.items(), key=lambda x: (x[0].statement, x[0].position))]
+        return np.hstack(flat) if flat else np.zeros((states, 0))
+
+    def cost(r: Array) -> Array:
+        return np.nan_to_num(np.sum(r**2, axis=1), nan=np.inf)
+
+    best = np.zeros(states)
+    r = residuals(best)
+    least = cost(r)
+    for angle in np.linspace(-np.pi, np.pi, _GRID, endpoint=False):
+        tried = residuals(np.full(states, angle))
+        better = cost(tried) < least
+        best, least, r = np.where(better, angle, best), np.where(better, cost(tried), least), _mixed(better, tried, r)
+    for _ in range(_REFINE):
+        slope = (residuals(best + _STEP) - r) / _STEP
+        step = -np.sum(slope * r, axis=1) / np.maximum(np.sum(slope**2, axis=1), 1e-300)
+        ahead = best + np.clip(np.nan_to_num(step), -0.5, 0.5)
+        tried = residuals(ahead)
+        better = cost(tried) < least
+        if not better.any():
+            break
+        best, least, r = np.where(better, ahead, best), np.where(better, cost(tried), least), _mixed(better, tried, r)
+    return best
+
+
+def _mixed(rows: NDArray[np.bool_], a: Array, b: Array) -> Array:
+    return np.where(rows[:, None], a, b) if a.shape == b.shape else b

@@ -1,0 +1,33 @@
+"""Which explanation is the simpler one: edits of the source, or one number.
+
+Each counts by what it changes. One changed number that makes every row agree beats two edits; it is as good as one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+from twin.validation.explain.repair import Found, Key
+from twin.validation.explain.result import Identified
+
+Lead = Literal["edits", "numbers", "edits or numbers", ""]
+
+
+def weigh(found: Sequence[Found], lost: Sequence[Key], identified: Identified | None) -> Lead:
+    """Return what explains every row that is off with the fewest changes; "" if neither edits nor numbers do."""
+    numbers = _numbers(identified)
+    changes = None if lost or not found else sum(len(f.ways[0][0].edits) for f in found if f.ways)
+    if numbers is None:
+        return "" if changes is None else "edits"
+    if changes is None or numbers < changes:
+        borrowed = identified is not None and all(m.note.startswith("the value of") for m in identified.moved)
+        return "edits or numbers" if changes is not None and borrowed else "numbers"
+    return "edits or numbers" if numbers == changes else "edits"
+
+
+def _numbers(identified: Identified | None) -> int | None:
+    """Return how many numbers have to change for every row to agree, or None if that does not help."""
+    if identified is None or not identified.exact or not identified.moved:
+        return None
+    return 1 if identified.alternatives else len(identified.moved)

@@ -1,0 +1,1 @@
+"""Which masses, centres and inertias of a source are possible, and what was probably meant."""

@@ -1,0 +1,231 @@
+"""Can a body have these masses? Mass, first moments and inertia held against what matter can do, and against shapes.
+
+Everything is computed here from the numbers alone. The pseudo-inertia [[Sigma, h], [h', m]], Sigma the second moments
+of the mass, must be positive definite: that holds the triangle inequality and the least mass in it. With shapes, the
+mass centre must lie within their convex hull, and the density be one of a material; see `guess` for which slip of the
+pen would explain a tensor that its shapes do not have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin.core.findings import Finding
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.model.mechanism import Inertia, Mesh
+from twin.validation.masses import solid
+from twin.validation.masses.guess import guesses
+
+DENSITY = (30.0, 25000.0)
+"""kg/m3 of a body over the volume of its closed shapes: from foam and hollow castings to tungsten."""
+
+BESIDE = 2 * MM
+"""Distance by which a mass centre may leave the hull of the shapes: they are coarse, and not all of a part is drawn."""
+
+DEFINITE = 1e-9
+"""Smallest eigenvalue of the pseudo-inertia, over its largest, of a body that has any thickness."""
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What is stated of one body, in one frame of its own.
+
+    Attributes:
+        name, source: which body, and where it is stated.
+        mass: kg, or None where nobody gives it.
+        first: (3,) kg m.
+        tensor: (3, 3) kg m2 about the origin of the frame.
+        meshes: its shapes in the same frame; may be empty.
+        own_shapes: the shapes are those that the masses were stated of, not somebody else's drawing of the body: what
+            contradicts them cannot be, else it is odd.
+    """
+
+    name: str
+    source: str
+    mass: float | None
+    first: Array
+    tensor: Array
+    meshes: tuple[Mesh, ...] = ()
+    own_shapes: bool = True
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What follows from it.
+
+    Attributes:
+        name, source, mass: as stated.
+        least: kg, no body with these moments has less; infinite if none has them at all.
+        slack: kg m2, two smaller principal moments less the largest, about the mass centre (the origin if no mass is
+            given).
+        definite: smallest eigenvalue of the pseudo-inertia over its largest, lengths in radii of gyration.
+        density: kg/m3, NaN without closed shapes or mass.
+        outside: m, distance of the mass centre from the hull of the shapes (0 within); NaN without shapes or mass.
+        findings: what is wrong.
+    """
+
+    name: str
+    source: str
+    mass: float | None
+    least: float
+    slack: float
+    definite: float
+    density: float
+    outside: float
+    findings: tuple[Finding, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {**vars(self), "findings": [f.as_dict() for f in self.findings]}
+
+
+def stated(name: str, source: str, inertia: Inertia, meshes: tuple[Mesh, ...] = (), own_shapes: bool = True) -> Stated:
+    """Return what an inertia about the mass centre states, about the origin of its frame."""
+    p = np.asarray(inertia.p_body_com, float)
+    far = inertia.mass * ((p @ p) * np.eye(3) - np.outer(p, p))
+    return Stated(
+        name, source, float(inertia.mass), inertia.mass * p, np.asarray(inertia.I_com, float) + far, meshes, own_shapes
+    )
+
+
+def second(tensor: Array) -> Array:
+    """Return the second moments (3, 3) of the mass that a tensor (3, 3) about the same point means."""
+    return 0.5 * np.trace(tensor) * np.eye(3) - tensor
+
+
+def pseudo(tensor: Array, first: Array, mass: float) -> Array:
+    """Return the pseudo-inertia (4, 4) with lengths in radii of gyration and the mass as unit: no dimensions."""
+    S = second(tensor)
+    length = np.sqrt(max(abs(float(np.trace(S))), 1e-300) / max(abs(mass), 1e-300))
+    P = np.zeros((4, 4))
+    P[:3, :3], P[:3, 3], P[3, :3], P[3, 3] = S / length**2, first / length, first / length, mass
+    return P / max(abs(mass), 1e-300)
+
+
+def least_mass(tensor: Array, first: Array) -> float:
+    """Return the smallest mass in kg of a body with tensor (3, 3) and first moment (3,); infinite if none has."""
+    S = second(tensor)
+    if not np.all(np.isfinite(S)) or np.linalg.eigvalsh(S)[0] <= 0:
+        return float("inf")
+    return float(first @ np.linalg.solve(S, first))
+
+
+def judged(body: Stated) -> Judged:
+    """Return what follows from what is stated of a body."""
+    found: list[Finding] = []
+    mass, first = body.mass, np.asarray(body.first, float)
+    tensor = 0.5 * (body.tensor + body.tensor.T)
+
+    def say(code: str, text: str, severity: str = "disagreement", **more: Any) -> None:
+        where = {"where": body.name, "when": body.source}
+        found.append(Finding(f"inertia.{code}", severity, f"{body.name}: {text}", **where, **more))  # pyright: ignore[reportArgumentType]
+
+    numbers = np.concatenate([first, body.tensor.ravel(), [] if mass is None else [mass]])
+    if not np.all(np.isfinite(numbers)):
+        say("number", "a mass or moment is not a finite number")
+        return Judged(body.name, body.source, mass, np.nan, np.nan, np.nan, np.nan, np.nan, tuple(found))
+    skew = float(np.abs(body.tensor - body.tensor.T).max())
+    if skew > 1e-9 * float(np.abs(tensor).max()):
+        say("symmetry", f"the tensor is not symmetric, by {skew:.3g} kg m2", size=skew, unit="kg m2", limit=0.0)
+    if mass is not None and mass <= 0:
+        say("mass", f"a mass of {mass:g} kg is not positive", size=mass, unit="kg", limit=0.0)
+        return Judged(body.name, body.source, mass, np.nan, np.nan, np.nan, np.nan, np.nan, tuple(found))
+    least = least_mass(tensor, first)
+    about = tensor if mass is None else _about_centre(tensor, first, mass)
+    moments: Array = np.asarray(np.linalg.eigvalsh(about), float)
+    slack = float(moments[0] + moments[1] - moments[2])
+    whole = pseudo(tensor, first, mass if mass is not None else (least if np.isfinite(least) else 1.0) * (1 + 1e-6))
+    values = np.linalg.eigvalsh(whole)
+    definite = float(values[0] / values[-1])
+    if moments[0] <= 0:
+        what = "is not positive definite" if mass is None else "about the mass centre is not positive definite"
+        text = f"the tensor {what} (smallest principal moment {moments[0]:.3g} kg m2)"
+        say("impossible", text, size=float(moments[0]), unit="kg m2", limit=0.0)
+    elif slack <= 0:
+        text = f"principal moments {_three(moments)} kg m2 break the triangle inequality by {-slack:.3g} kg m2"
+        say("impossible", f"{text}: no body has them", size=float(moments[2]), unit="kg m2",
+            limit=float(moments[:2].sum()))  # fmt: skip
+    elif mass is not None and (mass < least * (1 - 1e-9) or definite < DEFINITE):
+        say(
+            "impossible",
+            f"with these moments it has at least {least:.4g} kg, {mass:.4g} kg is stated: the pseudo-inertia is not "
+            "positive definite",
+            size=mass,
+            unit="kg",
+            limit=least,
+        )
+    density, outside = _against_shapes(body, first, mass, say)
+    if mass is not None and body.meshes:
+        found += guesses(body.name, body.source, about, first / mass, mass, _shape_tensor(body))
+    return Judged(body.name, body.source, mass, least, slack, definite, density, outside, tuple(found))
+
+
+def _three(values: Array) -> str:
+    return ", ".join(f"{v:.4g}" for v in values)
+
+
+def _about_centre(tensor: Array, first: Array, mass: float) -> Array:
+    p = first / mass
+    return tensor - mass * ((p @ p) * np.eye(3) - np.outer(p, p))
+
+
+def _shape_tensor(body: Stated) -> Array | None:
+    """Return the tensor per mass (3, 3) in m2 of the shapes about their own centre, or None if one is open."""
+    m = solid.of_meshes(body.meshes)
+    if m is None or m.volume <= 0:
+        return None
+    return np.asarray(solid.tensor(m.second - np.outer(m.first, m.first) / m.volume) / m.volume, float)
+
+
+def _against_shapes(body: Stated, first: Array, mass: float | None, say) -> tuple[float, float]:
+    if mass is None or not body.meshes:
+        return float("nan"), float("nan")
+    severity = "disagreement" if body.own_shapes else "warning"
+    outside = hull_distance(first / mass, body.meshes)
+    if outside > BESIDE:
+        text = f"the mass centre lies {outside / MM:.3g} mm outside the convex hull of the shapes"
+        say("outside", text, severity, size=outside / MM, unit="mm", limit=BESIDE / MM,
+            suggestion="check its frame, its signs and its unit")  # fmt: skip
+    m = solid.of_meshes(body.meshes)
+    if m is None or m.volume <= 0:
+        return float("nan"), outside
+    density = mass / m.volume
+    if not DENSITY[0] <= density <= DENSITY[1]:
+        power = int(np.round(np.log10(density / 2700.0)))
+        guess = f": as if the decimal mark of {mass:g} kg were {abs(power)} places off" if power else ""
+        text = f"{mass:g} kg in {1e6 * m.volume:.4g} cm3 of shapes are {density:.3g} kg/m3{guess}"
+        say(
+            "density",
+            text,
+            severity,
+            size=density,
+            unit="kg/m3",
+            limit=DENSITY[0] if density < DENSITY[0] else DENSITY[1],
+            suggestion=f"{mass / 10.0**power:g} kg would be {density / 10.0**power:.4g} kg/m3" if power else "",
+        )
+    return density, outside
+
+
+def hull_distance(p: Array, meshes: Sequence[Mesh]) -> float:
+    """Return how far in m a point (3,) lies outside the convex hull of meshes; 0 within."""
+    from scipy.optimize import nnls
+    from scipy.spatial import ConvexHull, QhullError
+
+    vertices = np.concatenate([m.vertices for m in meshes])
+    try:
+        hull = ConvexHull(vertices)
+    except QhullError:  # all in one plane
+        return float(np.linalg.norm(vertices - p, axis=1).min())
+    if (hull.equations[:, :3] @ p + hull.equations[:, 3]).max() <= 0:
+        return 0.0
+    # nearest point of the hull: weights that are not negative and sum to one
+    corners = vertices[hull.vertices]
+    scale = float(np.ptp(corners, axis=0).max())
+    A = np.vstack([(corners - p).T / scale, np.full(len(corners), 1e3)])
+    weights, _ = nnls(A, np.array([0.0, 0.0, 0.0, 1e3]), maxiter=50 * len(corners))
+    return float(np.linalg.norm(weights @ corners / weights.sum() - p))

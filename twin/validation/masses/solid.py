@@ -1,0 +1,79 @@
+"""Moments of a closed triangle mesh, summed over signed tetrahedra: nothing of the library that weighs the CAD."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.model.mechanism import Mesh
+
+_SECOND = (np.ones((4, 4)) + np.eye(4)) / 20.0
+"""Integral of the products of the four corner weights over a tetrahedron of volume 1."""
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Moments of a solid about the origin, for density 1.
+
+    Attributes:
+        volume: m3; negative if the faces look inwards.
+        first: (3,) m4.
+        second: (3, 3) m5, the integral of x x'.
+    """
+
+    volume: float
+    first: Array
+    second: Array
+
+    def __add__(self, other: Moments) -> Moments:
+        return Moments(self.volume + other.volume, self.first + other.first, self.second + other.second)
+
+    def scaled(self, density: float) -> Moments:
+        """Return the moments for a density in kg/m3: mass, first moment, second moment."""
+        return Moments(density * self.volume, density * self.first, density * self.second)
+
+
+def moments(vertices: Array, triangles: np.ndarray) -> Moments:
+    """Return the moments of what a closed mesh encloses.
+
+    Args:
+        vertices: (n, 3) m.
+        triangles: (m, 3), counter-clockwise seen from outside.
+    """
+    corners = np.asarray(vertices, float)[np.asarray(triangles)]
+    shift = corners.reshape(-1, 3).mean(axis=0)  # far from the origin differences of large numbers would be left
+    corners = corners - shift
+    volumes = np.einsum("ki,ki->k", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
+    volume = float(volumes.sum())
+    first = np.einsum("k,kai->i", volumes, corners) / 4.0
+    with_apex = np.concatenate([corners, np.zeros((len(corners), 1, 3))], axis=1)
+    second = np.einsum("k,kai,ab,kbj->ij", volumes, with_apex, _SECOND, with_apex, optimize=True)
+    far = second + np.outer(first, shift) + np.outer(shift, first) + volume * np.outer(shift, shift)
+    return Moments(volume, first + volume * shift, far)
+
+
+def tensor(second: Array) -> Array:
+    """Return the inertia tensor (3, 3) of second moments (3, 3) about the same point."""
+    return np.trace(second) * np.eye(3) - second
+
+
+def closed(triangles: np.ndarray) -> bool:
+    """Return whether every edge is used once in each direction: only then does a mesh enclose anything."""
+    t = np.asarray(triangles, np.int64)
+    edges = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
+    n = int(edges.max(initial=0)) + 1
+    return np.array_equal(np.sort(edges[:, 0] * n + edges[:, 1]), np.sort(edges[:, 1] * n + edges[:, 0]))
+
+
+def of_meshes(meshes: Iterable[Mesh]) -> Moments | None:
+    """Return the moments of several closed meshes together; None if one is open or there is none."""
+    total = None
+    for mesh in meshes:
+        if not closed(mesh.triangles):
+            return None
+        part = moments(mesh.vertices, mesh.triangles)
+        total = part if total is None else total + part
+    return total

@@ -1,0 +1,180 @@
+"""A published user study, recomputed from its own rows: means, tests by name, and what does not fit.
+
+A p-value is printed without its test. So every usual test is made, and the print agrees if one of them gives it
+to its last digit. What stands in the prose is checked against the table where it can be.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from twin.core.findings import Finding
+from twin.schema import Table, at, load_toml
+
+_P = Annotated[float, Field(ge=0, le=1)]
+_HALF_DIGIT = 0.005
+"""Half of the last printed digit, of cells and of p-values alike."""
+
+
+class Measure(Table):
+    """One column of per-user means in both environments, with the printed row for all users."""
+
+    name: str
+    unit: str
+    physical: list[float] = Field(min_length=2)
+    simulation: list[float] = Field(min_length=2)
+    printed_mean: tuple[float, float]
+    printed_p: _P
+
+    @model_validator(mode="after")
+    def _paired(self) -> Measure:
+        if len(self.physical) != len(self.simulation):
+            raise at("simulation", f"{len(self.simulation)} users, but `physical` has {len(self.physical)}")
+        return self
+
+
+class Rating(Table):
+    """One questionnaire item: mean and standard deviation in both environments."""
+
+    name: str
+    physical: tuple[float, float]
+    simulation: tuple[float, float]
+    printed_p: _P
+
+
+class Claim(Table):
+    """A sentence of the prose about the ratings, and the rule that it stands for."""
+
+    text: str
+    holds: Literal["simulation_above_physical", "every_p_below_0.05"]
+
+
+class Tables(Table):
+    """The whole file."""
+
+    title: str
+    source: str
+    users: int = Field(ge=2)
+    measure: list[Measure] = Field(default_factory=list)
+    rating: list[Rating] = Field(default_factory=list)
+    claim: list[Claim] = Field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a table: as printed, and recomputed by every test."""
+
+    name: str
+    printed_p: float
+    tests: dict[str, float]
+    means: dict[str, tuple[float, float]]
+
+    def test(self) -> str:
+        """Return the name of the test that gives the printed p to its last digit, or ""."""
+        near = [n for n, p in self.tests.items() if abs(p - self.printed_p) <= 2 * _HALF_DIGIT]
+        return min(near, key=lambda n: abs(self.tests[n] - self.printed_p)) if near else ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {
+            "name": self.name,
+            "printed_p": self.printed_p,
+            "tests": self.tests,
+            "means": self.means,
+            "reproduced_by": self.test(),
+        }
+
+
+def load(path: Path) -> Tables:
+    """Read a study file.
+
+    Raises:
+        DescriptionError: file, line, key, value and what would be right.
+    """
+    return load_toml(path, Tables)
+
+
+def recompute(tables: Tables) -> tuple[list[Row], list[Finding]]:
+    """Return every line recomputed, and what disagrees with the print."""
+    from scipy import stats
+
+    rows: list[Row] = []
+    found: list[Finding] = []
+    for m in tables.measure:
+        a, b = np.array(m.physical), np.array(m.simulation)
+        tests = {
+            "paired t": float(stats.ttest_rel(a, b).pvalue),
+            "Student t": float(stats.ttest_ind(a, b).pvalue),
+            "Welch t": float(stats.ttest_ind(a, b, equal_var=False).pvalue),
+            "Mann-Whitney": float(stats.mannwhitneyu(a, b, method="asymptotic").pvalue),
+        }
+        if (a != b).all():  # the exact test knows no ties
+            tests["Wilcoxon"] = float(stats.wilcoxon(a, b, method="exact").pvalue)
+        means = (float(a.mean()), float(b.mean()))
+        row = Row(m.name, m.printed_p, tests, {"printed": m.printed_mean, "of the rows": means})
+        rows.append(row)
+        for where, printed, mean in zip(("physical", "simulation"), m.printed_mean, means, strict=True):
+            if abs(printed - mean) > 2 * _HALF_DIGIT:  # both the cells and their mean are rounded
+                found.append(
+                    Finding(
+                        "study.mean",
+                        "disagreement",
+                        f"{m.name}, {where}: the row of all users prints {printed:.2f} {m.unit}; the mean of its "
+                        f"own user rows is {mean:.2f}",
+                        where=m.name,
+                        size=abs(printed - mean),
+                        unit=m.unit,
+                        limit=2 * _HALF_DIGIT,
+                    )
+                )
+        found += _unreproduced(row)
+    for r in tables.rating:
+        tests = {}
+        for reading, inflate in (("population", np.sqrt(tables.users / (tables.users - 1))), ("sample", 1.0)):
+            (m1, s1), (m2, s2) = r.physical, r.simulation
+            for name, equal in (("Student t", True), ("Welch t", False)):
+                value = stats.ttest_ind_from_stats(
+                    m1, s1 * inflate, tables.users, m2, s2 * inflate, tables.users, equal_var=equal
+                ).pvalue
+                tests[f"{name}, +- as {reading} std"] = float(value)
+        rows.append(Row(r.name, r.printed_p, tests, {"printed": (r.physical[0], r.simulation[0])}))
+        found += _unreproduced(rows[-1])
+    for claim in tables.claim:
+        found += _claim(claim, tables)
+    return rows, found
+
+
+def _unreproduced(row: Row) -> list[Finding]:
+    if row.test():
+        return []
+    made = ", ".join(f"{n} {p:.3f}" for n, p in row.tests.items())
+    return [
+        Finding(
+            "study.p",
+            "disagreement",
+            f"{row.name}: p = {row.printed_p:.2f} is printed; from the printed rows no test gives it ({made})",
+            where=row.name,
+            size=min(abs(p - row.printed_p) for p in row.tests.values()),
+            unit="1",
+            limit=2 * _HALF_DIGIT,
+            suggestion="single trials are not published; they may give another",
+        )
+    ]
+
+
+def _claim(claim: Claim, tables: Tables) -> list[Finding]:
+    if claim.holds == "simulation_above_physical":
+        against = [r.name for r in tables.rating if r.simulation[0] <= r.physical[0]]
+        text = f"'{claim.text}': not so for {', '.join(against)}"
+    else:
+        against = [f"{r.name} {r.printed_p:.2f}" for r in tables.rating if r.printed_p >= 0.05]
+        text = (
+            f"'{claim.text}': every printed p is at or above 0.05 ({', '.join(against)}): the sign should be >=. "
+            f"With {tables.users} users that is no evidence of equality either"
+        )
+    return [Finding("study.claim", "warning", text, where="prose")] if against else []
