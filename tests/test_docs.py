@@ -126,3 +126,20 @@ def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
         if not target.startswith("http"):
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def named_code(page):
+    """Return (name, file) of every link of a page from a name in code to the file that holds it."""
+    found = re.findall(r"\[`([\w.]+)`\]\(([^)#]+[.]py)\)", page.read_text(encoding="utf-8"))
+    return [(name.rpartition(".")[2], page.parent / file) for name, file in found]
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if named_code(p)], ids=lambda p: p.name)
+def test_named_code_is_where_the_page_says(page):
+    for name, file in named_code(page):
+        held = re.search(rf"^\s*(?:def|class) {name}\b|^{name}\b.* = ", file.read_text(encoding="utf-8"), re.MULTILINE)
+        assert held or file.stem == name, f"{page.name}: {file.name} holds no {name}"
+
+
+def test_derivations_name_their_code():
+    assert len(named_code(ROOT / "docs/derivations.md")) > 60
