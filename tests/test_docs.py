@@ -20,7 +20,7 @@ from pxr import Sdf
 from twin.stage.write import write_stage
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 STORY = ROOT / "docs/ten-minutes.md"
 """A page whose commands build on one another: tests/test_docs_ten_minutes.py."""
 
