@@ -1,4 +1,4 @@
-"""How the code hangs together: layers, independence, lightness, size."""
+"""How the code hangs together: layers, independence, lightness, names."""
 
 from __future__ import annotations
 
@@ -13,9 +13,6 @@ import pytest
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted((ROOT / "twin").rglob("*.py"))
 
-MOST_LINES = 600
-LONGER: dict[str, tuple[int, str]] = {}
-"""Files that may be longer, how long, and why."""
 
 HEAVY = {
     *(
@@ -119,21 +116,7 @@ def test_data_folders_are_no_packages():
         assert not list((ROOT / kind).rglob("__init__.py"))
 
 
-# ---------------------------------------------------------------------------------------------- size and names
-
-
-def test_no_file_is_too_long():
-    lines = {str(p.relative_to(ROOT)): len(p.read_text(encoding="utf-8").splitlines()) for p in SOURCES}
-    allowed = {name: LONGER.get(name, (MOST_LINES, ""))[0] for name in lines}
-    long = {name: count for name, count in lines.items() if count > allowed[name]}
-    assert not long, f"more than {MOST_LINES} lines; split by what they are about: {long}"
-
-
-def test_list_of_longer_files_holds_no_others():
-    for name in LONGER:
-        path = ROOT / name
-        assert path.is_file()
-        assert len(path.read_text(encoding="utf-8").splitlines()) > MOST_LINES, f"{name} needs no exception any more"
+# ---------------------------------------------------------------------------------------------- names
 
 
 def test_files_say_what_they_are_about():

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from pxr import Sdf
 
-from twin.stage.write import write_stage
+from twin.usd.write import write_stage
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
