@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-PROVENANCES = {"SEED", "CITED", "DERIVED", "ASSUMED"}
+PROVENANCES = {"PUBLISHED", "CITED", "DERIVED", "ASSUMED"}
 
 
 class Dimensions:

@@ -74,7 +74,7 @@ def test_shipped_protocols_load_and_are_named_like_their_file(path):
 
 def test_table2_holds_the_printed_poses():
     printed = load_protocol(ROOT.parent / "trajectories/sils/table2_printed.toml")
-    table = {  # SEED: 002_abb87c5450b9371c.txt, Table 2
+    table = {  # PUBLISHED: 002_abb87c5450b9371c.txt, Table 2
         "c": (407.9, 306, 211.4, 10, 15, 10),
         "b": (380, 280, 185, 0, 0, 0),
         "i": (380, 280, 145, 0, 0, 0),
@@ -84,7 +84,7 @@ def test_table2_holds_the_printed_poses():
     for name, row in table.items():
         w = printed.waypoints[name]
         np.testing.assert_allclose([*w.position * 1e3, *np.rad2deg(w.angles)], row, atol=1e-10)
-        assert w.provenance == "SEED"
+        assert w.provenance == "PUBLISHED"
 
 
 def test_the_home_phase_goes_to_the_start_unless_home_is_named(tmp_path):

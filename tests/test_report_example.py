@@ -152,7 +152,7 @@ def make_report(kind: str = "agree", rate: int = 1000) -> Report:
         phases=PHASES,
         parameters=(
             *(
-                Parameter(name, mm * MM, "mm", mm, "SEED", "RJTS-AM 68(1), 2023, eq. (3)")
+                Parameter(name, mm * MM, "mm", mm, "PUBLISHED", "RJTS-AM 68(1), 2023, eq. (3)")
                 for name, mm in (("l_0", 50.0), ("l_1", 182.0), ("l_2", 392.0), ("l_p", 135.0), ("L_V", 657.0))
             ),
             Parameter("L_H", 0.612, "mm", 612.0, "ASSUMED", "eq. (3) values L_B, eq. (2) uses L_H: taken as one"),

@@ -198,7 +198,7 @@ def test_every_variant_that_departs_from_the_print_says_why(kin):
 
 
 def test_parameters_have_provenance_and_can_be_replaced(kin):
-    assert all(p.note and p.provenance in ("SEED", "CITED", "DERIVED", "ASSUMED") for p in kin.formula.parameters)
+    assert all(p.note and p.provenance in ("PUBLISHED", "CITED", "DERIVED", "ASSUMED") for p in kin.formula.parameters)
     first = kin.formula.parameters[0]
     assert (
         compile_formula(kin.formula, parameters={first.name: 1.01 * first.value}).parameters[first.name] != first.value

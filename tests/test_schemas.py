@@ -108,3 +108,14 @@ def _misfits(value, node: dict, schema: dict, where: str):
         for i, child in enumerate(value):
             item = prefix[i] if i < len(prefix) else node.get("items", {})
             yield from _misfits(child, item, schema, f"{where}.{i}")
+
+
+def test_the_earlier_word_for_published_is_still_read():
+    from twin.core.provenance import Parameter
+    from twin.formula import mm
+    from twin.simulation.dynamics.inertia import Mass
+
+    assert mm(160, "SEED", "Table 1").provenance == "PUBLISHED"  # type: ignore[arg-type]
+    assert Parameter("a", 1.0, "m", 1.0, "SEED", "x").provenance == "PUBLISHED"  # type: ignore[arg-type]
+    read = Mass.model_validate({"value": 1.0, "unit": "kg", "provenance": "SEED", "note": "Table 2"})
+    assert read.provenance == "PUBLISHED"

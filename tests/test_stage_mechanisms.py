@@ -139,7 +139,7 @@ def four_bar(**changes) -> Mechanism:
         "tool": "tool",
         "parameters": (
             Parameter("zeta", 0.3, "mm", 300.0, "ASSUMED", "first in order, last by name"),
-            Parameter("alpha", 1.0, "deg", 57.3, "SEED", "table 1"),
+            Parameter("alpha", 1.0, "deg", 57.3, "PUBLISHED", "table 1"),
         ),
         "source": "/home/someone/bars.toml",
     }

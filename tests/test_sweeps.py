@@ -328,7 +328,7 @@ def test_the_requirement_of_a_robot_is_its_own(tmp_path, capsys):
     assert cli.main(["tolerance", "sher", "--samples", "0", "--out", str(tmp_path), "--json"]) == 1
     said = json.loads(capsys.readouterr().out)
     assert said["required_um"] == 25.0
-    assert "SEED" in said["requirement"]
+    assert "PUBLISHED" in said["requirement"]
 
 
 # -- designs -------------------------------------------------------------------------------------------

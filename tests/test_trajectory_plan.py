@@ -1,6 +1,6 @@
 """Whole protocols on the SILS robot, with an inverse kinematics that only these tests know.
 
-Closed form: facts of the SEED paper (Rom. J. Techn. Sci. - Appl. Mech. 68(1), 2023), mode N.
+Closed form: facts of the PUBLISHED paper (Rom. J. Techn. Sci. - Appl. Mech. 68(1), 2023), mode N.
 """
 
 import json
@@ -91,7 +91,7 @@ SILS = PathKinematics(
     gaps=(Gap(0, 1, 40 * MM, "rail1"), Gap(2, 3, 40 * MM, "rail2"), Gap(4, 5, 40 * MM, "rail3")),
 )
 
-# DERIVED in the project's fact sheet from Table 2 (SEED), mode N, nine digits, mm
+# DERIVED in the project's fact sheet from Table 2 (PUBLISHED), mode N, nine digits, mm
 JOINTS = {
     "c": (312.498356767, 524.843287564, 183.986838951, -4.84215325, 345.305837665, 575.267953963),
     "b": (328.226409619, 576.485519625, 183.904456795, 17.338848572, 317.430227422, 546.975954952),

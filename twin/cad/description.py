@@ -12,9 +12,8 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from twin.core.provenance import Provenance
 from twin.model.mechanism import JointType
-from twin.schema import Identifier, Range, Table, Vector, at, error_at, load_toml
+from twin.schema import Identifier, Origin, Range, Table, Vector, at, error_at, load_toml
 
 
 class Feature(Table):
@@ -89,7 +88,7 @@ class MassSpec(Table):
     mass_kg: float = Field(gt=0)
     com_mm: Vector
     inertia_kg_m2: tuple[float, float, float, float, float, float]
-    provenance: Provenance
+    provenance: Origin
     note: str = Field(min_length=1)
 
 
@@ -124,7 +123,7 @@ class Material(Table):
     metallic: float = Field(0.0, ge=0, le=1)
     roughness: float = Field(0.5, ge=0, le=1)
     parts: list[str]
-    provenance: Provenance
+    provenance: Origin
     note: str = Field(min_length=1)
 
 
@@ -141,7 +140,7 @@ class LimitSpec(Table):
     max_speed_deg_s: float | None = Field(default=None, gt=0)
     max_acceleration_mm_s2: float | None = Field(default=None, gt=0)
     max_acceleration_deg_s2: float | None = Field(default=None, gt=0)
-    provenance: Provenance
+    provenance: Origin
     note: str = Field(min_length=1)
 
     @model_validator(mode="after")
@@ -168,7 +167,7 @@ class DriveSpec(Table):
     stiffness: float = Field(gt=0)
     damping: float = Field(ge=0)
     max_effort: float | None = Field(default=None, gt=0)
-    provenance: Provenance
+    provenance: Origin
     note: str = Field(min_length=1)
 
 
@@ -214,7 +213,7 @@ class CouplingSpec(Table):
     ratios: list[float]
     sum_deg: float | None = None
     sum_mm: float | None = None
-    provenance: Provenance
+    provenance: Origin
     note: str = Field(min_length=1)
 
     @model_validator(mode="after")
@@ -230,7 +229,7 @@ class PairGap(Table):
     lower: Identifier
     upper: Identifier
     min_gap_mm: float = Field(gt=0)
-    provenance: Provenance
+    provenance: Origin
     note: str = Field(min_length=1)
 
 
@@ -246,7 +245,7 @@ class RequirementSpec(Table):
     """How well the tool must be placed, for the sweeps to be measured by."""
 
     tool_um: float = Field(gt=0)
-    provenance: Provenance
+    provenance: Origin
     note: str = Field(min_length=1)
 
 

@@ -13,9 +13,9 @@ from pydantic import Field, ValidationError
 
 from twin.core.errors import DescriptionError
 from twin.core.foreign.text import read_text
-from twin.core.provenance import Parameter, Provenance
+from twin.core.provenance import Parameter
 from twin.core.units import DEG, MM
-from twin.schema import Table, Vector, error_at
+from twin.schema import Origin, Table, Vector, error_at
 
 _SCALES = {"mm": MM, "deg": DEG}
 
@@ -25,7 +25,7 @@ class Dimension(Table):
 
     value: float | Vector
     unit: Literal["mm", "deg"]
-    provenance: Provenance
+    provenance: Origin
     note: str = Field(min_length=1)
 
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Provenance = Literal["SEED", "CITED", "DERIVED", "ASSUMED"]
-"""SEED: printed in one of our five papers. CITED: another source. DERIVED: computed from those.
+Provenance = Literal["PUBLISHED", "CITED", "DERIVED", "ASSUMED"]
+"""PUBLISHED: printed in the paper that describes the robot. CITED: another source. DERIVED: computed from those.
 ASSUMED: no published value was found; the note says why this one."""
+
+EARLIER: dict[str, Provenance] = {"SEED": "PUBLISHED"}
+"""Words of earlier files, and what they are called now."""
 
 
 @dataclass(frozen=True)
@@ -29,3 +32,6 @@ class Parameter:
     shown: float
     provenance: Provenance
     note: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "provenance", EARLIER.get(self.provenance, self.provenance))

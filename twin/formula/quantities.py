@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from twin.core.provenance import Parameter, Provenance
+from twin.core.provenance import EARLIER, Parameter, Provenance
 from twin.core.units import DEG, MM
 
 
@@ -38,8 +38,8 @@ def _parameter(value: float, scale: float, unit: str, provenance: Provenance, no
         raise TypeError(f"{value!r} is not a number: write it as in 135.0")
     if not math.isfinite(value):
         raise ValueError(f"{value} is not a finite number")
-    if provenance not in ("SEED", "CITED", "DERIVED", "ASSUMED"):
+    if provenance not in ("PUBLISHED", "CITED", "DERIVED", "ASSUMED", *EARLIER):
         raise ValueError(
-            f"provenance {provenance!r} is not known: SEED (printed in the paper), CITED, DERIVED or ASSUMED"
+            f"provenance {provenance!r} is not known: PUBLISHED (printed in the paper), CITED, DERIVED or ASSUMED"
         )
     return Parameter("", value * scale, unit, value, provenance, note or "no source is given")

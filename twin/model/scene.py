@@ -10,17 +10,17 @@ from pydantic import Field
 
 from twin.core import spatial
 from twin.core.errors import unknown
-from twin.core.provenance import Parameter, Provenance
+from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.schema import Identifier, Table, Vector, error_at, load_toml
+from twin.schema import Identifier, Origin, Table, Vector, error_at, load_toml
 
 
 class PortTable(Table):
     """A trocar in the patient, in world."""
 
     position_mm: Vector
-    provenance: Provenance
+    provenance: Origin
     note: str = Field(min_length=1)
 
 
@@ -32,7 +32,7 @@ class RobotTable(Table):
     port: Identifier
     position_mm: Vector
     yaw_deg: float
-    provenance: Provenance
+    provenance: Origin
     note: str = Field(min_length=1)
 
 
@@ -42,7 +42,7 @@ class CameraTable(Table):
     robot: Identifier
     frame: Identifier
     view_deg: float = Field(gt=1, lt=170)
-    provenance: Provenance
+    provenance: Origin
     note: str = Field(min_length=1)
 
 

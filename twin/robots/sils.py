@@ -206,11 +206,11 @@ FORMULA = Formula(
     title="SILS 6-DOF parallel robot, three limbs R-PRR-PRS",
     source="Ro. J. Techn. Sci. - Appl. Mech. 68(1), 3-18, 2023, DOI 10.59277/RJTS-AM.2023.1.01",
     parameters=(
-        _length("l_0", 50.0, "SEED", f"{_EQ3}, printed l_o: rail axis to the strut and bar pivots, along e_r"),
-        _length("l_1", 182.0, "SEED", f"{_EQ3}: strut length, and bar pivot to apex joint"),
-        _length("l_2", 392.0, "SEED", f"{_EQ3}: apex joint to ball centre; the bar is l_1 + l_2 long"),
-        _length("l_p", 135.0, "SEED", f"{_EQ3}: side of the equilateral triangle S1 S2 S3"),
-        _length("L_V", 657.0, "SEED", f"{_EQ3}: height of the horizontal rail 2"),
+        _length("l_0", 50.0, "PUBLISHED", f"{_EQ3}, printed l_o: rail axis to the strut and bar pivots, along e_r"),
+        _length("l_1", 182.0, "PUBLISHED", f"{_EQ3}: strut length, and bar pivot to apex joint"),
+        _length("l_2", 392.0, "PUBLISHED", f"{_EQ3}: apex joint to ball centre; the bar is l_1 + l_2 long"),
+        _length("l_p", 135.0, "PUBLISHED", f"{_EQ3}: side of the equilateral triangle S1 S2 S3"),
+        _length("L_V", 657.0, "PUBLISHED", f"{_EQ3}: height of the horizontal rail 2"),
         _length(
             "L_H",
             612.0,

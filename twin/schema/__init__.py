@@ -4,6 +4,7 @@ from twin.schema.lines import Key as Key
 from twin.schema.lines import Keys as Keys
 from twin.schema.lines import key_lines as key_lines
 from twin.schema.tables import Identifier as Identifier
+from twin.schema.tables import Origin as Origin
 from twin.schema.tables import Range as Range
 from twin.schema.tables import Table as Table
 from twin.schema.tables import Vector as Vector

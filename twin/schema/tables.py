@@ -16,6 +16,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     StringConstraints,
     ValidationError,
@@ -25,10 +26,15 @@ from pydantic_core import PydanticCustomError
 
 from twin.core.errors import DescriptionError
 from twin.core.foreign.text import check_depth, read_text
+from twin.core.provenance import EARLIER, Provenance
 from twin.schema.explain import explain, explain_syntax
 from twin.schema.lines import Key, Keys, key_lines, nearest_line, spell
 
 M = TypeVar("M", bound=BaseModel)
+
+
+Origin = Annotated[Provenance, BeforeValidator(lambda said: EARLIER.get(said, said) if isinstance(said, str) else said)]
+"""Provenance of a number in a table; the word of earlier files is read too."""
 
 
 class Table(BaseModel):

@@ -6,9 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from twin.core.provenance import Provenance
 from twin.planning.protocol.model import Direction, PhaseType, RcmMode, RotationOrder
-from twin.schema import Identifier, Table, Vector, at
+from twin.schema import Identifier, Origin, Table, Vector, at
 
 _Positive = Annotated[float, Field(gt=0)]
 _Depth = Annotated[float, Field(ge=0)]
@@ -27,7 +26,7 @@ class WaypointTable(Table):
         Field(description="values of driven joints, as in a posture: NAME_deg or NAME_mm; others are as drawn"),
     ] = None
     label: str = ""
-    provenance: Provenance
+    provenance: Origin
     note: _Text
 
 
@@ -40,7 +39,7 @@ class LimitsTable(Table):
     rotation_acceleration_deg_s2: _Positive
     tip_jerk_mm_s3: _Positive | None = None
     rotation_jerk_deg_s3: _Positive | None = None
-    provenance: Provenance
+    provenance: Origin
     note: _Text
 
 
@@ -52,7 +51,7 @@ class TolerancesTable(Table):
     straightness_mm: _Positive
     waypoint_mm: _Positive
     waypoint_deg: _Positive
-    provenance: Provenance
+    provenance: Origin
     note: _Text
 
     @model_validator(mode="after")
@@ -72,7 +71,7 @@ class PatientTable(Table):
     port: Identifier
     turn_deg: float = 0.0
     replaces: list[Identifier] = Field(default_factory=list)
-    provenance: Provenance
+    provenance: Origin
     note: _Text
 
 

@@ -22,11 +22,11 @@ from pydantic import Field, model_validator
 
 from twin.core import spatial
 from twin.core.errors import DescriptionError, MechanismError
-from twin.core.provenance import Parameter, Provenance
+from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.model.mechanism import Inertia
-from twin.schema import Identifier, Table, Vector, at, error_at, load_toml
+from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_toml
 
 _BESIDE = 1e-6
 """Metres, and radians, by which two axes that should be one may differ: far above rounding, far below any part."""
@@ -36,7 +36,7 @@ _NotNegative = Annotated[float, Field(ge=0)]
 
 
 class _Cited(Table):
-    provenance: Provenance
+    provenance: Origin
     note: str = Field(min_length=1)
 
 

@@ -43,7 +43,7 @@ CAPTIONS = {
 }
 """What each plot shows."""
 
-_ORIGINS = ("ASSUMED", "DERIVED", "CITED", "SEED")
+_ORIGINS = ("ASSUMED", "DERIVED", "CITED", "PUBLISHED")
 
 
 def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> str:

@@ -14,12 +14,11 @@ from pydantic import Field
 from twin.api import Robot
 from twin.core import assets, spatial
 from twin.core.errors import TwinError, unknown
-from twin.core.provenance import Provenance
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Body, Frame, Joint, Mechanism, Mesh
 from twin.planning.protocol import Protocol
-from twin.schema import Identifier, Table, Vector, error_at, load_toml
+from twin.schema import Identifier, Origin, Table, Vector, error_at, load_toml
 
 _ROUND, _HIGH = 40, 20
 """Facets of an ellipsoid about its axis, and from pole to pole."""
@@ -55,7 +54,7 @@ class PatientFile(Table):
 
     name: Identifier
     title: str
-    provenance: Provenance
+    provenance: Origin
     note: str = Field(min_length=1)
     port: dict[Identifier, PortTable]
     part: list[PartTable] = Field(min_length=1)
