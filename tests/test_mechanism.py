@@ -52,6 +52,30 @@ def test_the_tree_puts_parents_first_whatever_the_file_order():
     assert names(m.joints) == ["j3", "j2", "j1"]
 
 
+def test_the_path_leads_from_the_base_out_to_a_body():
+    m = mechanism(*reversed(CHAIN))
+    assert names(m.path("c")) == ["j1", "j2", "j3"]
+    assert names(m.path("a")) == ["j1"]
+    assert m.path("base") == ()
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["revolute", "prismatic"]))
+def test_the_coordinate_between_two_body_poses_is_the_motion_that_was_made(seed, kind):
+    rng = np.random.default_rng(seed)
+    poses = [spatial.pose(spatial.exp_so3(rng.normal(size=3)), rng.normal(size=3)) for _ in range(3)]
+    T_base_parent, T_parent_joint, T_child_joint = poses
+    j = joint("j", "base", "a", kind, T_parent_joint=T_parent_joint, T_child_joint=T_child_joint)
+    q = rng.uniform(-3, 3, 5)
+    motion = np.tile(np.eye(4), (5, 1, 1))
+    if kind == "revolute":
+        motion[:, :3, :3] = [spatial.exp_so3(np.array([0, 0, v])) for v in q]
+    else:
+        motion[:, 2, 3] = q
+    T_base_child = T_base_parent @ T_parent_joint @ motion @ spatial.inverse(T_child_joint)
+    np.testing.assert_allclose(j.coordinate(T_base_parent, T_base_child), q, atol=1e-12)
+
+
 def test_of_two_joints_that_reach_a_body_the_earlier_one_does():
     a, b, c, closing = *CHAIN, joint("close", "c", "base")
     first = mechanism(a, b, c, closing)

@@ -37,7 +37,7 @@ def run(robot: api.Robot, args: argparse.Namespace) -> int:
     with show.progress(args.quiet or args.json) as progress:
         progress("read CAD", 0.0)
         kin, model = robot.kinematics(variants), robot.reference()
-        home = robot.mechanism.posture("home") if "home" in robot.mechanism.postures else model.home().q
+        home = model.home().q if robot.mechanism.home is None else robot.mechanism.home
         sweeps = []
         for i, joint in enumerate(joints):
             progress(f"sweep {joint}", (i + 0.5) / len(joints))

@@ -199,6 +199,11 @@ class Joint:
         """Return the pose of the child's joint frame in the parent's, (4, 4): identity at q = 0, no gap."""
         return spatial.inverse(T_base_parent @ self.T_parent_joint) @ T_base_child @ self.T_child_joint
 
+    def coordinate(self, T_base_parent: Array, T_base_child: Array) -> Array:
+        """Return the coordinate between two body poses (..., 4, 4): rad about z in -pi..pi, else m along z."""
+        T = self.relative(T_base_parent, T_base_child)
+        return spatial.angle_about_z(T) if self.is_angle else T[..., 2, 3]
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -366,6 +371,19 @@ class Mechanism:
     def point(self, name: str) -> Point:
         """Return the point of that name, or raise `MechanismError` with the names that exist."""
         return _find("point", self.points, name)
+
+    @property
+    def home(self) -> Array | None:
+        """The posture "home" (n,), if there is one."""
+        return self.posture("home") if "home" in self.postures else None
+
+    def path(self, body: str) -> tuple[Joint, ...]:
+        """Return the joints of the tree from the base out to a body."""
+        inward, out = {j.child: j for j in self.tree}, []
+        while body != self.base:
+            out.append(inward[body])
+            body = inward[body].parent
+        return tuple(out[::-1])
 
     def posture(self, name: str) -> Array:
         """Return q (n,) of a named posture, or raise `MechanismError` with the names that exist."""

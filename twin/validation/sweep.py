@@ -197,7 +197,8 @@ def _mimic(model: ReferenceModel, run: Run, q: Array) -> Curve:
     tree = model.tree
     index = {n: c for n, c in tree.configuration.items() if n not in {j.name for j in model.mechanism.active}}
     scalar = set(index.values()) | {tree.configuration[j.name] for j in model.mechanism.active}
-    path = _path_to_tool(model)
+    mechanism = model.mechanism
+    path = [j.name for j in mechanism.path(mechanism.frame(mechanism.tool).body)]
     for joint in path:
         k = tree.model.joints[tree.joint_id[joint]].idx_q if joint in tree.joint_id else -1
         if k >= 0 and k not in scalar and np.ptp(run.x[:, k : k + 4], axis=0).max() > _STILL:
@@ -217,16 +218,6 @@ def _mimic(model: ReferenceModel, run: Run, q: Array) -> Curve:
         np.linalg.norm(rotation_vectors(true, Ts), axis=1),
         "; ".join(lines) or "exact: no passive joint between base and tool moves",
     )
-
-
-def _path_to_tool(model: ReferenceModel) -> list[str]:
-    """Return the tree's joints from the base to the tool's body."""
-    by_child = {j.child: j for j in model.mechanism.tree}
-    body, names = model.mechanism.frame(model.mechanism.tool).body, []
-    while body in by_child:
-        names.append(by_child[body].name)
-        body = by_child[body].parent
-    return names[::-1]
 
 
 def _serial(true: Array, q: Array) -> Curve:

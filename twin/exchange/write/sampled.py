@@ -63,10 +63,6 @@ def coordinates(mechanism: Mechanism, links: Mapping[str, Array]) -> dict[str, A
     for joint in mechanism.joints:
         if len(joint.free_axes) != 1:
             continue
-        T = joint.relative(links[joint.parent], links[joint.child])
-        if joint.is_angle:
-            angle = np.unwrap(spatial.angle_about_z(T))
-            out[joint.name] = np.round(angle, 13) + 0.0
-        else:
-            out[joint.name] = T[:, 2, 3]
+        at = joint.coordinate(links[joint.parent], links[joint.child])
+        out[joint.name] = np.round(np.unwrap(at), 13) + 0.0 if joint.is_angle else at
     return out

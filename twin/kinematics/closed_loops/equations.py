@@ -87,7 +87,6 @@ class Equations:
         self.errors = {key: ca.SX.sym(f"e_{'_'.join(key)}", 6) for key in sides}
         self.q = ca.SX.sym("q", len(mechanism.active))
         self._active = {j.name: i for i, j in enumerate(mechanism.active)}
-        self._joint_to = {j.child: j for j in mechanism.tree}
         free = [j for j in mechanism.tree if not j.active and j.type != "fixed"]
         self.passive = [
             Passive(j, ca.SX.sym(j.name, STATES[j.type]), ca.SX.sym(f"d_{j.name}", STEPS[j.type])) for j in free
@@ -123,7 +122,7 @@ class Equations:
 
     def pose(self, body: str, T_body_frame: Array | None = None, stepping: bool = False) -> ca.SX:
         """Return T_base_frame (4, 4) of a frame on a body; `stepping`: a first order step further."""
-        chain = self._chain(self._path(body)) + ([] if T_body_frame is None else [_rounded(T_body_frame)])
+        chain = self._chain(self.mechanism.path(body)) + ([] if T_body_frame is None else [_rounded(T_body_frame)])
         axes = [self._carried(chain, ca.SX(e), False, stepping) for e in np.eye(3)]
         T = ca.horzcat(*axes, self._carried(chain, ca.SX.zeros(3), True, stepping))
         return ca.vertcat(T, ca.SX([[0, 0, 0, 1]]))
@@ -152,7 +151,7 @@ class Equations:
 
     def _misfit(self, joint: Joint, stepping: bool) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return what the locked directions of a loop joint are off, in m and rad, and a cosine of the latter."""
-        ways = [self._path(joint.parent), self._path(joint.child)]
+        ways = [list(self.mechanism.path(b)) for b in (joint.parent, joint.child)]
         while ways[0] and ways[1] and ways[0][0].name == ways[1][0].name:
             ways = [w[1:] for w in ways]
         a = self._chain(ways[0]) + self._frame(joint, "parent")
@@ -181,13 +180,6 @@ class Equations:
             return self.q[self._active[name]]
         p = self._passive[name]
         return p.state + p.step if stepping else p.state
-
-    def _path(self, body: str) -> list[Joint]:
-        out = []
-        while body != self.mechanism.base:
-            out.append(self._joint_to[body])
-            body = out[-1].parent
-        return out[::-1]
 
     def _frame(self, joint: Joint, side: str, back: bool = False) -> Chain:
         """Return the way from a body to its side of a joint, or back."""

@@ -219,17 +219,13 @@ def links_of(mechanism: Mechanism) -> tuple[Inertia, ...]:
     return tuple(links[i] for i in range(len(links)))
 
 
-def _row(mechanism: Mechanism) -> list[Joint]:
+def _row(mechanism: Mechanism) -> tuple[Joint, ...]:
     """Return the joints of the tree from the base to the last active one."""
     active = {j.name for j in mechanism.active}
-    inward = {j.child: j for j in mechanism.tree}
     ends = [j for j in mechanism.tree if j.name in active]
     if not active or len(ends) != len(active):
         raise MechanismError(f"{mechanism.name}: no active joints in a row (one closes a loop, or there is none)")
-    row, body = [], ends[-1].child
-    while body != mechanism.base:
-        row.insert(0, inward[body])
-        body = inward[body].parent
+    row = mechanism.path(ends[-1].child)
     moving = [j for j in row if j.type != "fixed"]
     if {j.name for j in moving} != active or any(j.type != "revolute" for j in moving):
         raise MechanismError(

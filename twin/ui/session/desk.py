@@ -76,9 +76,8 @@ class Desk:
             self.speak_of(robot.protocol())
 
     def _first(self) -> Assembly:
-        if "home" in self.mechanism.postures:
-            return self.model.solve(self.mechanism.posture("home"))
-        return self.model.home()
+        home = self.mechanism.home
+        return self.model.home() if home is None else self.model.solve(home)
 
     def shaft(self) -> tuple[Array, Array]:
         """Return the tip (3,) and the direction (3,) of the shaft towards it, in base.
