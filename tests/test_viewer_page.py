@@ -25,7 +25,7 @@ pytestmark = pytest.mark.browser
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
 CALM = """const every = window.setInterval.bind(window);
 window.setInterval = (act, ms, ...more) => every(act, ms === 1000 ? 10000 : ms, ...more);"""
-"""For every page: viser draws once a second though nothing has changed; without a graphics card that takes the second."""
+"""For every page: viser draws once a second though nothing has changed, which costs this machine most of the second."""
 
 WAIT = 180.0
 """Seconds that something may take on a busy machine without a graphics card."""
