@@ -49,6 +49,7 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
             raise CadError(f"{label}: {unknown('part', spec.part, (p.name for p in parts))}")
         parts = [p for p in parts if p.name == spec.part]
     near = np.array(spec.near_mm) * MM
+    hint = None if spec.direction is None else np.array(spec.direction) / np.linalg.norm(spec.direction)
     found: list[tuple[float, float, Face, str]] = []
     wrong_radius: list[float] = []
     for part in parts:
@@ -59,8 +60,7 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
                 wrong_radius.append(face.radius / MM)
                 continue
             tilt = 0.0
-            if spec.direction is not None:
-                hint = np.array(spec.direction) / np.linalg.norm(spec.direction)
+            if hint is not None:
                 tilt = float(np.arctan2(np.linalg.norm(np.cross(hint, face.direction)), abs(hint @ face.direction)))
             found.append((_distance(face, near), tilt, face, part.name))
     if not found:
