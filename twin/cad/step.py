@@ -240,7 +240,7 @@ def _welded(points: np.ndarray, triangles: np.ndarray) -> tuple[Array, np.ndarra
     ordered = points[order]
     first = np.ones(len(points), bool)
     first[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
-    index = np.empty(len(points), np.int32)
+    index = np.zeros(len(points), np.int32)
     index[order] = np.cumsum(first) - 1
     triangles = index[triangles]
     a, b, c = triangles.T
