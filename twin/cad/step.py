@@ -35,6 +35,8 @@ MASS_TOLERANCE = 0.005 * MM
 _CACHED = 32
 """How many files the cache holds."""
 
+_SPACE = bytes(i for i in range(256) if chr(i).isspace())
+
 _SI_PREFIX = {"": 1.0, "MILLI": 1e-3, "CENTI": 1e-2, "DECI": 0.1, "MICRO": 1e-6, "KILO": 1e3}
 _NAMED_UNIT = {"INCH": 0.0254, "FOOT": 0.3048, "MILLIMETRE": 1e-3, "CENTIMETRE": 1e-2, "METRE": 1.0}
 
@@ -93,14 +95,14 @@ def length_unit(path: Path) -> float:
         CadError: if the file is missing, no STEP file, cut off, or states no length unit.
     """
     try:
-        text = read_bytes(path, "STEP").decode("latin-1")
+        data = read_bytes(path, "STEP")
     except OSError as error:
         raise CadError(f"{path}: cannot read the STEP file ({error.strerror or error})") from error
-    if not text.lstrip().startswith("ISO-10303-21"):
+    compact = data.translate(None, _SPACE).decode("latin-1")
+    if not compact.startswith("ISO-10303-21"):
         raise CadError(f"{path} is not a STEP file: it does not begin with ISO-10303-21")
-    if "END-ISO-10303-21" not in text[-4096:]:
+    if b"END-ISO-10303-21" not in data[-4096:]:
         raise CadError(f"{path} is cut off: END-ISO-10303-21 is missing. Export or copy it again.")
-    compact = re.sub(r"\s+", "", text)
     found: set[float] = set()
     for entity in (e for e in compact.split(";") if "LENGTH_UNIT()" in e and "=(" in e and e.endswith(")")):
         named = re.search(r"CONVERSION_BASED_UNIT\('([^']*)'", entity)
