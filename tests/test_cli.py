@@ -24,6 +24,8 @@ from twin.cli import scene as scenes
 from twin.cli.parser import NAMES, parser
 from twin.errors import TwinError
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 ROOT = Path(__file__).parents[1]
 SHORT = ROOT / "tests/data/short.toml"
 

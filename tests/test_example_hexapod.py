@@ -15,6 +15,8 @@ from twin.explaining.judge import Judge
 from twin.explaining.repair import Search
 from twin.explaining.source import patched
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs/examples/hexapod"
 

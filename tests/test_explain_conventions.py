@@ -18,6 +18,8 @@ from twin.explaining.numeric import Matrix, Rebuilder
 from twin.kinematics import symbolic
 from twin.robots import _khalil, load_formula
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 
 @pytest.fixture(scope="module")
 def sils(sils_model):

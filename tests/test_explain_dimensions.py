@@ -28,6 +28,8 @@ from twin.reference import ReferenceModel
 from twin.selftest.cad import drawn_anew
 from twin.units import MM
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 ROOT = Path(__file__).parents[1]
 
 

@@ -23,6 +23,8 @@ from twin.explaining.explain import explain
 from twin.reference import ReferenceModel
 from twin.units import DEG, MM
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 spec = importlib.util.spec_from_file_location("drawing_faults", Path(__file__).with_name("drawing_faults.py"))
 drawing = importlib.util.module_from_spec(spec)
 sys.modules[spec.name] = drawing

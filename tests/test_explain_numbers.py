@@ -12,6 +12,8 @@ from twin.explaining.judge import Judge
 from twin.robots import load_formula
 from twin.units import DEG
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 
 @pytest.fixture(scope="module")
 def sils(sils_model):

@@ -13,6 +13,8 @@ from twin.explaining.repair import Search
 from twin.explaining.source import patched
 from twin.robots import load_formula
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 
 @pytest.fixture(scope="module")
 def sils():

@@ -12,6 +12,8 @@ from twin.explaining.explain import explain, known
 from twin.explaining.tidy import tidy
 from twin.robots import load_formula
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 TIDY = (
     ("x = a - -rb**2", "-rb", "x = a + rb**2"),
     ("x = a + -b * c", "-b", "x = a - b * c"),

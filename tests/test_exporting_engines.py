@@ -22,6 +22,8 @@ from twin.exporting.usdz import HOLD, write_usdz
 from twin.reference import ReferenceModel
 from twin.stage.write.spanning import spanning
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 ROBOTS = ("sils", "lapbot")
 FRAMES = 21
 

@@ -15,6 +15,8 @@ from twin.importing.closing import close
 from twin.importing.folder import write_folder
 from twin.live.desk import Desk
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 DATA = Path(__file__).parent / "data/importing"
 MODELS = DATA / "models"
 

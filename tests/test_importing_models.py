@@ -21,6 +21,8 @@ from twin.importing.folder import write_folder
 from twin.reference import ReferenceModel
 from twin.stage.read import read_stage
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 HERE = Path(__file__).parent
 MODELS = HERE / "data/importing/models"
 OWN = sorted(p.name for p in MODELS.iterdir() if p.suffix != ".yaml")

@@ -17,6 +17,8 @@ from twin.dynamics.guess import guesses, misfit
 from twin.dynamics.possible import Stated, judged, stated
 from twin.mechanism import Inertia, Mesh
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 SLOW = settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
 
 

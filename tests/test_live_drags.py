@@ -22,6 +22,8 @@ from twin.live.desk import Desk
 from twin.live.instruments import read
 from twin.units import MM
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 DRAGS = int(os.environ.get("TWIN_DRAGS", "42"))
 SPEEDS = (50 * MM, 5 * MM, 1 * MM, 0.2 * MM)
 """Lengths of the way between two positions of the hand."""

@@ -17,6 +17,8 @@ from twin.kinematics import compile_formula
 from twin.robots import load_formula
 from twin.units import DEG, MM
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 UNITS = np.array([MM, MM, MM, DEG, MM])
 HOME = np.array([50, 50, 50, 0, 20.25077]) * UNITS
 LIMITS = Limits(

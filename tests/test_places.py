@@ -18,6 +18,8 @@ from twin.mechanism import Mechanism, Mesh
 from twin.reference.clearance import _distance, _Shape
 from twin.units import MM
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 SAMPLES = 16
 """Places along a protocol that are looked at; its ends and those of its phases besides."""
 

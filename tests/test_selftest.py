@@ -21,6 +21,8 @@ from twin.selftest.result import Score, from_dict
 from twin.selftest.run import SHARES, bench_of, drawn, shared_out
 from twin.units import MM
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 
 @pytest.fixture(scope="module")
 def bench():

@@ -17,6 +17,8 @@ from twin.protocol import Positioning
 from twin.trajectory.plan import plan
 from twin.units import DEG, MM
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 ROOT = Path(__file__).parents[1]
 REACH = 30 * MM
 """Lateral radius of the platform: beyond 25 mm nothing is published, at 41.78 mm a rod is horizontal."""

@@ -30,6 +30,8 @@ from twin.sweeps import workspace as reach
 from twin.sweeps.tolerance import Spread, Tolerances
 from twin.units import DEG, MM, UM
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")
 
 

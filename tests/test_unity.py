@@ -19,6 +19,8 @@ from twin.exporting.unity import PACKAGE, package_files, write_unity
 from twin.schema.track import Track
 from twin.spatial import matrix_from_quat_wxyz
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 ROOT = Path(__file__).parents[1]
 
 

@@ -30,6 +30,8 @@ from twin.viewer.design import with_distance
 from twin.viewer.design_panel import differs, refused
 from twin.viewer.panels import LEAST_SPAN, curves
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")
 
 
