@@ -97,7 +97,10 @@ def test_counts_in_a_binary_layer_are_not_believed(section, good, tmp_path):
     assert section.decode() in finding.message
 
 
-@pytest.mark.parametrize("name", ["bars.glb", "tracks/swing.json", "bars.urdf", "usd/physics.usda"])
+CHANGED = ("bars.glb", "tracks/swing.json", "bars.urdf", pytest.param("usd/physics.usda", marks=pytest.mark.slow))
+
+
+@pytest.mark.parametrize("name", CHANGED)
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_changed_bytes_raise_nothing(name, good, tmp_path, data):
