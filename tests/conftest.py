@@ -18,7 +18,6 @@ def pytest_collection_finish():
     """Leave what all tests import out of the searches for garbage: they took a tenth of the suite."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(20_000, 20, 20)
 
 
 _READ: dict[tuple, bytes] = {}
