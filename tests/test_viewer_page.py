@@ -82,17 +82,6 @@ class Looker:
     def clients(self):
         return list(self.front.server.get_clients().values())
 
-    @contextmanager
-    def aside(self):
-        """Make the page small while others are open: it draws without end, on the processor."""
-        size = self.page.viewport_size
-        self.page.set_viewport_size({"width": 200, "height": 150})
-        try:
-            yield
-        finally:
-            self.page.set_viewport_size(size)
-            time.sleep(0.5)
-
     def shot(self):
         box = self.page.locator("canvas").first.bounding_box()
         return np.asarray(Image.open(io.BytesIO(self.page.screenshot(clip=box))).convert("RGB")).astype(int)
@@ -150,6 +139,16 @@ def sils(chromium):
         until(lambda: front.hand.playback is not None, "the plan", 120)
         yield look
         assert look.errors == []
+
+
+@pytest.fixture
+def aside(sils):
+    """Make the page small while others are open: viser's page draws without end, here on the processor."""
+    size = sils.page.viewport_size
+    sils.page.set_viewport_size({"width": 200, "height": 150})
+    yield
+    sils.page.set_viewport_size(size)
+    time.sleep(0.5)
 
 
 def still(look):
@@ -428,16 +427,17 @@ def test_a_screenshot_and_a_section(sils):
 # -- browsers come and go -----------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("aside")
 def test_browsers_come_and_go(chromium, sils):
     front = sils.front
-    other = Looker(chromium, front, 900, 500)
+    other = Looker(chromium, front, 600, 400)
     assert len(other.clients) == 2
     other.page.close()
     until(lambda: len(sils.clients) == 1, "the closed tab")
     desk = still(sils)
     front.ask("joint", lambda: desk.move_joint(0, desk.assembly.q[0] + 1 * MM))
     until(lambda: not front._wishes, "the wish")
-    third = Looker(chromium, front, 900, 500)  # sees the present pose, not the first one
+    third = Looker(chromium, front, 600, 400)  # sees the present pose, not the first one
     third.page.close()
 
 
@@ -452,6 +452,7 @@ def test_a_turntable_is_a_moving_picture(sils, monkeypatch):
     assert np.mean(np.abs(frames[0] - frames[1]).max(axis=2) > 30) > 0.02
 
 
+@pytest.mark.usefixtures("aside")
 def test_a_recording_plays_without_python(chromium, tmp_path):
     with shown("hibou") as front:
         front.ask("load", lambda: front.load(front.hand, None))
@@ -461,7 +462,7 @@ def test_a_recording_plays_without_python(chromium, tmp_path):
         until(lambda: bool(done), "the recording", 120)
     path = Path(tmp_path) / "hibou.html"
     path.write_text(done[0], encoding="utf-8")
-    page = chromium.new_page(viewport={"width": 600, "height": 450})
+    page = chromium.new_page(viewport={"width": 400, "height": 300})
     page.set_default_timeout(1000 * WAIT)
     page.context.set_offline(True)
     page.goto(path.as_uri())
@@ -511,6 +512,7 @@ KNOCK = """async ([where, protocol]) => await new Promise(done => {
 })"""
 
 
+@pytest.mark.usefixtures("aside")
 def test_another_site_in_the_same_browser_stays_outside(chromium, sils):
     """The attack as it is done: a page from elsewhere, opened while the robot is shown."""
     import viser
@@ -530,6 +532,7 @@ def test_another_site_in_the_same_browser_stays_outside(chromium, sils):
     assert sils.page.evaluate(KNOCK, [f"ws://127.0.0.1:{port}/", protocol]) == "open"
 
 
+@pytest.mark.usefixtures("aside")
 @pytest.mark.parametrize("guarded", [True, False], ids=["as it is", "without the policy"])
 @pytest.mark.parametrize("query", ["?websocket={ws}", "?playbackPath={http}/scene.viser"])
 def test_a_link_to_our_page_lets_no_other_server_write_into_it(chromium, query, guarded, monkeypatch):
@@ -541,7 +544,7 @@ def test_a_link_to_our_page_lets_no_other_server_write_into_it(chromium, query, 
     server = servers.serve("link", "127.0.0.1", 0)
     try:
         with somebody_else() as (site, asked):
-            page = chromium.new_page()
+            page = chromium.new_page(viewport={"width": 300, "height": 200})
             page.goto(f"http://127.0.0.1:{server.get_port()}/{query.format(ws=site.replace('http', 'ws'), http=site)}")
             page.locator("canvas").first.wait_for(timeout=1000 * WAIT, state="attached")
             end = time.monotonic() + (10.0 if guarded else WAIT)
@@ -553,6 +556,7 @@ def test_a_link_to_our_page_lets_no_other_server_write_into_it(chromium, query, 
         servers.stop(server)
 
 
+@pytest.mark.usefixtures("aside")
 def test_the_page_opens_by_its_token_when_it_is_open_to_the_network(chromium):
     from twin.door.gate import Gate
     from twin.viewer.front import Actor, Front
@@ -564,7 +568,7 @@ def test_the_page_opens_by_its_token_when_it_is_open_to_the_network(chromium):
     thread = threading.Thread(target=front.run)
     thread.start()
     try:
-        context = chromium.new_context()
+        context = chromium.new_context(viewport={"width": 600, "height": 400})
         page = context.new_page()
         page.set_default_timeout(1000 * WAIT)
         assert page.goto(f"http://127.0.0.1:{server.get_port()}/").status == 403
