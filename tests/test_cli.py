@@ -25,6 +25,8 @@ from twin.cli.parser import NAMES, parser
 from twin.core import assets
 from twin.core.errors import TwinError
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 ROOT = Path(__file__).parents[1]
 SHORT = ROOT / "tests/data/short.toml"
 

@@ -15,6 +15,8 @@ from twin.validation.explain.judge import Judge
 from twin.validation.explain.repair import Search
 from twin.validation.explain.source import patched
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs/examples/hexapod"
 

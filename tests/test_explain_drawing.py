@@ -23,6 +23,8 @@ from twin.core.units import DEG, MM
 from twin.reference import ReferenceModel
 from twin.validation.explain.explain import explain
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 spec = importlib.util.spec_from_file_location("drawing_faults", Path(__file__).with_name("drawing_faults.py"))
 drawing = importlib.util.module_from_spec(spec)
 sys.modules[spec.name] = drawing

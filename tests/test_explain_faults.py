@@ -16,6 +16,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 seeds = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("explain_seeds.py"))))
 FAULTS = int(os.environ.get("TWIN_FAULTS", "16"))
 PAIRS = int(os.environ.get("TWIN_PAIRS", "4"))

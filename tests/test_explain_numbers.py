@@ -12,6 +12,8 @@ from twin.validation.explain.explain import explain, known
 from twin.validation.explain.identify import Numbers, identify
 from twin.validation.explain.judge import Judge
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 
 @pytest.fixture(scope="module")
 def sils(sils_model):

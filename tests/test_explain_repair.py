@@ -13,6 +13,8 @@ from twin.validation.explain.judge import Judge
 from twin.validation.explain.repair import Search
 from twin.validation.explain.source import patched
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 
 @pytest.fixture(scope="module")
 def sils():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import json
 import shutil
@@ -15,27 +14,17 @@ import pytest
 import twin
 import twin.exchange.audit
 from twin import api
-from twin.cad import build
 from twin.cli import main
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
 from twin.exchange.write import bundle as bundles
 from twin.exchange.write.clip import Budget
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 ROOT = Path(__file__).parents[1]
 SHORT = ROOT / "tests/data/short.toml"
 FORMATS = ("usd", "usdz", "glb", "tracks", "mjcf", "urdf")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def read_once():
-    """Read and weigh the CAD of each robot once: it takes seconds and is not what is tested here."""
-    true = build.read_mechanism
-    known = functools.cache(lambda path, text, weighed: true(path, with_mass=weighed))
-    with pytest.MonkeyPatch.context() as patch:
-        quick = lambda path, *, with_mass=True: known(path, path.read_bytes(), with_mass)  # noqa: E731
-        patch.setattr(build, "read_mechanism", quick)
-        yield
 
 
 @pytest.fixture(scope="module")

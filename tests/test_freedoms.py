@@ -20,6 +20,8 @@ from twin.exchange.read.source import Imported
 from twin.planning.protocol import load_protocol
 from twin.reference.leading import Leader
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 spec = util.spec_from_file_location("twin_linkages", Path(__file__).with_name("linkages.py"))
 linkages = sys.modules[spec.name] = util.module_from_spec(spec)
 spec.loader.exec_module(linkages)

@@ -40,6 +40,8 @@ from twin.ui.headset.server import StreamServer
 from twin.ui.session import workspace
 from twin.ui.session.timeline import prepare
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 PAGE = {
     "/": File(b"<html>a page for the test</html>" * 40, "text/html; charset=utf-8"),
     "/app.js": File(b"let a = 1;", "text/javascript; charset=utf-8"),

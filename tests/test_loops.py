@@ -19,6 +19,8 @@ from twin.kinematics.closed_loops.equations import Equations
 from twin.model.mechanism import Coupling
 from twin.reference import ReferenceModel
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 made = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_reference.py"))))
 
 ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")

@@ -17,6 +17,8 @@ import numpy as np
 import pytest
 from casadi import sqrt
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 FAULTS = int(os.environ.get("TWIN_MARGINS", "7"))
 SEEDED = {"sher": ("margins",), "pa10": ("margins",), "lapbot": ("margins",)}
 

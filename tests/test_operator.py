@@ -17,6 +17,8 @@ from twin.simulation.control.operator import Goal, Hand, Record, measure, minimu
 from twin.simulation.control.teleoperation import Gains, Teleoperation
 from twin.simulation.control.velocity import Limits
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 UNITS = np.array([MM, MM, MM, DEG, MM])
 HOME = np.array([50, 50, 50, 0, 20.25077]) * UNITS
 LIMITS = Limits(

@@ -17,6 +17,8 @@ from twin.core.units import DEG, MM
 from twin.planning.plan import plan
 from twin.planning.protocol import Positioning
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 ROOT = Path(__file__).parents[1]
 REACH = 30 * MM
 """Lateral radius of the platform: beyond 25 mm nothing is published, at 41.78 mm a rod is horizontal."""
@@ -74,8 +76,9 @@ def test_equations_and_mechanism_agree_at_ten_thousand_random_postures(robot, mo
     agree(robot, model, postures(robot, 10_000))
 
 
-def test_five_freedoms_and_six_redundant_constraints_everywhere(robot, model):
-    run = model.solve_many(postures(robot, 1000, seed=5))
+@pytest.mark.parametrize("count", [200, pytest.param(1000, marks=pytest.mark.slow)])
+def test_five_freedoms_and_six_redundant_constraints_everywhere(robot, model, count):
+    run = model.solve_many(postures(robot, count, seed=5))
     for x in run.x:
         m = model.mobility(x)
         assert (m.freedom, m.redundancy, m.internal) == (5, 6, 0)

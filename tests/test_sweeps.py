@@ -31,6 +31,8 @@ from twin.model.mechanism import Body as MechanismBody
 from twin.model.mechanism import Frame, Joint, Mechanism
 from twin.reference import ReferenceModel
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")
 
 

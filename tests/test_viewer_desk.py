@@ -30,6 +30,8 @@ from twin.ui.viewer.design import with_distance
 from twin.ui.viewer.design_panel import differs, refused
 from twin.ui.viewer.panels import LEAST_SPAN, curves
 
+pytestmark = pytest.mark.usefixtures("cad_once")
+
 ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import twin
+from twin.cad import description
 from twin.core import spatial
 
 pytestmark = pytest.mark.witness
@@ -22,7 +23,11 @@ ROBOTS = twin.names()
 CASES = [(r, p) for r in ROBOTS for p in twin.load(r).files.protocols()]
 SECONDS = float(os.environ.get("TWIN_STRANGERS_SECONDS", "10"))
 NEWTON_SECONDS = float(os.environ.get("TWIN_NEWTON_SECONDS", "1"))
-DRIVEN = [(r, twin.load(r).protocol().name) for r in ROBOTS] if NEWTON_SECONDS else CASES
+DRIVEN = (
+    [(r, str(description.load(twin.load(r).files.description).default_protocol)) for r in ROBOTS]
+    if NEWTON_SECONDS
+    else CASES
+)
 """Motions along which Drake and, for a second, Newton are driven; `TWIN_NEWTON_SECONDS=0` takes all to their ends."""
 STARTED, HELD, PLAYED = 1e-6, 100e-6, 1e-6
 """m: how far a loop may be open as loaded, and while it moves; how far a link may be off that plays a track."""

@@ -54,18 +54,18 @@ class CadModel:
         return max((f.size or 0.0 for f in self.findings if f.code == "cad.placement_precision"), default=0.0) * UM
 
 
-def inputs(description_path: Path) -> list[Path]:
-    """Return everything that the mechanism is made from: the TOML file and the CAD it names."""
-    description = load(description_path)
+def inputs(description_path: Path, description: Description | None = None) -> list[Path]:
+    """Return everything that the mechanism is made from: the TOML file (`description` if read) and the CAD it names."""
+    description = description or load(description_path)
     files = [description_path]
     files += [description_path.parent / description.step] if description.step else []
     return files + [description_path.parent / m.file for b in description.body.values() for m in b.meshes]
 
 
-def fingerprint(description_path: Path) -> str:
+def fingerprint(description_path: Path, description: Description | None = None) -> str:
     """Return the hash of all `inputs`."""
     digest = hashlib.sha256()
-    for file in inputs(description_path):
+    for file in inputs(description_path, description):
         try:
             digest.update(file.read_bytes())
         except OSError as error:
@@ -119,7 +119,7 @@ def read_mechanism(description_path: Path, *, with_mass: bool = True) -> CadMode
             for c in d.coupling
         ),
         trocar=d.trocar or "",
-        source=f"{description_path.name} {fingerprint(description_path)}",
+        source=f"{description_path.name} {fingerprint(description_path, d)}",
     )
     gaps = tuple((g.lower, g.upper, g.min_gap_mm * MM) for g in d.gap)
     return CadModel(mechanism, tuple(found), d, measured, read_dimensions(folder / "dimensions.toml"), gaps)

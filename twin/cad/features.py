@@ -5,6 +5,7 @@ All results are in drawn coordinates (the STEP's own), metres.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -49,6 +50,7 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
             raise CadError(f"{label}: {unknown('part', spec.part, (p.name for p in parts))}")
         parts = [p for p in parts if p.name == spec.part]
     near = np.array(spec.near_mm) * MM
+    hint = None if spec.direction is None else (np.array(spec.direction) / np.linalg.norm(spec.direction)).tolist()
     found: list[tuple[float, float, Face, str]] = []
     wrong_radius: list[float] = []
     for part in parts:
@@ -58,10 +60,7 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
             if spec.radius_mm is not None and abs(face.radius - spec.radius_mm * MM) > _RADIUS_TOLERANCE:
                 wrong_radius.append(face.radius / MM)
                 continue
-            tilt = 0.0
-            if spec.direction is not None:
-                hint = np.array(spec.direction) / np.linalg.norm(spec.direction)
-                tilt = float(np.arctan2(np.linalg.norm(np.cross(hint, face.direction)), abs(hint @ face.direction)))
+            tilt = 0.0 if hint is None else _tilt(hint, face.direction.tolist())
             found.append((_distance(face, near), tilt, face, part.name))
     if not found:
         radii = ", ".join(f"{r:g}" for r in sorted(set(np.round(wrong_radius, 4)))[:12])
@@ -93,6 +92,12 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
     return Measured(name, face, direction, part_name)
 
 
+def _tilt(a: Sequence[float], b: Sequence[float]) -> float:
+    """Return the angle in rad between two axes (3,), whichever way they point."""
+    across = math.hypot(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    return math.atan2(across, abs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2]))
+
+
 def _same(a: Face, b: Face) -> bool:
     """Return whether two faces of one kind measure the same: one plane, one axis or one centre."""
     if a.kind == "sphere":
@@ -110,11 +115,12 @@ def _distance(face: Face, near: Array) -> float:
     A face of finite size is meant, so along a plane or an axis the distance to its middle counts too, if
     only a little: of two bores on one axis, the nearer is taken.
     """
-    offset = near - face.point
+    x, y, z = (near - face.point).tolist()
     if face.kind == "sphere":
-        return float(np.linalg.norm(offset))
-    along = float(offset @ face.direction)
-    across = float(np.linalg.norm(offset - along * face.direction))
+        return math.hypot(x, y, z)
+    a, b, c = face.direction.tolist()
+    along = x * a + y * b + z * c
+    across = math.hypot(x - along * a, y - along * b, z - along * c)
     if face.kind == "plane":
         return abs(along) + 1e-3 * across
     return across + 1e-3 * abs(along)

@@ -35,6 +35,8 @@ MASS_TOLERANCE = 0.005 * MM
 _CACHED = 32
 """How many files the cache holds."""
 
+_SPACE = bytes(i for i in range(256) if chr(i).isspace())
+
 _SI_PREFIX = {"": 1.0, "MILLI": 1e-3, "CENTI": 1e-2, "DECI": 0.1, "MICRO": 1e-6, "KILO": 1e3}
 _NAMED_UNIT = {"INCH": 0.0254, "FOOT": 0.3048, "MILLIMETRE": 1e-3, "CENTIMETRE": 1e-2, "METRE": 1.0}
 
@@ -93,14 +95,14 @@ def length_unit(path: Path) -> float:
         CadError: if the file is missing, no STEP file, cut off, or states no length unit.
     """
     try:
-        text = read_bytes(path, "STEP").decode("latin-1")
+        data = read_bytes(path, "STEP")
     except OSError as error:
         raise CadError(f"{path}: cannot read the STEP file ({error.strerror or error})") from error
-    if not text.lstrip().startswith("ISO-10303-21"):
+    compact = data.translate(None, _SPACE).decode("latin-1")
+    if not compact.startswith("ISO-10303-21"):
         raise CadError(f"{path} is not a STEP file: it does not begin with ISO-10303-21")
-    if "END-ISO-10303-21" not in text[-4096:]:
+    if b"END-ISO-10303-21" not in data[-4096:]:
         raise CadError(f"{path} is cut off: END-ISO-10303-21 is missing. Export or copy it again.")
-    compact = re.sub(r"\s+", "", text)
     found: set[float] = set()
     for entity in (e for e in compact.split(";") if "LENGTH_UNIT()" in e and "=(" in e and e.endswith(")")):
         named = re.search(r"CONVERSION_BASED_UNIT\('([^']*)'", entity)
@@ -236,10 +238,15 @@ def _welded(points: np.ndarray, triangles: np.ndarray) -> tuple[Array, np.ndarra
 
     The mesher gives both faces of an edge the same points, to the bit.
     """
-    unique, index = np.unique(points, axis=0, return_inverse=True)
-    triangles = index.reshape(-1)[triangles].astype(np.int32)
+    order = np.lexsort(points.T[::-1])  # as `np.unique` does along an axis, at a third of its cost
+    ordered = points[order]
+    first = np.ones(len(points), bool)
+    first[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
+    index = np.zeros(len(points), np.int32)
+    index[order] = np.cumsum(first) - 1
+    triangles = index[triangles]
     a, b, c = triangles.T
-    return unique.astype(float), triangles[(a != b) & (b != c) & (c != a)]
+    return ordered[first].astype(float), triangles[(a != b) & (b != c) & (c != a)]
 
 
 def _faces(records: Sequence[dict | None], T: Array) -> list[Face]:
@@ -251,13 +258,13 @@ def _faces(records: Sequence[dict | None], T: Array) -> list[Face]:
         if record["type"] == "plane":
             point, direction = np.array(record["origin"]), np.array(record["normal"])
             # The origin is a corner of the face's parameter range; its middle says where the face is.
-            x = np.array(record["x_dir"])
-            y = np.cross(direction, x)
-            point = point + x * np.mean(record["extent_x"]) + y * np.mean(record["extent_y"])
+            (a, b, c), (i, j, k) = record["normal"], record["x_dir"]
+            x, y = np.array(record["x_dir"]), np.array([b * k - c * j, c * i - a * k, a * j - b * i])
+            point = point + x * _middle(record["extent_x"]) + y * _middle(record["extent_y"])
             radius = 0.0
         elif record["type"] == "cylinder":
             direction = np.array(record["axis"])
-            point = np.array(record["origin"]) + direction * np.mean(record["extent_height"])
+            point = np.array(record["origin"]) + direction * _middle(record["extent_height"])
             radius = record["radius"]
         elif record["type"] == "sphere":
             point, direction, radius = np.array(record["center"]), np.zeros(3), record["radius"]
@@ -265,6 +272,11 @@ def _faces(records: Sequence[dict | None], T: Array) -> list[Face]:
             continue
         faces.append(Face(record["type"], R @ point + p, R @ direction, float(radius)))
     return faces
+
+
+def _middle(extent: Sequence[float]) -> float:
+    low, high = extent
+    return (low + high) / 2
 
 
 _COMPONENTS = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}

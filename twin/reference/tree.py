@@ -118,7 +118,7 @@ class Tree:
             poses (k, joints, 4, 4) of the moving joint frames in base, and Jacobians (k, 6, nv) whose columns
             are each velocity's twist in base at the base origin, linear first.
         """
-        poses = np.tile(np.eye(4), (len(X), self.model.njoints, 1, 1))
+        poses = np.broadcast_to(np.eye(4), (len(X), self.model.njoints, 4, 4)).copy()
         J = np.zeros((len(X), 6, self.model.nv))
         model, data = self.model, self.data
         moved = self._closing if closing_only else self._all

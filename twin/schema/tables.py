@@ -99,16 +99,14 @@ def parse_toml(text: str, model: type[M], name: str = "<text>") -> M:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise DescriptionError(explain_syntax(text, name, error)) from error
-    lines = key_lines(text)
     for keys in _dates(data):
-        raise DescriptionError(
-            f"{name}:{nearest_line(lines, keys)}: {spell(keys)}: a date is not used here; put text in quotes"
-        )
+        line = nearest_line(key_lines(text), keys)
+        raise DescriptionError(f"{name}:{line}: {spell(keys)}: a date is not used here; put text in quotes")
     try:
         # JSON mode: arrays become tuples, while numbers, text and booleans stay what they are
         return model.model_validate_json(json.dumps(data))
     except ValidationError as error:
-        raise DescriptionError(explain(error, data, lines, model, name)) from error
+        raise DescriptionError(explain(error, data, key_lines(text), model, name)) from error
 
 
 def error_at(path: str | Path, keys: Keys, message: str) -> DescriptionError:

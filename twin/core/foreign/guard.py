@@ -33,7 +33,7 @@ def over(what, value, limit):
 _PROGRAMS = {
     "MJCF": "import mujoco; mujoco.MjData(mujoco.MjSpec.from_file(sys.argv[3]).compile())",
     "USD": f"""
-from pxr import Usd, UsdGeom, UsdPhysics
+from pxr import Usd
 for path in sys.argv[3:]:
     most_prims, most_depth, count, bodies = {BUDGETS["USD"].count}, {BUDGETS["USD"].depth}, 0, 0
     stage = Usd.Stage.Open(path)
@@ -43,13 +43,15 @@ for path in sys.argv[3:]:
             over("prims, at least", count, most_prims)
         if prim.GetPath().pathElementCount > most_depth:
             over("depth of its prims, at least", prim.GetPath().pathElementCount, most_depth)
-        bodies += prim.HasAPI(UsdPhysics.RigidBodyAPI) or prim.IsA(UsdPhysics.Joint)
+        bodies += prim.HasAPI("PhysicsRigidBodyAPI") or prim.IsA("PhysicsJoint")
         if bodies > 2 * {BODIES}:
             over("bodies and joints, at least", bodies, 2 * {BODIES})
-        if prim.IsA(UsdGeom.Mesh):
-            UsdGeom.Mesh(prim).GetPointsAttr().Get(), UsdGeom.Mesh(prim).GetFaceVertexIndicesAttr().Get()
+        if prim.IsA("Mesh"):
+            prim.GetAttribute("points").Get(), prim.GetAttribute("faceVertexIndices").Get()
 """,
+    # trimesh, which cascadio would register itself with, takes longer to import than most files to read.
     "STEP": """
+sys.modules["trimesh"] = None
 import cascadio
 sys.exit(cascadio.step_to_glb(sys.argv[3], sys.argv[4], float(sys.argv[5]), float(sys.argv[6]), include_brep=True))
 """,
@@ -129,7 +131,9 @@ def limits(path: Path, kind: str) -> tuple[float, int]:
 def _limited(kind: str, seconds: float, memory: int, *arguments: object) -> tuple[int, bool, bytes]:
     """Run a parser; return its exit code, whether it was ended because it waits, and the end of what it said."""
     own = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
-    command = isolated(_LIMITED + _PROGRAMS[kind], int(seconds + 1), memory, *arguments)
+    own["MUJOCO_GL"] = "disable"  # it looks for a display's libraries otherwise, with programs of its own
+    python, *rest = isolated(_LIMITED + _PROGRAMS[kind], int(seconds + 1), memory, *arguments)
+    command = [python, "-S", *rest]  # no parser needs what installed packages run at each start
     with tempfile.TemporaryFile() as said:
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env=os.environ | own)
         return *_wait(process), _tail(said)

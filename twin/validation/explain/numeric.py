@@ -123,8 +123,8 @@ def _apply(op: Callable, *args: Any) -> Matrix:
 
 def _stack(args: tuple, axis: int) -> Any:
     parts = [_as(x).a for x in args]
-    k = max(len(p) for p in parts)
-    return Matrix(np.concatenate([np.broadcast_to(p, (k, *p.shape[1:])) for p in parts], axis=axis))
+    k = max(map(len, parts))
+    return Matrix(np.concatenate([p if len(p) == k else p.repeat(k, axis=0) for p in parts], axis=axis))
 
 
 def _one(op: Callable) -> Callable:

@@ -67,15 +67,17 @@ def parts(row: PlainRows, value: Any) -> list[Any]:
     return [leave(v) for v in row.spread(value, entries)]
 
 
+_FILLED = frozenset((list, dict, np.ndarray))
+"""What statements may fill in."""
+
+
 def copied(scope: Mapping[str, Any]) -> dict[str, Any]:
     """Return a scope whose lists and arrays are its own: statements may fill them."""
-    return {n: _copy(v) for n, v in scope.items()}
-
-
-def _copy(x: Any) -> Any:
-    if type(x) is list or type(x) is dict or (type(x) is np.ndarray and x.dtype == object):
-        return x.copy()
-    return x
+    own = dict(scope)
+    for n, x in scope.items():
+        if type(x) in _FILLED and (type(x) is not np.ndarray or x.dtype == object):
+            own[n] = x.copy()
+    return own
 
 
 def held(source: Source, outputs: tuple[str, ...]) -> set[str]:

@@ -169,7 +169,7 @@ class Source:
             text = f"{OUT} = ({text[len('return') :].strip()}\n)"
         elif statement.line != statement.node.end_lineno or isinstance(statement.node, ast.For | ast.If):
             text = "if 1:\n" + " " * max(statement.column, 1) + text
-        return compile(text, f"{self.path}", "exec")
+        return _code(text, self.path)
 
     def whole(self, edits: Iterable[Edit] = ()) -> CodeType:
         """Return code that defines the function anew after edits; the function is at the top level of its file.
@@ -177,7 +177,13 @@ class Source:
         Raises:
             SyntaxError: the edits make no Python.
         """
-        return compile(apply(self.data, edits, *self.span(self.node)), f"{self.path}", "exec")
+        return _code(apply(self.data, edits, *self.span(self.node)), self.path)
+
+
+@lru_cache(maxsize=4096)
+def _code(text: str, path: Path) -> CodeType:
+    """Return compiled text; one edit is tried beside many others."""
+    return compile(text, f"{path}", "exec")
 
 
 def _first_line(node: ast.FunctionDef) -> int:
