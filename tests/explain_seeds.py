@@ -7,7 +7,9 @@ import importlib.util
 import inspect
 import io
 import re
+import sys
 import tokenize
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import casadi as ca
@@ -41,8 +43,7 @@ def built_in(name):
     from twin.robots import load_formula
 
     formula = load_formula(name)
-    path = Path(inspect.getfile(inspect.unwrap(formula.equations[0].variants[formula.equations[0].default])))
-    return Case(name, path, formula, known(formula, api.load(name).reference()))
+    return Case(name, _file_of(formula), formula, known(formula, api.load(name).reference()))
 
 
 def stranger(path):
@@ -295,16 +296,40 @@ def _read(faulty, equation, values, output):
         return {}
 
 
+def _file_of(formula):
+    """Return the file of a formula's equations."""
+    return Path(inspect.getfile(inspect.unwrap(formula.equations[0].variants[formula.equations[0].default])))
+
+
+@contextmanager
+def _in_place_of(home, text, folder):
+    """Let a file that formulas of this package share have another text while one is loaded."""
+    name = f"twin.robots.{home.stem}"
+    path = folder / home.name
+    path.write_text(text, encoding="utf-8")
+    spec = importlib.util.spec_from_file_location(name, path)
+    module, true = importlib.util.module_from_spec(spec), sys.modules[name]
+    spec.loader.exec_module(module)
+    sys.modules[name] = module
+    try:
+        yield
+    finally:
+        sys.modules[name] = true
+
+
 def empty(case, judge, faulty, candidate, rows, folder):
     """Return what a cure has lost without saying so: a symbol that a row read, or its own unknown; "" if nothing."""
     from twin.explaining.source import patched
 
     edits = [e for e in candidate.edits if e.kind != "left side"]
-    path = folder / "cure.py"
-    path.write_text(patched(edits) if edits else candidate.edits[0].path.read_text(encoding="utf-8"), encoding="utf-8")
-    if path.read_text(encoding="utf-8") == case.path.read_text(encoding="utf-8"):
+    home, own = candidate.edits[0].path, _file_of(faulty)
+    text = patched(edits) if edits else home.read_text(encoding="utf-8")
+    if home == own and text == case.path.read_text(encoding="utf-8"):
         return ""  # the true formula, whatever a slip had made its rows read
-    cured = case.load(path)
+    path = folder / "cure.py"
+    path.write_text(text if home == own else own.read_text(encoding="utf-8"), encoding="utf-8")
+    with nullcontext() if home == own else _in_place_of(home, text, folder):
+        cured = case.load(path)
     left = {(e.statement, e.old): e.new for e in candidate.edits if e.kind == "left side"}
     for place in judge.residuals:
         if (place.equation, place.statement, place.position) not in rows:
