@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 
 import casadi as ca
 import numpy as np
@@ -328,3 +330,28 @@ def test_rootfinders_are_left_to_casadi():
 
     newton = twin.load("sils").kinematics().program.newton
     assert newton._kernel is None
+
+
+SCATTERED = """
+import mmap
+import twin
+from twin.compiled import kernel, machine
+from twin.sweeps.tolerance import Spread, Tolerances
+texts = []
+kernel.compiled = lambda text: texts.append(text) or machine.compiled(text)
+mechanism = twin.load("hibou").mechanism
+Tolerances(mechanism, Spread(1e-5, 1e-5, 1e-6, 1e-5)).budget("home", mechanism.posture("home"), 1000)
+kept, taken = [], []
+for i in range(60):
+    kept.append(machine.compiled(max(texts, key=len)))
+    taken.append(mmap.mmap(-1, 512 << 20))
+    if i % 2:
+        taken[-2].close()
+"""
+"""Kernels that are kept while memory around them is taken and given back: address space only, nothing is written."""
+
+
+def test_a_kernel_is_linked_in_scattered_memory():
+    """LLVM ends the process if code and constants lie more than 2 GB apart."""
+    done = subprocess.run([sys.executable, "-c", SCATTERED], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-500:]

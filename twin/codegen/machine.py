@@ -41,7 +41,8 @@ def compiled(text: str) -> tuple[Call, Any]:
             code = _code(text, target)
             _keep(key, code)
         library = llvm.JITLibraryBuilder().add_object_img(code).add_current_process().export_symbol("kernel")
-        engine = llvm.create_lljit_compiler(target)
+        # One block for code and numbers: apart by more than 2 GB they cannot be linked, and LLVM would end the process.
+        engine = llvm.create_lljit_compiler(target, use_jit_link=True)
         tracker = library.link(engine, f"k{key[:16]}")
         pointer, integer = ctypes.c_void_p, ctypes.c_int64
         call = ctypes.CFUNCTYPE(None, integer, integer, pointer, pointer, pointer)(tracker["kernel"])
