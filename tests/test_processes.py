@@ -87,9 +87,9 @@ def test_every_process_is_started_in_one_way():
     pattern = r"sys\.executable|get_context|os\.fork|os\.system|os\.exec|ProcessPoolExecutor\(|LocalCluster\("
     ways = {p.relative_to(TWIN).as_posix(): set(re.findall(pattern, p.read_text())) for p in TWIN.rglob("*.py")}
     assert {n: w for n, w in ways.items() if w} == {
-        "processes.py": {"sys.executable"},
+        "core/processes.py": {"sys.executable"},
         "cli/__init__.py": {"sys.executable", "os.exec"},  # itself, once more, with the flags it had
-        "sweeps/cluster.py": {"LocalCluster("},
+        "analysis/cluster.py": {"LocalCluster("},
     }
 
 

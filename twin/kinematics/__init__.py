@@ -1,8 +1,9 @@
-"""Equations in CasADi: the contract of a formula file, its compilation, the solvers.
+"""Solvers on a compiled formula; what an author of CasADi equations imports is named here as well.
 
 Importing this package imports CasADi; nothing above it should do so before it needs an equation.
 """
 
+from twin.formula import symbolic
 from twin.formula.contract import (
     ActiveJoint,
     Aspect,
@@ -32,4 +33,5 @@ __all__ = [
     "check_formula",
     "compile_formula",
     "solve",
+    "symbolic",
 ]

@@ -130,7 +130,7 @@ def limits(path: Path, kind: str) -> tuple[float, int]:
 
 def _limited(kind: str, seconds: float, memory: int, *arguments: object) -> tuple[int, bool, bytes]:
     """Run a parser; return its exit code, whether it was ended because it waits, and the end of what it said."""
-    own = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
+    own: dict[str, str] = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
     own["MUJOCO_GL"] = "disable"  # it looks for a display's libraries otherwise, with programs of its own
     python, *rest = isolated(_LIMITED + _PROGRAMS[kind], int(seconds + 1), memory, *arguments)
     command = [python, "-S", *rest]  # no parser needs what installed packages run at each start

@@ -332,11 +332,17 @@ class Rebuilder:
         return self._done[id(module)]
 
 
+_NOT_OURS = {
+    *("dataclasses", "typing"),
+    *(f"twin.formula.{m}" for m in ("contract", "functions", "lift", "quantities", "rows", "scalar")),
+}
+"""Modules whose functions are run as they are: NumPy itself stands in for what they do to symbols."""
+
+
 def _ours(f: types.FunctionType) -> bool:
     """Whether a function is part of some formula: it can reach CasADi, or functions that do."""
     module = f.__globals__.get("__name__", "")
-    shim = module.startswith("twin.formula.") and module != "twin.formula.symbolic"  # NumPy itself stands in for it
-    return "site-packages" not in f.__code__.co_filename and module not in ("dataclasses", "typing") and not shim
+    return "site-packages" not in f.__code__.co_filename and module not in _NOT_OURS
 
 
 def of_formula(f: types.FunctionType) -> bool:
