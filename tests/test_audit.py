@@ -5,132 +5,24 @@ Other test files of the audit load this one by path for the bundle of a small fo
 
 from __future__ import annotations
 
-import hashlib
 import json
-import runpy
 import shutil
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom
 
+from made.bundle import grave, swing, write_good
 from twin.cli import main
 from twin.core.errors import TwinError
-from twin.core.findings import Finding
 from twin.exchange.audit import audit, key_times
 from twin.exchange.audit.chain import Link, along, fit
 from twin.exchange.audit.poses import about, angle, from_seven, inverse, pose, quaternion, rotation, rpy, slerp, split
 
 ROOT = Path(__file__).parents[1]
-rotation_matrix = rotation
-made = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_stage_mechanisms.py"))))
-
-PACKAGE = {
-    "package.json": '{"name": "com.twin.small", "version": "0.1.0", "displayName": "Small", "unity": "2022.3"}',
-    "Runtime/Small.asmdef": '{"name": "Small"}',
-    "Runtime/Player.cs": "public class Player : UnityEngine.MonoBehaviour { }",
-    "Editor/Small.Editor.asmdef": '{"name": "Small.Editor", "references": ["Small"], "includePlatforms": ["Editor"]}',
-    "Editor/Menu.cs": "using UnityEditor; public static class Menu { }",
-    "Documentation~/index.md": "No .meta here.",
-}
-
-
-def states_at(times):
-    """Return the closed form of the swing: poses by body and values by joint, at times in s."""
-    return [made.four_bar_state(made.CRANK_AT_REST + 0.45 * np.sin(np.pi * t)) for t in times]
-
-
-def between(times):
-    """Return what straight lines between keys cost halfway between them, from the closed form."""
-    from twin.exchange.write.clip import Between
-
-    robot, keys, halfway = made.four_bar(), states_at(times), states_at((times[1:] + times[:-1]) / 2)
-    position = rotation = gap = 0.0
-    for a, b, (meant, _) in zip(keys[:-1], keys[1:], halfway, strict=True):
-        drawn = {}
-        for body in robot.bodies:
-            A, B, T = a[0][body.name], b[0][body.name], meant[body.name]
-            q = slerp(quaternion(A[:3, :3])[None], quaternion(B[:3, :3])[None], np.array([0.5]))[0]
-            drawn[body.name] = D = pose(rotation_matrix(q), (A[:3, 3] + B[:3, 3]) / 2)
-            rotation = max(rotation, float(angle(D[:3, :3], T[:3, :3])))
-            for mesh in body.meshes:
-                off = mesh.vertices @ (D - T)[:3, :3].T + (D - T)[:3, 3]
-                position = max(position, float(np.linalg.norm(off, axis=1).max()))
-        gap = max(
-            gap, *(float(np.linalg.norm(j.relative(drawn[j.parent], drawn[j.child])[:3, 3])) for j in robot.joints)
-        )
-    return Between(position, rotation, gap)
-
-
-def swing():
-    """Return a clip of the four-bar, 2 s at 20 Hz, from its closed form."""
-    from twin.exchange.write.clip import Clip
-
-    times = np.arange(41) / 20
-    states = states_at(times)
-    return Clip(
-        "swing",
-        "a swing",
-        times,
-        {b: np.stack([s[0][b] for s in states]) for b in states[0][0]},
-        {j: np.array([s[1][j] for s in states]) for j in states[0][1]},
-        ("crank_joint",),
-        (("out", 0.0, 1.0), ("back", 1.0, 2.0)),
-        20.0,
-        between(times),
-        frame="tool",
-        phase_rcm=(None, None),
-    )
-
-
-def write_good(folder: Path) -> Path:
-    """Write the four-bar with its swing in every format, a Unity package and a proof; return the folder."""
-    from twin.exchange.write.glb import write_glb
-    from twin.exchange.write.mjcf import write_mjcf
-    from twin.exchange.write.tracks import write_tracks
-    from twin.exchange.write.urdf import write_urdf
-    from twin.exchange.write.usd import write_usd
-    from twin.exchange.write.usdz import write_usdz
-
-    robot, clip = made.four_bar(), swing()
-    folder.mkdir(parents=True, exist_ok=True)
-    assumed = [f"{p.name} = {p.shown:g} {p.unit}: {p.note}" for p in robot.parameters if p.provenance == "ASSUMED"]
-    write_tracks(robot, clip, folder / "tracks", assumed=assumed)
-    write_glb(robot, [clip], folder / "bars.glb", {n: T[0] for n, T in clip.links.items()})
-    write_usd(robot, [clip], folder / "usd")
-    write_usdz(robot, clip, folder / "bars_ar.usdz")
-    write_mjcf(robot, folder)
-    write_urdf(robot, folder)
-    for name, text in PACKAGE.items():
-        file = folder / "unity" / name
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text)
-    for asset in sorted((folder / "unity").rglob("*")):
-        name = asset.relative_to(folder / "unity").as_posix()
-        if "~" not in name:
-            guid = hashlib.md5(name.encode()).hexdigest()
-            asset.with_name(asset.name + ".meta").write_text(f"fileFormatVersion: 2\nguid: {guid}\n")
-    write_proof(folder)
-    return folder
-
-
-def write_proof(folder: Path) -> None:
-    """Write proof.json over all files of a folder."""
-    files = sorted(p for p in folder.rglob("*") if p.is_file() and p.name != "proof.json")
-    rows = [
-        {"file": p.relative_to(folder).as_posix(), "sha256": hashlib.sha256(p.read_bytes()).hexdigest()} for p in files
-    ]
-    proof = {"schema": "twin-proof", "version": 1, "robot": "bars", "files": rows, "verdict": "agree"}
-    (folder / "proof.json").write_text(json.dumps(proof))
-
-
-def grave(findings: list[Finding]) -> list[Finding]:
-    """Return the findings above info."""
-    return [f for f in findings if f.severity != "info"]
 
 
 @pytest.fixture(scope="module")

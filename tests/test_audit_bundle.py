@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-import runpy
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from made import bundle as base
 from twin.exchange.audit import audit
-
-base = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_audit.py"))))
 
 
 @pytest.fixture(scope="module")

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import runpy
 import struct
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from made import bundle as base
 from twin.core.findings import EXIT_CODES
 from twin.exchange.audit import audit
-
-base = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_audit.py"))))
 
 FILES = (
     "bars.glb",

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import base64
 import json
-import runpy
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from made import bundle as base
+from made.glb_apart import Glb as Apart
 from twin.exchange.audit import audit
 from twin.exchange.audit.gltf import read_gltf
 from twin.exchange.audit.report import Ledger
-
-base = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_audit.py"))))
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +28,7 @@ def good(tmp_path_factory) -> Path:
     return part
 
 
-class Glb(runpy.run_path(str(Path(__file__).with_name("glb_apart.py")))["Glb"]):
+class Glb(Apart):
     """With what the defects below change, by names."""
 
     def index(self, name: str) -> int:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import runpy
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,8 +20,8 @@ from twin.exchange.audit.report import Ledger
 from twin.model.mechanism import Inertia
 
 HERE = Path(__file__).parent
-base = SimpleNamespace(**runpy.run_path(str(HERE / "test_audit.py")))
-seeds = SimpleNamespace(**runpy.run_path(str(HERE / "audit_seeds.py")))
+from made import audit_seeds as seeds
+from made import bundle as base
 
 
 @pytest.fixture(scope="module")

@@ -7,19 +7,18 @@ of `TWIN_SEEDS_ROBOTS` (pa10,sher,sils), which takes half an hour.
 from __future__ import annotations
 
 import os
-import runpy
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
 from twin.exchange.audit import audit
 
 HERE = Path(__file__).parent
-base = SimpleNamespace(**runpy.run_path(str(HERE / "test_audit.py")))
-seeds = SimpleNamespace(**runpy.run_path(str(HERE / "audit_seeds.py")))
-review = SimpleNamespace(**runpy.run_path(str(HERE / "audit_review.py")))
+from made import audit_review as review
+from made import audit_seeds as seeds
+from made import bundle as base
+
 EVERY = os.environ.get("TWIN_SEEDS") == "all"
 ROBOTS = os.environ.get("TWIN_SEEDS_ROBOTS", "pa10,sher,sils").split(",")
 LEAST = 0.98

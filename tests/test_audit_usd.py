@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import runpy
 import shutil
 import zipfile
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
+from made import bundle as base
+from made import stage_faults as seeds
 from twin.exchange.audit import audit
-
-base = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_audit.py"))))
-seeds = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_stage_check.py"))))
 
 VISUAL = "/bars/rocker/rocker_visual"
 PLAYED = "usd/bars_swing.usda"

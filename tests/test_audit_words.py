@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import runpy
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +15,7 @@ from twin.exchange.audit.poses import about, pose
 from twin.exchange.audit.report import quantity, told_apart
 
 HERE = Path(__file__).parent
-base = SimpleNamespace(**runpy.run_path(str(HERE / "test_audit.py")))
+from made import bundle as base
 
 
 @pytest.fixture(scope="module")

@@ -6,16 +6,12 @@ import os
 import resource
 import subprocess
 import sys
-from importlib import util
 from pathlib import Path
 
 import pytest
 
+from made import bombs
 from twin.cli import main
-
-spec = util.spec_from_file_location("twin_bombs", Path(__file__).with_name("bombs.py"))
-bombs = sys.modules[spec.name] = util.module_from_spec(spec)
-spec.loader.exec_module(bombs)
 
 # What needs a parser's own process to be found takes seconds: the rest is the default suite's.
 NATIVE = {name for name, b in bombs.BOMBS.items() if "parser" in b.says or "prims" in b.says}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import runpy
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,8 +16,7 @@ from twin.reference.clearance import clearance
 from twin.robots import load_formula
 
 ROOT = Path(__file__).parents[1]
-_shared = runpy.run_path(str(Path(__file__).with_name("test_lapbot_hibou.py")))
-TROCAR, lapbot_poses = _shared["TROCAR"], _shared["lapbot_poses"]
+from made.trocars import TROCAR, lapbot_poses
 
 
 @pytest.fixture(scope="module", params=["lapbot", "hibou"])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fnmatch
 import re
-import runpy
 import shutil
 import signal
 import subprocess
@@ -17,6 +16,7 @@ from pathlib import Path
 import pytest
 from pxr import Sdf
 
+from made import mechanisms
 from twin.usd.write import write_stage
 
 ROOT = Path(__file__).parents[1]
@@ -193,12 +193,11 @@ def used():
 
 
 def test_stages_hold_what_the_mapping_names(mapped, used, tmp_path):
-    made = runpy.run_path(str(ROOT / "tests/test_stage_mechanisms.py"))  # no committed robot has a cylindrical joint
-    slider = made["slider"]()
+    slider = mechanisms.slider()  # no committed robot has a cylindrical joint
     base = slider.bodies[0]
     clear = tuple(replace(mesh, color_rgba=(0.5, 0.5, 0.5, 0.5)) for mesh in base.meshes)  # ... nor glass
     slider = replace(slider, bodies=(replace(base, meshes=clear), *slider.bodies[1:]))
-    write_stage(slider, tmp_path, *made["slider_state"](0.0, 0.0))
+    write_stage(slider, tmp_path, *mechanisms.slider_state(0.0, 0.0))
     more = Used(tmp_path.rglob("*.usd[ac]"))
     assert len(mapped) > 100
     assert {word for word in mapped if word not in used and word not in more} == set()

@@ -5,11 +5,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +23,7 @@ from twin.validation.explain.explain import explain
 
 pytestmark = pytest.mark.usefixtures("cad_once")
 
-spec = importlib.util.spec_from_file_location("drawing_faults", Path(__file__).with_name("drawing_faults.py"))
-drawing = importlib.util.module_from_spec(spec)
-sys.modules[spec.name] = drawing
-spec.loader.exec_module(drawing)
-Off, drawn, some = drawing.Off, drawing.drawn, drawing.some
+from made.drawing_faults import Off, drawn, some
 
 FAULTS = int(os.environ.get("TWIN_CAD_FAULTS", "5"))
 

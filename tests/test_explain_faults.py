@@ -7,18 +7,16 @@ from __future__ import annotations
 
 import ast
 import os
-import runpy
 import time
 from collections import Counter
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 pytestmark = pytest.mark.usefixtures("cad_once")
 
-seeds = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("explain_seeds.py"))))
+from made import explain_seeds as seeds
+
 FAULTS = int(os.environ.get("TWIN_FAULTS", "16"))
 PAIRS = int(os.environ.get("TWIN_PAIRS", "4"))
 REWRITES = int(os.environ.get("TWIN_REWRITES", "60"))

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import os
-import runpy
 import shutil
 import time
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from made import explain_seeds as seeds
 from twin.core.errors import TwinError
 from twin.validation.explain.judge import Judge
 from twin.validation.explain.repair import Search
 from twin.validation.explain.source import Edit
 
-seeds = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("explain_seeds.py"))))
 SEARCHES = int(os.environ.get("TWIN_SEARCHES", "12"))
 """Searches whose cures are checked; `TWIN_SEARCHES=2000` takes an hour, `TWIN_SEARCHES_SEED` splits it."""
 

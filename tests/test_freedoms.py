@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from dataclasses import replace
-from importlib import util
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,9 +19,7 @@ from twin.reference.leading import Leader
 
 pytestmark = pytest.mark.usefixtures("cad_once")
 
-spec = util.spec_from_file_location("twin_linkages", Path(__file__).with_name("linkages.py"))
-linkages = sys.modules[spec.name] = util.module_from_spec(spec)
-spec.loader.exec_module(linkages)
+from made import linkages
 
 NAMES = tuple(linkages.LINKAGES)
 

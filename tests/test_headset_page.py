@@ -5,10 +5,7 @@ No physical headset is used anywhere here.
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,17 +16,8 @@ from twin.core.units import MM
 pytestmark = pytest.mark.browser
 
 
-def _load(name):
-    """Return a module that lies beside this file: tests are no package."""
-    spec = importlib.util.spec_from_file_location(f"twin_{name}", Path(__file__).with_name(f"{name}.py"))
-    assert spec
-    assert spec.loader
-    sys.modules[spec.name] = module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+from made import headset_page as headset
 
-
-headset = _load("headset_page")
 shown = headset.shown
 
 

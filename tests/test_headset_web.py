@@ -3,30 +3,17 @@
 from __future__ import annotations
 
 import gzip
-import importlib.util
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from made import headset_page as headset
 from twin.ui.door.answers import POLICY
 from twin.ui.headset.files import page_files
 
-
-def _load(name):
-    """Return a module that lies beside this file: tests are no package."""
-    spec = importlib.util.spec_from_file_location(f"twin_{name}", Path(__file__).with_name(f"{name}.py"))
-    assert spec
-    assert spec.loader
-    sys.modules[spec.name] = module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-headset = _load("headset_page")
 ROOT = Path(__file__).parents[1]
 WEB = ROOT / "twin/ui/headset/web"
 DIST = WEB / "dist"

@@ -5,10 +5,6 @@ No physical headset is used anywhere here.
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -18,17 +14,7 @@ from twin.core.units import MM
 pytestmark = pytest.mark.browser
 
 
-def _load(name):
-    """Return a module that lies beside this file: tests are no package."""
-    spec = importlib.util.spec_from_file_location(f"twin_{name}", Path(__file__).with_name(f"{name}.py"))
-    assert spec
-    assert spec.loader
-    sys.modules[spec.name] = module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-headset = _load("headset_page")
+from made import headset_page as headset
 
 EYES = np.array([0.2, 1.6, 1.4])
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import runpy
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +15,7 @@ from twin.reference import ReferenceModel
 
 DATA = Path(__file__).parent / "data/importing"
 
-same = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("importing_same.py"))))
+from made import importing_same as same
 
 FOURBAR = """<mujoco model="FourBar"><compiler angle="degree"/><worldbody>
 <body name="Crank"><joint name="q" axis="0 1 0" range="-30 40"/><geom type="box" size=".01 .01 .05" mass="2"/>

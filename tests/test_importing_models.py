@@ -6,9 +6,7 @@ Every one goes file -> folder -> USD -> mechanism and must come back the same, a
 from __future__ import annotations
 
 import os
-import runpy
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,7 +24,7 @@ pytestmark = pytest.mark.usefixtures("cad_once")
 HERE = Path(__file__).parent
 MODELS = HERE / "data/importing/models"
 OWN = sorted(p.name for p in MODELS.iterdir() if p.suffix != ".yaml")
-same = SimpleNamespace(**runpy.run_path(str(HERE / "importing_same.py")))
+from made import importing_same as same
 
 PARALLEL = ("5bar_linkage", "5bar_linkage_iso6d", "cassie_like", "digit_like", "disney_like", "robot_delta")
 

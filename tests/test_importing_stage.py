@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import runpy
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +17,7 @@ from twin.usd.read import inspect_stage
 
 HERE = Path(__file__).parent
 MODELS = HERE / "data/importing/models"
-same = SimpleNamespace(**runpy.run_path(str(HERE / "importing_same.py")))
+from made import importing_same as same
 
 
 def edited(source, target, change):

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from made.trocars import TROCAR, lapbot_poses, targets
 from twin.core import spatial
 from twin.core.errors import KinematicsError
-from twin.core.units import DEG
 from twin.kinematics import compile_formula
 from twin.robots import load_formula
-
-TROCAR = np.array([0.40, 0.0, 0.30])
 
 
 def row(alpha, d, theta, r):
@@ -35,14 +33,6 @@ def hibou_chain(q):
     return T @ row(-90, 0, q7, 0) @ row(90, 0, 0, 0.03), T
 
 
-def targets(count, seed, depth, tilt=0.0):
-    """Shaft ends about the trocar, and tools tilted from the shaft by up to `tilt`."""
-    rng = np.random.default_rng(seed)
-    inner = TROCAR + np.column_stack([rng.uniform(-0.08, 0.08, (count, 2)), -rng.uniform(*depth, count)])
-    u = (TROCAR - inner) / np.linalg.norm(TROCAR - inner, axis=1)[:, None]
-    return rng, inner, u
-
-
 def test_published_zero_poses():
     """facts: Lapbot W (0.6, 0, 0.6), P_in (0.6, 0, 0.25), tip (0.6, 0, 0.23); Hibou camera (0.93, 0, 0.35)."""
     tool, inner = lapbot_chain([0.6, 0, 0, 0, 0, 0, 0, 0, 0])
@@ -52,20 +42,6 @@ def test_published_zero_poses():
     tool, end = hibou_chain(np.zeros(7))
     np.testing.assert_allclose(end[:3, 3], [0.9, 0, 0.35], atol=1e-15)
     np.testing.assert_allclose(tool[:3, 3], [0.93, 0, 0.35], atol=1e-15)
-
-
-def lapbot_poses(count, seed):
-    """As the fact sheet: +-80 mm beside, 60 to 200 mm below the trocar, tool up to 40 deg off the shaft."""
-    rng, inner, u = targets(count, seed, (0.06, 0.20))
-    Ts = np.zeros((count, 4, 4))
-    for i in range(count):
-        axis = np.cross(u[i], rng.normal(size=3))
-        R = spatial.exp_so3(rng.uniform(0, 40 * DEG) * axis / np.linalg.norm(axis))
-        z = R @ -u[i]
-        x = np.cross(rng.normal(size=3), z)
-        x /= np.linalg.norm(x)
-        Ts[i] = spatial.pose(np.column_stack([x, np.cross(z, x), z]), inner[i] + 0.02 * z)
-    return Ts
 
 
 @pytest.mark.parametrize("count", [400, pytest.param(10_000, marks=pytest.mark.slow)])

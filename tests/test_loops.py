@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import runpy
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -21,7 +18,7 @@ from twin.reference import ReferenceModel
 
 pytestmark = pytest.mark.usefixtures("cad_once")
 
-made = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_reference.py"))))
+from made import loops as made
 
 ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")
 BLOCKS = {"sils": [2, 2, 2, 6], "sher": [2, 2, 15], "pa10": [], "lapbot": [1, 5], "hibou": [5]}

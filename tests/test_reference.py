@@ -2,39 +2,20 @@
 
 from __future__ import annotations
 
-import runpy
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from made import mechanisms as made
+from made.loops import ALONG_X, ROD, mechanism, rod, slider_crank, through_a_trocar, two_links
 from twin.core import spatial
 from twin.core.errors import AssemblyError, MechanismError
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Body, Coupling, Frame, Joint, Mechanism
 from twin.reference import ReferenceModel, sensitivity
 from twin.reference.model import GAP_TOLERANCE
-
-made = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_stage_mechanisms.py"))))
-
-ALONG_X = spatial.pose(spatial.frame_from_axes([1, 0, 0], [0, 0, -1]))
-"""A joint frame whose z is the x of its body."""
-
-
-def mechanism(*joints, tool, T_tool=None, rest=None, **more):
-    bodies = dict.fromkeys(["base", *(b for j in joints for b in (j.parent, j.child))])
-    return Mechanism(
-        name="m",
-        base="base",
-        bodies=tuple(Body(b) for b in bodies),
-        joints=joints,
-        frames=(Frame("tool", tool, np.eye(4) if T_tool is None else T_tool),),
-        rest=rest or {},
-        **more,
-    )
 
 
 @pytest.fixture(scope="module")
@@ -112,18 +93,6 @@ def test_unrelated_states_are_solved_at_once(four_bar, rng):
 # -- other closures ------------------------------------------------------------------------------------
 
 
-def slider_crank(closure):
-    """Crank of 0.1 about z, coupler of 0.3, block on the x axis; the block's guide closes the loop."""
-    joints = (
-        Joint("crank_joint", "revolute", "base", "crank", active=True),
-        Joint("knee", "revolute", "crank", "coupler", spatial.pose(p=[0.1, 0, 0])),
-        Joint("wrist", "revolute", "coupler", "block", spatial.pose(p=[0.3, 0, 0])),
-        Joint("guide", closure, "base", "block", ALONG_X, ALONG_X),
-    )
-    rest = {"base": np.eye(4), "crank": np.eye(4), "coupler": spatial.pose(p=[0.1, 0, 0])}
-    return mechanism(*joints, tool="block", rest={**rest, "block": spatial.pose(p=[0.4, 0, 0])})
-
-
 @pytest.mark.parametrize(("closure", "redundancy"), [("prismatic", 3), ("cylindrical", 2)])
 def test_a_slider_crank_closed_by_its_guide(closure, redundancy):
     model = ReferenceModel(slider_crank(closure))
@@ -152,23 +121,6 @@ def test_a_weld_that_closes_a_loop_makes_two_slides_one():
     assert np.abs(got.T_base_tool - turned @ shift @ spatial.pose(p=[0, 0, 0.07])).max() < 1e-14
     m = model.mobility(got.x)
     assert (m.freedom, m.redundancy, m.redundant) == (1, 5, {"weld": 5})
-
-
-ROD = 0.5
-
-
-def rod(active="lift"):
-    """A rod between two balls: one on a carriage on the z axis, one on a carriage on the x axis."""
-    joints = (
-        Joint("lift", "prismatic", "base", "upper", active=active == "lift"),
-        Joint("push", "prismatic", "base", "lower", ALONG_X, ALONG_X, active=active == "push"),
-        Joint("top", "spherical", "upper", "rod"),
-        Joint("foot", "spherical", "rod", "lower", spatial.pose(p=[0, 0, ROD])),
-    )
-    z, x = 0.3, 0.4
-    T_rod = spatial.pose(spatial.frame_from_axes([x, 0, -z], [0, 1, 0]), [0, 0, z])
-    rest = {"base": np.eye(4), "upper": spatial.pose(p=[0, 0, z]), "lower": spatial.pose(p=[x, 0, 0]), "rod": T_rod}
-    return mechanism(*joints, tool="lower", rest=rest)
 
 
 def test_a_rod_between_two_balls_spins_and_still_closes():
@@ -627,16 +579,6 @@ def test_one_moved_frame_moves_the_tool_as_foretold(sils_model, name):
 # -- belts and trocars ---------------------------------------------------------------------------------
 
 
-def two_links(*couplings, **more):
-    """Two links of 0.3 and 0.2 m and a hand, all about z; a belt may keep the hand's direction."""
-    joints = (
-        Joint("a", "revolute", "base", "upper", active=True),
-        Joint("b", "revolute", "upper", "fore", spatial.pose(p=[0.3, 0, 0]), active=True),
-        Joint("c", "revolute", "fore", "hand", spatial.pose(p=[0.2, 0, 0])),
-    )
-    return mechanism(*joints, tool="hand", couplings=couplings, **more)
-
-
 def test_a_belt_keeps_the_sum_of_its_joints(rng):
     model = ReferenceModel(two_links(Coupling("belt", ("a", "b", "c"), (1.0, 1.0, 1.0), 0.3)))
     m = model.mobility(model.home().x)
@@ -668,17 +610,6 @@ def test_a_belt_on_what_it_cannot_drive_is_named():
         two_links(Coupling("belt", ("a", "c"), (1.0, 0.0)))
     with pytest.raises(MechanismError, match="joint 'c' must be one that holds to the base"):
         two_links(trocar="c")
-
-
-def through_a_trocar():
-    """A shaft on a ball at the end of a slide, through a tube that pivots in the base."""
-    joints = (
-        Joint("x", "prismatic", "base", "slide", ALONG_X, ALONG_X, active=True),
-        Joint("ball", "spherical", "slide", "shaft", spatial.pose(p=[0, 0, 0.5])),
-        Joint("port", "spherical", "base", "tube", spatial.pose(p=[0, 0, 0.3])),
-        Joint("through", "prismatic", "tube", "shaft"),
-    )
-    return mechanism(*joints, tool="shaft", T_tool=spatial.pose(p=[0, 0, -0.4]), trocar="port")
 
 
 def test_a_shaft_stays_in_its_trocar_wherever_that_is():

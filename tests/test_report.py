@@ -3,15 +3,13 @@
 import json
 import math
 import re
-import runpy
 from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from made import reports as made
 from twin.core import errors
 from twin.core.findings import Finding
 from twin.core.provenance import Parameter
@@ -19,7 +17,6 @@ from twin.ui.report import render_html, write_report
 from twin.ui.report.html import command, key_figures, reason
 from twin.validation.result import Report
 
-made = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_report_example.py"))))
 make_report, PHASES, JOINTS = made.make_report, made.PHASES, made.JOINTS
 NASTY = '<script>alert("x")</script> & $\\frac$'
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
 import shutil
-from pathlib import Path
 
 import pytest
 
+from made import reports
 from twin.ui.report import render_html
 
 pytestmark = pytest.mark.browser
@@ -15,15 +14,6 @@ pytestmark = pytest.mark.browser
 WIDER = """[...document.querySelectorAll("body *")]
     .filter(e => e.getBoundingClientRect().right > innerWidth + 1 && !e.closest(".scroll"))
     .map(e => `${e.tagName}.${e.className}`)"""
-
-
-def _example():
-    spec = importlib.util.spec_from_file_location("report_example", Path(__file__).parent / "test_report_example.py")
-    assert spec
-    assert spec.loader
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="module", params=["agree", "disagree"])
@@ -34,7 +24,7 @@ def page(request, tmp_path_factory):
     if program is None:
         pytest.skip("NO CHROMIUM: the report is not looked at. Install it (Debian: apt-get install chromium)")
     file = tmp_path_factory.mktemp("report") / "report.html"
-    file.write_text(render_html(_example().make_report(request.param, 250)), "utf-8")
+    file.write_text(render_html(reports.make_report(request.param, 250)), "utf-8")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
         page = browser.new_page()

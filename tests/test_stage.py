@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import runpy
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 
+from made import mechanisms as made
 from twin.core import spatial
 from twin.core.errors import StageError
 from twin.core.spatial import continuous_signs
@@ -22,8 +21,6 @@ from twin.usd.read import inspect_stage, read_motion, read_stage
 from twin.usd.write import Motion, write_motion, write_stage
 from twin.usd.write.geometry import corner_normals
 from twin.usd.write.spanning import spanning
-
-made = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("test_stage_mechanisms.py"))))
 
 FRAME_TOL = 6e-8
 """Joint frames are single precision: half a unit in the last place at 1 m."""

@@ -6,10 +6,7 @@ The robot is a four-bar on a tilted base, small enough to be read in no time; it
 from __future__ import annotations
 
 import json
-import runpy
 from collections.abc import Callable
-from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,8 +19,9 @@ from twin.exchange.write.usdz import package, write_usdz
 
 pytestmark = pytest.mark.witness
 
-made = SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[1] / "test_stage_mechanisms.py")))
-Glb = runpy.run_path(str(Path(__file__).parents[1] / "glb_apart.py"))["Glb"]
+from made import mechanisms as made
+from made.glb_apart import Glb
+
 RATE = 20.0
 
 

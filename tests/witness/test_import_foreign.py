@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import runpy
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +12,7 @@ from twin.reference import ReferenceModel
 
 TESTS = Path(__file__).parents[1]
 MODELS = TESTS / "data/importing/models"
-same = SimpleNamespace(**runpy.run_path(str(TESTS / "importing_same.py")))
+from made import importing_same as same
 
 GRIPPERS = {
     "xarm7_gripper": (2, 1),

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import runpy
-from pathlib import Path
-from types import SimpleNamespace
-
 import pytest
 from pxr import Usd, UsdGeom
 
@@ -13,7 +9,7 @@ from twin.usd.write import write_stage
 
 pytestmark = pytest.mark.witness("omniverse")
 
-made = SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[1] / "test_stage_mechanisms.py")))
+from made import mechanisms as made
 
 
 def test_asset_validator_finds_nothing(case, foreign, figures):

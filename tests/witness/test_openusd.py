@@ -6,20 +6,18 @@ violation that is sown is seen by both.
 
 from __future__ import annotations
 
-import runpy
 import shutil
 import zipfile
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade
 
+from made import mechanisms as made
 from twin.exchange.audit import audit
 from twin.exchange.write.usdz import package, write_usdz
 from twin.usd.check import run_usd_validators
 
-made = SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[1] / "test_stage_mechanisms.py")))
 NO = float("nan")
 
 

@@ -19,7 +19,7 @@ from PIL import Image
 
 from twin.core import spatial
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
 WAIT = 180.0
 """Seconds that something may take on a busy machine without a graphics card."""

@@ -10,7 +10,6 @@ import base64
 import json
 import os
 import re
-import runpy
 import shutil
 import zipfile
 from collections.abc import Callable
@@ -22,7 +21,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from pxr import Gf, Sdf, UsdUtils
 
-Glb = runpy.run_path(str(Path(__file__).with_name("glb_apart.py")))["Glb"]
+from made.glb_apart import Glb
 
 
 @dataclass(frozen=True)

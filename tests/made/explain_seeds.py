@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 SWAPS = {"sin": "cos", "cos": "sin", "acos": "asin", "asin": "acos", "+": "-", "-": "+", "*": "/", "/": "*"}
-STRANGERS = Path(__file__).parent / "data/strangers"
+STRANGERS = Path(__file__).parents[1] / "data/strangers"
 
 
 class Case:

@@ -1,0 +1,1 @@
+"""Builders and seeded faults that several tests use: mechanisms, bundles, reports, pages."""
