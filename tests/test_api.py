@@ -62,9 +62,16 @@ def same(a, b) -> bool:
 
 
 def test_public_names_are_those_promised():
-    assert set(twin.__all__) == {"Robot", "__version__", "build", "export", "load", "names", "plan", "validate"}
+    calls = {"Robot", "__version__", "build", "export", "load", "names", "plan", "validate"}
+    assert set(twin.__all__) == calls | {"Finding", "TwinError", "Joints", "Pose", "Tip", "Trocar"}
     for name in twin.__all__:
         assert getattr(twin, name) is not None
+
+
+def test_a_task_is_solved_by_what_the_package_alone_gives(robot, T_home):
+    assert np.allclose(robot.solve(twin.Pose(T_home)).T_base_tool, T_home, atol=1e-9)
+    with pytest.raises(twin.TwinError):
+        robot.solve(twin.Pose(T_home), seed=np.zeros(5))
 
 
 def test_unknown_name_is_an_attribute_error():

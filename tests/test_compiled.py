@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import twin
 from twin.codegen import Kernel, Stage, machine
 from twin.codegen.lower import lowered
 
@@ -297,9 +298,8 @@ def test_cache_keeps_the_newest(cache, monkeypatch):
 # -- formulas of robots ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["sils", "sher", "pa10", "lapbot", "hibou"])
+@pytest.mark.parametrize("name", twin.names())
 def test_formulas_give_the_same_in_many_rows_and_in_few(name, monkeypatch):
-    import twin
     from twin.core import spatial
     from twin.formula import flow
 

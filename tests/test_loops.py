@@ -20,7 +20,7 @@ pytestmark = pytest.mark.usefixtures("cad_once")
 
 from made import loops as made
 
-ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")
+ROBOTS = twin.names()
 BLOCKS = {"sils": [2, 2, 2, 6], "sher": [2, 2, 15], "pa10": [], "lapbot": [1, 5], "hibou": [5]}
 
 

@@ -33,7 +33,7 @@ from twin.reference import ReferenceModel
 
 pytestmark = pytest.mark.usefixtures("cad_once")
 
-ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")
+ROBOTS = twin.names()
 
 
 @pytest.fixture(scope="module")

@@ -32,7 +32,7 @@ from twin.ui.viewer.panels import LEAST_SPAN, curves
 
 pytestmark = pytest.mark.usefixtures("cad_once")
 
-ROBOTS = ("sils", "sher", "pa10", "lapbot", "hibou")
+ROBOTS = twin.names()
 
 
 @pytest.fixture(scope="module", params=ROBOTS)

@@ -5,21 +5,46 @@ The public names are those of `__all__`; they are loaded when first used, so tha
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from twin.core.version import __version__
 
 if TYPE_CHECKING:
     from twin.api import Robot, build, export, load, names, plan, validate
+    from twin.core.errors import TwinError
+    from twin.core.findings import Finding
+    from twin.kinematics import Joints, Pose, Tip, Trocar
 
-__all__ = ["Robot", "__version__", "build", "export", "load", "names", "plan", "validate"]
+_HOMES = {
+    "twin.api": ("Robot", "build", "export", "load", "names", "plan", "validate"),
+    "twin.core.errors": ("TwinError",),
+    "twin.core.findings": ("Finding",),
+    "twin.kinematics": ("Joints", "Pose", "Tip", "Trocar"),  # tasks for `Robot.solve`
+}
+
+__all__ = [
+    "Finding",
+    "Joints",
+    "Pose",
+    "Robot",
+    "Tip",
+    "Trocar",
+    "TwinError",
+    "__version__",
+    "build",
+    "export",
+    "load",
+    "names",
+    "plan",
+    "validate",
+]
 
 
 def __getattr__(name: str) -> Any:
-    if name in __all__:
-        from twin import api
-
-        return getattr(api, name)
+    for module, held in _HOMES.items():
+        if name in held:
+            return getattr(import_module(module), name)
     raise AttributeError(f"module 'twin' has no attribute '{name}'")
 
 
