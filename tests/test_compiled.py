@@ -335,8 +335,8 @@ def test_rootfinders_are_left_to_casadi():
 SCATTERED = """
 import mmap
 import twin
-from twin.compiled import kernel, machine
-from twin.sweeps.tolerance import Spread, Tolerances
+from twin.codegen import kernel, machine
+from twin.analysis.tolerance import Spread, Tolerances
 texts = []
 kernel.compiled = lambda text: texts.append(text) or machine.compiled(text)
 mechanism = twin.load("hibou").mechanism

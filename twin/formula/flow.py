@@ -246,11 +246,11 @@ class Evaluator:
 
     @cached_property
     def _kernel(self) -> Kernel | None:
-        from twin import codegen as compiled
+        from twin import codegen
 
-        stage = compiled.Stage(self.function, ("z",), ("out",))
+        stage = codegen.Stage(self.function, ("z",), ("out",))
         try:
-            return compiled.Kernel([stage], {"z": self._in.size}, ["out"])
+            return codegen.Kernel([stage], {"z": self._in.size}, ["out"])
         except ValueError:  # a rootfinder, or an operation that no kernel has: CasADi does it
             return None
 
