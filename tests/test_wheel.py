@@ -174,7 +174,8 @@ def test_stage_in_the_wheel_is_current(venv, tmp_path):
     """The installed stage is used as it is; a stale one would be rebuilt on every call."""
     code = (
         "from twin import api\nfrom twin.core import assets\nfrom twin.cad.build import fingerprint\n"
-        "from twin.usd.read import made_from\nf = assets.files('sils'); print(fingerprint(f.description) in made_from(f.stage))"
+        "from twin.usd.read import made_from\n"
+        "f = assets.files('sils'); print(fingerprint(f.description) in made_from(f.stage))"
     )
     assert _ok(_run(venv / "bin/python", "-c", code, cwd=tmp_path)).strip() == "True"
 
