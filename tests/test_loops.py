@@ -19,6 +19,7 @@ from twin.reference import ReferenceModel
 pytestmark = pytest.mark.usefixtures("cad_once")
 
 from made import loops as made
+from made import mechanisms
 
 ROBOTS = twin.names()
 BLOCKS = {"sils": [2, 2, 2, 6], "sher": [2, 2, 15], "pa10": [], "lapbot": [1, 5], "hibou": [5]}
@@ -163,7 +164,7 @@ def test_a_mechanism_without_loops_answers_by_its_tree(rng):
 
 @pytest.mark.parametrize("tilt", [1e-7, 1e-4])
 def test_a_tilted_pin_leaves_its_tilt_and_no_more(tilt):
-    good = made.made.four_bar()
+    good = mechanisms.four_bar()
     bent = good.joint("closing").T_child_joint @ spatial.pose(spatial.exp_so3([0.6 * tilt, 0.8 * tilt, 0]))
     joints = tuple(replace(j, T_child_joint=bent) if j.name == "closing" else j for j in good.joints)
     solver = LoopSolver(replace(good, joints=joints))
@@ -193,7 +194,7 @@ def test_what_cannot_be_closed_is_nan_or_raises():
 
 
 def test_a_mechanism_that_is_drawn_open_is_refused():
-    good = made.made.four_bar()
+    good = mechanisms.four_bar()
     far = good.joint("closing").T_child_joint @ spatial.pose(p=[0, 0, 0.01])
     joints = tuple(replace(j, T_child_joint=far) if j.name == "closing" else j for j in good.joints)
     with pytest.raises(AssemblyError, match="the loops do not close as drawn: 10 mm"):
@@ -202,7 +203,7 @@ def test_a_mechanism_that_is_drawn_open_is_refused():
 
 def test_a_start_on_another_branch_does_not_lead_to_it(rng):
     """From anywhere Newton's method finds either state of a four-bar; the determinant tells them apart."""
-    solver = LoopSolver(made.made.four_bar())
+    solver = LoopSolver(mechanisms.four_bar())
     q = np.tile(solver.q + 0.2, (200, 1))
     seeds = rng.uniform(-3, 3, (len(solver._start), 200))
     right = solver.forward_many(q[:1]).Ts_base_tool[0]
