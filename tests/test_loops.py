@@ -114,7 +114,7 @@ def test_the_jacobian_is_the_derivative_of_the_residual(solvers, name, rng):
 
 
 def test_the_four_bar_follows_its_closed_form_through_a_full_turn():
-    bars = made.made
+    bars = mechanisms
     solver = LoopSolver(bars.four_bar())
     assert [(len(b.rows), len(b.columns)) for b in solver.blocks] == [(2, 2)]
     cranks = bars.CRANK_AT_REST + np.linspace(0, 2 * np.pi, 721)
