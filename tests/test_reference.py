@@ -624,12 +624,23 @@ def test_a_shaft_stays_in_its_trocar_wherever_that_is():
         _ = two_links().trocar_at
 
 
+def test_redundant_is_what_has_more_drives_than_directions_of_its_tool():
+    """Whatever else is free: a rod that spins between two balls counts for nothing."""
+    spinning = ReferenceModel(rod("lift"))
+    assert spinning.mobility(spinning._home).internal == 1
+    assert not spinning.redundant
+    assert not ReferenceModel(made.four_bar()).redundant
+    twice = [Joint("a", "prismatic", "base", "k", active=True), Joint("b", "prismatic", "k", "l", active=True)]
+    assert ReferenceModel(mechanism(*twice, tool="l")).redundant
+    assert not ReferenceModel(mechanism(twice[0], replace(twice[1], T_parent_joint=ALONG_X), tool="l")).redundant
+
+
 def test_a_robot_with_freedoms_to_spare_takes_a_pose_from_where_it_is(rng):
     """Four joints in a plane, three freedoms of the hand: near the given joints, and exactly at the pose."""
     z = [Joint(n, "revolute", a, b, spatial.pose(p=[0.2, 0, 0]), active=True) for n, a, b in
          (("a", "base", "k"), ("b", "k", "l"), ("c", "l", "m"), ("d", "m", "n"))]  # fmt: skip
     planar = ReferenceModel(mechanism(*z, tool="n", T_tool=spatial.pose(p=[0.2, 0, 0])))
-    assert not planar.redundant
+    assert planar.redundant
     lift = [Joint(f"lift{i}", "prismatic", a, b, T, active=True) for i, (a, b, T) in enumerate(
         (("n", "o", np.eye(4)), ("o", "p", ALONG_X), ("p", "q", np.eye(4))))]  # fmt: skip
     spare = ReferenceModel(mechanism(*z, *lift, tool="q"))

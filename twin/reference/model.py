@@ -179,8 +179,18 @@ class ReferenceModel:
 
     @cached_property
     def redundant(self) -> bool:
-        """Whether the mechanism has more degrees of freedom than a tool pose takes."""
-        return self.mobility(self._home).freedom > 6
+        """Whether more joints are driven than the tool has directions to move in: a pose is taken in many ways.
+
+        By the rank of the tool's Jacobian, at home and at states near it: home itself may be singular.
+        """
+        active = self.mechanism.active
+        size = np.where([j.is_angle for j in active], 0.05, 2e-3)
+        steps = np.vstack([np.zeros(len(active)), size * np.random.default_rng(0).uniform(-1, 1, (4, len(active)))])
+        home = np.tile(self._home, (len(steps), 1))
+        x = self.tree.integrate(home, np.einsum("kij,kj->ki", self.gains(home), steps))
+        x, _ = minimise(self.tree, x, self.loops_only, self.tree.passive)
+        A, J = self._jacobians(x)
+        return int(np.linalg.matrix_rank(J @ self.gains(x, A), rtol=_FLAT).max(initial=0)) < len(active)
 
     def collect(self, states: Array) -> Run:
         """Return what the configurations (k, nq) mean."""

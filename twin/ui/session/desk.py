@@ -239,7 +239,7 @@ class Desk:
         """Return q (n,) by the equations, within the limits; None if there are no equations."""
         if self.kin is None:
             return None
-        if len(self.joints) > 6:  # a freedom to spare: the nearest of many postures
+        if self.model.redundant:  # the nearest of many postures
             return solve(self.kin, Pose(T), self.assembly.q, self.mechanism.limits, starts=1, any_branch=True).q
         return self.kin.inverse(T, self.assembly.q)
 

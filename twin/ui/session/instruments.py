@@ -132,7 +132,7 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
         condition = float("inf")
     points = {n: p[0] for n, p in kin.points_many(**where).items()}
     actual = {n: now.points[n] for n in points if n in now.points}
-    if len(joints) > 6:  # the arm of a robot with a freedom to spare is a choice, not an answer
+    if desk.model.redundant:  # the posture of a redundant arm is a choice, not an answer
         points = actual = {}
     residual, scope = _residual(desk, now, points, actual, asked)
     if scope:
@@ -174,7 +174,7 @@ def _residual(
         for n, p in actual.items()
         if np.isfinite(points[n]).all()
     ]
-    if len(q) > 6:
+    if desk.model.redundant:
         if kin.closed_forward:
             there = kin.forward(q)
             found.append(Residual(float(np.linalg.norm(there[:3, 3] - T[:3, 3])), "tool of these joints"))

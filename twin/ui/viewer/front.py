@@ -253,7 +253,7 @@ class Front:
             if a.playback is None:
                 continue
             k = int(np.clip(round(self.clock.time * timeline.RATE), 0, len(a.playback.t) - 1))
-            if a.desk.edited and len(a.desk.joints) <= 6:
+            if a.desk.edited and not a.desk.model.redundant:
                 a.desk.move_tool(a.playback.Ts_base_tool[k])
             else:
                 a.desk.show(a.desk.model.state(a.playback.x[k]), a.playback.Ts_base_tool[k])
