@@ -326,7 +326,7 @@ def test_plan_of_a_missed_rcm_disagrees(run):
 def test_validate_agrees(run, tmp_path):
     result = run("validate", "sils", "--protocol", SHORT)
     assert result.code == 0
-    assert "AGREE: equations, mechanism and stage tell the same story" in result.out
+    assert "AGREE: equations, mechanism and stage agree" in result.out
     assert "report: twin-out/sils/short/report.html" in result.out
     assert result.err == ""
     written = files_below(tmp_path / "twin-out/sils/short")

@@ -210,7 +210,7 @@ def test_an_audit_that_disagrees_ends_with_1_and_says_so(monkeypatch, run):
     monkeypatch.setattr(twin.exchange.audit, "audit", lambda folder, **_: Judged((finding,)))
     code, out, _ = run("export", "sils", "--to", "glb", "--protocol", SHORT)
     assert code == 1
-    assert "DISAGREE: do not hand this folder over" in out
+    assert "DISAGREE: the exported files disagree" in out
     assert "bar1 is 3 mm off" in out
     proof = json.loads(Path("twin-out/sils/export/proof.json").read_text(encoding="utf-8"))
     assert proof["verdict"] == "disagree"

@@ -1,4 +1,4 @@
-"""Least distances: exact where they are known, never missed where they are skipped."""
+"""Minimum clearances: exact where they are known, never missed where they are skipped."""
 
 from __future__ import annotations
 

@@ -114,7 +114,7 @@ def test_no_part_runs_through_another_and_passive_joints_stay_in_their_limits(ju
 
 def test_the_closest_parts_are_named(judged):
     # bars 1 and 2 pass each other at B: centre lines 15.6 mm apart, less two radii and the eye
-    assert "bar1 and bar2" in judged("table2").facts["clearance"]["least distance"]
+    assert "bar1 and bar2" in judged("table2").facts["clearance"]["minimum clearance"]
 
 
 @pytest.mark.slow

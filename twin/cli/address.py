@@ -36,7 +36,7 @@ class Address:
     Attributes:
         url: for a browser on this machine, or in the network that the server is open to.
         title: of what is served.
-        advice: a line for whoever opens it to the network.
+        advice: what to tell a person who opens it to the network.
     """
 
     def __init__(self, host: str, port: int, secure: bool, title: str, advice: str = "") -> None:

@@ -17,7 +17,7 @@ from twin.exchange.write.clip import Budget
 
 _VERDICTS = {
     "agree": "AGREE: readers of their own see the same robot in every file, at every key",
-    "disagree": "DISAGREE: do not hand this folder over before you know why",
+    "disagree": "DISAGREE: the exported files disagree; see the findings",
     "unchecked": "UNCHECKED: something could not be read again",
 }
 

@@ -100,7 +100,7 @@ def info(file: Path, args: argparse.Namespace) -> int:
         (r["name"], r["protocol"], r["port"], _point(r["port_mm"]), _point(r["position_mm"])) for r in data["robots"]
     ]
     print(show.table(rows, ("robot", "protocol", "port", "port at [mm]", "base at [mm]")))
-    print(f"\n  surroundings: {data['surroundings'] or 'none'}; clearance to keep: {data['clearance_mm']:g} mm")
+    print(f"\n  surroundings: {data['surroundings'] or 'none'}; required clearance: {data['clearance_mm']:g} mm")
     print(*(f"  camera {n}: {c['robot']}, frame {c['frame']}" for n, c in data["cameras"].items()), sep="\n")
     print("\n  parameters (* assumed: nobody has published it)")
     rows = [
@@ -172,12 +172,12 @@ def run(file: Path, args: argparse.Namespace) -> int:
             k = int(np.argmin(c.distance))
             near = " - ".join(name.split("/")[1] for name in c.pair[k])
             lines.append((f"{a} - {b}", f"{c.distance[k] / MM:.1f} mm", near, f"t = {played.t[k]:.1f} s"))
-        print(show.table(lines, ("pair", "least distance", "between", "")), "\n")
+        print(show.table(lines, ("pair", "minimum clearance", "between", "")), "\n")
         for f in by_severity(played.findings):
             print(show.finding(f))
         if not played.findings:
             least = min(float(c.distance.min()) for c in played.by_pair.values())
-            print(f"  no collision: {least / MM:.1f} mm at least, {scene.clearance / MM:g} mm to keep")
+            print(f"  no collision: minimum clearance {least / MM:.1f} mm (required {scene.clearance / MM:g} mm)")
         print(f"\n  {root / 'scene.png'}\n  stage: {root / 'usd' / scene.name / (scene.name + '.usda')}")
     return EXIT_CODES[verdict(played.findings)]
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def selftest(args: argparse.Namespace) -> int:
-    """Seed, judge, print and keep the score; exit 1 if it is below the bar or the correct robot is accused."""
+    """Seed, judge, print and keep the score; exit 1 if it is below the bar or the correct robot has a finding."""
     from twin.analysis.mutation.fault import FAMILIES
     from twin.analysis.mutation.run import selftest as run
 

@@ -81,7 +81,7 @@ def _tls(cert: str | None, key: str | None) -> ssl.SSLContext | None:
     if cert is None and key is None:
         return None
     if cert is None:
-        raise TwinError("--key is nothing without --cert")
+        raise TwinError("--key requires --cert")
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     try:

@@ -20,13 +20,13 @@ __all__ = ["as_json", "finding", "info", "progress", "report", "table", "told", 
 
 _MARKS = {"error": "✖", "disagreement": "✖", "warning": "▲", "info": "·"}
 _VERDICTS = {
-    "agree": "AGREE: equations, mechanism and stage tell the same story",
+    "agree": "AGREE: equations, mechanism and stage agree",
     "disagree": "DISAGREE: {}",
     "unchecked": "UNCHECKED: something could not be judged",
 }
 
 
-_WITHOUT = "AGREE: mechanism and stage tell the same story; there are no equations yet to judge"
+_WITHOUT = "AGREE: mechanism and stage agree; there are no equations to judge yet"
 
 
 def told(robot: Robot, quiet: bool) -> None:

@@ -80,7 +80,7 @@ class Scene:
         file: where it was read.
         props: description of what stands around, or None.
         places: the robots.
-        clearance: least distance in m that must be kept.
+        clearance: minimum clearance in m that must be kept.
         touching: pairs of "owner/body" that touch by design.
         cameras: by name.
         parameters: every number with its provenance.

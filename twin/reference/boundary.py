@@ -121,7 +121,7 @@ class Boundary:
             self._size = np.array([float(np.median(v)) if len(v) else 1.0 for v in known])
 
     def judge(self) -> list[Judged]:
-        """Return what became of each row."""
+        """Return the result of each row."""
         s = self.stated
         rows = range(len(s.names))
         if self._why:

@@ -1,4 +1,4 @@
-"""Do parts run through each other? Least distances between the CAD's own meshes along a motion (coal)."""
+"""Do parts run through each other? Minimum clearances between the CAD's own meshes along a motion (coal)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TOUCHING = 0.05 * MM
 
 @dataclass(frozen=True)
 class Clearance:
-    """Least distances along samples.
+    """Minimum clearances along samples.
 
     Attributes:
         distance: (k,) m, between bodies that no joint connects; 0 where parts run through each other.
@@ -57,7 +57,7 @@ class _Shape:
 def clearance(
     mechanism: Mechanism, link_poses: Mapping[str, Array], progress: Callable[[float], None] | None = None
 ) -> Clearance:
-    """Return least distances between the meshes of a mechanism.
+    """Return minimum clearances between the meshes of a mechanism.
 
     A distance found once bounds later ones from below by how far the two have moved since, so a pair is
     measured again only when it may have become the nearest.
@@ -80,7 +80,7 @@ def between(
     link_poses: Mapping[str, Mapping[str, Array]],
     touching: frozenset[frozenset[str]] = frozenset(),
 ) -> dict[tuple[str, str], Clearance]:
-    """Return least distances between the bodies of each two owners; bodies are named "owner/body".
+    """Return minimum clearances between the bodies of each two owners; bodies are named "owner/body".
 
     Args:
         mechanisms: by owner.

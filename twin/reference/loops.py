@@ -103,7 +103,7 @@ class Loops:
 
         Two axes must be parallel: the tilt of z is the residual, whatever the turn about it. A fixed or
         prismatic joint locks all three: half the antisymmetric part of R, the sine of the angle. Beyond 90° the
-        sine falls again; there the residual grows on, so that no joint rests upside down.
+        sine falls again; there the residual grows on, so that no joint rests inverted.
         """
         R = T[..., :3, :3]
         residual = np.zeros((*T.shape[:2], 6))

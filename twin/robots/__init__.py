@@ -94,7 +94,7 @@ def _import(path: Path, trial: bool):
                 f"{path}: to read these equations is to run this file, and --no-code (or {NO_CODE} in the environment) "
                 "refuses that. Read it, then leave that out; `twin audit`, and a USD stage, need no equations."
             )
-        if not trial and path not in _said:  # whoever opens a stranger's folder should know
+        if not trial and path not in _said:  # warn once before code of an untrusted folder runs
             _said.add(path)
             logging.getLogger(__name__).info("running the Python code in %s", path)
     spec = importlib.util.spec_from_file_location(name, path)

@@ -39,7 +39,7 @@ class Played:
 
     Attributes:
         t: (k,) s.
-        by_pair: least distances of each pair of owners.
+        by_pair: minimum clearances of each pair of owners.
         findings: collisions, and ports that are missed.
     """
 

@@ -248,7 +248,7 @@ def baked_rows(
 def clearance_facts(
     found: Clearance, times: Array, phases: tuple[PhaseSummary, ...]
 ) -> tuple[dict[str, str], list[Finding]]:
-    """Return the least distance in words, and a finding for every contact."""
+    """Return the minimum clearance in words, and a finding for every contact."""
     clock = Clock(times, phases)
 
     def when(t: float) -> str:
@@ -257,7 +257,7 @@ def clearance_facts(
     k = int(np.argmin(found.distance))
     a, b = found.pair[k]
     facts = {
-        "least distance": f"{found.distance[k] / MM:.2f} mm between {a} and {b}, {when(float(times[k]))}",
+        "minimum clearance": f"{found.distance[k] / MM:.2f} mm between {a} and {b}, {when(float(times[k]))}",
         "method": f"triangle meshes of the CAD (chord tolerance 0.1 mm), {CLEARANCE_RATE:g} Hz, bodies without a "
         "common joint; of jointed bodies, parts that do not mate",
     }

@@ -135,7 +135,7 @@ class Bench:
     # -- one fault ---------------------------------------------------------------------------------------
 
     def outcome(self, fault: Fault) -> Outcome:
-        """Put a fault in, judge, and say what became of it."""
+        """Put a fault in, judge, and return its result."""
         began = time.monotonic()
         same = ""
         with tempfile.TemporaryDirectory(dir=self.folder) as name, warnings.catch_warnings():

@@ -1,4 +1,4 @@
-"""One seeded fault, and what became of it."""
+"""One seeded fault and its result."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a fault.
+    """Result of a seeded fault.
 
     Attributes:
         family, kind, what: of the fault.

@@ -18,7 +18,7 @@ SCHEMA = "twin.selftest/1"
 
 @dataclass(frozen=True)
 class Score:
-    """What became of all faults.
+    """Results of all seeded faults.
 
     Attributes:
         robot, protocol, source: what they were seeded in.

@@ -140,7 +140,7 @@ def _read(found: Found, tell: Progress) -> Iterator[tuple[Ledger, Content | None
 
 
 _STRANGE = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, MemoryError)
-"""What foreign data makes of a reader that trusts its structure."""
+"""Exceptions that malformed input can raise."""
 
 
 def _guarded(read: Callable[[Path, Ledger], Any], path: Path, ledger: Ledger) -> Content | None:

@@ -122,7 +122,7 @@ class _Sdf:
             for key, default in (("multiplier", 1.0), ("offset", 0.0), ("reference", 0.0))
         )
         if ratio == 0:
-            self.xml.fail(where, "multiplier 0 follows nothing; make the joint fixed")
+            self.xml.fail(where, "mimic multiplier is 0; use a fixed joint")
         total = offset - ratio * reference
         yield Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), total)
 

@@ -361,7 +361,7 @@ class _Urdf:
             raise missing(self.path, "joint", str(leader), joints, where)
         ratio = self.xml.number(where, "multiplier", mimic.get("multiplier"), 1.0)
         if ratio == 0:
-            self.xml.fail(where, "multiplier 0 follows nothing; make the joint fixed")
+            self.xml.fail(where, "mimic multiplier is 0; use a fixed joint")
         total = self.xml.number(where, "offset", mimic.get("offset"), 0.0)
         return Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), total)
 

@@ -75,7 +75,8 @@ class Equations:
         residual: (m,) offsets in m and misalignments times `LENGTH_SCALE`; couplings last.
         jacobian: (m, steps) its derivative by the steps of all unknowns, one joint after the other.
         row_names: loop joint or coupling of each row.
-        offset, tilt: norms over all loops of the offsets in m and the misalignments in rad; a joint upside down is one.
+        offset, tilt: norms over all loops of the offsets in m and the misalignments in rad; an inverted joint
+            counts as 1 rad.
         T_base_tool: (4, 4).
         errors: (6,) by joint and side ("parent", "child"): by what its frame there is off, in its own axes; the shift
             in m, then the turn in rad, to second order. Empty unless they were asked for.
@@ -102,7 +103,7 @@ class Equations:
                 if not stepping:
                     names += [joint.name] * (length.numel() + angle.numel())
                     offsets.append(ca.sumsqr(length))
-                    # the sine is small again where the joint is upside down
+                    # the sine is small again where the joint is inverted
                     tilts.append(ca.sumsqr(angle) + ca.if_else(cosine < 0, 1, 0))
         for coupling in mechanism.couplings:
             for stepping, out in ((False, rows), (True, moved)):

@@ -1,4 +1,4 @@
-"""Which equations say nothing, and which unknowns can be found before others: seen by trying, then sorted."""
+"""Remove redundant equations and order the rest into solvable blocks, found numerically."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ class StreamServer:
             await self.close()
 
     async def close(self) -> None:
-        """Tell the clients (1001) and end; who does not listen is cut."""
+        """Tell the clients (1001) and end; one that does not close in time is disconnected."""
         self._say_state()
         self._server.close(code=1001, reason="the server ends")
         try:
@@ -246,7 +246,7 @@ class StreamServer:
                 self.recording.add_document(self._tick, document)
 
     def _write(self, write: Callable[[], None]) -> None:
-        """Write a recording in a thread; who is told what if it fails is everybody."""
+        """Write a recording in a thread; on failure every client is told."""
 
         async def work() -> None:
             try:

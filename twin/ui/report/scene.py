@@ -31,13 +31,13 @@ def figure(scene: Scene, actors: list[Actor], played: Played) -> Figure:
         )
         out.subplots_adjust(left=0.09, right=0.8, top=1 - 0.5 / height, bottom=0.5 / height)
         out.text(
-            0.012, 1 - 0.24 / height, f"{scene.title}: least distances", fontsize=11, fontweight="bold", va="center"
+            0.012, 1 - 0.24 / height, f"{scene.title}: minimum clearances", fontsize=11, fontweight="bold", va="center"
         )
         for color, ((a, b), d) in zip(PALETTE, played.by_pair.items(), strict=False):
             top.plot(played.t, np.maximum(d.distance / MM, _LEAST), color=color, label=f"{a} - {b}")
         top.axhline(scene.clearance / MM, color=UNFIT, linestyle="--", linewidth=0.9)
         top.annotate(
-            f"to keep: {scene.clearance / MM:g} mm", (0, scene.clearance / MM), (3, 3), textcoords="offset points",
+            f"required: {scene.clearance / MM:g} mm", (0, scene.clearance / MM), (3, 3), textcoords="offset points",
             color=UNFIT, fontsize=8,
         )  # fmt: skip
         top.set_yscale("log")

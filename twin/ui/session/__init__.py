@@ -1,1 +1,1 @@
-"""One robot in hand, for whatever shows it: desk, timeline, instruments, sessions. Knows no viewer and no headset."""
+"""The active robot, for whatever shows it: desk, timeline, instruments, sessions. Knows no viewer and no headset."""

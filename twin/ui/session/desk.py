@@ -1,4 +1,4 @@
-"""One robot in hand: where it stands, how it is moved, and what stops it. Knows nothing of any browser.
+"""The active robot: where it stands, how it is moved, and what stops it. Knows nothing of any browser.
 
 The mechanism's loops decide where the links are; the equations are asked for the joints of a tool pose and are
 measured against it. Whatever cannot be reached leaves the last good pose and a reason.
@@ -32,7 +32,7 @@ ENDOSCOPE = "endoscope_tip"
 
 @dataclass(frozen=True)
 class Moved:
-    """What became of a request.
+    """Result of a move request.
 
     Attributes:
         good: whether the robot went where it was asked to go.

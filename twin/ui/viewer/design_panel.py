@@ -46,7 +46,7 @@ class DesignPanel:
         self._cloud.close()
 
     def rebuild(self) -> None:
-        """Make the panel for the robot in hand."""
+        """Make the panel for the active robot."""
         for handle in self._handles:
             handle.remove()
         self._handles = []

@@ -259,7 +259,7 @@ class Front:
                 a.desk.show(a.desk.model.state(a.playback.x[k]), a.playback.Ts_base_tool[k])
 
     def take(self, name: str) -> None:
-        """Take another robot in hand."""
+        """Choose the active robot."""
         self.nodes[self.hand.name].equations({}, {}, True, 1.0)
         self.hand = next(a for a in self.actors if a.name == name)
         self.panels.rebuild()
@@ -285,7 +285,7 @@ class Front:
             ghost.write(poses)
 
     def show_ghost(self, visible: bool) -> None:
-        """Show or hide the ghost of the robot in hand."""
+        """Show or hide the ghost of the active robot."""
         self.ghost_shown = visible
         for name, ghost in self.ghosts.items():
             ghost.show(visible and name == self.hand.name)

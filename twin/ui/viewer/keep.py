@@ -151,7 +151,7 @@ def _in_file_units(path: Path, d: descriptions.Description, name: str, values: M
         last = 10.0 ** -_DIGITS[unit]
         if not lower - last <= value <= upper + last:
             text = f"{value:.6g} {unit} is outside the limits {lower:g} .. {upper:g} {unit} of '{joint}'"
-            raise error_at(path, ("posture", name, key), f"{text}; move it back, or mend the limits")
+            raise error_at(path, ("posture", name, key), f"{text}; move it back, or change the limits")
         out[key] = float(np.clip(_rounded(value, unit), lower, upper))
     return out
 

@@ -46,7 +46,7 @@ class Panels:
         gui.main_panel.set_width(350)
         if len(front.actors) > 1:
             names = [a.name for a in front.actors]
-            chosen = gui.add_dropdown("robot in hand", names, initial_value=names[0])
+            chosen = gui.add_dropdown("active robot", names, initial_value=names[0])
             chosen.on_update(lambda e: front.ask("take", lambda: front.take(chosen.value)))
         tabs = gui.add_tab_group()
         with tabs.add_tab("Play"):
@@ -95,7 +95,7 @@ class Panels:
         )
 
         self._times = gui.add_dropdown(
-            "their error drawn", ("1 x", "10 x", "30 x"), initial_value="10 x",
+            "error magnification", ("1 x", "10 x", "30 x"), initial_value="10 x",
             hint="How many times as far from the mechanism's points as they are",
         )  # fmt: skip
 
@@ -163,7 +163,7 @@ class Panels:
     # -- move -----------------------------------------------------------------------------------------
 
     def rebuild(self) -> None:
-        """Make the panels of another robot in hand."""
+        """Make the panels of another active robot."""
         self._move()
         self.design.rebuild()
         if self.front.hand.playback is not None:

@@ -68,7 +68,7 @@ export class Connection {
     return frame;
   }
 
-  /** Send a request; the promise holds what became of it, and is never rejected. */
+  /** Send a request; the promise holds its result, and is never rejected. */
   ask(type: string, fields: object = {}): Promise<Answer> {
     if (this.socket?.readyState !== WebSocket.OPEN)
       return Promise.resolve({ ok: false, code: 'offline', message: 'The line to the server is down.' });
