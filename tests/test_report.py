@@ -170,7 +170,7 @@ def test_key_figures(disagree):
     assert found["eq1 (printed)"]["state"] == "bad"
     assert found["Tool position, A–B"]["note"] == "follows from point s1"
     assert found["RCM error"]["state"] == "good"
-    assert found["Least clearance"]["value"] == "5.5 mm"
+    assert found["Minimum clearance"]["value"] == "5.5 mm"
     assert found["Duration"]["value"] == "12 s"
     assert found["Assumed"]["value"] == "2"
 

@@ -44,7 +44,7 @@ def test_a_circle_keeps_radius_plane_and_rcm_and_closes_without_spin():
     np.testing.assert_allclose(m.p[:, 2], m.p[0, 2], atol=1e-15)
     assert spatial.point_to_line(path.rcm, m.p, m.Ts_base_tool[:, :3, 2]).max() < 1e-15
     np.testing.assert_allclose(m.Ts_base_tool[0], m.Ts_base_tool[-1], atol=1e-14)
-    n0 = m.Ts_base_tool[0, :3, 2]  # least rotation from the start: its axis is square to the shaft there
+    n0 = m.Ts_base_tool[0, :3, 2]  # smallest rotation from the start: its axis is square to the shaft there
     turn = spatial.log_so3(m.Ts_base_tool[:, :3, :3] @ m.Ts_base_tool[0, :3, :3].T)
     assert np.abs(turn @ n0).max() < 1e-14
     assert path.depth(0.5) == pytest.approx(np.hypot(0.02, 0.1), abs=1e-9)

@@ -60,7 +60,7 @@ def run(robot: api.Robot, args: argparse.Namespace) -> int:
         least = sum(b.least for b in source.bodies)
         stated = sum(b.mass or 0.0 for b in source.bodies)
         rows.append(("sum", f"{stated:.4g}" if stated else "-", f"{least:.4g}", "", "", "", "", ""))
-        head = ("body", "mass kg", "least kg", "slack kg m2", "definite", "kg/m3", "mass centre", "")
+        head = ("body", "mass kg", "minimum kg", "slack kg m2", "definite", "kg/m3", "mass centre", "")
         print(show.table(rows, head), "\n")
         for f in by_severity(source.all_findings):
             print(show.finding(f))

@@ -78,7 +78,7 @@ def _inertias(robot: api.Robot, args: argparse.Namespace) -> int:
     ]
     plain, negated = sum(r.mass_printed for r in rows), sum(r.mass_negated for r in rows)
     lines.append(("sum", "", "", f"{plain:.2f}", f"{negated:.2f}"))
-    head = ("row", "positive definite", "triangle slack", "least mass, as printed [kg]", "products negated [kg]")
+    head = ("row", "positive definite", "triangle slack", "minimum mass, as printed [kg]", "products negated [kg]")
     print(show.table(lines, head), "\n")
     _conclude(findings, "the printed masses and inertias")
     return EXIT_CODES[verdict(findings)]

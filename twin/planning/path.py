@@ -3,7 +3,7 @@
 Three shapes are enough. A line: position and angles linear in s. About the RCM P: angles and depth l
 linear in s, and the tip derived from them, tip(s) = P + l(s) R(s) n with the shaft n fixed in the
 tool, so that the shaft passes through P at every s by construction, not by correction. A circle of the tip:
-the shaft turned from its direction at the start to that from P to the tip, by the least rotation.
+the shaft turned from its direction at the start to that from P to the tip, by the smallest rotation.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class PhasePath:
         if self.rcm is None:
             still = np.zeros((len(s), 3))
             return self._motion(np.tile(R0, (len(s), 1, 1)), p, p1, p2, still, still)
-        # Direction n of the shaft from the RCM to the tip, and the least rotation from n0 to n.
+        # Direction n of the shaft from the RCM to the tip, and the smallest rotation from n0 to n.
         w = p - self.rcm
         l = np.linalg.norm(w, axis=1)[:, None]  # noqa: E741
         n = w / l

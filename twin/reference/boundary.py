@@ -247,7 +247,7 @@ class Boundary:
             )
             return self._row(i, "not judged", text, zeros[k])
         what = "the mechanism goes on" if s.kinds[i] == "reach" else "the mechanism is regular"
-        kept = f"its Jacobians keep {100 * min(left[k], 1):.2g} % of their least singular value"
+        kept = f"its Jacobians keep {100 * min(left[k], 1):.2g} % of their smallest singular value"
         text = f"it vanishes at a state where {what}: {kept}"
         return self._row(i, "disagrees", text, zeros[k], float(left[k]))
 

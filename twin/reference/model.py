@@ -165,7 +165,7 @@ class ReferenceModel:
         """Solve for tool poses (k, 4, 4) along a motion; see `run`.
 
         `near` (k, n) are active joints: a `redundant` mechanism takes each pose in many ways; it then takes it
-        by the least motion from there.
+        by the smallest motion from there.
         """
         Ts = np.asarray(Ts_base_tool, float)
         if Ts.ndim != 3 or not len(Ts) or not spatial.is_pose(Ts, 1e-6):

@@ -112,7 +112,7 @@ class Pair:
 
 
 def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
-    """Return every fit between two bodies, the exact ones first; of several on the same axes, that of least clearance.
+    """Return every fit between two bodies, the exact ones first; of several on one axis, that of minimum clearance.
 
     Args:
         parts: the parts of each body, in drawn coordinates.

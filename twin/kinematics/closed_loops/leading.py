@@ -142,7 +142,7 @@ class Leader:
     # -- by a point -----------------------------------------------------------------------------------
 
     def take(self, q: Array, u: Array, body: str, p_body: Array) -> Grip:
-        """Take a point of a body into the hand, and lead it along straight lines by the least motion of the joints.
+        """Take a point of a body into the hand, and lead it along straight lines by the smallest motion of the joints.
 
         Args:
             q: active joints (n,).
@@ -314,7 +314,7 @@ class _Walk:
         """Go on by one step that brings the point nearer, and return it (n,) in m; None if there is none."""
         leader, now = self.leader, self.look
         scale, miss = leader._scale, goal - now.p
-        # The least motion of the whole way from `first`, by the mean of both ends: second order in its length.
+        # The smallest motion of the whole way from `first`, by the mean of both ends: second order in its length.
         J, here, G = 0.5 * (first.J + now.J) * scale, now.J * scale, leader._G
         self.singular, self.open, self._pull = "", False, -here.T @ miss
         self._slack = np.maximum(0.0, np.array([b.slack(now.q) for b in leader.bounds])) / leader._size

@@ -196,12 +196,12 @@ def _rcm_figure(report: Report) -> dict[str, str]:
 def _clearance_figure(report: Report) -> dict[str, str]:
     found = curves.pair(report, "clearance", "clearance_t")
     if found is None or found[1].ndim != 1:
-        return {"label": "Least clearance", "value": fmt.NONE, "note": "not computed", "state": "none"}
+        return {"label": "Minimum clearance", "value": fmt.NONE, "note": "not computed", "state": "none"}
     t, y = found
     k = min((i for i in range(len(y)) if y[i] == y[i]), key=lambda i: y[i])
     state = "bad" if y[k] < 0 else "none"
     return {
-        "label": "Least clearance",
+        "label": "Minimum clearance",
         "value": fmt.quantity(float(y[k]), "m"),
         "note": f"at {fmt.seconds(float(t[k]))}",
         "state": state,

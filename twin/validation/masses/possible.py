@@ -1,7 +1,7 @@
 """Can a body have these masses? Mass, first moments and inertia held against what matter can do, and against shapes.
 
 Everything is computed here from the numbers alone. The pseudo-inertia [[Sigma, h], [h', m]], Sigma the second moments
-of the mass, must be positive definite: that holds the triangle inequality and the least mass in it. With shapes, the
+of the mass, must be positive definite: that holds the triangle inequality and the minimum mass in it. With shapes, the
 mass centre must lie within their convex hull, and the density be one of a material; see `guess` for which slip of the
 pen would explain a tensor that its shapes do not have.
 """
