@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -202,6 +203,7 @@ public static class F {
     public static double G(Vector3 v) { return v.x > 1 && !(v.y < 0) ? -v.z : Half * v.y; }
     public static double G(Quaternion q) { double s = q.w; if (s < 0.0) { s *= -1; } else s += 1; return Math.Sqrt(s); }
     public static Vector3 H(double a) { a -= 1; return new Vector3((float)a, 2f * (a + 1) / 4, Half); }
+    public static double D(double a, double b) { return a / b; }
     public static double Loop(double a) { while (a > 0) { a -= 1; } return a; }
 }
 """
@@ -219,6 +221,14 @@ public static class F {
 )
 def test_a_small_part_of_csharp_is_run(name, given, result):
     assert Script(SOURCE).call(name, *given) == result
+
+
+@pytest.mark.parametrize("zero", [0.0, np.float64(0)])
+def test_what_is_divided_by_zero_is_infinite_or_no_number(zero):
+    divide = partial(Script(SOURCE).call, "D")
+    assert divide(1.0, zero) == np.inf
+    assert divide(-1.0, zero) == -np.inf
+    assert np.isnan(divide(zero, 0.0))
 
 
 @pytest.mark.parametrize(("name", "given"), [("Loop", (1.0,)), ("Gone", ()), ("H", (1.0, 2.0))])

@@ -13,6 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 _TOKEN = re.compile(
     r"\s*(?:(\d+\.?\d*(?:[eE][-+]?\d+)?)[fFdD]?|([A-Za-z_]\w*)|(==|!=|<=|>=|&&|\|\||[-+*/]=|.))", re.DOTALL
 )
@@ -37,8 +39,14 @@ _APPLY: dict[str, Callable[[Any, Any], Any]] = {
     "+": lambda a, b: a + b,
     "-": lambda a, b: a - b,
     "*": lambda a, b: a * b,
-    "/": lambda a, b: a / b,
+    "/": lambda a, b: _divided(a, b),
 }
+
+
+def _divided(a: float, b: float) -> float:
+    """Return a / b as C# has it: by zero it is infinite or no number, without an exception."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return float(np.float64(a) / np.float64(b))
 
 
 class CSharpError(Exception):
