@@ -45,7 +45,7 @@ def device(chromium, server, emulator, profile, room=False):
     """Yield the page with an emulated headset; it is small, since every picture is drawn by the processor."""
     eyes = ", ".join(map(str, EYES))
     start = f"emulate('{profile}', {str(room).lower()}); device.position.set({eyes})"
-    return headset.shown(chromium, server.url, size=(720, 560), scripts=(emulator, start))
+    return headset.shown(chromium, server.url, size=(480, 374), scripts=(emulator, start))
 
 
 def look_at(page, target):
