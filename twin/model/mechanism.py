@@ -379,11 +379,16 @@ class Mechanism:
 
     def path(self, body: str) -> tuple[Joint, ...]:
         """Return the joints of the tree from the base out to a body."""
-        inward, out = {j.child: j for j in self.tree}, []
+        out = []
         while body != self.base:
-            out.append(inward[body])
-            body = inward[body].parent
+            out.append(self._inward[body])
+            body = out[-1].parent
         return tuple(out[::-1])
+
+    @cached_property
+    def _inward(self) -> dict[str, Joint]:
+        """The joint of the tree that leads to each body."""
+        return {j.child: j for j in self.tree}
 
     def posture(self, name: str) -> Array:
         """Return q (n,) of a named posture, or raise `MechanismError` with the names that exist."""
