@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import shutil
 import threading
 import time
 from contextlib import contextmanager
@@ -14,6 +13,8 @@ import pytest
 from PIL import Image
 
 import twin
+from made import headset_page
+from made.headset_page import WAIT, until
 from twin.core import spatial
 from twin.core.units import MM
 from twin.ui.session.desk import Desk
@@ -22,33 +23,14 @@ from twin.ui.viewer import recording
 
 pytestmark = pytest.mark.browser
 
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
 CALM = """const every = window.setInterval.bind(window);
 window.setInterval = (act, ms, ...more) => every(act, ms === 1000 ? 10000 : ms, ...more);"""
 """For every page: viser draws once a second though nothing has changed, which costs this machine most of the second."""
 
-WAIT = 180.0
-"""Seconds that something may take on a busy machine without a graphics card."""
-
-
-def until(condition, what, seconds=WAIT):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, f"{what}: not within {seconds:g} s"
-        time.sleep(0.05)
-
 
 @pytest.fixture(scope="module")
 def chromium():
-    from playwright.sync_api import sync_playwright
-
-    program = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
-    if program is None:
-        pytest.skip("NO CHROMIUM: the page is not tested. Install it (Debian: apt-get install chromium)")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=FLAGS)
-        yield browser
-        browser.close()
+    yield from headset_page.chromium()
 
 
 @contextmanager
