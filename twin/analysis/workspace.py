@@ -186,7 +186,7 @@ def _least(x: np.ndarray) -> float | None:
 
 
 def gaps_of(robot: Robot) -> list[tuple[int, int, float]]:
-    """Return the pairs of carriages on one rail: numbers of the joints, and the minimum clearance in m."""
+    """Return the pairs of carriages on one rail: numbers of the joints, and the minimum distance in m."""
     order = [j.name for j in robot.mechanism.active]
     pairs = robot.cad.gaps if robot.files is not None else ()
     return [(order.index(lower), order.index(upper), least) for lower, upper, least in pairs]

@@ -38,7 +38,7 @@ class CadModel:
         description: the TOML file as read.
         measured: every feature by body and name, in drawn coordinates.
         dimensions: the lengths that the drawing was made from, with provenance.
-        gaps: pairs of joints on one rail and the minimum clearance between them in m.
+        gaps: pairs of joints on one rail and the minimum distance between them in m.
     """
 
     mechanism: Mechanism

@@ -224,7 +224,7 @@ class CouplingSpec(Table):
 
 
 class PairGap(Table):
-    """Minimum clearance along a common rail between two prismatic joints, `upper` minus `lower`."""
+    """Minimum distance along a common rail between two prismatic joints, `upper` minus `lower`."""
 
     lower: Identifier
     upper: Identifier
