@@ -118,7 +118,7 @@ def test_ar_on_a_quest_places_plays_and_is_led(chromium, server, emulator, robot
         look_at(page, page.to_scene(page.tool()[:3, 3]) + np.array([-0.1, 0.15, 0.0]))
         right, total, missed = headset.probes(page, robot.mechanism, rng)
         print(f"{right} of {total} pixel probes on the expected link")
-        assert total >= 60
+        assert total >= 50
         assert right >= 0.95 * total, missed
 
         led(page, robot, "controllers", np.array([15, 10, -20]) * MM)

@@ -273,7 +273,8 @@ def probes(page, mechanism, rng, each=14):
     """Compare the colours at pixels where links must be seen; return how many are right, how many there are, misses.
 
     Links are painted flat. Which link a pixel must show comes from rays through the CAD meshes at the poses of the
-    frame, by code of this file; pixels whose neighbours show another link are left out.
+    frame, by code of this file; pixels that show another link too, or whose neighbours do, are left out: their
+    colours are mixed. No pixel counts twice.
     """
     colors = {n: np.array([int(c[i : i + 2], 16) for i in (0, 2, 4)]) for n, c in page("twin.paint(true)").items()}
     time.sleep(1.0)
@@ -315,12 +316,12 @@ def probes(page, mechanism, rng, each=14):
         return names[k[np.argmin(z)]]
 
     right, total, missed = 0, 0, []
-    around = np.array([[0, 0], [1.6, 0], [-1.6, 0], [0, 1.6], [0, -1.6]])
+    cross, square = [[1, 0], [-1, 0], [0, 1], [0, -1]], [[1, 1], [1, -1], [-1, 1], [-1, -1]]
+    around = np.array([[0, 0], *np.multiply(0.4, cross + square), *np.multiply(1.6, cross)])
     for name in colors:
-        mine = np.flatnonzero(names == name)
+        pixels = np.unique(np.floor(xy[names == name].mean(axis=1)) + 0.5, axis=0)
         found = 0
-        for k in rng.permutation(mine)[: 20 * each]:
-            p = np.floor(xy[k].mean(axis=0)) + 0.5
+        for p in rng.permutation(pixels)[: 20 * each]:
             if found == each or not ((p > 3).all() and p[0] < w - 3 and p[1] < h - 3):
                 continue
             if any(seen(p + offset) != name for offset in around):
