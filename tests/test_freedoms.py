@@ -15,7 +15,6 @@ from twin.exchange.read.closing import close
 from twin.exchange.read.folder import write_folder
 from twin.exchange.read.source import Imported
 from twin.planning.protocol import load_protocol
-from twin.reference.leading import Leader
 
 pytestmark = pytest.mark.usefixtures("cad_once")
 
@@ -62,7 +61,7 @@ def by_poses(folder, goal, top=""):
 @pytest.mark.parametrize("name", NAMES)
 def test_a_first_protocol_can_be_followed_whatever_the_freedoms(name, folder_of):
     robot = api.load(folder_of(name))
-    assert Leader(robot.reference).freedoms == linkages.LINKAGES[name]().freedoms
+    assert robot.reference().freedoms == linkages.LINKAGES[name]().freedoms
     trajectory = api.plan(robot)
     assert trajectory.followed
     assert not [f for f in trajectory.findings if f.severity in ("error", "disagreement")]

@@ -98,6 +98,8 @@ class Robot:
     ) -> Kinematics:
         """Return the compiled equations, with the robot's variants and parameters (SI) unless others are asked for.
 
+        Auxiliary joints, which the equations do not know, have their place in q: the inverse gives them as drawn.
+
         Raises:
             KinematicsError: no equations, or no such variant or parameter.
         """
@@ -106,7 +108,9 @@ class Robot:
         from twin.kinematics import compile_formula
 
         chosen = self._variants if variants is None else variants
-        return compile_formula(self.formula, chosen, {**(self._parameters or {}), **(parameters or {})})
+        formula, values = self.formula, {**(self._parameters or {}), **(parameters or {})}
+        beside = self.mechanism.beside(j.name for j in formula.joints)
+        return compile_formula(formula, chosen, values, beside)
 
     @cached_property
     def _kinematics(self) -> Kinematics:
@@ -279,7 +283,8 @@ class Robot:
             singularity_alarm={m.name: m.alarm for m in kin.formula.measures},
             branch=lambda Ts, q: kin.branch(Ts=Ts, qs=q),
             why=kin.why,
-            takes=lambda Ts: kin.takes(Ts) or leader.freedoms == 6,
+            auxiliary={name: value for _, name, _, value in kin.beside},
+            takes=lambda Ts: kin.takes(Ts) or leader.model.freedoms == 6,
         )
 
 

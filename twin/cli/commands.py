@@ -123,6 +123,7 @@ def _joint(j: Joint, mechanism: Mechanism) -> dict[str, Any]:
         "parent": j.parent,
         "child": j.child,
         "active": j.active,
+        "auxiliary": j in mechanism.auxiliary,
         "limits": j.limits,
         "closes_loop": j in mechanism.loops,
     }

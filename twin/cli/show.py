@@ -95,7 +95,9 @@ def info(data: Mapping[str, Any], bodies: int) -> str:
     for j in data["joints"]:
         scale, unit = (DEG, "deg") if j["type"] == "revolute" else (MM, "mm")
         limits = "" if j["limits"] is None else f"{j['limits'][0] / scale:g} .. {j['limits'][1] / scale:g} {unit}"
-        role = "driven" if j["active"] else "closes a loop" if j["closes_loop"] else ""
+        role = (
+            "auxiliary" if j["auxiliary"] else "driven" if j["active"] else "closes a loop" if j["closes_loop"] else ""
+        )
         rows.append((j["name"], j["type"], f"{j['parent']} -> {j['child']}", limits, role))
     lines += [table(rows, ("joint", "type", "between", "limits", "")), ""]
     for name, choices in data["variants"].items():

@@ -19,6 +19,7 @@ class Program:
 
     Attributes:
         order: symbol that each joint of the robot carries.
+        beside: value (m, rad) of the joints among them that the equations do not know; see `Compiled.auxiliary`.
         length: characteristic length in m.
         scalars: names of "passive", "reach", "measure" and "aspect", the rows of `group`.
 
@@ -31,15 +32,16 @@ class Program:
         parameters: Mapping[str, float],
         order: tuple[str, ...],
         length: float,
+        beside: Mapping[str, float],
     ) -> None:
         self.formula, self.variants, self.parameters = formula, variants, parameters
-        self.order, self.length = order, length
+        self.order, self.length, self.beside = order, length, beside
         self.inverse_flow, self.forward_flow = formula.has("inverse"), formula.has("forward")
         n = len(order)
         if self.inverse_flow:
             self._z = ca.SX.sym("z", 16)
             symbols = self._after_pose(symbolic.unflat(self._z, 4, 4))
-            self._q = flow.gather(formula, symbols, order, "joint")
+            self._q = self._joints(symbols)
         else:
             self._z = self._q = ca.SX.sym("q", n)
             symbols = self._after_joints(self._z)
@@ -122,16 +124,17 @@ class Program:
         n = len(self.order)
         xi, p = ca.SX.sym("xi", 6), ca.SX.sym("p", n + 16)
         T = symbolic.retract(symbolic.unflat(p[n:], 4, 4), xi)
-        q = self.joints_at(T)
+        known = [i for i, name in enumerate(self.order) if name not in self.beside]
+        off = (self.joints_at(T) - p[:n])[known]
         finder = ca.rootfinder(
             "finder",
             "fast_newton",
-            {"x": xi, "p": p, "g": q - p[:n]},
+            {"x": xi, "p": p, "g": off},
             {"error_on_fail": False, "abstol": 1e-14, "abstolStep": 1e-14, "max_iter": 12},
         )
         travel = _length(ca.vertcat(xi[:3] / self.length, xi[3:]))
         aspects = self.group["aspect"].function(symbolic.flat(T))
-        answer = ca.Function("answer", [xi, p], [ca.vertcat(symbolic.flat(T), _length(q - p[:n]), travel, aspects)])
+        answer = ca.Function("answer", [xi, p], [ca.vertcat(symbolic.flat(T), _length(off), travel, aspects)])
         z = ca.MX.sym("z", n + 16)
         out = answer(finder(x0=ca.DM.zeros(6), p=z)["x"], z)
         return Evaluator("newton", z, out, (out.shape[0],))
@@ -145,8 +148,7 @@ class Program:
                 symbol, p = self.formula.points[name], z[3 * i : 3 * i + 3]
                 symbols |= {symbol: p} if isinstance(symbol, str) else dict(zip(symbol, ca.vertsplit(p), strict=True))
             symbols = flow.run(self.formula, self.variants, symbols, "inverse")
-            q = flow.gather(self.formula, symbols, self.order, "joint")
-            self._partial[names] = Evaluator("from_points", z, q)
+            self._partial[names] = Evaluator("from_points", z, self._joints(symbols))
         return self._partial[names]
 
     def margins_at(self, passive: tuple[str, ...], points: tuple[str, ...]) -> Evaluator:
@@ -192,7 +194,10 @@ class Program:
 
     def joints_at(self, T: ca.SX) -> ca.SX:
         """Return q (n) as an expression of a pose expression (4, 4)."""
-        return flow.gather(self.formula, self._after_pose(T), self.order, "joint")
+        return self._joints(self._after_pose(T))
+
+    def _joints(self, symbols: Mapping[str, Any]) -> ca.SX:
+        return flow.gather(self.formula, {**symbols, **self.beside}, self.order, "joint")
 
     def _after_pose(self, T: ca.SX) -> dict[str, Any]:
         symbols = {**self.parameters, **flow.from_pose(self.formula, T)}

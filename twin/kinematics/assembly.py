@@ -70,8 +70,7 @@ def branches(kin: Compiled, q: Array) -> list[Array]:
         return [forward(kin, q, None)]
     if kin.formula.branches is None:
         raise KinematicsError(f"{kin.formula.name}: the formula has no enumeration of its assemblies.")
-    symbols = dict(zip(kin.joints, q, strict=True))
-    ordered = np.array([symbols[j] for j in kin.joints])
+    ordered = q[~kin.auxiliary]
     if kin.closed_forward:  # both answers are closed: nothing to polish, and the formula names its preferred one first
         return kin.formula.branches(ordered, kin.parameters, kin.variants)
     found: list[Array] = []

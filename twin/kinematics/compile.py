@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,13 +13,14 @@ from twin.core.units import MM
 from twin.formula import flow
 from twin.formula.contract import Formula, check_formula
 from twin.kinematics import assembly
-from twin.kinematics.compiled import POSE_TOL, Compiled, poses
+from twin.kinematics.compiled import POSE_TOL, Beside, Compiled, poses
 
 
 def compile_formula(
     formula: Formula,
     variants: Mapping[str, str] | str | None = None,
     parameters: Mapping[str, float] | None = None,
+    beside: Sequence[Beside] = (),
 ) -> Kinematics:
     """Compile a formula.
 
@@ -27,6 +28,7 @@ def compile_formula(
         formula: the equations.
         variants: equation -> variant, or one name for all equations that have it; default: each its own.
         parameters: parameter -> value in SI, to replace published values.
+        beside: auxiliary joints, which the equations do not know, in the order of q.
 
     Raises:
         KinematicsError: if the formula breaks the contract, or a name is unknown, or a value not finite.
@@ -41,7 +43,7 @@ def compile_formula(
         if not np.isfinite(value):
             raise KinematicsError(f"formula '{formula.name}': parameter '{name}' is {value}, not a finite number.")
         values[name] = float(value)
-    return Kinematics(formula, chosen, values)
+    return Kinematics(formula, chosen, values, beside)
 
 
 class Kinematics(Compiled):
@@ -52,7 +54,7 @@ class Kinematics(Compiled):
 
         Args:
             T_base_tool: the pose.
-            seed: q to start from; used only without a closed inverse.
+            seed: q to start from, used only without a closed inverse; auxiliary joints keep its values.
 
         Raises:
             KinematicsError: if the pose is not rigid, or out of reach (which chain, by how much).
@@ -63,6 +65,8 @@ class Kinematics(Compiled):
             return assembly.inverse_by_solver(self, T, seed)
         out = self.program.inverse.one(T.ravel())
         q, misfit = out[:-1], out[-1]
+        if seed is not None and np.shape(seed) == q.shape:
+            q[self.auxiliary] = np.asarray(seed)[self.auxiliary]
         if not misfit <= POSE_TOL:
             raise KinematicsError(
                 f"{self.formula.name}: no values of {', '.join(self.formula.coordinates.names)} "
@@ -96,6 +100,8 @@ class Kinematics(Compiled):
         """
         Ts = poses(Ts_base_tool)
         q = self.inverse_many(Ts) if self.closed_inverse else assembly.inverse_by_solver_many(self, Ts, seed)
+        if self.closed_inverse and seed is not None and np.shape(seed) == q.shape[1:]:
+            q[:, self.auxiliary] = np.asarray(seed)[self.auxiliary]
         lost = np.flatnonzero(~np.isfinite(q).all(axis=1))
         if len(lost):
             k = int(lost[0])

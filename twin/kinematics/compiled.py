@@ -8,7 +8,7 @@ rows are linear first, in base axes, at the tool origin. The solvers (`solve`, `
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +24,10 @@ POSE_TOL = 1e-6
 """Norm of what a pose may differ by from the one that its coordinates describe."""
 
 
+Beside = tuple[int, str, bool, float]
+"""An auxiliary joint: its place in q, its name, whether it is an angle, its value in the inverse (rad, m)."""
+
+
 class Compiled(ABC):
     """What the compiled functions of a formula answer; what has to be solved for is left to `Kinematics`.
 
@@ -33,6 +37,8 @@ class Compiled(ABC):
     Attributes:
         formula: what was compiled.
         joints: active joints, in the order of q.
+        auxiliary: (n,) bool, which of them the equations do not know: they cannot move the tool. The inverse gives the
+            value that they were compiled with, the forward equations do not read them.
         variants: the variant in use, by equation.
         choices: the variants that exist, by equation.
         parameters: the values in use, in SI.
@@ -43,16 +49,33 @@ class Compiled(ABC):
 
     """
 
-    def __init__(self, formula: Formula, variants: Mapping[str, str], parameters: Mapping[str, float]) -> None:
-        self.formula = formula
-        self.joints = tuple(j.name for j in formula.joints)
+    def __init__(
+        self,
+        formula: Formula,
+        variants: Mapping[str, str],
+        parameters: Mapping[str, float],
+        beside: Sequence[Beside] = (),
+    ) -> None:
+        self.formula, self.beside = formula, tuple(beside)
+        joints = [(j.name, j.kind == "revolute") for j in formula.joints]
+        for place, name, is_angle, _ in beside:  # in ascending order
+            joints.insert(place, (name, is_angle))
+        self.joints = tuple(name for name, _ in joints)
+        self.auxiliary = np.isin(self.joints, [name for _, name, _, _ in beside])
         self.variants, self.parameters = dict(variants), dict(parameters)
         self.choices = {e.name: tuple(e.variants) for e in formula.equations if e.stage != "helper"}
         self.closed_inverse, self.closed_forward = formula.has("inverse"), formula.has("forward")
-        self.revolute = np.array([j.kind == "revolute" for j in formula.joints])
+        self.revolute = np.array([is_angle for _, is_angle in joints])
         what = f"formula '{formula.name}', characteristic_length"
         self.characteristic_length = float(flow.call(formula.characteristic_length, parameters, what))  # type: ignore[arg-type]
-        self.program = Program(formula, self.variants, self.parameters, self.joints, self.characteristic_length)
+        self.program = Program(
+            formula,
+            self.variants,
+            self.parameters,
+            self.joints,
+            self.characteristic_length,
+            {name: value for _, name, _, value in beside},
+        )
         if self.closed_inverse:
             self.program.inverse  # noqa: B018 - made now, so that a bad to_pose fails when compiled
 
@@ -185,7 +208,7 @@ class Compiled(ABC):
         has no joint values), and where they lead back to the pose. Else they cannot tell, or deny it.
         """
         Ts = poses(Ts)
-        if len(self.joints) >= 6:
+        if len(self.formula.joints) >= 6:
             J = self.inverse_jacobian_many(Ts[:1])[0] if self.closed_inverse else np.zeros((6, 6))
             return bool(np.isfinite(J).all() and np.linalg.matrix_rank(J) == 6)
         q = self.inverse_many(Ts)
@@ -200,9 +223,9 @@ class Compiled(ABC):
 
     def need_six_joints(self) -> None:
         """Raise `KinematicsError` if the pose cannot be solved for: fewer joints and no forward equation."""
-        if not self.closed_forward and len(self.joints) != 6:
+        if not self.closed_forward and len(self.formula.joints) != 6:
             raise KinematicsError(
-                f"{self.formula.name}: {len(self.joints)} joints do not fix the 6 freedoms of a pose; "
+                f"{self.formula.name}: {len(self.formula.joints)} joints do not fix the 6 freedoms of a pose; "
                 "add a forward equation to the formula."
             )
 

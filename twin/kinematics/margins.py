@@ -122,7 +122,7 @@ class Margins:
         lengths = self._lengths(by)
         if not lengths:
             return False
-        large = compile_formula(kin.formula, kin.variants, {**kin.parameters, **lengths})
+        large = compile_formula(kin.formula, kin.variants, {**kin.parameters, **lengths}, kin.beside)
         scale = np.where(kin.revolute, 1.0, by)
         with np.errstate(all="ignore"):
             if kin.closed_inverse:
@@ -137,7 +137,7 @@ class Margins:
 
     @property
     def _many_ways(self) -> bool:
-        return len(self._kin.joints) > 6
+        return len(self._kin.formula.joints) > 6
 
     def _same_joints(self, a: Array, b: Array) -> Array:
         off = a - b

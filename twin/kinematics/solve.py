@@ -166,9 +166,9 @@ def descend(
     for term in task.terms:
         if term.kind == "joints" and len(term.numbers) != len(kin.joints):
             raise KinematicsError(f"task Joints: {len(term.numbers)} values for {len(kin.joints)} joints.")
-    weights = (
-        t.weight * (joint_scale if t.kind == "joints" else np.where(is_length(t), 1 / scale, 1.0)) for t in task.terms
-    )
+    # A pose says nothing of joints that the equations do not know.
+    asked = np.where(kin.auxiliary, 0.0, joint_scale) if not kin.closed_forward else joint_scale
+    weights = (t.weight * (asked if t.kind == "joints" else np.where(is_length(t), 1 / scale, 1.0)) for t in task.terms)
     low, high = (_bounds(kin, None) if bounds is None else bounds).T
     columns = 1 / joint_scale if kin.closed_forward else np.repeat([scale, 1.0], 3)
     inputs = np.concatenate([*(t.numbers for t in task.terms), *weights, columns, joint_scale, low, high])
@@ -182,7 +182,9 @@ def descend(
 def _from_formula(kin: Compiled, seed: Array) -> Array:
     """Return the state of a seed of the formula: coordinates, or q for a formula that is only forward."""
     if not kin.closed_inverse:
-        return seed
+        q = np.zeros(len(kin.joints))
+        q[~kin.auxiliary], q[kin.auxiliary] = seed, [value for *_, value in kin.beside]
+        return q
     T = kin.program.pose_of_coordinates.one(seed)
     return kin.inverse(T) if kin.closed_forward else T
 

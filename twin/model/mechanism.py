@@ -11,7 +11,7 @@ tree but the same two frames. Everything is SI and frozen.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import permutations
@@ -311,6 +311,38 @@ class Mechanism:
         return tuple(j for j in self.joints if j.active)
 
     @cached_property
+    def auxiliary(self) -> tuple[Joint, ...]:
+        """Active joints that cannot move the tool: the jaw of an instrument, another arm on the same base.
+
+        A joint moves the tool if it is on the tree's path to it, or in a loop or a coupling with one that does. Two
+        joints of one loop are of one connected part of the graph; its fundamental cycles tell (a joint that leads to
+        a whole loop, which hangs on one body of the path, is not in it).
+        """
+        tool = next((f.body for f in self.frames if f.name == self.tool), None)
+        if tool is None:
+            return ()
+        tied = [{c.name} | ({j.name for j in self.path(c.parent)} ^ {j.name for j in self.path(c.child)})
+                for c in self.loops] + [set(c.joints) for c in self.couplings]  # fmt: skip
+        moving = {j.name for j in self.path(tool)}
+        while more := {n for group in tied if group & moving for n in group} - moving:
+            moving |= more
+        driven = tuple(j for j in self.active if j.name in moving)
+        return tuple(j for j in self.active if j not in driven) if driven else ()
+
+    def beside(self, names: Iterable[str]) -> tuple[tuple[int, str, bool, float], ...]:
+        """Return auxiliary joints that are not among `names`: place in q, name, whether an angle, value as drawn."""
+        known = set(names)
+        left = [j for j in self.auxiliary if j.name not in known]
+        return tuple((self.active.index(j), j.name, j.is_angle, self._drawn(j)) for j in left)
+
+    def _drawn(self, joint: Joint) -> float:
+        """Return the coordinate of a joint in the first posture, else where it is drawn, in m or rad."""
+        if self.postures:
+            return float(next(iter(self.postures.values()))[joint.name])
+        at = (self.rest.get(body, np.eye(4)) for body in (joint.parent, joint.child))
+        return float(joint.coordinate(*at)) if self.rest else 0.0
+
+    @cached_property
     def limits(self) -> Array:
         """Hard limits (n, 2) of the active joints in m or rad, infinite where there is none."""
         return np.array([j.limits or (-np.inf, np.inf) for j in self.active], float).reshape(-1, 2)
@@ -322,9 +354,10 @@ class Mechanism:
 
     @property
     def driven(self) -> tuple[list[tuple[str, bool]], Array, Array | None]:
-        """Active joints and whether each is an angle, T_base_tool and q (n,) as drawn; None if there is no posture."""
-        tool, q = self.frame(self.tool), self.posture(next(iter(self.postures))) if self.postures else None
-        return [(j.name, j.is_angle) for j in self.active], self.rest.get(tool.body, np.eye(4)) @ tool.T_body_frame, q
+        """Joints that move the tool and whether each is an angle; T_base_tool; q (n,), None if there is no posture."""
+        tool, joints = self.frame(self.tool), [j for j in self.active if j not in self.auxiliary]
+        q = np.array([self._drawn(j) for j in joints]) if self.postures else None
+        return [(j.name, j.is_angle) for j in joints], self.rest.get(tool.body, np.eye(4)) @ tool.T_body_frame, q
 
     @cached_property
     def materials(self) -> dict[str, Material]:

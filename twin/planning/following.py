@@ -8,6 +8,7 @@ free: if it is not, the waypoint is no pose of this robot, which is a mistake of
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from twin.core.errors import AssemblyError, ProtocolError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.planning.path import Motion, PhasePath, angles_of, rotation
-from twin.planning.protocol import DIRECTIONS, Home, Joints, Positioning, Protocol
+from twin.planning.protocol import DIRECTIONS, Auxiliary, Home, Joints, Positioning, Protocol
 from twin.planning.smooth import Smooth, fit
 from twin.planning.trajectory import Carrier, PathKinematics
 
@@ -164,6 +165,8 @@ class Follower:
 
     def _ends(self, path: PhasePath, where: str) -> tuple[Array, Array] | None:
         """Return where the driven joints (n,) begin and end if the phase goes by them, else None."""
+        if isinstance(path.phase, Auxiliary):
+            return self.q, moved(self.q, path.phase, self._names, self._angles, where)
         name = path.phase.to if isinstance(path.phase, Joints | Home) else ""
         if not name or self._protocol.waypoints[name].joints is None:
             return None
@@ -178,17 +181,8 @@ class Follower:
         Raises:
             ProtocolError: it names a joint that is not driven, or gives it in the wrong unit.
         """
-        waypoint, q = self._protocol.waypoints[name], self._drawn.copy()
-        where = f"{self._protocol.name}: waypoint '{name}'"
-        for joint, value in (waypoint.joints or {}).items():
-            if joint not in self._names:
-                raise ProtocolError(f"{where}: {unknown('driven joint', joint, self._names)}")
-            i = self._names.index(joint)
-            if self._angles[i] != (joint in waypoint.angle_joints):
-                unit, other = ("deg", "mm") if self._angles[i] else ("mm", "deg")
-                raise ProtocolError(f"{where}: joint '{joint}' is in {unit}: write {joint}_{unit}, not {joint}_{other}")
-            q[i] = value
-        return q
+        waypoint, where = self._protocol.waypoints[name], f"{self._protocol.name}: waypoint '{name}'"
+        return placed(self._drawn, waypoint.joints or {}, waypoint.angle_joints, self._names, self._angles, where)
 
     def _unmoved(self, name: str) -> str:
         i = 0
@@ -254,6 +248,68 @@ class Follower:
             f"{_numbers(at / MM)}, angles_deg = {_numbers(turned / DEG)}; or leave what follows to the mechanism, "
             f"with free = {_names(~led)} above the tables of the protocol; or give the waypoint by joints."
         )
+
+
+def placed(
+    q: Array,
+    given: Mapping[str, float],
+    in_degrees: frozenset[str],
+    names: tuple[str, ...],
+    angles: tuple[bool, ...],
+    where: str,
+) -> Array:
+    """Return q (n,) with the joint values that are given, in m or rad.
+
+    Raises:
+        ProtocolError: one is not driven, or was given in the wrong unit; `where` begins the message.
+    """
+    out = q.copy()
+    for joint, value in given.items():
+        if joint not in names:
+            raise ProtocolError(f"{where}: {unknown('driven joint', joint, names)}")
+        i = names.index(joint)
+        if angles[i] != (joint in in_degrees):
+            unit, other = ("deg", "mm") if angles[i] else ("mm", "deg")
+            raise ProtocolError(f"{where}: joint '{joint}' is in {unit}: write {joint}_{unit}, not {joint}_{other}")
+        out[i] = value
+    return out
+
+
+def moved(q: Array, phase: Auxiliary, names: tuple[str, ...], angles: tuple[bool, ...], where: str) -> Array:
+    """Return q (n,) at the end of a phase that begins at q.
+
+    Raises:
+        ProtocolError: it moves nothing, or as `placed`.
+    """
+    out = placed(q, phase.joints, phase.angle_joints, names, angles, where)
+    if np.abs(out - q).max() < _NONE:
+        raise ProtocolError(f"{where}: it has no length: the joints are there already; remove it")
+    return out
+
+
+def beside(paths: Sequence[PhasePath], kinematics: PathKinematics, protocol: str) -> tuple[PhasePath, ...]:
+    """Return phases with what their auxiliary joints do: they stay, but for the phases that move them.
+
+    Raises:
+        ProtocolError: a phase moves a joint that is not auxiliary, or none.
+    """
+    names = kinematics.joint_names
+    places = [names.index(n) for n in kinematics.auxiliary]
+    q, out = np.zeros(len(names)), []
+    q[places] = list(kinematics.auxiliary.values())
+    for path in paths:
+        phase, after = path.phase, q
+        if isinstance(phase, Auxiliary):
+            where = f"{protocol}: phase '{phase.name}' ({phase.type})"
+            if foreign := [n for n in phase.joints if n in names and n not in kinematics.auxiliary]:
+                raise ProtocolError(
+                    f"{where}: joint '{foreign[0]}' moves the tool; auxiliary joints of this robot: "
+                    f"{', '.join(kinematics.auxiliary) or 'none'}. Use a positioning, or a waypoint of joint values"
+                )
+            after = moved(q, phase, names, kinematics.revolute, where)
+        out.append(replace(path, beside=tuple((i, float(q[i]), float(after[i])) for i in places)))
+        q = after
+    return tuple(out)
 
 
 def _vee(A: Array) -> Array:

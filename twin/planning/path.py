@@ -19,6 +19,7 @@ from twin.core.errors import ProtocolError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.planning.protocol import (
+    Auxiliary,
     Circle,
     Home,
     Insertion,
@@ -74,6 +75,7 @@ class PhasePath:
         rcm: (3,) RCM in base while it is registered, else None.
         rcm_mode: "enforced" or "monitored" while it is registered, else None.
         depth0, depth1: depth at both ends in m (NaN without RCM).
+        beside: auxiliary joints: place in q, value in m or rad at both ends.
     """
 
     phase: Phase
@@ -89,10 +91,14 @@ class PhasePath:
     rcm_mode: RcmMode | None
     depth0: float
     depth1: float
+    beside: tuple[tuple[int, float, float], ...]
 
     def joints(self, s: Array, kinematics: PathKinematics) -> Array:
         """Return the driven joints (k, n) at s (k,), NaN where there are none."""
-        return kinematics.inverse(self.motion(s).Ts_base_tool)
+        q = kinematics.inverse(self.motion(s).Ts_base_tool)
+        for i, start, end in self.beside:
+            q[:, i] = start + s * (end - start)
+        return q
 
     @property
     def about_rcm(self) -> bool:
@@ -239,6 +245,8 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
                 waypoint = phase.to
                 by_joints = guide is not None and protocol.waypoints[waypoint].joints is not None
                 goal, end = (angles, tip) if by_joints else _pose(protocol, waypoint)
+            case Auxiliary():
+                end, depth1, mode = tip, depth0, paths[-1].rcm_mode if paths and rcm is not None else None
             case Insertion():
                 waypoint, mode, rcm = phase.to, "enforced", tip
                 depth0, depth1 = 0.0, phase.depth
@@ -277,7 +285,7 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
             case _:
                 assert_never(phase)
         elsewhere = waypoint is not None and protocol.waypoints[waypoint].joints is not None
-        still = not (isinstance(phase, Circle) or elsewhere) and np.linalg.norm(end - tip) < _NO_LENGTH
+        still = not (isinstance(phase, Circle | Auxiliary) or elsewhere) and np.linalg.norm(end - tip) < _NO_LENGTH
         if still and np.linalg.norm(goal - angles) < _NO_LENGTH:
             at = ", ".join(f"{x / MM:.3f}" for x in tip)
             turn = ", ".join(f"{x / DEG:.3f}" for x in angles)
@@ -302,6 +310,7 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
             mode,
             depth0,
             depth1,
+            (),
         )
         paths.append(path if guide is None else guide.along(path))
         angles, tip = paths[-1].angles1, paths[-1].tip1

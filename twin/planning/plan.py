@@ -13,7 +13,7 @@ from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.planning.check import check, rcm_error
 from twin.planning.feasible import pose_margins, require_feasible
-from twin.planning.following import Follower
+from twin.planning.following import Follower, beside
 from twin.planning.path import Motion, PhasePath, build
 from twin.planning.protocol import Limits, Protocol
 from twin.planning.smooth import Smooth, fit
@@ -67,7 +67,8 @@ def plan(
     legs: list[_Leg] = []
     findings = list(protocol.findings)
     guide = _guide(protocol, kinematics, T_tool_frame)
-    for path in build(protocol, T_tool_frame, guide):
+    paths = build(protocol, T_tool_frame, guide)
+    for path in paths if guide is not None else beside(paths, kinematics, protocol.name):
         if progress:
             progress(path.phase.name)
         leg, found = _leg(path, protocol, kinematics, dt)
@@ -155,7 +156,8 @@ def _joint_limits(path: PhasePath, protocol: Protocol, kinematics: PathKinematic
     """
     speed, acceleration = kinematics.max_speed, kinematics.max_acceleration
     waypoint = protocol.waypoints.get(getattr(path.phase, "to", ""))
-    if path.phase.type not in ("joints", "home") or waypoint is None or waypoint.joints is None:
+    by_joints = path.phase.type in ("joints", "home") and waypoint is not None and waypoint.joints is not None
+    if not by_joints and path.phase.type != "auxiliary":
         return speed, acceleration
     limits, turns = protocol.limits[path.phase.type], np.array(kinematics.revolute, bool)
     own_speed = np.where(turns, limits.rotation_speed, limits.tip_speed)

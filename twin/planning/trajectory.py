@@ -72,6 +72,7 @@ class PathKinematics:
         revolute: (n,) which joints are in rad; empty: none.
         why: pose (4, 4) -> where and why the equations have no value there, or ""; None: they cannot tell.
         carrier: the mechanism, for phases that it leads; None: there are none.
+        auxiliary: values of the auxiliary joints as drawn, by name; the inverse gives these.
         takes: (k, 4, 4) -> whether all are poses of this robot beyond doubt; None: every pose is. Where it is in doubt
             (fewer than six freedoms, no equations) the mechanism is asked, see `following`.
     """
@@ -92,6 +93,7 @@ class PathKinematics:
     revolute: tuple[bool, ...] = ()
     why: Callable[[Array], str] | None = None
     carrier: Carrier | None = None
+    auxiliary: Mapping[str, float] = field(default_factory=dict)
     takes: Callable[[Array], bool] | None = None
 
     def unit(self, joint: int) -> tuple[str, float]:
@@ -125,6 +127,7 @@ def without_equations(mechanism: Mechanism, carrier: Carrier, gaps: Sequence[tup
         gaps=tuple(Gap(order.index(a), order.index(b), g, f"{a}-{b}") for a, b, g in gaps),
         revolute=tuple(j.is_angle for j in active),
         carrier=carrier,
+        auxiliary={name: value for _, name, _, value in mechanism.beside(())},
         takes=lambda Ts: False,
     )
 

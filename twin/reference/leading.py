@@ -14,7 +14,6 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError
 from twin.core.spatial import Array
 from twin.reference import walk
-from twin.reference.loops import LENGTH_SCALE
 from twin.reference.model import GAP_TOLERANCE, ReferenceModel
 from twin.reference.newton import minimise
 from twin.reference.posing import posed
@@ -27,9 +26,6 @@ _HALVINGS = 8
 
 _NEARBY = {True: 0.05, False: 0.005}
 """How far (rad, m) a driven joint is moved to see what it does beside a state that may be singular."""
-
-_RANK = 1e-6
-"""Singular value, relative to the largest, below which a direction is none."""
 
 
 class Leader:
@@ -112,15 +108,6 @@ class Leader:
         arm = model.tree.tool(poses)[:, :3, :3] @ p_tool
         twist[:, :3] -= spatial.hat(arm) @ twist[:, 3:]
         return twist
-
-    @cached_property
-    def freedoms(self) -> int:
-        """In how many independent directions the driven joints move the tool, as drawn or beside it."""
-        if not self.model.mechanism.active:
-            return 0
-        J = self.jacobians(self.drawn()[0], np.zeros(3))
-        s = np.linalg.svd(np.concatenate([J[:, :3] / LENGTH_SCALE, J[:, 3:]], axis=1), compute_uv=False)
-        return int((s > _RANK * np.maximum(s[:, :1], 1e-12)).sum(axis=1).max())
 
     def _there(self, x: Array, T: Array, led: np.ndarray, p_tool: Array) -> Array | None:
         """Return the state near x with the tool at T in the led directions, loops closed; None if there is none."""

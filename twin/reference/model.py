@@ -19,6 +19,7 @@ from twin.core.spatial import Array, Index
 from twin.core.units import MM
 from twin.model.mechanism import Mechanism
 from twin.reference import departing, given, mobility, walk
+from twin.reference.loops import LENGTH_SCALE
 from twin.reference.mobility import Mobility
 from twin.reference.newton import minimise
 from twin.reference.posing import posed
@@ -45,6 +46,9 @@ _DEPARTURES = 2
 
 _THERE = 1e-6
 """Misfit (m, rad) up to which a state counts as reached after a departure."""
+
+_RANK = 1e-6
+"""Singular value of a Jacobian, relative to the largest, below which a direction is none."""
 
 _FLAT = 1e-9
 """Relative size of singular values that count as zero."""
@@ -164,13 +168,13 @@ class ReferenceModel:
     ) -> Run:
         """Solve for tool poses (k, 4, 4) along a motion; see `run`.
 
-        `near` (k, n) are active joints: a `redundant` mechanism takes each pose in many ways; it then takes it
-        by the smallest motion from there.
+        `near` (k, n) are active joints: a mechanism that is `redundant` or has auxiliary joints takes each pose in many
+        ways; it then takes it by the smallest motion from there.
         """
         Ts = np.asarray(Ts_base_tool, float)
         if Ts.ndim != 3 or not len(Ts) or not spatial.is_pose(Ts, 1e-6):
             raise MechanismError(f"the tool poses, of shape {Ts.shape}, are not rigid (k, 4, 4) poses")
-        if near is None or not self.redundant:
+        if near is None or not (self.redundant or self.mechanism.auxiliary):
             return self._closed(self.collect(self._along(Ts, self._move_posed, seed, progress)), Ts)
         states = self._along(np.asarray(near, float), self._move_driven, seed, progress)
         for block in np.array_split(np.arange(len(Ts)), max(1, len(Ts) // _BLOCK)):
@@ -178,19 +182,28 @@ class ReferenceModel:
         return self._closed(self.collect(states), Ts)
 
     @cached_property
-    def redundant(self) -> bool:
-        """Whether more joints are driven than the tool has directions to move in: a pose is taken in many ways.
+    def freedoms(self) -> int:
+        """In how many independent directions the driven joints move the tool.
 
-        By the rank of the tool's Jacobian, at home and at states near it: home itself may be singular.
+        The rank of the tool's Jacobian, the largest at home and at states near it: home itself may be singular.
         """
         active = self.mechanism.active
+        if not active:
+            return 0
         size = np.where([j.is_angle for j in active], 0.05, 2e-3)
         steps = np.vstack([np.zeros(len(active)), size * np.random.default_rng(0).uniform(-1, 1, (4, len(active)))])
         home = np.tile(self._home, (len(steps), 1))
         x = self.tree.integrate(home, np.einsum("kij,kj->ki", self.gains(home), steps))
         x, _ = minimise(self.tree, x, self.loops_only, self.tree.passive)
         A, J = self._jacobians(x)
-        return int(np.linalg.matrix_rank(J @ self.gains(x, A), rtol=_FLAT).max(initial=0)) < len(active)
+        twists = J @ self.gains(x, A)
+        twists[:, :3] /= LENGTH_SCALE
+        return int(np.linalg.matrix_rank(twists, rtol=_RANK).max())
+
+    @property
+    def redundant(self) -> bool:
+        """Whether more joints move the tool than it has directions to move in: a pose is taken in many ways."""
+        return self.freedoms < len(self.mechanism.active) - len(self.mechanism.auxiliary)
 
     def collect(self, states: Array) -> Run:
         """Return what the configurations (k, nq) mean."""

@@ -70,6 +70,8 @@ def compare(
     Ts = trajectory.Ts_base_tool
     asked = kin if kin is not None and (kin.closed_inverse or not trajectory.followed) else None
     q = trajectory.q if asked is None else asked.inverse_many(Ts)
+    if asked is not None:
+        q[:, asked.auxiliary] = trajectory.q[:, asked.auxiliary]  # which the equations leave where they are
     out.series |= {"q": q, "t_coarse": coarse.t}
     if asked is not None and not np.isfinite(q).all():
         k = int(np.argmin(np.isfinite(q).all(axis=1)))
@@ -247,7 +249,7 @@ def _driven(
     wrong: dict[str, tuple[Residual, str]] = {}
     for i, joint in enumerate(kin.joints):
         equation = _equation_of(kin, (kin.joints[i],))
-        if not np.isfinite(q[:, i]).any():
+        if kin.auxiliary[i] or not np.isfinite(q[:, i]).any():
             continue
         unit = "rad" if kin.revolute[i] else "m"
         tolerance = tolerances.rotation if kin.revolute[i] else tolerances.position

@@ -10,6 +10,7 @@ and points from the platform to the tip. Depth is counted along the shaft from t
 Phases:
     positioning   straight to a waypoint, position and angles linear in s; outside the patient
     joints        by the driven joints, each at the same share of its way; the tool follows the mechanism
+    auxiliary     joints that do not move the tool (a jaw) to their values; the tool stands still
     insertion     straight along the shaft by a depth; registers the RCM where it starts
     pivot         about the RCM: "enforced" goes to angles and a depth, the tip follows from them;
                   "monitored" goes to a waypoint as it stands, and the missed RCM is reported
@@ -20,6 +21,7 @@ Phases:
 
 from twin.planning.protocol.load import load_protocol as load_protocol
 from twin.planning.protocol.model import DIRECTIONS as DIRECTIONS
+from twin.planning.protocol.model import Auxiliary as Auxiliary
 from twin.planning.protocol.model import Circle as Circle
 from twin.planning.protocol.model import Direction as Direction
 from twin.planning.protocol.model import Home as Home

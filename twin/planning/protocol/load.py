@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import inf
 from pathlib import Path
@@ -13,6 +14,7 @@ from twin.core.errors import DescriptionError, unknown
 from twin.core.findings import Finding
 from twin.core.units import DEG, MM
 from twin.planning.protocol.model import (
+    Auxiliary,
     Circle,
     Home,
     Insertion,
@@ -29,6 +31,7 @@ from twin.planning.protocol.model import (
 )
 from twin.planning.protocol.plausible import plausible
 from twin.planning.protocol.tables import (
+    AuxiliaryTable,
     CircleTable,
     HomeTable,
     InsertionTable,
@@ -90,9 +93,15 @@ def _waypoint(name: str, w: WaypointTable) -> Waypoint:
     out = Waypoint(name, angles, position, depth, w.label or name, w.provenance, w.note)
     if w.joints is None:
         return out
-    split = [(*key.rsplit("_", 1), value) for key, value in w.joints.items()]
+    joints, angles = _joint_values(w.joints)
+    return replace(out, joints=joints, angle_joints=angles)
+
+
+def _joint_values(given: Mapping[str, float]) -> tuple[dict[str, float], frozenset[str]]:
+    """Return values in SI by joint, and which of them were given in degrees."""
+    split = [(*key.rsplit("_", 1), value) for key, value in given.items()]
     joints = {joint: value * (DEG if unit == "deg" else MM) for joint, unit, value in split}
-    return replace(out, joints=joints, angle_joints=frozenset(j for j, unit, _ in split if unit == "deg"))
+    return joints, frozenset(j for j, unit, _ in split if unit == "deg")
 
 
 def _limits(l: LimitsTable) -> Limits:  # noqa: E741
@@ -123,6 +132,8 @@ def _phase(p: PhaseTable, table: ProtocolTable) -> Phase:
             return Positioning(p.name, p.to)
         case JointsTable():
             return Joints(p.name, p.to)
+        case AuxiliaryTable():
+            return Auxiliary(p.name, *_joint_values(p.joints))
         case InsertionTable():
             return Insertion(p.name, p.depth_mm * MM, p.to)
         case PivotTable():
@@ -148,6 +159,12 @@ def _check_phases(table: ProtocolTable, path: str | Path) -> set[str]:
         if all(getattr(table.waypoints[name], n) is None for n in needs):
             raise wrong(keys, f"waypoint '{name}' has no {' or '.join(needs)}, which {why} needs")
 
+    def once(joints: Mapping[str, float], keys: Keys) -> None:
+        moved = [key.rsplit("_", 1)[0] for key in joints]
+        for joint in moved:
+            if moved.count(joint) > 1:
+                raise wrong(keys, f"joint '{joint}' is given twice, in deg and in mm")
+
     for name, w in table.waypoints.items():
         if sum(given is not None for given in (w.position_mm, w.depth_mm, w.joints)) != 1:
             raise wrong(
@@ -159,10 +176,7 @@ def _check_phases(table: ProtocolTable, path: str | Path) -> set[str]:
             text = "joints decide the attitude: take angles_deg out" if w.joints is not None else "give angles_deg, too"
             raise wrong(("waypoints", name), text)
         if w.joints is not None:
-            moved = [key.rsplit("_", 1)[0] for key in w.joints]
-            for joint in moved:
-                if moved.count(joint) > 1:
-                    raise wrong(("waypoints", name, "joints"), f"joint '{joint}' is given twice, in deg and in mm")
+            once(w.joints, ("waypoints", name, "joints"))
     target(table.start, ("start",), "the start", "position_mm", "joints")
     if table.home is not None:
         target(table.home, ("home",), "home", "position_mm", "joints")
@@ -191,6 +205,8 @@ def _check_phases(table: ProtocolTable, path: str | Path) -> set[str]:
             case JointsTable():
                 goal = p.to
                 target(goal, (*keys, "to"), "a motion by the joints", "joints")
+            case AuxiliaryTable():
+                once(p.joints, (*keys, "joints"))
             case HomeTable():
                 goal = table.home or table.start
             case PivotTable(rcm="enforced"):
@@ -214,7 +230,7 @@ def _check_phases(table: ProtocolTable, path: str | Path) -> set[str]:
                     (*keys, "to" if p.type != "home" else "type"),
                     f"the phase has no length: it begins at '{goal}' already; remove it",
                 )
-        here = here if p.type == "circle" else goal
+        here = here if p.type in ("circle", "auxiliary") else goal
     return used
 
 

@@ -12,7 +12,7 @@ from twin.core.provenance import Parameter, Provenance
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
-PhaseType = Literal["positioning", "joints", "insertion", "pivot", "circle", "retraction", "home"]
+PhaseType = Literal["positioning", "joints", "auxiliary", "insertion", "pivot", "circle", "retraction", "home"]
 RcmMode = Literal["enforced", "monitored"]
 RotationOrder = Literal["zyx", "xyz"]
 """Axes about which a frame is turned one after the other, each time its own: "zyx" is Rz Ry Rx."""
@@ -94,6 +94,19 @@ class Joints:
 
 
 @dataclass(frozen=True)
+class Auxiliary:
+    """Auxiliary joints (a jaw) to `joints`, values by name in m or rad, each at the same share of its way.
+
+    The tool stands still. `angle_joints` are those that were given in degrees.
+    """
+
+    name: str
+    joints: Mapping[str, float]
+    angle_joints: frozenset[str]
+    type: ClassVar[PhaseType] = "auxiliary"
+
+
+@dataclass(frozen=True)
 class Insertion:
     """Along the shaft by `depth` in m; registers the RCM at its start."""
 
@@ -145,7 +158,7 @@ class Home:
     type: ClassVar[PhaseType] = "home"
 
 
-Phase = Positioning | Joints | Insertion | Pivot | Circle | Retraction | Home
+Phase = Positioning | Joints | Auxiliary | Insertion | Pivot | Circle | Retraction | Home
 
 
 @dataclass(frozen=True)

@@ -93,6 +93,13 @@ class JointsTable(_PhaseTable):
     to: Identifier
 
 
+class AuxiliaryTable(_PhaseTable):
+    """Auxiliary joints, which do not move the tool (a jaw), to `joints`: NAME_deg or NAME_mm; the tool stands still."""
+
+    type: Literal["auxiliary"]
+    joints: dict[_JointValue, float]
+
+
 class InsertionTable(_PhaseTable):
     """Straight along the shaft; `to` names the waypoint that should be met at its end."""
 
@@ -138,7 +145,14 @@ class HomeTable(_PhaseTable):
 
 
 PhaseTable = Annotated[
-    PositioningTable | JointsTable | InsertionTable | PivotTable | CircleTable | RetractionTable | HomeTable,
+    PositioningTable
+    | JointsTable
+    | AuxiliaryTable
+    | InsertionTable
+    | PivotTable
+    | CircleTable
+    | RetractionTable
+    | HomeTable,
     Field(discriminator="type"),
 ]
 

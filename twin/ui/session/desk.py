@@ -120,7 +120,7 @@ class Desk:
             q = self._joints_of(T_base_tool)
             return self._assembled(q) if q is not None else self.model.solve_pose(T_base_tool, self.assembly)
 
-        weak = len(self.joints) < 6 or bool(self.mechanism.trocar)
+        weak = len(self.joints) - len(self.mechanism.auxiliary) < 6 or bool(self.mechanism.trocar)
         with self.lock:
             out = self._try(go, T_base_tool)
             if out.good or not weak or not spatial.is_pose(T_base_tool, 1e-6):

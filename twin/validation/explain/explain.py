@@ -55,7 +55,8 @@ def known(
         return gather(formula, run, model, parameters)
     sampled = gather(formula, sample(model, regular=True), model, parameters)
     try:
-        q = compile_formula(formula, variants, parameters).inverse_many(run.Ts_base_tool)
+        beside = model.mechanism.beside(j.name for j in formula.joints)
+        q = compile_formula(formula, variants, parameters, beside).inverse_many(run.Ts_base_tool)
         near = model.run_poses(run.Ts_base_tool, near=np.where(np.isfinite(q), q, run.q))
     except TwinError:  # equations that lead out of reach are off where the mechanism is, which is said row by row
         return sampled

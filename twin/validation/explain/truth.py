@@ -148,8 +148,9 @@ def gather(formula: Formula, run: Run, model: ReferenceModel, parameters: Mappin
         values = rebuild.function(formula.coordinates.from_pose)(symbols[POSE_SYMBOL])
     for name, unit, value in zip(formula.coordinates.names, formula.coordinates.units, values, strict=True):
         symbols[name], kinds[name] = value, "angle" if unit == "rad" else "length"
-    for i, joint in enumerate(formula.joints):
-        symbols[joint.name] = run.q[:, i]
+    order = [j.name for j in model.mechanism.active]
+    for joint in formula.joints:
+        symbols[joint.name] = run.q[:, order.index(joint.name)]
         kinds[joint.name] = "angle" if joint.kind == "revolute" else "length"
     angular = {j.name: j.is_angle for j in model.mechanism.joints}
     for name in formula.passive:
