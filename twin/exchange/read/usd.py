@@ -65,7 +65,7 @@ def _left_out(path: Path, root: str | None) -> list[Finding]:
         strange = [str(s) for s in prim.GetPrimTypeInfo().GetAppliedAPISchemas() if str(s).split(":")[0] not in _READ]
         joint = prim.IsA(UsdPhysics.Joint)
         for schema in strange:
-            if joint and "mimic" in schema.lower():
+            if joint and "mimic" in schema.split(":")[0].lower():  # behind the colon is a name of its own
                 raise SourceError(
                     f"{path}: joint {where} follows another one by {schema}: couplings of other vendors are not read. "
                     "Take the schema off, and write the [[coupling]] into the new folder."
