@@ -158,10 +158,19 @@ def test_it_is_exported_and_every_format_moves_it(robot, tmp_path):
     report = api.export(robot, folder=out)
     assert report.verdict == "agree", report.findings
     assert audit(out, mechanism=robot.weighed().mechanism).verdict == "agree"
-    back = close(read(out / "usd/gripper.usda")).mechanism
-    assert [j.name for j in back.auxiliary] == ["jaw"]
-    for name in ("gripper.urdf", "gripper.xml"):  # the coupling of the fingers is lost in one, the tool in the other
-        assert "jaw" in {j.name for j in close(read(out / name)).mechanism.active}
+    for name in ("usd/gripper.usda", "gripper.urdf", "gripper.xml"):
+        back = close(read(out / name)).mechanism
+        assert "jaw" in {j.name for j in back.active}, name
+        assert back.couplings[0].joints == ("follower", "jaw"), name
+        if "urdf" not in name:  # which has no place for a frame
+            assert [j.name for j in back.auxiliary] == ["jaw"], name
+        for body in robot.mechanism.bodies:
+            colors = [m.color_rgba for m in back.body(body.name).meshes]
+            np.testing.assert_allclose(colors, [m.color_rgba for m in body.meshes], atol=1e-4)
+    text = (out / "gripper.urdf").read_text()
+    (out / "gripper.urdf").write_text(text.replace('multiplier="-1"', 'multiplier="-1.01"'))
+    wrong = audit(out, mechanism=robot.weighed().mechanism).findings
+    assert [f for f in wrong if f.severity == "disagreement" and "right" in f"{f.where} {f.message}"]
     track = json.loads((out / "tracks/first.json").read_text())
     assert "jaw" in json.dumps(track)
 

@@ -16,6 +16,12 @@ def srgb(linear: float) -> float:
     return 12.92 * part if part <= 0.0031308 else 1.055 * part ** (1 / 2.4) - 0.055
 
 
+def linear(shown: float) -> float:
+    """Return the linear part of a colour, 0..1, from what displays show: the inverse of `srgb`."""
+    part = min(max(shown, 0.0), 1.0)
+    return part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4
+
+
 def decimals(difference: float) -> int:
     """Return how many decimals show a difference with three digits: three at least, nine at most."""
     return min(max(2 - floor(log10(abs(difference))), 3), 9) if difference else 3

@@ -25,6 +25,9 @@ from twin.core.foreign.budget import BODIES, FREEDOMS
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 
+TOOL = "tool"
+"""Name of the frame that is the tool where a file does not name another."""
+
 JointType = Literal["fixed", "revolute", "prismatic", "cylindrical", "spherical", "free"]
 
 FREE_AXES: dict[str, tuple[int, ...]] = {
@@ -265,7 +268,7 @@ class Mechanism:
     points: tuple[Point, ...] = ()
     rest: Mapping[str, Array] = field(default_factory=dict)
     postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    tool: str = "tool"
+    tool: str = TOOL
     parameters: tuple[Parameter, ...] = ()
     couplings: tuple[Coupling, ...] = ()
     trocar: str = ""

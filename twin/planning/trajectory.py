@@ -256,19 +256,12 @@ class Trajectory:
         Between samples q follows a cubic (exact in q and qd at the samples), the pose a screw-free
         blend: line for the position, constant rate for the rotation.
         """
-        step = float(self.t[1] - self.t[0])
-        x = float(np.clip((t - self.t[0]) / step, 0, len(self.t) - 1))
-        i = min(int(x), len(self.t) - 2)
-        f = x - i
-        q = spatial.cubic(f, self.q[i], self.q[i + 1], step * self.qd[i], step * self.qd[i + 1])
-        return q, self.poses(np.array([t]))[0]
+        times = np.array([t], float)
+        return self.joints(times)[0], self.poses(times)[0]
 
     def poses(self, times: Array) -> Array:
         """Return T_base_tool (k, 4, 4) at times (k,) in s, blended between samples as by `sample`."""
-        step = float(self.t[1] - self.t[0])
-        x = np.clip((np.asarray(times, float) - self.t[0]) / step, 0, len(self.t) - 1)
-        i = np.minimum(x.astype(int), len(self.t) - 2)
-        f = (x - i)[:, None]
+        i, f = self._between(times)
         a, b = self.Ts_base_tool[i], self.Ts_base_tool[i + 1]
         turn = spatial.log_so3(np.swapaxes(a[:, :3, :3], 1, 2) @ b[:, :3, :3])
         return spatial.pose(a[:, :3, :3] @ spatial.exp_so3(f * turn), (1 - f) * a[:, :3, 3] + f * b[:, :3, 3])
@@ -282,8 +275,15 @@ class Trajectory:
         return model.run(q) if self.followed else model.run_poses(self.poses(times), near=q)
 
     def joints(self, times: Array) -> Array:
-        """Return q (k, n) at times (k,) in s, blended linearly between samples."""
-        return np.stack([np.interp(times, self.t, column) for column in self.q.T], axis=1)
+        """Return q (k, n) at times (k,) in s, between samples as by `sample`."""
+        i, f = self._between(times)
+        return spatial.cubic(f, self.q[i], self.q[i + 1], self.step * self.qd[i], self.step * self.qd[i + 1])
+
+    def _between(self, times: Array) -> tuple[np.ndarray, Array]:
+        """Return the sample before each time (k,), and the part (k, 1) of a step behind it."""
+        x = np.clip((np.asarray(times, float) - self.t[0]) / self.step, 0, len(self.t) - 1)
+        i = np.minimum(x.astype(int), len(self.t) - 2)
+        return i, (x - i)[:, None]
 
     def as_dict(self, arrays: bool = True) -> dict[str, Any]:
         """Return plain data for JSON, SI; NaN becomes None. `arrays` adds every sample."""

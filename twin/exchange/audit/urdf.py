@@ -30,7 +30,10 @@ class UrdfError(Exception):
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint: the fixed pose and the axis, links by name; limits in rad or m, largest effort and speed, or None."""
+    """A joint: the fixed pose and the axis, links by name; limits in rad or m, largest effort and speed, or None.
+
+    One with a `mimic` (leader, multiplier, offset) follows another.
+    """
 
     name: str
     parent: str
@@ -39,6 +42,14 @@ class UrdfJoint:
     limits: tuple[float, float] | None
     effort: float | None
     speed: float | None
+    mimic: tuple[str, float, float] | None
+
+    def values(self, clip: Clip) -> Array | None:
+        """Return the joint's values (k,) in a track, those of its leader where it follows one; None if not told."""
+        if self.mimic is None or self.mimic[0] not in clip.joints:
+            return clip.joints.get(self.name)
+        leader, multiplier, offset = self.mimic
+        return multiplier * clip.joints[leader] + offset
 
 
 class Urdf:
@@ -100,7 +111,7 @@ class Urdf:
                 way.append(self.above[upper])
                 upper = self.above[upper].parent
             way.reverse()
-            given = [clip.joints.get(j.name) for j in way]
+            given = [j.values(clip) for j in way]
             if any(g is None and j.link.kind != "fixed" for g, j in zip(given, way, strict=True)):
                 known = clip.links.get(upper, placed[upper])
                 given = fit([j.link for j in way], given, poses.inverse(known) @ clip.links[name])
@@ -182,7 +193,11 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
         if not limits[0] <= limits[1]:
             text = f"joint '{name}': lower limit {limits[0]:g} lies above upper limit {limits[1]:g}."
             ledger.add("urdf.limits", "disagreement", text, where=name, suggestion="swap them")
-    return UrdfJoint(name, ends[0], ends[1], Link(T, KINDS[kind], a, name), limits, effort, speed)
+    follows, mimic = element.find("mimic"), None
+    if follows is not None:
+        factor, offset = (float(numbers(follows.get(k), 1, (d,))[0]) for k, d in (("multiplier", 1.0), ("offset", 0.0)))
+        mimic = (follows.get("joint", ""), factor, offset)
+    return UrdfJoint(name, ends[0], ends[1], Link(T, KINDS[kind], a, name), limits, effort, speed, mimic)
 
 
 def _origin(element: ET.Element | None) -> Array:

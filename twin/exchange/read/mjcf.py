@@ -24,7 +24,7 @@ from twin.exchange.read.mjcf_left import left_out
 from twin.exchange.read.mjcf_robots import chosen, tied_by
 from twin.exchange.read.mjcf_shapes import shown
 from twin.exchange.read.source import Imported, Names, along, assemble, note, possible, warning
-from twin.model.mechanism import Body, Coupling, Drive, Frame, Inertia, Joint, JointType
+from twin.model.mechanism import TOOL, Body, Coupling, Drive, Frame, Inertia, Joint, JointType
 from twin.usd.read.names import identifier
 
 _ATTRIBUTE = re.compile(r"""([\w:]+)\s*=\s*["']([^"']*)["']""")
@@ -123,9 +123,11 @@ class _Mjcf:
                 self._equality(i, joints, couplings, used)
         self.findings += left_out(m, self._name)
         site_names = Names("site", (self._name("SITE", i) for i in range(m.nsite)), self.findings)
+        # In files of twin a site frame_NAME is the frame NAME, and one of them is the tool.
+        prefix = "frame_" if f"frame_{TOOL}" in site_names else ""
         frames = [
             Frame(
-                site_names[self._name("SITE", i)],
+                site_names[self._name("SITE", i)].removeprefix(prefix),
                 self.bodies[m.site_bodyid[i]],
                 _pose(m.site_pos[i], m.site_quat[i]),
             )

@@ -18,7 +18,7 @@ from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.exchange.read.sdf_left import left_out
 from twin.exchange.read.sdf_world import robot_of
-from twin.exchange.read.shapes import SIZES, Color, mesh_file, placed, primitive, size
+from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, primitive, size
 from twin.exchange.read.source import Imported, Names, along, assemble, limits, possible, rpy, warning
 from twin.exchange.read.xml import Xml
 from twin.model.mechanism import Body, Coupling, Frame, Inertia, Joint, JointType, Mechanism, Mesh
@@ -277,7 +277,7 @@ class _Sdf:
                 self.findings.append(warning("shape", f"{where}: a <{shape.tag}> is not shown.", name))
             if solid is not None:
                 rgba = element.findtext("material/diffuse")
-                r, g, b, a = map(float, self.xml.numbers(where, "diffuse", rgba, 4, (0.6, 0.6, 0.6, 1.0)))
+                r, g, b, a = map(float, self.xml.numbers(where, "diffuse", rgba, 4, GREY))
                 a *= 1.0 - self.xml.number(where, "transparency", element.findtext("transparency"), 0.0)
                 color: Color = (r, g, b, min(max(a, 0.0), 1.0))
                 label = identifier(f"{name}_shape") + (f"_{len(out) + 1}" if out else "")

@@ -11,6 +11,7 @@ from twin.cad.mesh import SUFFIXES, load_mesh
 from twin.core.errors import CadError
 from twin.core.findings import Finding
 from twin.core.spatial import Array
+from twin.core.units import linear
 from twin.exchange.read.source import warning
 from twin.exchange.read.xml import Xml
 from twin.model.mechanism import Mesh
@@ -19,6 +20,10 @@ SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius"
 """What URDF and SDF say of each shape that both have."""
 
 Color = tuple[float, float, float, float]
+"""As displays show it, 0..1: so URDF, MJCF and SDF give colours."""
+
+GREY: Color = (0.8, 0.8, 0.8, 1.0)
+"""Of what has no colour in its file."""
 
 
 def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
@@ -55,9 +60,10 @@ def size(xml: Xml, where: str, kind: str, text: Callable[[str], str | None]) -> 
 
 
 def placed(name: str, vertices: Array, triangles: np.ndarray, T_body_mesh: Array, color: Color) -> Mesh:
-    """Return a mesh moved into the frame of its body."""
+    """Return a mesh moved into the frame of its body; its colour becomes linear, as the model has it."""
     points = vertices @ T_body_mesh[:3, :3].T + T_body_mesh[:3, 3]
-    return Mesh(name, points, np.asarray(triangles, np.int32), color)
+    r, g, b, a = color
+    return Mesh(name, points, np.asarray(triangles, np.int32), (linear(r), linear(g), linear(b), a))
 
 
 def find(uri: str, beside: Path) -> Path | None:

@@ -8,13 +8,11 @@ from twin.core import spatial
 from twin.core.errors import unknown
 from twin.core.findings import Finding
 from twin.core.spatial import Array
-from twin.exchange.read.shapes import SIZES, Color, mesh_file, placed, primitive, size
+from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, primitive, size
 from twin.exchange.read.source import note, rpy, warning
 from twin.exchange.read.xml import Xml
 from twin.model.mechanism import Mesh
 from twin.usd.read.names import identifier
-
-_GREY: Color = (0.6, 0.6, 0.6, 1.0)
 
 
 def origin(xml: Xml, element: Element, where: str) -> Array:
@@ -47,8 +45,8 @@ class Visuals:
     def _color(self, material: Element | None, where: str) -> Color:
         color = material.find("color") if material is not None else None
         if color is None:
-            return self.colors.get(material.get("name", ""), _GREY) if material is not None else _GREY
-        r, g, b, a = self.xml.numbers(where, "color rgba", color.get("rgba"), 4, _GREY)
+            return self.colors.get(material.get("name", ""), GREY) if material is not None else GREY
+        r, g, b, a = self.xml.numbers(where, "color rgba", color.get("rgba"), 4, GREY)
         return (float(r), float(g), float(b), float(a))
 
     def meshes(self, name: str, link: Element) -> list[Mesh]:

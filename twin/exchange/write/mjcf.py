@@ -23,6 +23,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.findings import Finding
 from twin.core.spatial import Array
+from twin.exchange.write.left_out import CONES, MAX_ACCELERATIONS, MAX_SPEEDS, SOFT_LIMITS, left_out
 from twin.exchange.write.masses import inertia_of, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
 from twin.exchange.write.xml import numbers, srgb, write_xml
@@ -75,17 +76,8 @@ def mjcf_findings(mechanism: Mechanism) -> list[Finding]:
     """Return what the file says otherwise than the mechanism; it stands in the file as well."""
     file = f"{mechanism.name}.xml"
     found = list(unweighed(mechanism, file))
-    cones = [j.name for j in mechanism.joints if j.cone is not None]
-    if cones:
-        found.append(
-            Finding(
-                "export.cone_left_out",
-                "info",
-                f"{file}: the cones of {', '.join(cones)} are left out, MJCF limits a ball by its whole turn",
-                where=", ".join(cones),
-            )
-        )
-    return found
+    # MJCF limits a ball by its whole turn, not by a cone.
+    return [*found, *left_out(mechanism, file, {**SOFT_LIMITS, **MAX_SPEEDS, **MAX_ACCELERATIONS, **CONES})]
 
 
 class _Writer:

@@ -16,10 +16,11 @@ import numpy as np
 from twin.core import spatial
 from twin.core.findings import Finding
 from twin.core.spatial import Array
+from twin.exchange.write.left_out import CONES, MAX_ACCELERATIONS, SOFT_LIMITS, left_out
 from twin.exchange.write.masses import inertia_of, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
 from twin.exchange.write.xml import numbers, srgb, write_xml
-from twin.model.mechanism import Body, Inertia, Joint, Material, Mechanism
+from twin.model.mechanism import Body, Coupling, Inertia, Joint, Material, Mechanism
 from twin.usd.write.spanning import spanning
 
 SMALL = Inertia(1e-6, np.zeros(3), 1e-9 * np.eye(3))
@@ -67,7 +68,8 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
                 suggestion="use MJCF or USD where loops must hold",
             )
         )
-    for coupling in mechanism.couplings:
+    held = _mimics(mechanism).values()
+    for coupling in (c for c in mechanism.couplings if c not in held):
         terms = " + ".join(f"{r:g} {n}" for n, r in zip(coupling.joints, coupling.ratios, strict=True))
         found.append(
             Finding(
@@ -77,7 +79,23 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
                 where=coupling.name,
             )
         )
+    found += left_out(mechanism, file, {**SOFT_LIMITS, **MAX_ACCELERATIONS, **CONES})
+    if mechanism.frames or mechanism.points:
+        names = ", ".join(x.name for x in (*mechanism.frames, *mechanism.points))
+        found.append(Finding("export.left_out", "info", f"{file}: the frames and points {names} are left out", names))
     return found
+
+
+def _mimics(mechanism: Mechanism) -> dict[str, Coupling]:
+    """Return the couplings that URDF holds: of two joints of the tree, by the one that follows and is not driven."""
+    single = {j.name for j in spanning(mechanism).tree if j.type in ("revolute", "prismatic")}
+    driven = {j.name for j in mechanism.active}
+    out: dict[str, Coupling] = {}
+    for coupling in (c for c in mechanism.couplings if len(c.joints) == 2 and single.issuperset(c.joints)):
+        follower = next((n for n in coupling.joints if n not in driven and n not in out), None)
+        if follower is not None and not any(follower in c.joints for c in out.values()):
+            out[follower] = coupling
+    return out
 
 
 def _document(mechanism: Mechanism) -> ET.Element:
@@ -94,6 +112,14 @@ def _document(mechanism: Mechanism) -> ET.Element:
         _link(root, body, mechanism.materials, weighed=body.name != mechanism.base or body.inertia is not None)
     for joint in spanning(mechanism).tree:
         _joint(root, joint, joint.relative(home[joint.parent], home[joint.child]))
+    for name, coupling in _mimics(mechanism).items():
+        ratio = dict(zip(coupling.joints, coupling.ratios, strict=True))
+        (leader,) = (n for n in coupling.joints if n != name)
+        line = {
+            "multiplier": numbers([-ratio[leader] / ratio[name]]),
+            "offset": numbers([coupling.total / ratio[name]]),
+        }
+        ET.SubElement(next(j for j in root.iter("joint") if j.get("name") == name), "mimic", joint=leader, **line)
     return root
 
 
