@@ -16,6 +16,8 @@ from pxr import Usd, UsdGeom, UsdShade
 import twin
 from twin.cad.description import load
 from twin.core import spatial
+from twin.core.units import linear, srgb
+from twin.exchange.read import read
 from twin.exchange.write.glb import write_glb
 from twin.exchange.write.mjcf import write_mjcf
 from twin.exchange.write.urdf import write_urdf
@@ -158,3 +160,18 @@ def test_committed_stages_show_what_the_descriptions_declare(name):
         spec = declared.get(material.rsplit("_", 1)[0])
         assert spec is not None, f"{mesh}: {material} is no material of the description"
         assert (metallic, roughness) == pytest.approx((spec.metallic, spec.roughness))
+
+
+@pytest.mark.parametrize("part", [0.0, 0.002, 0.003, 0.0031308, 0.004, 0.2, 0.5, 1.0])
+def test_a_colour_for_displays_and_back_is_itself(part):
+    assert linear(srgb(part)) == pytest.approx(part, abs=1e-8)
+    assert srgb(linear(part)) == pytest.approx(part, abs=1e-8)
+
+
+@pytest.mark.parametrize("write", [write_mjcf, write_urdf])
+def test_a_colour_that_is_written_is_read_again(write, tmp_path):
+    robot = twin.load("lapbot").weighed().mechanism
+    back = read(write(robot, tmp_path)).mechanism
+    for body in robot.bodies:
+        got = sorted(m.color_rgba for m in back.body(body.name).meshes)
+        np.testing.assert_allclose(got, sorted(m.color_rgba for m in body.meshes), atol=2e-4)

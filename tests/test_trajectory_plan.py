@@ -155,6 +155,19 @@ def test_samples_are_uniform_and_every_phase_rests_at_both_ends(planned, name):
 
 
 @pytest.mark.parametrize("name", CASES)
+def test_joints_between_samples_follow_their_speeds_and_are_those_of_sample(planned, name, rng):
+    trajectory = planned[name][1]
+    t = rng.uniform(0, trajectory.duration, 50)
+    q = trajectory.joints(t)
+    np.testing.assert_array_equal(q, [trajectory.sample(x)[0] for x in t])
+    np.testing.assert_allclose(trajectory.joints(trajectory.t), trajectory.q, atol=1e-15)
+    h = 1e-7
+    k = rng.integers(1, len(trajectory.t) - 1, 50)
+    ahead, behind = trajectory.joints(trajectory.t[k] + h), trajectory.joints(trajectory.t[k] - h)
+    np.testing.assert_allclose((ahead - behind) / (2 * h), trajectory.qd[k], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", CASES)
 def test_speeds_and_accelerations_are_those_of_the_positions(planned, name):
     """Between the switches of the path acceleration, where differences are meaningful."""
     trajectory = planned[name][1]
