@@ -624,6 +624,15 @@ def test_a_shaft_stays_in_its_trocar_wherever_that_is():
         _ = two_links().trocar_at()
 
 
+def test_what_swings_beside_a_loop_has_no_part_in_it():
+    """The only joint that is free to close the loop cannot move it: it stays where it is."""
+    lift = Joint("lift", "prismatic", "base", "a", active=True)
+    m = mechanism(lift, Joint("swing", "revolute", "a", "b"), replace(lift, name="rail", active=False), tool="a")
+    model = ReferenceModel(m)
+    assert model.home().worst_gap == 0
+    assert model.solve(np.array([0.1])).q_full["swing"] == 0
+
+
 def test_redundant_is_what_has_more_drives_than_directions_of_its_tool():
     """Whatever else is free: a rod that spins between two balls counts for nothing."""
     spinning = ReferenceModel(rod("lift"))
