@@ -97,13 +97,21 @@ def test_the_shaft_in_a_trocar_is_what_slides_there(robot):
     assert held.shaft_through() is None
 
 
-def test_the_two_keys_of_a_description_exclude_each_other(folder, tmp_path):
+@pytest.mark.parametrize(
+    ("new", "says"),
+    [
+        ('trocar = "left"\ntrocars = ["right"]', "add 'left' to this list and take `trocar` out"),
+        ('trocars = ["left", "rigth"]', r"trocars\[1\].*no joint 'rigth'\. Did you mean 'right'"),
+        ('trocar = "lefd"', r"trocar: there is no joint 'lefd'\. Did you mean 'left'"),
+    ],
+)
+def test_a_wrong_word_in_a_description_is_named(folder, tmp_path, new, says):
     own = shutil.copytree(folder, tmp_path / made.NAME)
     path = own / f"cad/{made.NAME}.toml"
     text = path.read_text("utf-8")
     assert 'trocars = ["left", "right"]' in text
-    path.write_text(text.replace("trocars = [", 'trocar = "left"\ntrocars = ['), "utf-8")
-    with pytest.raises(DescriptionError, match="add 'left' to this list and take `trocar` out"):
+    path.write_text(text.replace('trocars = ["left", "right"]', new), "utf-8")
+    with pytest.raises(DescriptionError, match=says):
         _ = twin.load(own).mechanism
 
 
