@@ -21,6 +21,7 @@ from twin.core.errors import DescriptionError, MechanismError, ProtocolError, Tw
 from twin.core.units import MM
 from twin.exchange.audit import audit
 from twin.model.scene import Place, load_scene
+from twin.planning import path as paths
 from twin.planning.protocol import load_protocol
 from twin.simulation.scene_play import Actor as Playing
 from twin.simulation.scene_play import _port, trocars_of
@@ -32,6 +33,7 @@ from twin.ui.session.timeline import prepare
 from twin.ui.session.trocars import in_trocars
 from twin.ui.viewer import readout
 from twin.ui.viewer.front import Actor
+from twin.ui.viewer.keep import _ends_inside
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
 from twin.usd.read import read_stage
@@ -256,9 +258,18 @@ def test_an_insertion_begins_at_the_trocar_that_it_names(tmp_path):
     protocol = replace(protocol, trocars={"b": entry})
     assert pa10.bound(protocol) is pa10
     np.testing.assert_allclose(protocol.first_rcm, entry)
+    T = pa10.mechanism.frame_in_tool(protocol.frame)
+    plain = paths.build(pa10.protocol("circle"), T)
+    for path, same in zip(paths.build(protocol, T), plain, strict=True):
+        assert (path.rcm is None) == (same.rcm is None)
+        assert path.rcm is None or np.array_equal(path.rcm, same.rcm)
     away = replace(protocol, trocars={"b": entry + AWAY})
     with pytest.raises(ProtocolError, match=r"phase 'insert' \(insertion\): it begins 1.000 mm from trocar 'b'"):
         twin.plan(pa10, away)
+
+
+def test_an_instrument_that_begins_in_a_trocar_ends_inside(robot):
+    assert _ends_inside(robot.protocol("stitch"))
 
 
 def test_a_trocar_in_metres_is_among_the_faults_that_are_looked_for(tmp_path, rng):
