@@ -450,7 +450,7 @@ def _with_a_port() -> tuple[twin.Robot, twin.Robot]:
     for name in twin.names():
         loaded = twin.load(name)
         for protocol in map(loaded.protocol, loaded.files.protocols()):
-            if protocol.trocar is not None:
+            if protocol.trocars:
                 return loaded, loaded.bound(protocol)
     raise AssertionError("no robot has a protocol that places its trocar")
 
@@ -465,11 +465,11 @@ def test_what_builds_a_robot_leaves_it_as_it_is(tmp_path):
         assert r.cad is cad
         assert r.mechanism is mechanism
         assert r.kinematics().parameters == parameters
-    assert not np.allclose(bound.mechanism.trocar_at, drawn.mechanism.trocar_at, atol=1e-6)
-    assert np.allclose(stage.mechanism.trocar_at, bound.mechanism.trocar_at, atol=1e-6)
+    assert not np.allclose(bound.mechanism.trocar_at(), drawn.mechanism.trocar_at(), atol=1e-6)
+    assert np.allclose(stage.mechanism.trocar_at(), bound.mechanism.trocar_at(), atol=1e-6)
     weighed = bound.weighed()
     assert weighed.weighed() is weighed
-    assert np.allclose(weighed.mechanism.trocar_at, bound.mechanism.trocar_at, atol=1e-12)
+    assert np.allclose(weighed.mechanism.trocar_at(), bound.mechanism.trocar_at(), atol=1e-12)
     assert weighed.cad.mechanism is weighed.mechanism
     masses = [[b.inertia is not None for b in r.mechanism.bodies] for r in (weighed, bound)]
     assert sum(masses[0]) > sum(masses[1])

@@ -39,7 +39,7 @@ def test_structure_is_the_published_one(robot):
     assert chain[0].type == {"lapbot": "prismatic", "hibou": "revolute"}[name]
     m = model.mobility(model.home().x)
     assert (m.freedom, m.redundancy, m.internal) == ({"lapbot": 6, "hibou": 5}[name], 0, 0)
-    np.testing.assert_allclose(cad.mechanism.trocar_at, TROCAR, atol=1e-12)
+    np.testing.assert_allclose(cad.mechanism.trocar_at(), TROCAR, atol=1e-12)
 
 
 def test_without_its_belt_lapbot_has_an_idle_freedom():

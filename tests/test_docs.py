@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from pxr import Sdf
 
-from made import mechanisms
+from made import mechanisms, two_trocars
 from twin.usd.write import write_stage
 
 ROOT = Path(__file__).parents[1]
@@ -198,6 +198,8 @@ def test_stages_hold_what_the_mapping_names(mapped, used, tmp_path):
     clear = tuple(replace(mesh, color_rgba=(0.5, 0.5, 0.5, 0.5)) for mesh in base.meshes)  # ... nor glass
     slider = replace(slider, bodies=(replace(base, meshes=clear), *slider.bodies[1:]))
     write_stage(slider, tmp_path, *mechanisms.slider_state(0.0, 0.0))
+    hands = two_trocars.mechanism()  # ... nor several trocars
+    write_stage(hands, tmp_path / "hands", hands.rest, {j.name: 0.0 for j in hands.joints})
     more = Used(tmp_path.rglob("*.usd[ac]"))
     assert len(mapped) > 100
     assert {word for word in mapped if word not in used and word not in more} == set()

@@ -17,6 +17,7 @@ pytestmark = pytest.mark.browser
 
 
 from made import headset_page as headset
+from made import two_trocars
 
 shown = headset.shown
 
@@ -143,6 +144,21 @@ def test_what_is_wrong_is_red(desk, robot):
     colour = desk("getComputedStyle(document.querySelector('[data-id=measure-rcm]')).color")
     assert colour == "rgb(179, 16, 30)"
     assert desk.id("measure-residual").get_attribute("data-tone") == "plain"  # it goes where it is led: they agree
+
+
+def test_every_trocar_of_a_robot_is_drawn(chromium, tmp_path):
+    serving = headset.Serving(str(two_trocars.write(tmp_path / two_trocars.NAME)))
+    try:
+        with shown(chromium, serving.url) as page:
+            page.until("twin.app.model.state.trocars.length === 2", "both trocars")
+            page.until("twin.app.overlays.further.some((f) => f.ball.visible)", "the second one is drawn")
+            balls = "[twin.app.overlays.rcmBall, ...twin.app.overlays.further.map((f) => f.ball)]"
+            drawn = page(f"{balls}.map((b) => b.position.toArray())")
+            np.testing.assert_allclose(drawn, list(two_trocars.PLACES.values()), atol=1e-8)
+            page("twin.app.overlays.shows.rcm = false")
+            page.until("!twin.app.overlays.further.some((f) => f.ball.visible)", "none is drawn")
+    finally:
+        serving.stop()
 
 
 def test_nothing_is_drawn_while_nothing_moves(desk, robot):

@@ -128,7 +128,7 @@ def test_our_own_stage_comes_back_with_points_frames_and_trocar(tmp_path):
     same.assert_same(imported.mechanism, after, 1e-11)
     assert {p.name for p in before.points} == {p.name for p in after.points}
     assert set(before.postures) <= set(after.postures)
-    assert (before.tool, before.trocar, before.base) == (after.tool, after.trocar, after.base)
+    assert (before.tool, before.trocars, before.base) == (after.tool, after.trocars, after.base)
 
 
 # -- models of others, used where they lie ------------------------------------------------------------

@@ -67,7 +67,7 @@ def play(name: str, protocol: str) -> Played:
     links = model.link_poses(model.run_poses(trajectory.poses(t), near=trajectory.joints(t)).x)
     # In from the moment that the tip touches the port; a mechanism with a trocar is in from start to end.
     among = (np.searchsorted(trajectory.t, t - 1e-6) - 1, np.searchsorted(trajectory.t, t + 1e-6))
-    known = np.isfinite(trajectory.depth) | bool(bound.mechanism.trocar)
+    known = np.isfinite(trajectory.depth) | bool(bound.mechanism.trocars)
     entered = np.array([known[max(a, 0) : b + 1].any() for a, b in zip(*among, strict=True)])
     home = model.solve(bound.mechanism.posture("home")).link_poses
     floor = floor_of(bound.mechanism, home)

@@ -609,19 +609,28 @@ def test_a_belt_on_what_it_cannot_drive_is_named():
     with pytest.raises(MechanismError, match="coupling 'belt' needs one ratio"):
         two_links(Coupling("belt", ("a", "c"), (1.0, 0.0)))
     with pytest.raises(MechanismError, match="joint 'c' must be one that holds to the base"):
-        two_links(trocar="c")
+        two_links(trocars=("c",))
 
 
 def test_a_shaft_stays_in_its_trocar_wherever_that_is():
     m = through_a_trocar()
     for place in ([0, 0, 0.3], [0.05, -0.04, 0.25]):
         model = ReferenceModel(m.with_trocar(np.array(place)))
-        assert np.allclose(model.mechanism.trocar_at, place)
+        assert np.allclose(model.mechanism.trocar_at(), place)
         for x in (-0.1, 0.0, 0.12):
             T = model.solve(np.array([x])).T_base_tool
             assert spatial.point_to_line(np.array(place), T[None, :3, 3], T[None, :3, 2])[0] < 1e-12
     with pytest.raises(MechanismError, match="no joint is a trocar"):
-        _ = two_links().trocar_at
+        _ = two_links().trocar_at()
+
+
+def test_what_swings_beside_a_loop_has_no_part_in_it():
+    """The only joint that is free to close the loop cannot move it: it stays where it is."""
+    lift = Joint("lift", "prismatic", "base", "a", active=True)
+    m = mechanism(lift, Joint("swing", "revolute", "a", "b"), replace(lift, name="rail", active=False), tool="a")
+    model = ReferenceModel(m)
+    assert model.home().worst_gap == 0
+    assert model.solve(np.array([0.1])).q_full["swing"] == 0
 
 
 def test_redundant_is_what_has_more_drives_than_directions_of_its_tool():

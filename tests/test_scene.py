@@ -54,7 +54,7 @@ def test_the_scene_stands_as_its_file_says():
     trocars = {"pa10": [0.32, 0.48, 0.10], "lapbot": [0.40, 0, 0.30], "hibou": [0.40, 0, 0.30]}
     for place in scene.places:
         at = (place.T_world_base @ [*trocars[place.name], 1])[:3]
-        np.testing.assert_allclose(at, place.p_world_port, atol=1e-6)
+        np.testing.assert_allclose(at, place.p_world_ports[""], atol=1e-6)
     assert {p.provenance for p in scene.parameters} == {"ASSUMED"}
 
 

@@ -39,7 +39,7 @@ ROBOTS = twin.names()
 @pytest.fixture(scope="module")
 def robots():
     out = {n: twin.load(n) for n in ROBOTS}
-    return {n: r.bound(r.protocol()) if r.mechanism.trocar else r for n, r in out.items()}
+    return {n: r.bound(r.protocol()) if r.mechanism.trocars else r for n, r in out.items()}
 
 
 def grid_around(robot, count=(9, 8, 7), step=0.01, **more):

@@ -334,7 +334,7 @@ def test_the_desk_of_a_robot_with_its_trocar_elsewhere():
     desk = Desk(twin.load("lapbot"))
     robot = desk.robot.bound(desk.robot.protocol("other_port"))
     desk.bind(robot)
-    np.testing.assert_allclose(desk.mechanism.trocar_at, robot.protocol("other_port").trocar, atol=1e-12)
+    np.testing.assert_allclose(desk.mechanism.trocar_at(), robot.protocol("other_port").trocars[""], atol=1e-12)
     assert read(desk).agrees
     assert not desk.edited
     desk.mechanism = replace(desk.mechanism)

@@ -19,6 +19,7 @@ from twin.core import spatial
 from twin.core.units import MM
 from twin.ui.session.desk import Desk
 from twin.ui.session.instruments import read
+from twin.ui.session.trocars import rcm_at
 from twin.ui.viewer import recording
 
 pytestmark = pytest.mark.browser
@@ -175,7 +176,7 @@ def test_the_timeline_is_scrubbed_and_the_curve_has_a_cursor(sils):
     until(lambda: abs(front.clock.time - 5.0) < 1e-6, "the clock at 5 s")
     k = round(5.0 * 60)
     until(lambda: np.allclose(front.hand.desk.assembly.q, front.hand.playback.q[k], atol=1e-9), "the robot at 5 s")
-    assert read(front.hand.desk, front.scenery.rcm(front.hand)).rcm_error < 1e-9
+    assert read(front.hand.desk, rcm_at(front.hand.playback, front.clock.time)).rcm_error < 1e-9
     sils.tab("Curves")
     curve = sils.page.locator(".uplot canvas").first
     until(lambda: (curve.bounding_box() or {"width": 0})["width"] > 0, "the curve")

@@ -63,7 +63,7 @@ class Robot:
         self.files = files
         self._stage, self._tool, self.told = stage, tool, ""  # told: what `mechanism` took for a tool that is not named
         self._variants, self._parameters = variants, parameters
-        self._trocar: Array | None = None
+        self._trocars: dict[str, Array] = {}
         self._is_weighed = False
         self.name = files.name if files is not None else stage.stem if stage is not None else ""
 
@@ -217,31 +217,32 @@ class Robot:
         return protocol
 
     def bound(self, protocol: Protocol) -> Robot:
-        """Return the robot with its trocar where the protocol has it; itself if the protocol says nothing of it.
+        """Return the robot with its trocars where the protocol has them; itself if the protocol says nothing of them.
 
-        Equations know it as parameters trocar_x, trocar_y, trocar_z.
+        Equations know the only one as parameters trocar_x, trocar_y, trocar_z, one of several as trocar_NAME_x, ...
 
         Raises:
-            TwinError: the mechanism has no trocar.
+            TwinError: the mechanism has no such trocar.
         """
-        if protocol.trocar is None:
+        trocars = self.mechanism.trocars
+        places = protocol.places_of(trocars)
+        if not places:
             return self
-        if not self.mechanism.trocar:
-            raise TwinError(
-                f"protocol '{protocol.name}' places a trocar (trocar_mm), but the mechanism of {self.name} has none: "
-                "its RCM is where an insertion begins; leave trocar_mm out"
-            )
-        at = dict(zip(("trocar_x", "trocar_y", "trocar_z"), map(float, protocol.trocar), strict=True))
+        at = {
+            f"trocar_{axis}" if len(trocars) == 1 else f"trocar_{name}_{axis}": float(v)
+            for name, place in places.items()
+            for axis, v in zip("xyz", place, strict=True)
+        }
         out = Robot(self.files, self._stage, self._variants, {**(self._parameters or {}), **at}, self._tool)
-        out._trocar, out._is_weighed = protocol.trocar, self._is_weighed
-        mechanism = self.mechanism.with_trocar(protocol.trocar)
+        out._trocars, out._is_weighed = {**self._trocars, **places}, self._is_weighed
+        mechanism = self.mechanism.with_trocars(places)
         if self.files is not None:
             out.cad = replace(self.cad, mechanism=mechanism)
         out.mechanism = mechanism
         return out
 
     def weighed(self) -> Robot:
-        """Return the robot with the masses of its parts; where its trocar is bound, it stays.
+        """Return the robot with the masses of its parts; where its trocars are bound, they stay.
 
         Raises:
             TwinError: the robot was loaded from a stage, or its description or CAD is wrong.
@@ -253,8 +254,8 @@ class Robot:
         from twin.cad.build import read_mechanism
 
         cad = read_mechanism(self.files.description, with_mass=True)
-        if self._trocar is not None:
-            cad = replace(cad, mechanism=cad.mechanism.with_trocar(self._trocar))
+        if self._trocars:
+            cad = replace(cad, mechanism=cad.mechanism.with_trocars(self._trocars))
         out = copy.copy(self)
         vars(out).pop("loops", None)  # they hold the mechanism
         out.cad, out.mechanism, out._is_weighed = cad, cad.mechanism, True

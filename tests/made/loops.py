@@ -71,4 +71,4 @@ def through_a_trocar():
         Joint("port", "spherical", "base", "tube", spatial.pose(p=[0, 0, 0.3])),
         Joint("through", "prismatic", "tube", "shaft"),
     )
-    return mechanism(*joints, tool="shaft", T_tool=spatial.pose(p=[0, 0, -0.4]), trocar="port")
+    return mechanism(*joints, tool="shaft", T_tool=spatial.pose(p=[0, 0, -0.4]), trocars=("port",))

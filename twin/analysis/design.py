@@ -196,7 +196,7 @@ def values(factors: Sequence[Factor], samples: int, levels: int | None, seed: in
 @lru_cache(maxsize=2)
 def _robot(source: str, protocol: str | None) -> api.Robot:
     robot = api.load(source)
-    return robot.bound(robot.protocol(protocol)) if protocol or robot.mechanism.trocar else robot
+    return robot.bound(robot.protocol(protocol)) if protocol or robot.mechanism.trocars else robot
 
 
 def judge(work: Job, design: Sequence[float]) -> dict[str, float]:

@@ -273,7 +273,7 @@ def _reached(robot: Robot, low: Array, high: Array, T: Array, tilt: float, turns
 @lru_cache(maxsize=4)
 def _judge_of(source: str, protocol: str | None, packed: bytes) -> tuple[Kernel, Grid]:
     robot = load(source)
-    if protocol or robot.mechanism.trocar:
+    if protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(protocol))
     grid = pickle.loads(packed)
     return judge(robot, grid), grid

@@ -118,7 +118,7 @@ def read_mechanism(description_path: Path, *, with_mass: bool = True) -> CadMode
             Coupling(c.name, tuple(c.joints), tuple(c.ratios), (c.sum_deg or 0.0) * DEG + (c.sum_mm or 0.0) * MM)
             for c in d.coupling
         ),
-        trocar=d.trocar or "",
+        trocars=(d.trocar,) if d.trocar else tuple(d.trocars),
         source=f"{description_path.name} {fingerprint(description_path, d)}",
     )
     gaps = tuple((g.lower, g.upper, g.min_gap_mm * MM) for g in d.gap)

@@ -8,7 +8,7 @@ meant. Every number that is nobody's measurement carries provenance and a reason
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -277,12 +277,23 @@ class Description(Table):
     drive: list[DriveSpec] = Field(default_factory=list)
     gap: list[PairGap] = Field(default_factory=list)
     coupling: list[CouplingSpec] = Field(default_factory=list)
-    trocar: Identifier | None = None
+    trocar: Annotated[Identifier | None, Field(description="joint that holds the trocar to the base")] = None
+    trocars: Annotated[list[Identifier], Field(description="the same, where there are several trocars")] = Field(
+        default_factory=list
+    )
     length: list[LengthSpec] = Field(default_factory=list)
     requirement: RequirementSpec | None = None
     frame: dict[Identifier, NamedFrame]
     point: dict[Identifier, NamedPoint] = Field(default_factory=dict)
     posture: dict[Identifier, dict[str, float]] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_list_of_trocars(self) -> Description:
+        if self.trocar is not None and self.trocars:
+            raise at(
+                "trocars", f"add '{self.trocar}' to this list and take `trocar` out: one of the two keys names all"
+            )
+        return self
 
 
 def load(path: Path) -> Description:

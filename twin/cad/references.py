@@ -30,6 +30,11 @@ def _bodies(d: Description) -> Iterator[tuple[Keys, str]]:
     for keys, body in named:
         if body not in d.body:
             yield keys, unknown("body", body, d.body)
+    joints = [j.name for j in d.joint]
+    trocars = [(("trocars", i), name) for i, name in enumerate(d.trocars)]
+    for keys, name in [(("trocar",), d.trocar), *trocars] if d.trocar else trocars:
+        if name not in joints:
+            yield keys, unknown("joint", name, joints)
     if d.tool not in d.frame:
         yield ("tool",), unknown("frame", d.tool, d.frame)
     for body, spec in d.body.items():

@@ -47,7 +47,7 @@ class Cures:
         if not causes or causes[0].side != "equations" or causes[0].head.severity != "disagreement":
             return report
         robot = self.robot.bound(self.robot.protocol(protocol))
-        key = (*sorted(report.variants.items()), tuple(robot.mechanism.trocar_at) if robot is not self.robot else ())
+        key = (*sorted(report.variants.items()), *(tuple(p) for p in robot.mechanism.trocar_places.values()))
         if key not in self._known:
             self._known[key] = self._look(robot, report, progress)
         return replace(report, cure=self._known[key])

@@ -80,7 +80,7 @@ def info(file: Path, args: argparse.Namespace) -> int:
                 "name": p.name,
                 "protocol": p.protocol,
                 "port": p.port,
-                "port_mm": (p.p_world_port / MM).tolist(),
+                "port_mm": (next(iter(p.p_world_ports.values())) / MM).tolist(),
                 "position_mm": (p.T_world_base[:3, 3] / MM).tolist(),
             }
             for p in scene.places
@@ -120,7 +120,7 @@ def run(file: Path, args: argparse.Namespace) -> int:
     """Plan every robot's protocol, play them together, write stage, table and picture; exit 1 if they meet."""
     from twin.cad.build import read_mechanism
     from twin.model.scene import load_scene
-    from twin.simulation.scene_play import Actor, play, trocar_of
+    from twin.simulation.scene_play import Actor, play, trocars_of
     from twin.simulation.scene_stage import write_scene
     from twin.ui.report.scene import figure
     from twin.ui.report.style import png
@@ -136,11 +136,8 @@ def run(file: Path, args: argparse.Namespace) -> int:
             protocol = robot.protocol(place.protocol)
             trajectory = api.plan(robot, protocol)
             mechanism = robot.bound(protocol).mechanism
-            trocar = trocar_of(mechanism, trajectory)
-            if trocar is None:
-                raise TwinError(f"{place.name}: protocol '{place.protocol}' registers no RCM: it works through no port")
             robots[place.name] = robot
-            actors.append(Actor(place, mechanism, trajectory, trocar))
+            actors.append(Actor(place, mechanism, trajectory, trocars_of(place, mechanism, trajectory)))
         props = None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
         played = play(scene, actors, props, lambda label, f: progress(label, 0.5 + f / 2))
         with assets.atomic_folder(root) as work:

@@ -37,7 +37,7 @@ def sweep(args: argparse.Namespace) -> int:
     if args.parquet:
         table.arrow()
     robot = api.load(args.robot)
-    if args.protocol or robot.mechanism.trocar:
+    if args.protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(args.protocol))
     factors = [design.factor(robot, text) for text in args.vary]
     if len({f.name for f in factors}) < len(factors):

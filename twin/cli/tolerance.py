@@ -32,7 +32,7 @@ def tolerance(args: argparse.Namespace) -> int:
     if args.require_um is not None and not (np.isfinite(args.require_um) and args.require_um > 0):
         raise TwinError(f"--require-um {args.require_um:g}: give a positive number of micrometres")
     robot = api.load(args.robot)
-    if args.protocol or robot.mechanism.trocar:
+    if args.protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(args.protocol))
     folder = Path(args.out) if args.out else Path("twin-out") / robot.name / "tolerance"
     assets.require_writable(folder)

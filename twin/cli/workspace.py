@@ -37,7 +37,7 @@ def workspace(args: argparse.Namespace) -> int:
     if not 0 <= args.tilt_deg <= 180:
         raise TwinError(f"--tilt-deg {args.tilt_deg:g}: give degrees from 0 to 180")
     robot = api.load(args.robot)
-    if args.protocol or robot.mechanism.trocar:
+    if args.protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(args.protocol))
     folder = Path(args.out) if args.out else Path("twin-out") / robot.name / "workspace"
     assets.require_writable(folder)

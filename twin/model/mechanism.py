@@ -256,7 +256,7 @@ class Mechanism:
         tool: name of the frame that inverse and forward kinematics speak of.
         parameters: numbers with provenance that the description adds (limits, drives, densities).
         couplings: belts and gears between joints.
-        trocar: name of the joint that holds a trocar to the base, if there is one; see `with_trocar`.
+        trocars: names of the joints that hold a trocar to the base; a trocar has the name of its joint.
         source: the file it came from, for messages.
     """
 
@@ -271,7 +271,7 @@ class Mechanism:
     tool: str = TOOL
     parameters: tuple[Parameter, ...] = ()
     couplings: tuple[Coupling, ...] = ()
-    trocar: str = ""
+    trocars: tuple[str, ...] = ()
     source: str = ""
 
     def __post_init__(self) -> None:
@@ -437,18 +437,57 @@ class Mechanism:
         return replace(self, rest=dict(rest))
 
     @property
-    def trocar_at(self) -> Array:
-        """Where the trocar is, (3,) in base, or raise `MechanismError` if the mechanism has none."""
-        if not self.trocar:
-            raise MechanismError(f"{self.name}: no joint is a trocar")
-        return self.joint(self.trocar).T_parent_joint[:3, 3]
+    def trocar_places(self) -> dict[str, Array]:
+        """Where each trocar is, (3,) in base in m, by name; empty if the mechanism has none."""
+        return {n: self.joint(n).T_parent_joint[:3, 3] for n in self.trocars}
 
-    def with_trocar(self, p_base: Array) -> Mechanism:
-        """Return the same mechanism with its trocar at p_base (3,) in m, turned as it was."""
-        T = self.joint(self.trocar).T_parent_joint.copy()
-        T[:3, 3] += np.asarray(p_base, float) - self.trocar_at
-        moved = tuple(replace(j, T_parent_joint=T) if j.name == self.trocar else j for j in self.joints)
-        return replace(self, joints=moved)
+    def trocar_at(self, name: str = "") -> Array:
+        """Return where a trocar is, (3,) in base in m; "" is the only one. Or raise `MechanismError`."""
+        return self.trocar_places[self.trocar_named(name)]
+
+    def trocar_named(self, name: str = "") -> str:
+        """Return the name of a trocar, "" standing for the only one, or raise `MechanismError` with those there are."""
+        if name in self.trocars:
+            return name
+        if name and self.trocars:
+            raise MechanismError(f"{self.name}: {unknown('trocar', name, self.trocars)}")
+        match self.trocars:
+            case (only,):
+                return only
+            case ():
+                raise MechanismError(f"{self.name}: no joint is a trocar")
+        raise MechanismError(f"{self.name} has the trocars {', '.join(self.trocars)}: say by name which one")
+
+    def with_trocar(self, p_base: Array, name: str = "") -> Mechanism:
+        """Return the same mechanism with a trocar at p_base (3,) in m, turned as it was; "" is the only one."""
+        name = self.trocar_named(name)
+        T = self.joint(name).T_parent_joint.copy()
+        T[:3, 3] += np.asarray(p_base, float) - self.trocar_at(name)
+        return replace(self, joints=tuple(replace(j, T_parent_joint=T) if j.name == name else j for j in self.joints))
+
+    def with_trocars(self, places: Mapping[str, Array]) -> Mechanism:
+        """Return the same mechanism with each named trocar at its place (3,) in m; the others stay where they are."""
+        out = self
+        for name, p_base in places.items():
+            out = out.with_trocar(p_base, name)
+        return out
+
+    def shaft_through(self, name: str = "") -> Frame | None:
+        """Return the frame on the instrument whose z is the shaft in a trocar; None if nothing slides in the trocar.
+
+        What slides is tied to the trocar's own body, or to one that only turns about it (the rings of a gimbal).
+        """
+        bodies = [self.joint(self.trocar_named(name)).child]
+        for body in bodies:
+            joints = [j for j in self.joints if body in (j.parent, j.child) and self.base not in (j.parent, j.child)]
+            for joint in joints:
+                inside = joint.parent == body
+                outer, T = (joint.child, joint.T_child_joint) if inside else (joint.parent, joint.T_parent_joint)
+                if joint.type in ("prismatic", "cylindrical"):
+                    return Frame(f"shaft_in_{bodies[0]}", outer, T)
+                if joint.type == "revolute" and outer not in bodies:
+                    bodies.append(outer)
+        return None
 
 
 def _hex(color_rgba: tuple[float, ...]) -> str:
@@ -529,8 +568,11 @@ def _check(m: Mechanism) -> None:
             fail(f"coupling '{coupling.name}' joins angles and lengths: their sum has no unit")
         if len(coupling.ratios) != len(coupling.joints) or not all(coupling.ratios):
             fail(f"coupling '{coupling.name}' needs one ratio, not zero, for each of its joints")
-    if m.trocar and next((j.parent for j in m.joints if j.name == m.trocar), None) != m.base:
-        fail(f"trocar: joint '{m.trocar}' must be one that holds to the base '{m.base}'")
+    for name in m.trocars:
+        if next((j.parent for j in m.joints if j.name == name), None) != m.base:
+            fail(f"trocar: joint '{name}' must be one that holds to the base '{m.base}'")
+        if m.trocars.count(name) > 1:
+            fail(f"trocar '{name}' is named twice")
     for item in (*m.frames, *m.points):
         if item.body not in names:
             fail(f"'{item.name}': {unknown('body', item.body, names)}")

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from twin.core import spatial
 from twin.core.errors import unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.schema import Identifier, Origin, Table, Vector, error_at, load_toml
+from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_toml
 
 
 class PortTable(Table):
@@ -25,15 +26,22 @@ class PortTable(Table):
 
 
 class RobotTable(Table):
-    """A robot: its base frame in world, upright, turned by `yaw_deg` about z."""
+    """A robot: its base frame in world, upright, turned by `yaw_deg` about z; the port of its trocar, or of each."""
 
     name: Identifier
     protocol: Identifier
-    port: Identifier
+    port: Identifier | None = None
+    ports: dict[Identifier, Identifier] = Field(default_factory=dict)
     position_mm: Vector
     yaw_deg: float
     provenance: Origin
     note: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _one_way(self) -> RobotTable:
+        if (self.port is None) == (not self.ports):
+            raise at("port", 'give the `port` of its only trocar, or `ports = { TROCAR = "PORT" }` of several')
+        return self
 
 
 class CameraTable(Table):
@@ -62,13 +70,21 @@ class SceneTable(Table):
 
 @dataclass(frozen=True)
 class Place:
-    """A robot in a scene: T_world_base (4, 4), and the port (3,) in world it works through."""
+    """A robot in a scene: T_world_base (4, 4), and by trocar the ports that it works through, (3,) in world.
+
+    The trocar "" is the only one, or the first RCM of the protocol.
+    """
 
     name: str
     protocol: str
     T_world_base: Array
-    port: str
-    p_world_port: Array
+    ports: Mapping[str, str]
+    p_world_ports: Mapping[str, Array]
+
+    @property
+    def port(self) -> str:
+        """The name of its port, or the names of several."""
+        return ", ".join(self.ports.values())
 
 
 @dataclass(frozen=True)
@@ -107,8 +123,10 @@ def load_scene(path: Path) -> Scene:
     table = load_toml(path, SceneTable)
     names = [r.name for r in table.robot]
     for k, robot in enumerate(table.robot):
-        if robot.port not in table.port:
-            raise error_at(path, ("robot", k, "port"), unknown("port", robot.port, table.port))
+        for trocar, port in _ports(robot).items():
+            if port not in table.port:
+                keys = ("robot", k, "ports", trocar) if trocar else ("robot", k, "port")
+                raise error_at(path, keys, unknown("port", port, table.port))
         if names.count(robot.name) > 1:
             raise error_at(path, ("robot", k, "name"), f"'{robot.name}' stands there twice")
     for name, camera in table.camera.items():
@@ -133,7 +151,12 @@ def load_scene(path: Path) -> Scene:
 
 def _place(r: RobotTable, table: SceneTable) -> Place:
     T = spatial.pose(spatial.rotation_z(r.yaw_deg * DEG), np.array(r.position_mm) * MM)
-    return Place(r.name, r.protocol, T, r.port, np.array(table.port[r.port].position_mm) * MM)
+    ports = _ports(r)
+    return Place(r.name, r.protocol, T, ports, {t: np.array(table.port[p].position_mm) * MM for t, p in ports.items()})
+
+
+def _ports(r: RobotTable) -> dict[str, str]:
+    return dict(r.ports) if r.port is None else {"": r.port}
 
 
 def _parameters(table: SceneTable) -> list[Parameter]:

@@ -8,7 +8,7 @@ from twin.core import spatial
 from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.planning.protocol import Protocol, RotationOrder, Waypoint
+from twin.planning.protocol import Protocol, RotationOrder, Waypoint, trocar_of
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
 OVER = 1e-3
@@ -184,7 +184,8 @@ def _rcm(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
     for before, span in zip((None, *trajectory.phases), trajectory.phases, strict=False):
         if span.rcm is None:
             continue
-        if before is None or before.rcm is None or span.type == "insertion":
+        same = before is not None and before.rcm is not None and np.array_equal(before.rcm, span.rcm)
+        if not same or span.type == "insertion":
             episodes.append([])
         episodes[-1].append(span)
     out = []
@@ -196,6 +197,7 @@ def _rcm(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
         errors = rcm_error(trajectory.Ts_base_frame[first:last], trajectory.shaft_axis, rcm)
         k = int(np.argmax(errors))
         size, at = float(errors[k]), ", ".join(f"{x / MM:.2f}" for x in rcm)
+        trocar = next((t for p in protocol.phases for s in spans if p.name == s.name and (t := trocar_of(p))), "")
         missed = size > tolerance
         text = f"the shaft passes the RCM at up to {size / MM:.4g} mm; {tolerance / MM:g} mm is allowed"
         if size > alarm:
@@ -205,7 +207,7 @@ def _rcm(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
                 "rcm.missed" if missed else "rcm.kept",
                 "disagreement" if missed else "info",
                 text,
-                where=f"RCM at ({at}) mm",
+                where=f"trocar {trocar}, RCM at ({at}) mm" if trocar else f"RCM at ({at}) mm",
                 when=_when(trajectory, first + k),
                 size=size / MM,
                 unit="mm",

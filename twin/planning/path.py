@@ -31,6 +31,7 @@ from twin.planning.protocol import (
     RcmMode,
     Retraction,
     RotationOrder,
+    trocar_of,
 )
 from twin.planning.trajectory import PathKinematics
 
@@ -238,6 +239,7 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
     paths: list[PhasePath] = []
     for phase in protocol.phases:
         shaft = rotation(angles, protocol.rotation) @ n_tool
+        rcm = _in_trocar(protocol, phase, rcm, tip, shaft)
         depth0 = float((tip - rcm) @ shaft) if rcm is not None else np.nan
         goal, waypoint, mode, depth1 = angles, None, None, np.nan
         match phase:
@@ -317,6 +319,22 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
         if isinstance(phase, Retraction) and phase.depth == 0:
             rcm = None
     return tuple(paths)
+
+
+def _in_trocar(protocol: Protocol, phase: Phase, rcm: Array | None, tip: Array, shaft: Array) -> Array | None:
+    """Return the RCM (3,) that a phase begins with: that of the phases before, or the trocar that it names.
+
+    An insertion goes in where the tip is, so that its shaft keeps the RCM exactly; that has to be at the trocar.
+    """
+    if not (name := trocar_of(phase)):
+        return rcm
+    place, allowed = protocol.trocars[name], protocol.tolerances.rcm
+    inserts = isinstance(phase, Insertion)
+    missed = float(np.linalg.norm(place - tip) if inserts else spatial.point_to_line(place, tip, shaft))
+    if missed > allowed:
+        what = f"begins {missed / MM:.3f} mm from" if inserts else f"begins with its shaft {missed / MM:.3f} mm beside"
+        raise _refuse(protocol, phase, f"it {what} trocar '{name}' (allowed: {allowed / MM:g} mm)")
+    return rcm if rcm is not None and np.linalg.norm(rcm - place) <= allowed else place
 
 
 def _pose(protocol: Protocol, name: str) -> tuple[Array, Array]:

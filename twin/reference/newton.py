@@ -55,7 +55,8 @@ def minimise(
         normal = At @ A
         size = np.trace(normal, axis1=1, axis2=2) / len(columns)
         steps = np.zeros((len(todo), tree.model.nv))
-        weight = (damping[todo] + _FLOOR * size)[:, None, None]
+        # Where nothing that may move has any part in the residual, `size` is 0, and so shall the step be.
+        weight = np.maximum(damping[todo] + _FLOOR * size, np.finfo(float).tiny)[:, None, None]
         steps[:, columns] = -np.linalg.solve(normal + weight * eye, At @ r[..., None])[..., 0]
         new = tree.integrate(X[todo], steps)
         # A damped step is short for another reason: it says nothing about what is left.

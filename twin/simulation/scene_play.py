@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.core.errors import TwinError
 from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.core.units import MM
@@ -25,12 +26,12 @@ PORT_TOLERANCE = 0.1e-3
 
 @dataclass(frozen=True)
 class Actor:
-    """A robot of the scene with what it is and does; `trocar` (3,) in its base."""
+    """A robot of the scene with what it is and does; `trocars` (3,) in its base, by name as in its `place`."""
 
     place: Place
     mechanism: Mechanism
     trajectory: Trajectory
-    trocar: Array
+    trocars: Mapping[str, Array]
 
 
 @dataclass(frozen=True)
@@ -48,11 +49,23 @@ class Played:
     findings: tuple[Finding, ...]
 
 
-def trocar_of(mechanism: Mechanism, trajectory: Trajectory) -> Array | None:
-    """Return where a robot's trocar is, (3,) in its base: the mechanism's, else the first RCM of its motion."""
-    if mechanism.trocar:
-        return mechanism.trocar_at
-    return next((p.rcm for p in trajectory.phases if p.rcm is not None), None)
+def trocars_of(place: Place, mechanism: Mechanism, trajectory: Trajectory) -> dict[str, Array]:
+    """Return where a robot's trocars are, (3,) in its base: the mechanism's, else the first RCM of its motion.
+
+    Raises:
+        TwinError: the robot has not the trocars that its place gives ports for.
+    """
+    if mechanism.trocars:
+        at = {n: mechanism.trocar_at(n) for n in place.ports}
+        if lacking := [n for n in mechanism.trocars if "" not in at and n not in at]:
+            raise TwinError(f"{place.name}: ports gives no port for trocar {', '.join(lacking)}")
+        return at
+    rcm = next((p.rcm for p in trajectory.phases if p.rcm is not None), None)
+    if rcm is None:
+        raise TwinError(f"{place.name}: protocol '{place.protocol}' registers no RCM: it works through no port")
+    if unheld := [n for n in place.ports if n]:
+        raise TwinError(f"{place.name} has no trocar '{unheld[0]}': give its port as port, not in ports")
+    return {"": rcm}
 
 
 def play(
@@ -120,20 +133,23 @@ def too_near(found: Clearance, k: int, t: Array, clearance: float) -> Finding:
 
 
 def _port(a: Actor) -> list[Finding]:
-    at = (a.place.T_world_base @ np.append(a.trocar, 1.0))[:3]
-    missed = float(np.linalg.norm(at - a.place.p_world_port))
-    if missed <= PORT_TOLERANCE:
-        return []
-    shift = a.place.p_world_port - at
-    return [
-        Finding(
-            "scene.port",
-            "disagreement",
-            f"{a.place.name} works {missed / MM:.1f} mm beside its port '{a.place.port}'",
-            where=a.place.name,
-            size=missed / MM,
-            unit="mm",
-            limit=PORT_TOLERANCE / MM,
-            suggestion="move its base by (" + ", ".join(f"{x / MM:.2f}" for x in shift) + ") mm",
+    out = []
+    for trocar, p_world_port in a.place.p_world_ports.items():
+        shift = p_world_port - (a.place.T_world_base @ np.append(a.trocars[trocar], 1.0))[:3]
+        missed = float(np.linalg.norm(shift))
+        if missed <= PORT_TOLERANCE:
+            continue
+        through = f" with trocar '{trocar}'" if trocar else ""
+        out.append(
+            Finding(
+                "scene.port",
+                "disagreement",
+                f"{a.place.name} works{through} {missed / MM:.1f} mm beside its port '{a.place.ports[trocar]}'",
+                where=a.place.name,
+                size=missed / MM,
+                unit="mm",
+                limit=PORT_TOLERANCE / MM,
+                suggestion="move its base by (" + ", ".join(f"{x / MM:.2f}" for x in shift) + ") mm",
+            )
         )
-    ]
+    return out

@@ -47,6 +47,9 @@ def content(mechanism: Mechanism, stage: Mechanism, description: Description) ->
         have, want = {x.name for x in theirs}, {x.name for x in ours}
         found += [_lost(kind, n, "is not on the stage") for n in sorted(want - have)]
         found += [_lost(kind, n, "is on the stage only") for n in sorted(have - want)]
+    lost, more = (sorted(set(a.trocars) - set(b.trocars)) for a, b in ((mechanism, stage), (stage, mechanism)))
+    found += [_lost("trocar", n, "is not marked as one on the stage") for n in lost]
+    found += [_lost("trocar", n, "is marked as one on the stage only") for n in more]
     by_name: Mapping[str, Joint] = {j.name: j for j in stage.joints}
     for joint in mechanism.joints:
         if joint.name in by_name:

@@ -29,6 +29,7 @@ from twin.validation.passage import about_rcm, of_protocol, passage, passive_lim
 from twin.validation.plausible import apart
 from twin.validation.result import Report
 from twin.validation.rows import Clock, rotation_vectors, row, text
+from twin.validation.trocars import as_written, through_trocars
 
 _PACKAGES = ("numpy", "casadi", "pin", "coal", "usd-core", "cascadio", "toppra")
 
@@ -78,6 +79,7 @@ def judge(
                 else:
                     out.findings.append(_NO_EQUATIONS)
                 about_rcm(case, out, clock)
+                through_trocars(case, model, out, clock)
                 passive_limits(model, out, clock)
                 passage(case, model, out, clock)
                 if case.kinematics is not None:
@@ -189,9 +191,10 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
         if case.written is not None:
             told = {(f.code, f.where) for f in out.findings}
             out.findings += [f for f in check_stage(case.written) if (f.code, f.where) not in told]
+            out.findings += as_written(case)
         stage = read_stage(case.stage)
-        if case.protocol.trocar is not None:
-            stage = stage.with_trocar(case.protocol.trocar)
+        places = case.protocol.places_of(case.cad.mechanism.trocars)
+        stage = stage.with_trocars({n: p for n, p in places.items() if n in stage.trocars})
         out.findings += content(case.cad.mechanism, stage, case.cad.description)
         other = ReferenceModel(stage)
         back = other.run(run.q, progress=lambda f: progress("stage read back", f))

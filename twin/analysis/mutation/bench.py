@@ -188,7 +188,7 @@ class Bench:
             yield self._gravest(protocol.findings)
             if fault.kind in ("speed", "turning") and protocol.findings:
                 return  # hours at that speed: nobody would wait for more
-            robot = self.robot.bound(protocol) if protocol.trocar is not None else self.robot
+            robot = self.robot.bound(protocol)
             trajectory = self.planned(protocol, robot)
             cad = replace(self.cad, mechanism=robot.mechanism)
             paths = robot.path_kinematics()

@@ -132,11 +132,14 @@ def _limits(document: Any, rng: np.random.Generator, name: str, factor: float, u
 
 
 def _trocar(document: Any, rng: np.random.Generator) -> Done:
-    key = next((k for k in ("trocar_mm", "rcm_mm") if k in document), None)
-    if key is None:
+    named = document.get("trocars_mm", {})
+    places = [(document, k, k) for k in ("trocar_mm", "rcm_mm") if k in document]
+    places += [(named, n, f"trocar '{n}'") for n in named]
+    if not places:
         return None
-    document[key] = _scaled(document[key], 1e-3)
-    return f"{key} in metres", document
+    table, key, what = places[rng.integers(len(places)) if named else 0]
+    table[key] = _scaled(table[key], 1e-3)
+    return f"{what} in metres", document
 
 
 _MAKERS: dict[str, Callable[[Any, np.random.Generator], Done]] = {

@@ -125,9 +125,8 @@ def _read(found: Found, tell: Progress) -> Iterator[tuple[Ledger, Content | None
         *((partial(_usd, admitted=admitted), p) for p in stages),
     ]
     tracks: list[Content] = []
-    models = [p.stem for p in found.mjcf]
-    jobs += [(partial(_tree, tracks=tracks, models=models), p) for p in found.mjcf]
-    jobs += [(partial(_tree, tracks=tracks, models=()), p) for p in found.urdf]
+    for trees in (found.mjcf, found.urdf):
+        jobs += [(partial(_tree, tracks=tracks, models=[t.stem for t in trees]), p) for p in trees]
     for i, (read, path) in enumerate(jobs):
         name = found.name(path)
         tell(f"read {name}", 0.9 * i / len(jobs))

@@ -37,7 +37,7 @@ def check_claims(contents: Sequence[Content]) -> None:
     held = physics.held or frozenset()
     # A motion may have a place of its own for what is tied to the world, as for a trocar.
     joints = [
-        j for j in physics.joints if physics.trocar not in j.names and not (j.tied and held & {j.parent, j.child})
+        j for j in physics.joints if not physics.trocars & set(j.names) and not (j.tied and held & {j.parent, j.child})
     ]
     tables = {str(c.extra["data"].get("protocol")): c for c in tracks if c.format == "tracks"}
     for content in tracks:

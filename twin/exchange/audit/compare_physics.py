@@ -177,7 +177,7 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
         view.physics.links = tuple(dict.fromkeys((*(content.declared or ()), *view.physics.links)))
     known = _known_links(views)
     canonical = _canonical(views, known)
-    movable = {v.physics.trocar for v in views} - {""}
+    movable = {n for v in views for n in v.physics.trocars}
     stems = {v.file.rsplit(".", 1)[0] for v in views if v.format == "mjcf"}
     for view in views:
         _state(view, canonical, known, movable)

@@ -142,7 +142,7 @@ class Physics:
         gravity: (3,) in m/s2 in a world with z up, None if the file does not say.
         held: links that are fixed to the world, None if the format has no word for it.
         tool: name of the frame that is moved, "" if unsaid.
-        trocar: name of a joint that holds to a place which protocols choose, "" if none.
+        trocars: names of joints that hold to a place which protocols choose.
         couplings: ratios by joint and their sum, by name; None if the format has no word for them.
         complete: whether a joint that is not listed does not exist.
     """
@@ -154,7 +154,7 @@ class Physics:
     gravity: Array | None = None
     held: frozenset[str] | None = None
     tool: str = ""
-    trocar: str = ""
+    trocars: frozenset[str] = frozenset()
     couplings: Mapping[str, tuple[Mapping[str, float], float]] | None = None
     complete: bool = False
 

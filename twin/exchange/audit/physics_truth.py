@@ -25,7 +25,7 @@ def mechanism_physics(mechanism: Mechanism) -> Physics:
         gravity=np.array([0.0, 0.0, -GRAVITY]),
         held=frozenset({m.base}),
         tool=m.tool,
-        trocar=m.trocar,
+        trocars=frozenset(m.trocars),
         couplings={c.name: (dict(zip(c.joints, c.ratios, strict=True)), c.total) for c in m.couplings},
         complete=True,
     )

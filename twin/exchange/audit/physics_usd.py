@@ -46,7 +46,9 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
             out.frames[str(named or prim.GetName())] = Frame(above.GetName(), T)
     root = stage.GetDefaultPrim()
     if root:
-        out.tool, out.trocar = (str(root.GetAttribute(f"twin:{n}").Get() or "") for n in ("tool", "trocar"))
+        out.tool, trocar = (str(root.GetAttribute(f"twin:{n}").Get() or "") for n in ("tool", "trocar"))
+        several = root.GetAttribute("twin:trocars").Get() or ()
+        out.trocars = frozenset((trocar, *map(str, several))) - {""}
     return out
 
 

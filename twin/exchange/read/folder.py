@@ -136,7 +136,8 @@ def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset()) -> str:
         'default_protocol = "first"',
         f"base = {string(m.base)}",
         f"tool = {string(m.tool)}",
-        *([f"trocar = {string(m.trocar)}"] if m.trocar else []),
+        *([f"trocar = {string(m.trocars[0])}"] if len(m.trocars) == 1 else []),
+        *([f"trocars = [{', '.join(map(string, m.trocars))}]"] if len(m.trocars) > 1 else []),
         *TOLERANCE,
     ]
     for body in m.bodies:

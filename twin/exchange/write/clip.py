@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -79,7 +79,7 @@ class Clip:
         phase_rcm: for each phase the RCM (3,) in base in m, or None.
         phase_rcm_enforced: for each phase whether the shaft must go through its RCM; without, it is only watched.
         assumed: "name: reason" of numbers that the protocol assumes.
-        trocar: where the mechanism's trocar is, (3,) in base in m, or None if it has none.
+        trocars: where the mechanism's trocars are, (3,) in base in m, by name.
     """
 
     name: str
@@ -96,7 +96,7 @@ class Clip:
     phase_rcm: tuple[Array | None, ...] = ()
     phase_rcm_enforced: tuple[bool, ...] = ()
     assumed: tuple[str, ...] = ()
-    trocar: Array | None = None
+    trocars: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def between_position(self) -> float:
@@ -172,7 +172,7 @@ def make_clip(
                     tuple(None if p.rcm is None else np.asarray(p.rcm, float) for p in trajectory.phases),
                     tuple(p.rcm_mode == "enforced" for p in trajectory.phases),
                     assumed,
-                    mechanism.trocar_at if mechanism.trocar else None,
+                    mechanism.trocar_places,
                 )
             bad = found.position_at[0]
     raise AssertionError("the last grid holds the last rate")

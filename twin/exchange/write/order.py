@@ -82,11 +82,11 @@ class Order:
 
     @property
     def elsewhere(self) -> tuple[Scene, ...]:
-        """Scenes that have the trocar elsewhere than drawn: a loop with a fixed place needs a file for each."""
-        if not self.mechanism.trocar:
-            return ()
-        drawn = self.mechanism.trocar_at
-        return tuple(s for s in self.scenes if not np.array_equal(s.mechanism.trocar_at, drawn))
+        """Scenes that have a trocar elsewhere than drawn: a loop with a fixed place needs a file for each."""
+        drawn = self.mechanism.trocar_places
+        return tuple(
+            s for s in self.scenes if any(not np.array_equal(s.mechanism.trocar_at(n), p) for n, p in drawn.items())
+        )
 
 
 def order(

@@ -28,7 +28,7 @@ def write_tracks(
     """Write <clip>.json and <clip>.csv into `folder` and return their paths; both hold the same numbers.
 
     Args:
-        mechanism: whose motion it is, with its trocar where the protocol has it.
+        mechanism: whose motion it is, with its trocars where the protocol has them.
         clip: the motion.
         folder: made if it is missing.
         drawn: the robot as drawn, whose hash and home the track names; `mechanism` if it has no trocar to move.
@@ -65,7 +65,7 @@ def track(
     turns = tree_coordinates(drawn or mechanism, clip.links)
     limits = [*(j.limits or (-NO_LIMIT, NO_LIMIT) for j in joints), *[(-NO_LIMIT, NO_LIMIT)] * len(turns)]
     tool = mechanism.frame(mechanism.tool)
-    trocar = mechanism.trocar_at if mechanism.trocar else None
+    trocar = next(iter(mechanism.trocar_places.values()), None)
     rcm = clip.rcm if clip.rcm is not None else trocar
     phase_rcm = clip.phase_rcm or (None,) * len(clip.phases)
     enforced = clip.phase_rcm_enforced or (False,) * len(clip.phases)

@@ -36,19 +36,20 @@ _ON_AXIS = 1e-12
 """m from its pin at which a body's origin counts as on it."""
 
 
-def write_urdf(mechanism: Mechanism, folder: Path) -> Path:
-    """Write <robot>.urdf and its meshes; return the .urdf file. See `urdf_findings` for what it cannot say.
+def write_urdf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
+    """Write <robot>.urdf, or <name>.urdf, and its meshes; return that file. See `urdf_findings` for what it cannot say.
 
     Args:
         mechanism: weighed; loops are cut as `spanning` does.
         folder: made if it is missing; the caller moves it into place.
+        name: of the file, where one robot has several (a trocar elsewhere).
 
     Raises:
         AssemblyError: the mechanism cannot be assembled as drawn.
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_meshes(mechanism, folder)
-    return write_xml(_document(mechanism), folder / f"{mechanism.name}.urdf")
+    return write_xml(_document(mechanism), folder / f"{name or mechanism.name}.urdf")
 
 
 def urdf_findings(mechanism: Mechanism) -> list[Finding]:

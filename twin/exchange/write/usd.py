@@ -60,7 +60,7 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
     files = write_stage(mechanism, folder, rounded(home.link_poses), home.q_full, efforts=efforts)
     out = [files.root, files.physics, files.geometry, _write_scene(mechanism, folder / f"{mechanism.name}_sim.usda")]
     for clip in clips:
-        motion = Motion(clip.name, clip.times, rounded(clip.links), clip.joints, clip.trocar)
+        motion = Motion(clip.name, clip.times, rounded(clip.links), clip.joints, clip.trocars)
         baked = write_motion(mechanism, folder, motion)
         out += [baked.root, baked.layer]
     return out
@@ -84,8 +84,7 @@ def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder:
     model = ReferenceModel(bound)
     run = trajectory.on(model, times)
     values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
-    trocar = bound.trocar_at if bound.trocar else None
-    motion = Motion(trajectory.protocol, times, rounded(model.link_poses(run.x)), values, trocar)
+    motion = Motion(trajectory.protocol, times, rounded(model.link_poses(run.x)), values, bound.trocar_places)
     write_motion(mechanism, folder, motion)
 
 

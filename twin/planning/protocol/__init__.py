@@ -17,6 +17,9 @@ Phases:
     circle        full circles of the tip; about the RCM if there is one, without spin, else with the attitude kept
     retraction    straight back along the shaft to a depth; at 0 the RCM is given up
     home          to the home waypoint: positioning, or by the joints if it holds joint values
+
+Of several trocars (`[trocars_mm]`) insertion, pivot, circle and retraction name theirs. An insertion begins there; the
+shaft of the others passes it, which registers it as the RCM if none is: the instrument is in the patient already.
 """
 
 from twin.planning.protocol.load import load_protocol as load_protocol
@@ -39,4 +42,5 @@ from twin.planning.protocol.model import Retraction as Retraction
 from twin.planning.protocol.model import RotationOrder as RotationOrder
 from twin.planning.protocol.model import Tolerances as Tolerances
 from twin.planning.protocol.model import Waypoint as Waypoint
+from twin.planning.protocol.model import trocar_of as trocar_of
 from twin.planning.protocol.tables import ProtocolTable as ProtocolTable

@@ -12,6 +12,7 @@ import numpy as np
 
 from twin.core.errors import DescriptionError, unknown
 from twin.core.findings import Finding
+from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.planning.protocol.model import (
     Auxiliary,
@@ -76,7 +77,7 @@ def load_protocol(path: str | Path) -> Protocol:
         limits={kind: _limits(limits) for kind, limits in table.limits.items()},
         tolerances=_tolerances(table.tolerances),
         rotation=table.rotation,
-        trocar=None if table.trocar_mm is None else np.array(table.trocar_mm) * MM,
+        trocars=_trocars(table),
         rcm=None if table.rcm_mm is None else np.array(table.rcm_mm) * MM,
         free=None if table.free is None else frozenset(table.free),
         patient=None if table.patient is None else _patient(table.patient),
@@ -122,8 +123,19 @@ def _tolerances(t: TolerancesTable) -> Tolerances:
     return Tolerances(*lengths, t.waypoint_deg * DEG, t.provenance, t.note)
 
 
+def _trocars(table: ProtocolTable) -> dict[str, Array]:
+    places = table.trocars_mm if table.trocar_mm is None else {"": table.trocar_mm}
+    return {name: np.array(place) * MM for name, place in places.items()}
+
+
+def _trocar(p: InsertionTable | PivotTable | CircleTable | RetractionTable, table: ProtocolTable) -> str:
+    """Return the trocar that a phase names, or an insertion's only one."""
+    only = isinstance(p, InsertionTable) and len(table.trocars_mm) == 1
+    return p.trocar or (next(iter(table.trocars_mm)) if only else "")
+
+
 def _patient(p: PatientTable) -> PatientPlace:
-    return PatientPlace(p.body, p.port, p.turn_deg * DEG, tuple(p.replaces), p.provenance, p.note)
+    return PatientPlace(p.body, p.port, p.turn_deg * DEG, tuple(p.replaces), p.provenance, p.note, p.trocar or "")
 
 
 def _phase(p: PhaseTable, table: ProtocolTable) -> Phase:
@@ -135,14 +147,15 @@ def _phase(p: PhaseTable, table: ProtocolTable) -> Phase:
         case AuxiliaryTable():
             return Auxiliary(p.name, *_joint_values(p.joints))
         case InsertionTable():
-            return Insertion(p.name, p.depth_mm * MM, p.to)
+            return Insertion(p.name, p.depth_mm * MM, p.to, _trocar(p, table))
         case PivotTable():
-            return Pivot(p.name, p.to, p.rcm)
+            return Pivot(p.name, p.to, p.rcm, _trocar(p, table))
         case CircleTable():
             normal = np.array(p.normal, float)
-            return Circle(p.name, np.array(p.centre_mm) * MM, normal / np.linalg.norm(normal), p.turns)
+            place = np.array(p.centre_mm) * MM
+            return Circle(p.name, place, normal / np.linalg.norm(normal), p.turns, _trocar(p, table))
         case RetractionTable():
-            return Retraction(p.name, p.depth_mm * MM)
+            return Retraction(p.name, p.depth_mm * MM, _trocar(p, table))
         case HomeTable():
             return Home(p.name, table.home or table.start)
 
@@ -164,6 +177,16 @@ def _check_phases(table: ProtocolTable, path: str | Path) -> set[str]:
         for joint in moved:
             if moved.count(joint) > 1:
                 raise wrong(keys, f"joint '{joint}' is given twice, in deg and in mm")
+
+    def trocar(name: str | None, kind: str, keys: Keys) -> bool:
+        if name is not None and name not in table.trocars_mm:
+            raise wrong(
+                (*keys, "trocar"), f"{unknown('trocar', name, table.trocars_mm)}: [trocars_mm] gives the places"
+            )
+        if name is None and kind == "insertion" and len(table.trocars_mm) > 1:
+            text = f"[trocars_mm] has {', '.join(table.trocars_mm)}: name the one that this insertion goes through"
+            raise wrong((*keys, "type"), f'{text}, trocar = "NAME"')
+        return name is not None
 
     for name, w in table.waypoints.items():
         if sum(given is not None for given in (w.position_mm, w.depth_mm, w.joints)) != 1:
@@ -195,6 +218,8 @@ def _check_phases(table: ProtocolTable, path: str | Path) -> set[str]:
                 (*keys, "type"),
                 f"the instrument is still in the patient: put a retraction to depth 0 before this {p.type}",
             )
+        if isinstance(p, InsertionTable | PivotTable | CircleTable | RetractionTable):
+            inside = trocar(p.trocar, p.type, keys) or inside
         if not inside and p.type in ("pivot", "retraction"):
             raise wrong((*keys, "type"), f"no RCM is registered yet: put an insertion before this {p.type}")
         goal: str | None = None

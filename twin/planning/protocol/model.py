@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
 from typing import ClassVar, Literal
 
+from twin.core.errors import ProtocolError
 from twin.core.findings import Finding
 from twin.core.provenance import Parameter, Provenance
 from twin.core.spatial import Array
@@ -108,21 +109,23 @@ class Auxiliary:
 
 @dataclass(frozen=True)
 class Insertion:
-    """Along the shaft by `depth` in m; registers the RCM at its start."""
+    """Along the shaft by `depth` in m; registers the RCM at its start, which a `trocar` named here must be at."""
 
     name: str
     depth: float
     to: str | None = None
+    trocar: str = ""
     type: ClassVar[PhaseType] = "insertion"
 
 
 @dataclass(frozen=True)
 class Pivot:
-    """About the RCM to the waypoint `to`."""
+    """About the RCM, or the `trocar` named here, to the waypoint `to`."""
 
     name: str
     to: str
     rcm: RcmMode
+    trocar: str = ""
     type: ClassVar[PhaseType] = "pivot"
 
 
@@ -130,22 +133,24 @@ class Pivot:
 class Circle:
     """A full circle of the tip about the axis `normal` (3,) through `centre` (3,) in m, counter-clockwise.
 
-    With an RCM the shaft stays on it, without spin; without one the attitude stays.
+    With an RCM, or the `trocar` named here, the shaft stays on it, without spin; without one the attitude stays.
     """
 
     name: str
     centre: Array
     normal: Array
     turns: int = 1
+    trocar: str = ""
     type: ClassVar[PhaseType] = "circle"
 
 
 @dataclass(frozen=True)
 class Retraction:
-    """Back along the shaft until `depth` in m is left."""
+    """Back along the shaft until `depth` in m is left of it beyond the RCM, or the `trocar` named here."""
 
     name: str
     depth: float = 0.0
+    trocar: str = ""
     type: ClassVar[PhaseType] = "retraction"
 
 
@@ -161,11 +166,17 @@ class Home:
 Phase = Positioning | Joints | Auxiliary | Insertion | Pivot | Circle | Retraction | Home
 
 
+def trocar_of(phase: Phase) -> str:
+    """Return the name of the trocar that a phase keeps to; "" if it names none."""
+    return phase.trocar if isinstance(phase, Insertion | Pivot | Circle | Retraction) else ""
+
+
 @dataclass(frozen=True)
 class PatientPlace:
     """Who lies at a protocol's RCM: `body` of cad/patients by its `port`, turned by `turn` in rad about z of the base.
 
-    `replaces` names links that are not shown together with the patient.
+    `replaces` names links that are not shown together with the patient; `trocar` the one at the port, if there are
+    several.
     """
 
     body: str
@@ -174,6 +185,7 @@ class PatientPlace:
     replaces: tuple[str, ...]
     provenance: Provenance
     note: str
+    trocar: str = ""
 
 
 @dataclass(frozen=True)
@@ -191,7 +203,8 @@ class Protocol:
         limits: by phase type; every type that is used is there.
         tolerances: what the trajectory is judged with.
         rotation: axes of the waypoints' angles, in their order.
-        trocar: (3,) in base in m, where a mechanism with a trocar has it; None: as drawn.
+        trocars: (3,) in base in m, by name: where the mechanism has them, and where phases that name one go in; ""
+            stands for the only one of the mechanism. One that is not named is as drawn.
         rcm: (3,) in base in m, if one is registered from the start: the instrument is in the patient already.
         free: directions of the moved frame that no waypoint decides: they follow the mechanism. None: those that the
             robot's freedoms leave, and every waypoint is a pose that the robot takes.
@@ -211,7 +224,7 @@ class Protocol:
     limits: Mapping[PhaseType, Limits]
     tolerances: Tolerances
     rotation: RotationOrder = "zyx"
-    trocar: Array | None = None
+    trocars: Mapping[str, Array] = field(default_factory=dict)
     rcm: Array | None = None
     free: frozenset[Direction] | None = None
     patient: PatientPlace | None = None
@@ -224,14 +237,41 @@ class Protocol:
 
         None if there is none, or if only the mechanism knows its trocar.
         """
-        if self.trocar is not None or self.rcm is not None:
-            return self.trocar if self.trocar is not None else self.rcm
+        if "" in self.trocars or self.rcm is not None:
+            return self.trocars.get("", self.rcm)
         here = self.start
         for p in self.phases:
+            if trocar := trocar_of(p):
+                return self.trocars[trocar]
             if isinstance(p, Insertion):
                 return self.waypoints[here].position
             here = p.to if isinstance(p, Positioning | Home) else here
         return None
+
+    def places_of(self, trocars: Sequence[str]) -> dict[str, Array]:
+        """Return where the protocol has those trocars that a mechanism holds by a joint, (3,) in base in m, by name.
+
+        Args:
+            trocars: names of the mechanism's trocars.
+
+        Raises:
+            ProtocolError: a trocar is placed that neither the mechanism has nor a phase names.
+        """
+        held = ", ".join(trocars)
+        if "" in self.trocars and len(trocars) != 1:
+            text = f"trocars {held}: give their places by name, in [trocars_mm]" if trocars else "none"
+            way = "" if trocars else ": its RCM is where an insertion begins; leave trocar_mm out"
+            raise ProtocolError(
+                f"protocol '{self.name}' places a trocar (trocar_mm), but the mechanism of {self.robot} has {text}{way}"
+            )
+        named = {trocar_of(p) for p in self.phases} | {self.patient.trocar if self.patient is not None else ""}
+        for name in self.trocars:
+            if name and name not in trocars and name not in named:
+                raise ProtocolError(
+                    f"protocol '{self.name}' places trocar '{name}' ([trocars_mm]), but no phase names it, and the "
+                    f"mechanism of {self.robot} has {held or 'none'}: correct the name, or take it out"
+                )
+        return {n or trocars[0]: p for n, p in self.trocars.items() if not n or n in trocars}
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return every number that decides the motion, with its provenance."""
@@ -257,8 +297,10 @@ class Protocol:
                 add(f"{c.name}_centre_{label}", float(p), "mm", MM, "ASSUMED", "centre of the circle; see the file")
         for label, p in zip("xyz", self.rcm if self.rcm is not None else (), strict=False):
             add(f"rcm_{label}", float(p), "mm", MM, "ASSUMED", "RCM from the start; see the file")
-        for label, p in zip("xyz", self.trocar if self.trocar is not None else (), strict=False):
-            add(f"trocar_{label}", float(p), "mm", MM, "ASSUMED", "where the patient is; see the file")
+        for name, place in self.trocars.items():
+            for label, p in zip("xyz", place, strict=True):
+                shown = f"trocar_{name}_{label}" if name else f"trocar_{label}"
+                add(shown, float(p), "mm", MM, "ASSUMED", "where the patient is; see the file")
         for kind, l in self.limits.items():  # noqa: E741
             add(f"{kind}_tip_speed", l.tip_speed, "mm/s", MM, l.provenance, l.note)
             add(f"{kind}_tip_acceleration", l.tip_acceleration, "mm/s2", MM, l.provenance, l.note)

@@ -12,6 +12,9 @@ from twin.schema import Identifier, Origin, Table, Vector, at
 _Positive = Annotated[float, Field(gt=0)]
 _Depth = Annotated[float, Field(ge=0)]
 _Text = Annotated[str, Field(min_length=1)]
+_Trocar = Annotated[
+    Identifier | None, Field(description="the one of [trocars_mm] that the shaft is in; needed if there are several")
+]
 _JointValue = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*_(deg|mm)$")]
 
 
@@ -70,6 +73,7 @@ class PatientTable(Table):
     body: Identifier
     port: Identifier
     turn_deg: float = 0.0
+    trocar: Annotated[Identifier | None, Field(description="the one at the port, if there are several")] = None
     replaces: list[Identifier] = Field(default_factory=list)
     provenance: Origin
     note: _Text
@@ -106,6 +110,7 @@ class InsertionTable(_PhaseTable):
     type: Literal["insertion"]
     depth_mm: _Positive
     to: Identifier | None = None
+    trocar: _Trocar = None
 
 
 class PivotTable(_PhaseTable):
@@ -114,6 +119,7 @@ class PivotTable(_PhaseTable):
     type: Literal["pivot"]
     to: Identifier
     rcm: RcmMode
+    trocar: _Trocar = None
 
 
 class CircleTable(_PhaseTable):
@@ -123,6 +129,7 @@ class CircleTable(_PhaseTable):
     centre_mm: Vector
     normal: Vector = (0.0, 0.0, 1.0)
     turns: Annotated[int, Field(ge=1)] = 1
+    trocar: _Trocar = None
 
     @model_validator(mode="after")
     def _has_an_axis(self) -> CircleTable:
@@ -136,6 +143,7 @@ class RetractionTable(_PhaseTable):
 
     type: Literal["retraction"]
     depth_mm: _Depth = 0.0
+    trocar: _Trocar = None
 
 
 class HomeTable(_PhaseTable):
@@ -170,6 +178,10 @@ class ProtocolTable(Table):
     start: Identifier
     home: Identifier | None = None
     trocar_mm: Vector | None = None
+    trocars_mm: Annotated[
+        dict[Identifier, Vector],
+        Field(description="places of several trocars, by the name of the joint that holds each"),
+    ] = Field(default_factory=dict)
     rcm_mm: Vector | None = None
     free: Annotated[
         list[Direction] | None,
@@ -186,4 +198,6 @@ class ProtocolTable(Table):
     def _one_answer(self) -> ProtocolTable:
         if self.patient is not None and self.no_patient is not None:
             raise at("no_patient", "says why there is no patient, and [patient] places one: keep one of them")
+        if self.trocar_mm is not None and self.trocars_mm:
+            raise at("trocar_mm", "places the only trocar, and [trocars_mm] places several: keep one of them")
         return self

@@ -1,4 +1,4 @@
-"""Samples as they are sent, and what a protocol is to a stream: link poses, the way of the tip, the RCM."""
+"""Samples as they are sent, and what a protocol is to a stream: link poses, the way of the tip, the trocars."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from twin.ui.headset.protocol import pose_of
 from twin.ui.session.desk import Desk
 from twin.ui.session.instruments import Reading
 from twin.ui.session.timeline import Playback
+from twin.ui.session.trocars import in_trocars, rcm_at
 
 PATH_POINTS = 600
 """Points of a tool path that is sent, at most."""
@@ -52,12 +53,18 @@ def number(value: float | None) -> float | None:
     return float(f"{value:.9g}") if value is not None and np.isfinite(value) else None
 
 
-def rcm_at(desk: Desk, playback: Playback, time: float) -> Array | None:
-    """Return the RCM (3,) in base at a time of the protocol, or None: the trocar, or where the phase registers it."""
-    if desk.mechanism.trocar:
-        return desk.mechanism.trocar_at
-    k = int(np.clip(np.searchsorted(playback.t, time), 0, len(playback.t) - 1))
-    return playback.rcm[k] if np.isfinite(playback.rcm[k]).all() else None
+def trocars(desk: Desk, playback: Playback | None, time: float) -> list[dict[str, Any]]:
+    """Return the instruments in their trocars as the state has them: name, place, distance of the shaft, depth."""
+    found = () if playback is None else in_trocars(desk, rcm_at(playback, time))
+    return [
+        {
+            "name": t.name,
+            "at": [number(v) for v in t.place],
+            "error_m": number(t.error),
+            "depth_m": number(t.depth),
+        }
+        for t in found
+    ]
 
 
 def protocols_of(robot: Robot, given: str | None) -> dict[str, str]:

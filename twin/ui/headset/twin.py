@@ -22,13 +22,14 @@ from twin.ui.headset.ghost import Ghost
 from twin.ui.headset.hold import Hold, hold_of, lead
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.reach import Reach
-from twin.ui.headset.track import Shown, Track, apart, measured, number, path, protocols_of, rcm_at
+from twin.ui.headset.track import Shown, Track, apart, measured, path, protocols_of, trocars
 from twin.ui.headset.worker import Worker
 from twin.ui.session import instruments
 from twin.ui.session.desk import Desk, Moved
 from twin.ui.session.instruments import Reading
 from twin.ui.session.planner import Planner
 from twin.ui.session.timeline import RATE, Clock, Playback
+from twin.ui.session.trocars import rcm_at
 
 LOOK = 6
 """Ticks between two looks at the instruments."""
@@ -312,7 +313,7 @@ class Twin:
         def job() -> Reading:
             if track is not None and k is not None:
                 desk.show(desk.model.state(track.playback.x[k]), track.playback.Ts_base_tool[k])
-            return instruments.read(desk, None if track is None else rcm_at(desk, track.playback, time))
+            return instruments.read(desk, None if track is None else rcm_at(track.playback, time))
 
         def done(reading: Reading) -> None:
             self._reading = reading
@@ -380,7 +381,7 @@ class Twin:
         """Return everything that is shown besides the robot itself."""
         playback = None if self._track is None else self._track.playback
         shown = self._shown
-        rcm = None if playback is None else rcm_at(self.desk, playback, self.clock.time)
+        inside = trocars(self.desk, playback, self.clock.time)
         return {
             "type": "state",
             "playing": self.clock.playing,
@@ -395,7 +396,8 @@ class Twin:
             "holder": self.holder,
             "reason": shown.reason or self._failed or None,
             **measured(self._reading, apart(shown, self.links, self.description["tool"])),
-            "rcm": None if rcm is None else [number(v) for v in rcm],
+            "rcm": inside[0]["at"] if inside else None,
+            "trocars": inside,
             "variant": self._ghost.name,
             "workspace": self._reach.on,
             "postures": list(self.desk.postures),

@@ -88,6 +88,11 @@ class Desk:
         T = self.assembly.link_poses[frame.body] @ frame.T_body_frame
         return T[:3, 3], T[:3, :3] @ self._axis
 
+    @property
+    def tip_body(self) -> str:
+        """The body that carries the tip; see `shaft`."""
+        return self.mechanism.frame(self._frame).body
+
     def speak_of(self, protocol: Protocol) -> None:
         """Take tip and shaft to be those of a protocol; at first they are those of the default protocol."""
         self._frame, self._axis = protocol.frame, protocol.shaft_axis / np.linalg.norm(protocol.shaft_axis)
@@ -120,7 +125,7 @@ class Desk:
             q = self._joints_of(T_base_tool)
             return self._assembled(q) if q is not None else self.model.solve_pose(T_base_tool, self.assembly)
 
-        weak = len(self.joints) - len(self.mechanism.auxiliary) < 6 or bool(self.mechanism.trocar)
+        weak = len(self.joints) - len(self.mechanism.auxiliary) < 6 or bool(self.mechanism.trocars)
         with self.lock:
             out = self._try(go, T_base_tool)
             if out.good or not weak or not spatial.is_pose(T_base_tool, 1e-6):
@@ -190,7 +195,7 @@ class Desk:
     # -- changing what is moved -----------------------------------------------------------------------
 
     def bind(self, robot: Robot) -> None:
-        """Take the same robot with its trocar elsewhere."""
+        """Take the same robot with its trocars elsewhere."""
         with self.lock:
             self.robot, self.mechanism, self.model = robot, robot.mechanism, robot.reference()
             self.kin = self._compiled()

@@ -14,6 +14,7 @@ from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics
 from twin.reference.states import Assembly
 from twin.ui.session.desk import Desk
+from twin.ui.session.trocars import InTrocar, in_trocars
 
 
 class Residual(NamedTuple):
@@ -60,7 +61,7 @@ class Reading:
         branch: label of the assembly by the equations; empty without.
         condition: of the Jacobian, rotations scaled by the characteristic length; infinite at a singularity.
         singular: name, kind (type1, type2), value over alarm; 1 and below is too near.
-        depth, rcm_error: m; None without an RCM.
+        trocars: the instruments in their trocars, or that in the RCM of a protocol.
         residual: largest difference of equations and mechanism.
         scope: why equations and mechanism cannot be compared here, empty if they can: in another assembly the
             residual is how far the equations' joints bring the tool from where it is, in an assembly of their own.
@@ -74,13 +75,22 @@ class Reading:
     branch: str = ""
     condition: float | None = None
     singular: tuple[tuple[str, str, float], ...] = ()
-    depth: float | None = None
-    rcm_error: float | None = None
+    trocars: tuple[InTrocar, ...] = ()
     residual: Residual | None = None
     scope: str = ""
     points: dict[str, Array] = field(default_factory=dict)
     actual: dict[str, Array] = field(default_factory=dict)
     reason: str = ""
+
+    @property
+    def depth(self) -> float | None:
+        """How deep the tip is beyond its trocar in m; None without one."""
+        return next((t.depth for t in self.trocars if t.depth is not None), None)
+
+    @property
+    def rcm_error(self) -> float | None:
+        """How far in m a shaft passes its trocar, the worst of them; None without one."""
+        return max((t.error for t in self.trocars), default=None)
 
     @property
     def comparable(self) -> bool:
@@ -94,30 +104,24 @@ class Reading:
 
 
 def read(desk: Desk, rcm: Array | None = None) -> Reading:
-    """Read all instruments; `rcm` (3,) in base if one is registered, which a mechanism's own trocar overrides."""
+    """Read all instruments; `rcm` (3,) in base if one is registered, which a mechanism's own trocars override."""
     with desk.lock:
         kin, now, T = desk.kin, desk.assembly, desk.assembly.T_base_tool
         asked, joints = desk.asked, desk.joints
         reason = "" if desk.moved.more else desk.moved.reason
+        trocars = in_trocars(desk, rcm)
     limits = []
     for joint, value in zip(joints, now.q, strict=True):
         unit, scale = ("°", DEG) if joint.is_angle else ("mm", MM)
         low, high = joint.limits or (-np.inf, np.inf)
         limits.append(Limit(joint.name, float(value) / scale, unit, low / scale, high / scale))
-    depth = error = None
-    tip, a = desk.shaft()
-    if desk.mechanism.trocar:  # a loop: what is left of it is its gap
-        depth, error = float(np.linalg.norm(desk.mechanism.trocar_at - tip)), now.worst_gap
-    elif rcm is not None and np.isfinite(rcm).all():
-        w = rcm - tip
-        depth, error = float(-w @ a), float(np.linalg.norm(w - (w @ a) * a))
     if kin is None:
         p, R = T[:3, 3], T[:3, :3]
         turn = spatial.log_so3(R)
         rows = [*zip("xyz", p / MM, ("mm",) * 3, strict=True)]
         rows += [*zip(("rx", "ry", "rz"), turn / DEG, ("°",) * 3, strict=True)]
         coordinates = tuple((n, float(v), u) for n, v, u in rows)
-        return Reading(coordinates, tuple(limits), now.worst_gap, depth=depth, rcm_error=error, reason=reason)
+        return Reading(coordinates, tuple(limits), now.worst_gap, trocars=trocars, reason=reason)
     values = kin.program.coordinates_of_pose.one(T.ravel())
     coordinates = tuple(
         (name, float(v) / (MM if unit == "m" else DEG), "mm" if unit == "m" else "°")
@@ -144,8 +148,7 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
         str(kin.branch(**where)[0]),
         condition,
         tuple(sorted(singular, key=lambda s: s[2])),
-        depth,
-        error,
+        trocars,
         residual,
         scope,
         points,

@@ -105,9 +105,13 @@ def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None
         raise TwinError(f"protocol '{protocol.name}', patient {table.name}: {unknown('port', place.port, table.port)}")
     for link in place.replaces:
         robot.mechanism.body(link)
-    rcm = protocol.first_rcm
-    if protocol.trocar is None and robot.mechanism.trocar:
-        rcm = robot.mechanism.trocar_at
+    rcm, trocars = protocol.first_rcm, robot.mechanism.trocars
+    if place.trocar and place.trocar in protocol.trocars:
+        rcm = protocol.trocars[place.trocar]
+    elif trocars:
+        rcm = robot.mechanism.with_trocars(protocol.places_of(trocars)).trocar_at(place.trocar)
+    elif place.trocar:
+        raise TwinError(f"protocol '{protocol.name}', [patient]: {unknown('trocar', place.trocar, protocol.trocars)}")
     if rcm is None:
         raise TwinError(
             f"protocol '{protocol.name}' has a patient but no RCM to lie at: begin an insertion, or leave [patient] out"

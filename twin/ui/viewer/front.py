@@ -23,6 +23,7 @@ from twin.ui.session import instruments, timeline
 from twin.ui.session.desk import Desk, Moved
 from twin.ui.session.planner import Planner
 from twin.ui.session.timeline import Clock, Playback
+from twin.ui.session.trocars import rcm_at
 from twin.ui.viewer.nodes import BLUE, RobotNodes
 from twin.ui.viewer.server import stop, tell
 
@@ -74,7 +75,6 @@ class Scenery(Protocol):
     def trail(self, visible: bool) -> None: ...  # noqa: D102
     def follow(self) -> None: ...  # noqa: D102
     def update(self) -> None: ...  # noqa: D102
-    def rcm(self, a: Actor) -> Array | None: ...  # noqa: D102
     def protocol_changed(self) -> None: ...  # noqa: D102
 
 
@@ -241,7 +241,7 @@ class Front:
     def refresh(self) -> None:
         """Read the instruments and show them; other robots are only drawn."""
         a = self.hand
-        reading = instruments.read(a.desk, self.scenery.rcm(a))
+        reading = instruments.read(a.desk, rcm_at(a.playback, self.clock.time))
         shown = reading.points if self.panels.equations_shown() else {}
         self.nodes[a.name].equations(shown, reading.actual, reading.agrees, self.panels.exaggeration())
         self.panels.show(reading)

@@ -21,7 +21,7 @@ from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.planning import path as paths
-from twin.planning.protocol import Home, Insertion, Pivot, Positioning, Protocol, Retraction, load_protocol
+from twin.planning.protocol import Home, Insertion, Pivot, Positioning, Protocol, Retraction, load_protocol, trocar_of
 from twin.schema import Identifier, error_at
 from twin.ui.session.session import Session as Session
 from twin.ui.viewer.rewrite import rewrite
@@ -129,6 +129,8 @@ def _ends_inside(p: Protocol) -> bool:
     for phase in p.phases:
         if isinstance(phase, Insertion | Retraction):
             inside = phase.depth > 0
+        elif trocar_of(phase):
+            inside = True
     return inside
 
 

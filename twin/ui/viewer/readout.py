@@ -49,10 +49,11 @@ def table(reading: Reading, variants: str = "") -> str:
             text, color = reading.scope, _WARN
         rows.append(_line("formula ↔ mechanism", text, color))
     rows.append(_line("loop gap", length(reading.gap), _GOOD if reading.gap < AGREE else _BAD))
-    if reading.rcm_error is not None and reading.depth is not None:
-        good = reading.rcm_error < 0.1 * MM
-        rows.append(_line("RCM error", length(reading.rcm_error), _GOOD if good else _BAD))
-        rows.append(_line("insertion depth", length(reading.depth)))
+    for t in reading.trocars:
+        of = f", {escape(t.name)}" if len(reading.trocars) > 1 else ""
+        rows.append(_line(f"RCM error{of}", length(t.error), _GOOD if t.error < 0.1 * MM else _BAD))
+        if t.depth is not None:
+            rows.append(_line(f"insertion depth{of}", length(t.depth)))
     if reading.condition is not None:
         rows.append(_line("condition number", f"{reading.condition:.1f}", _WARN if reading.condition > 100 else ""))
     for kind, name in (("type1", "type I"), ("type2", "type II")):

@@ -14,6 +14,7 @@ from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.ui.session.patient import none_there, patient_of
+from twin.ui.session.trocars import in_trocars, rcm_at
 from twin.ui.viewer import recording
 from twin.ui.viewer.front import Actor, Front
 from twin.ui.viewer.nodes import BLUE, ORANGE, RobotNodes
@@ -69,16 +70,6 @@ class Scenery:
 
     # -- the instrument -------------------------------------------------------------------------------
 
-    def rcm(self, a: Actor) -> Array | None:
-        """Return the RCM (3,) in base of a robot: of its protocol at this time, or of its trocar."""
-        if a.desk.mechanism.trocar:
-            return a.desk.mechanism.trocar_at
-        if a.playback is None:
-            return None
-        k = int(np.clip(np.searchsorted(a.playback.t, self.front.clock.time), 0, len(a.playback.t) - 1))
-        rcm = a.playback.rcm[k]
-        return rcm if np.isfinite(rcm).all() else None
-
     def trail(self, visible: bool) -> None:
         """Show the way of every tip along its protocol."""
         self._trail_shown = visible
@@ -95,28 +86,30 @@ class Scenery:
             self._trail[a.name] = [line]
 
     def follow(self) -> None:
-        """Follow the robots with RCM and shaft; a shaft that misses its RCM visibly (a bent wrist) is not drawn."""
-        for a in self.front.actors:
-            rcm = self.rcm(a) if self._trail_shown else None
-            if rcm is None:
-                for kind in (self._lines, self._balls):
-                    if a.name in kind:
-                        kind[a.name].visible = False
-                continue
+        """Follow the robots with trocars and shafts; a shaft that misses visibly (a bent wrist) is not drawn."""
+        shown = set()
+        for a in self.front.actors if self._trail_shown else ():
             size = self.front.nodes[a.name].size
-            tip, axis = a.desk.shaft()
-            ends = np.array([[tip, rcm - 0.12 * size * axis]], np.float32)
-            if a.name not in self._lines:
-                self._lines[a.name] = self.scene.add_line_segments(
-                    f"/{a.name}/shaft_axis", ends, ORANGE, thickness=2.0, thickness_units="screen"
-                )
-                self._balls[a.name] = self.scene.add_icosphere(
-                    f"/{a.name}/rcm", 0.007 * size, ORANGE, cast_shadow=False
-                )
-            self._lines[a.name].points = ends
-            self._balls[a.name].position = rcm
-            missed = np.linalg.norm(np.cross(rcm - tip, axis))
-            self._balls[a.name].visible, self._lines[a.name].visible = True, bool(missed < 2 * MM)
+            found = in_trocars(a.desk, rcm_at(a.playback, self.front.clock.time))
+            for t in found:
+                key = f"{a.name}/{t.name}" if len(found) > 1 else a.name
+                shown.add(key)
+                end = t.place + 0.12 * size * t.axis if t.tip is None else t.tip
+                ends = np.array([[end, t.place - 0.12 * size * t.axis]], np.float32)
+                if key not in self._lines:
+                    of = f"_{t.name}" if len(found) > 1 else ""
+                    self._lines[key] = self.scene.add_line_segments(
+                        f"/{a.name}/shaft_axis{of}", ends, ORANGE, thickness=2.0, thickness_units="screen"
+                    )
+                    self._balls[key] = self.scene.add_icosphere(
+                        f"/{a.name}/rcm{of}", 0.007 * size, ORANGE, cast_shadow=False
+                    )
+                self._lines[key].points = ends
+                self._balls[key].position = t.place
+                missed = np.linalg.norm(np.cross(t.place - end, t.axis))
+                self._balls[key].visible, self._lines[key].visible = True, bool(missed < 2 * MM)
+        for key in self._lines.keys() - shown:
+            self._lines[key].visible = self._balls[key].visible = False
 
     # -- the panel ------------------------------------------------------------------------------------
 

@@ -120,7 +120,7 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
             tool=told["tool"],
             parameters=told["parameters"],
             couplings=told["couplings"],
-            trocar=told["trocar"],
+            trocars=told["trocars"],
             source=scene.path,
         )
     except MechanismError as error:
@@ -179,14 +179,13 @@ def _robot_name(scene: Scene, chosen: Selection, root: str | None) -> str:
 
 def _told(scene: Scene, chosen: Selection) -> dict[str, Any]:
     """Return what only twin authors: tool, postures and parameters; empty for a foreign stage."""
-    out: dict[str, Any] = {"tool": "tool", "postures": {}, "parameters": (), "couplings": (), "trocar": ""}
+    out: dict[str, Any] = {"tool": "tool", "postures": {}, "parameters": (), "couplings": (), "trocars": ()}
     parent = scene.bodies[chosen.bodies[0]].GetParent()
     tool = parent.GetAttribute("twin:tool")
     if tool and tool.Get():
         out["tool"] = str(tool.Get())
-    trocar = parent.GetAttribute("twin:trocar")
-    if trocar and trocar.Get():
-        out["trocar"] = str(trocar.Get())
+    trocar, trocars = (parent.GetAttribute(f"twin:{n}").Get() for n in ("trocar", "trocars"))
+    out["trocars"] = tuple(map(str, trocars or ([trocar] if trocar else [])))
     if couplings := parent.GetCustomDataByKey("twin:couplings"):
         rows = sorted(couplings.items(), key=lambda item: item[1]["index"])
         out["couplings"] = tuple(

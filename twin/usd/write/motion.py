@@ -31,7 +31,7 @@ class Motion:
         times_s: (k,) increasing, from 0 on.
         link_poses: T_world_body (k, 4, 4) of every body; a body that is left out stays at rest.
         joint_values: coordinate (k,) in m or rad of joints that have one; those left out get no samples.
-        trocar: where the mechanism's trocar is during it, (3,) in base in m; None: as drawn.
+        trocars: where trocars of the mechanism are during it, (3,) in base in m, by name; others are as drawn.
 
     """
 
@@ -39,7 +39,7 @@ class Motion:
     times_s: Array
     link_poses: Mapping[str, Array]
     joint_values: Mapping[str, Array] = field(default_factory=dict)
-    trocar: Array | None = None
+    trocars: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -72,11 +72,12 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFi
         for path, values in samples:
             for code, value in zip(codes, values, strict=True):
                 layer.SetTimeSample(path, float(code), value)
-    if motion.trocar is not None and mechanism.trocar and not np.array_equal(motion.trocar, mechanism.trocar_at):
-        place = f"/{mechanism.name}/joints/{mechanism.trocar}.physics:localPos0"
-        layer.GetAttributeAtPath(_attribute(layer, place, Sdf.ValueTypeNames.Point3f)).default = gf.vec3f(motion.trocar)
-        for path, values in samples:  # as drawn the robot would not meet this trocar: it rests where it begins
-            layer.GetAttributeAtPath(path).default = values[0]
+    moved = {n: p for n, p in motion.trocars.items() if not np.array_equal(p, mechanism.trocar_at(n))}
+    for name, p in moved.items():
+        place = f"/{mechanism.name}/joints/{name}.physics:localPos0"
+        layer.GetAttributeAtPath(_attribute(layer, place, Sdf.ValueTypeNames.Point3f)).default = gf.vec3f(p)
+    for path, values in samples if moved else ():  # as drawn the robot would not meet them: it rests where it begins
+        layer.GetAttributeAtPath(path).default = values[0]
     save(layer, layer_path)
     root = root_layer(
         folder / f"{mechanism.name}_{motion.name}.usda",

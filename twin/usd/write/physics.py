@@ -140,8 +140,10 @@ def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
         c.name: {"index": i, "total": float(c.total), "ratios": dict(zip(c.joints, map(float, c.ratios), strict=True))}
         for i, c in enumerate(mechanism.couplings)
     }
-    if mechanism.trocar:
-        _attribute(root, "twin:trocar", Sdf.ValueTypeNames.Token, mechanism.trocar)
+    if len(mechanism.trocars) == 1:
+        _attribute(root, "twin:trocar", Sdf.ValueTypeNames.Token, mechanism.trocars[0])
+    elif mechanism.trocars:
+        _attribute(root, "twin:trocars", Sdf.ValueTypeNames.TokenArray, list(mechanism.trocars))
     for key, value in (("postures", postures), ("parameters", parameters), ("couplings", couplings)):
         if value:
             root.SetCustomDataByKey(f"twin:{key}", value)

@@ -22,7 +22,7 @@ import {
 import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import { Label } from './label';
 import { length, type Model } from './model';
-import type { Numbers, Scenery } from './protocol';
+import type { Numbers, Scenery, State } from './protocol';
 import { matrixOf, poseOf, type Robot } from './robot';
 import { discard, type World } from './world';
 
@@ -60,6 +60,8 @@ export class Overlays {
   private readonly rcmBall: Mesh;
   private readonly shaft: Mesh;
   private readonly rcmLabel = new Label();
+  /** Of the trocars behind the first: as many as there ever were at once. */
+  private readonly further: { ball: Mesh; label: Label }[] = [];
   private readonly ghostLabel = new Label();
   private ghost: Group | null = null;
   private readonly scenery = new Group();
@@ -156,6 +158,8 @@ export class Overlays {
     this.rcmBall.visible = on;
     this.shaft.visible = on && (model.state.rcm_error_m ?? 0) < MISSED;
     this.rcmLabel.sprite.visible = on && this.shows.labels;
+    const trocars = model.state.trocars;
+    this.drawFurther(on ? trocars.slice(1) : []);
     if (!on) return;
     const size = this.world.size;
     const rcm = new Vector3().fromArray(at);
@@ -168,13 +172,41 @@ export class Overlays {
     this.rcmBall.position.copy(rcm);
     this.rcmBall.scale.setScalar(0.009 * size);
     stretch(this.shaft, tip, beyond, 0.0018 * size);
-    const error = model.state.rcm_error_m;
-    const depth = model.state.depth_m;
-    const lines = ['RCM'];
+    const several = trocars.length > 1;
+    this.sayOf(
+      this.rcmLabel,
+      rcm,
+      several ? trocars[0].name : 'RCM',
+      several ? trocars[0].error_m : model.state.rcm_error_m,
+      several ? trocars[0].depth_m : model.state.depth_m,
+    );
+  }
+
+  private drawFurther(trocars: State['trocars']): void {
+    while (this.further.length < trocars.length) {
+      const ball = new Mesh(this.rcmBall.geometry, this.rcmBall.material);
+      const label = new Label();
+      this.group.add(ball, label.sprite);
+      this.further.push({ ball, label });
+    }
+    this.further.forEach(({ ball, label }, i) => {
+      const on = i < trocars.length;
+      ball.visible = on;
+      label.sprite.visible = on && this.shows.labels;
+      if (!on) return;
+      ball.position.fromArray(trocars[i].at);
+      ball.scale.setScalar(0.009 * this.world.size);
+      this.sayOf(label, ball.position, trocars[i].name, trocars[i].error_m, trocars[i].depth_m);
+    });
+  }
+
+  private sayOf(label: Label, at: Vector3, name: string, error: number | null, depth: number | null): void {
+    const size = this.world.size;
+    const lines = [name];
     if (error !== null) lines.push(`shaft misses it by ${length(error)}`);
     if (depth !== null) lines.push(`depth ${length(depth)}`);
-    this.rcmLabel.sprite.position.copy(rcm).addScaledVector(new Vector3(0, 0, 1), 0.012 * size);
-    this.rcmLabel.say(lines.join('\n'), '#9a4f00', this.world.look, 0.024 * size);
+    label.sprite.position.copy(at).addScaledVector(new Vector3(0, 0, 1), 0.012 * size);
+    label.say(lines.join('\n'), '#9a4f00', this.world.look, 0.024 * size);
   }
 
   private drawGhost(model: Model, robot: Robot, tool: Matrix4 | null): void {

@@ -68,6 +68,8 @@ export interface State {
   rcm: Numbers | null;
   rcm_error_m: number | null;
   depth_m: number | null;
+  /** The instruments in their trocars; `rcm` is the first of them. */
+  trocars: { name: string; at: Numbers; error_m: number | null; depth_m: number | null }[];
   variant: string | null;
   planning: string | null;
   workspace: boolean;
@@ -103,6 +105,7 @@ export const FIRST_STATE: State = {
   rcm: null,
   rcm_error_m: null,
   depth_m: null,
+  trocars: [],
   variant: null,
   planning: null,
   workspace: false,

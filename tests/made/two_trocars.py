@@ -1,0 +1,222 @@
+"""A robot with two trocars: two instruments that hold one needle, each through its own trocar, in a plane.
+
+Both shafts turn about their trocars in the abdominal wall and are driven along themselves; their tips are pinned to one
+another. So two slides place the needle, and what the one instrument does the other has to follow.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from made.mechanisms import box, solid
+from twin.core import spatial
+from twin.core.units import DEG, MM
+from twin.model.mechanism import Body, Drive, Frame, Joint, Mechanism, Point
+
+NAME = "two_hands"
+PLACES = {"left": np.array([-0.12, 0.0, 0.30]), "right": np.array([0.12, 0.0, 0.30])}
+"""Trocars in base as drawn, by name."""
+
+NEEDLE = np.array([0.02, 0.0, 0.12])
+"""Where the tips meet as drawn, in base."""
+
+MOVED = {"left": np.array([-0.115, 0.0, 0.302]), "right": np.array([0.124, 0.0, 0.297])}
+"""Trocars in base of the protocol `moved`."""
+
+_LENGTH = 0.34
+"""Of the shafts, in m."""
+
+
+def shaft_axis(trocar, tip=NEEDLE):
+    """Return the direction of a shaft from its trocar to the tip."""
+    return (tip - trocar) / np.linalg.norm(tip - trocar)
+
+
+def theta(trocar, tip=NEEDLE):
+    """Return the turn of a shaft about y, in rad: its z axis is (sin, 0, cos)."""
+    n = shaft_axis(trocar, tip)
+    return float(np.arctan2(n[0], n[2]))
+
+
+def mechanism() -> Mechanism:
+    """Return the robot as drawn, all bodies in base coordinates; it has shapes and masses."""
+    wall = box("base_wall", [0, 0.05, 0.30], [0.4, 0.02, 0.05], (0.8, 0.7, 0.6, 1.0))
+    bodies = [Body("base", (wall,), solid(5.0, [0, 0.05, 0.3], [0.4, 0.02, 0.05]))]
+    turns, slides = [], []
+    for i, (side, p) in enumerate(PLACES.items()):
+        n, y = shaft_axis(p), 0.01 * (2 * i - 1)  # the two shafts lie beside one another
+        R = spatial.frame_from_axes(n, [0, 1, 0])
+        tube = box(f"tube_{side}_wall", [0, 0, 0], [0.02, 0.008, 0.02])
+        rod = box(f"shaft_{side}_rod", [0, 0, 0], [0.004, 0.004, _LENGTH])
+        for name, mesh, at, mass in (
+            (f"tube_{side}", tube, p, 0.05),
+            (f"shaft_{side}", rod, NEEDLE - 0.5 * _LENGTH * n, 0.1),
+        ):
+            there = type(mesh)(mesh.name, mesh.vertices @ R.T + at + [0, y, 0], mesh.triangles, mesh.color_rgba)
+            size = np.ptp(mesh.vertices, axis=0)
+            bodies.append(Body(name, (there,), solid(mass, at + np.array([0, y, 0]), size, R)))
+        turn = spatial.pose(spatial.frame_from_axes([0, 1, 0], n), p)
+        along = spatial.pose(R, p)
+        turns.append(Joint(side, "revolute", "base", f"tube_{side}", turn, turn))
+        slides.append(
+            Joint(
+                f"q_{side}",
+                "prismatic",
+                f"tube_{side}",
+                f"shaft_{side}",
+                along,
+                along,
+                active=True,
+                limits=(-80 * MM, 80 * MM),
+                max_speed=0.1,
+                max_acceleration=0.5,
+                drive=Drive(1e4, 500.0, 50.0),
+            )
+        )
+    pin = spatial.pose(spatial.frame_from_axes([0, 1, 0], [1, 0, 0]), NEEDLE)
+    n = shaft_axis(PLACES["left"])
+    tool = spatial.pose(np.column_stack([np.cross([0, 1, 0], n), [0, 1, 0], n]), NEEDLE)
+    return Mechanism(
+        name=NAME,
+        base="base",
+        bodies=tuple(bodies),
+        joints=(*turns, *slides, Joint("pin", "revolute", "shaft_left", "shaft_right", pin, pin)),
+        frames=(Frame("base", "base", np.eye(4)), Frame("tool", "shaft_left", tool)),
+        points=tuple(Point(f"at_{side}", f"tube_{side}", p) for side, p in PLACES.items()),
+        rest={b.name: np.eye(4) for b in bodies},
+        postures={"home": {"q_left": 0.0, "q_right": 0.0}},
+        trocars=tuple(PLACES),
+        source=f"{NAME}.py",
+    )
+
+
+def formula() -> str:
+    """Return formula.py of the robot: two distances."""
+    rows = [
+        f'    "trocar_{side}_{axis}": mm({float(v / MM)!r}, "ASSUMED", "as drawn; a protocol places it"),'
+        for side, p in PLACES.items()
+        for axis, v in zip("xyz", p, strict=True)
+    ]
+    drawn = [
+        f'    "out_{side}": mm({float(np.linalg.norm(NEEDLE - p) / MM)!r}, "ASSUMED", "trocar to tip as drawn"),'
+        for side, p in PLACES.items()
+    ]
+    names = {s: ", ".join(f"trocar_{s}_{a}" for a in "xyz") for s in PLACES}
+    return f'''"""Two instruments that hold one needle: the slides are the distances of the tip from the trocars."""
+
+import numpy as np
+
+from twin.formula import mm
+
+PARAMETERS = {{
+{chr(10).join(rows + drawn)}
+}}
+
+
+def inverse(pose, {names["left"]}, {names["right"]}, out_left, out_right):
+    tip = pose[:3, 3]
+    left = np.linalg.norm(tip - np.array([{names["left"]}]))
+    right = np.linalg.norm(tip - np.array([{names["right"]}]))
+    return left - out_left, right - out_right
+
+
+def points(pose, {names["left"]}, {names["right"]}):
+    return {{"at_left": np.array([{names["left"]}]), "at_right": np.array([{names["right"]}])}}
+'''
+
+
+def limits(kind):
+    """Return the limits of one kind of phase."""
+    return f"""
+[limits.{kind}]
+tip_speed_mm_s = 50
+tip_acceleration_mm_s2 = 200
+rotation_speed_deg_s = 30
+rotation_acceleration_deg_s2 = 120
+provenance = "ASSUMED"
+note = "of a test"
+"""
+
+
+def protocol(name: str = "stitch", places=PLACES, stated=None, about: str = "left") -> str:
+    """Return a protocol that turns the needle's instrument about a trocar, deeper, to the side, and back.
+
+    Args:
+        name: of the protocol.
+        places: where the trocars are; the poses go through them.
+        stated: what [trocars_mm] says, if that is something else.
+        about: the trocar that the phases name.
+    """
+    first = theta(places["left"])
+    depth = float(np.linalg.norm(NEEDLE - places["left"]))
+    said = "\n".join(f"{n} = {[float(v) for v in np.round(p / MM, 9)]}" for n, p in (stated or places).items())
+
+    def waypoint(label, turn, deep=None):
+        where = f"depth_mm = {deep / MM!r}" if deep else f"position_mm = {[float(v) for v in NEEDLE / MM]}"
+        return f"""
+[waypoints.{label}]
+{where}
+angles_deg = [0, {turn / DEG!r}, 0]
+provenance = "ASSUMED"
+note = "of a test"
+"""
+
+    def phase(to):
+        return f"""
+[[phases]]
+name = "to_{to}"
+type = "pivot"
+to = "{to}"
+rcm = "enforced"
+trocar = "{about}"
+"""
+
+    return f"""name = "{name}"
+title = "Two instruments hold one needle"
+source = "a test"
+robot = "{NAME}"
+frame = "tool"
+shaft_axis = [0, 0, 1]
+rotation = "zyx"
+start = "start"
+
+[trocars_mm]
+{said}
+
+[patient]
+body = "abdomen"
+port = "trocar"
+trocar = "right"
+provenance = "ASSUMED"
+note = "of a test"
+
+[tolerances]
+rcm_mm = 0.1
+rcm_alarm_mm = 1
+straightness_mm = 0.1
+waypoint_mm = 0.01
+waypoint_deg = 0.01
+provenance = "ASSUMED"
+note = "of a test"
+{limits("pivot")}{waypoint("start", first)}{waypoint("deep", first, depth + 0.02)}{
+        waypoint("side", first - 6 * DEG, depth - 0.015)
+    }{waypoint("back", first, depth)}{phase("deep")}{phase("side")}{phase("back")}"""
+
+
+def write(folder: Path) -> Path:
+    """Write the robot folder, with equations and the protocols `stitch` (trocars as drawn) and `moved`; return it."""
+    from twin.exchange.read.folder import write_folder
+    from twin.exchange.read.source import Imported
+
+    source = folder.parent / f"{NAME}.py"
+    write_folder(Imported(mechanism(), []), NAME, folder, source)
+    (folder / "formula.py").write_text(formula(), "utf-8")
+    (folder / "trajectories/first.toml").unlink()
+    (folder / "trajectories/stitch.toml").write_text(protocol(), "utf-8")
+    (folder / "trajectories/moved.toml").write_text(protocol("moved", MOVED), "utf-8")
+    description = folder / f"cad/{NAME}.toml"
+    text = description.read_text("utf-8").replace('default_protocol = "first"', 'default_protocol = "stitch"')
+    description.write_text(text, "utf-8")
+    return folder

@@ -1,0 +1,65 @@
+"""Instruments in their trocars: where each trocar is, how far the shaft in it passes it, how deep the tip is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.ui.session.desk import Desk
+from twin.ui.session.timeline import Playback
+
+
+@dataclass(frozen=True, eq=False)
+class InTrocar:
+    """One instrument in its trocar.
+
+    Attributes:
+        name: of the trocar; "" for the RCM of a protocol, where the mechanism has no trocar.
+        place: (3,) in base in m.
+        error: m, from the place to the axis of the shaft.
+        axis: (3,) unit vector along the shaft in base; towards the tip, if this instrument carries it.
+        tip: (3,) in base, that of the protocol; None: another instrument carries it.
+        depth: m, from the place to the tip, or None.
+    """
+
+    name: str
+    place: Array
+    error: float
+    axis: Array
+    tip: Array | None = None
+    depth: float | None = None
+
+
+def in_trocars(desk: Desk, rcm: Array | None = None) -> tuple[InTrocar, ...]:
+    """Return what is in each trocar of a mechanism; if it has none, in `rcm` (3,) in base, if one is registered."""
+    tip, axis = desk.shaft()
+    mechanism, now = desk.mechanism, desk.assembly
+    if not mechanism.trocars:
+        if rcm is None or not np.isfinite(rcm).all():
+            return ()
+        w = rcm - tip
+        return (InTrocar("", rcm, float(np.linalg.norm(w - (w @ axis) * axis)), axis, tip, float(-w @ axis)),)
+    out = []
+    carrying = {j.child for j in mechanism.path(desk.tip_body)}
+    for name, place in mechanism.trocar_places.items():
+        error, along = now.worst_gap, axis  # a loop: what is left of it is its gap
+        held = mechanism.shaft_through(name)
+        if held is not None:
+            T = now.link_poses[held.body] @ held.T_body_frame
+            error, along = float(spatial.point_to_line(place, T[:3, 3], T[:3, 2])), T[:3, 2]
+        if len(mechanism.trocars) == 1 or (held is not None and held.body in carrying):
+            out.append(InTrocar(name, place, error, axis, tip, float(np.linalg.norm(place - tip))))
+        else:
+            out.append(InTrocar(name, place, error, along))
+    return tuple(out)
+
+
+def rcm_at(playback: Playback | None, time: float) -> Array | None:
+    """Return the RCM (3,) in base that a protocol registers at a time in s, or None."""
+    if playback is None:
+        return None
+    k = int(np.clip(np.searchsorted(playback.t, time), 0, len(playback.t) - 1))
+    return playback.rcm[k] if np.isfinite(playback.rcm[k]).all() else None
