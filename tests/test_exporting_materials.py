@@ -15,8 +15,7 @@ from pxr import Usd, UsdGeom, UsdShade
 
 import twin
 from twin.cad.description import load
-from twin.core import spatial
-from twin.core.units import linear, srgb
+from twin.core import spatial, units
 from twin.exchange.read import read
 from twin.exchange.write.glb import write_glb
 from twin.exchange.write.mjcf import write_mjcf
@@ -164,8 +163,8 @@ def test_committed_stages_show_what_the_descriptions_declare(name):
 
 @pytest.mark.parametrize("part", [0.0, 0.002, 0.003, 0.0031308, 0.004, 0.2, 0.5, 1.0])
 def test_a_colour_for_displays_and_back_is_itself(part):
-    assert linear(srgb(part)) == pytest.approx(part, abs=1e-8)
-    assert srgb(linear(part)) == pytest.approx(part, abs=1e-8)
+    assert units.linear(units.srgb(part)) == pytest.approx(part, abs=1e-8)
+    assert units.srgb(units.linear(part)) == pytest.approx(part, abs=1e-8)
 
 
 @pytest.mark.parametrize("write", [write_mjcf, write_urdf])
