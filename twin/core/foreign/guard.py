@@ -141,12 +141,15 @@ def _limited(kind: str, seconds: float, memory: int, *arguments: object) -> tupl
 
 def _wait(process: subprocess.Popen[bytes]) -> tuple[int, bool]:
     """Return the exit code of a process, and whether it was ended because it waits for something."""
-    begun, pause = time.monotonic(), 0.005
+    before, since, pause = "", time.monotonic(), 0.005
     try:
         while process.poll() is None:
             time.sleep(pause)
             pause = min(1.5 * pause, 0.1)
-            if time.monotonic() - begun > _IDLE and _worked(process.pid) < 0.05 * (time.monotonic() - begun):
+            now = _asleep(process.pid)
+            if not now or now != before:
+                before, since = now, time.monotonic()
+            elif time.monotonic() - since > _IDLE:
                 process.kill()
                 process.wait()
                 return process.returncode, True
@@ -157,13 +160,13 @@ def _wait(process: subprocess.Popen[bytes]) -> tuple[int, bool]:
     return process.returncode, False
 
 
-def _worked(pid: int) -> float:
-    """Return the processor time in s that a process has used."""
+def _asleep(pid: int) -> str:
+    """Return the processor time that a sleeping process has used; "" if it works, or waits for a busy processor."""
     try:
-        fields = Path(f"/proc/{pid}/stat").read_text("ascii", "replace").rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        state, *fields = Path(f"/proc/{pid}/stat").read_text("ascii", "replace").rpartition(")")[2].split()
+        return f"{fields[10]} {fields[11]}" if state == "S" else ""
     except (OSError, IndexError, ValueError):
-        return float("inf")
+        return ""
 
 
 def _tail(file: IO[bytes]) -> bytes:
