@@ -11,7 +11,7 @@ tree but the same two frames. Everything is SI and frozen.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import permutations
@@ -24,6 +24,7 @@ from twin.core.errors import MechanismError, unknown
 from twin.core.foreign.budget import BODIES, FREEDOMS
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
+from twin.model.transmission import Actuator, Transmission, faults
 
 JointType = Literal["fixed", "revolute", "prismatic", "cylindrical", "spherical", "free"]
 
@@ -166,7 +167,7 @@ class Joint:
         soft_limits: range whose breach is a warning only, or None.
         cone: largest angle in rad between the two z axes of a spherical joint, or None.
         max_speed, max_acceleration: of the coordinate, or None.
-        drive: the position drive of an active joint, or None.
+        drive: the position drive of an active joint that is driven directly, or None; see `Actuator`.
         mating: names of the two meshes that touch in this joint (pin and bore), not checked for contact.
     """
 
@@ -227,6 +228,8 @@ class Point:
 class Coupling:
     """A belt, gear or cable: the sum of ratio times coordinate of some joints of the tree is constant.
 
+    It is a constraint among joints and has no motor; what leads motors to joints is a `Transmission`.
+
     Attributes:
         name: identifier.
         joints: names of joints with one coordinate, all angles or all lengths.
@@ -253,6 +256,7 @@ class Mechanism:
         tool: name of the frame that inverse and forward kinematics speak of.
         parameters: numbers with provenance that the description adds (limits, drives, densities).
         couplings: belts and gears between joints.
+        actuators, transmissions: motors and what leads them to active joints; others are driven directly.
         trocar: name of the joint that holds a trocar to the base, if there is one; see `with_trocar`.
         source: the file it came from, for messages.
     """
@@ -268,6 +272,8 @@ class Mechanism:
     tool: str = "tool"
     parameters: tuple[Parameter, ...] = ()
     couplings: tuple[Coupling, ...] = ()
+    actuators: tuple[Actuator, ...] = ()
+    transmissions: tuple[Transmission, ...] = ()
     trocar: str = ""
     source: str = ""
 
@@ -314,6 +320,42 @@ class Mechanism:
     def limits(self) -> Array:
         """Hard limits (n, 2) of the active joints in m or rad, infinite where there is none."""
         return np.array([j.limits or (-np.inf, np.inf) for j in self.active], float).reshape(-1, 2)
+
+    @cached_property
+    def motor_names(self) -> tuple[str, ...]:
+        """Motors (n,): the actuator k of a transmission where its joint k is in q, else the joint itself."""
+        names = {j: a for t in self.transmissions for j, a in zip(t.joints, t.actuators, strict=True)}
+        return tuple(names.get(j.name, j.name) for j in self.active)
+
+    @cached_property
+    def motor_matrix(self) -> Array:
+        """The matrix (n, n) of all active joints, q = motor_matrix @ m: transmissions, and the identity for the rest."""
+        return self._blocks(lambda t: t.matrix)
+
+    @cached_property
+    def _motor_rows(self) -> Array:
+        """The inverse (n, n) of `motor_matrix`, block by block: rows of joints driven directly stay exact."""
+        return self._blocks(lambda t: t.inverse)
+
+    def _blocks(self, of: Callable[[Transmission], Array]) -> Array:
+        order = {j.name: i for i, j in enumerate(self.active)}
+        out = np.eye(len(order))
+        for t in self.transmissions:
+            rows = [order[n] for n in t.joints]
+            out[np.ix_(rows, rows)] = of(t)
+        return out
+
+    def motors(self, q: Array) -> Array:
+        """Return motor values (..., n) in the order of `motor_names`, of joint values or rates (..., n)."""
+        return np.asarray(q, float) @ self._motor_rows.T
+
+    def from_motors(self, m: Array) -> Array:
+        """Return joint values or rates (..., n) of those of the motors (..., n)."""
+        return np.asarray(m, float) @ self.motor_matrix.T
+
+    def motor_efforts(self, efforts: Array) -> Array:
+        """Return efforts (..., n) of the motors that do the same work as those of the joints (..., n), in N m or N."""
+        return np.asarray(efforts, float) @ self.motor_matrix
 
     @cached_property
     def passive(self) -> tuple[Joint, ...]:
@@ -367,6 +409,14 @@ class Mechanism:
         if tool.body != it.body:
             raise MechanismError(f"frame '{name}' is on body '{it.body}', the tool on '{tool.body}': they move apart")
         return spatial.inverse(tool.T_body_frame) @ it.T_body_frame
+
+    def actuator(self, name: str) -> Actuator:
+        """Return the actuator of that name, or raise `MechanismError` with the names that exist."""
+        return _find("actuator", self.actuators, name)
+
+    def transmission_of(self, joint: str) -> Transmission | None:
+        """Return the transmission that moves a joint; None if it is driven directly, or passive."""
+        return next((t for t in self.transmissions if joint in t.joints), None)
 
     def point(self, name: str) -> Point:
         """Return the point of that name, or raise `MechanismError` with the names that exist."""
@@ -451,6 +501,7 @@ def _check(m: Mechanism) -> None:
         raise MechanismError(f"{m.name or 'mechanism'}: {text}")
 
     named = {"body": m.bodies, "joint": m.joints, "frame": m.frames, "point": m.points, "coupling": m.couplings}
+    named |= {"actuator": m.actuators, "transmission": m.transmissions}
     for kind, items in named.items():
         seen: set[str] = set()
         for item in items:
@@ -493,6 +544,9 @@ def _check(m: Mechanism) -> None:
             fail(f"coupling '{coupling.name}' joins angles and lengths: their sum has no unit")
         if len(coupling.ratios) != len(coupling.joints) or not all(coupling.ratios):
             fail(f"coupling '{coupling.name}' needs one ratio, not zero, for each of its joints")
+    active, joints, own = ([j.name for j in js] for js in (m.active, m.joints, (j for j in m.joints if j.drive)))
+    for *_, text in faults(m.actuators, m.transmissions, active, joints, own):
+        fail(text)
     if m.trocar and next((j.parent for j in m.joints if j.name == m.trocar), None) != m.base:
         fail(f"trocar: joint '{m.trocar}' must be one that holds to the base '{m.base}'")
     for item in (*m.frames, *m.points):
@@ -509,9 +563,8 @@ def _check(m: Mechanism) -> None:
             fail(f"body '{name}': its rest pose is not rigid")
     if lost := ", ".join(sorted(names - {m.base} - {j.child for j in m.tree})):
         fail(f"no joint leads from base '{m.base}' to: {lost}. Join them, or leave them out as props.")
-    active = {j.name for j in m.active}
     for posture, values in m.postures.items():
-        if wrong := sorted(set(values) ^ active):
+        if wrong := sorted(set(values) ^ set(active)):
             fail(f"posture '{posture}' must give each active joint once; check: {', '.join(wrong)}")
         for name, value in ((n, v) for n, v in values.items() if not np.isfinite(v)):
             fail(f"posture '{posture}': {name} = {value} is not finite")

@@ -17,10 +17,22 @@ import numpy as np
 from twin.core.errors import SourceError, unknown
 from twin.core.findings import Finding
 from twin.exchange.read.closures import Closures, read_closures
-from twin.exchange.read.source import Imported, Names, along, assemble, limits, missing, note, possible, warning
+from twin.exchange.read.source import (
+    Imported,
+    Names,
+    along,
+    assemble,
+    limits,
+    missing,
+    named_apart,
+    note,
+    possible,
+    warning,
+)
 from twin.exchange.read.urdf_visual import Visuals, origin
 from twin.exchange.read.xml import Xml
 from twin.model.mechanism import Body, Coupling, Frame, Inertia, Joint, JointType
+from twin.model.transmission import Actuator, Transmission
 from twin.usd.read.names import identifier
 
 TYPES: dict[str, JointType] = {
@@ -111,10 +123,12 @@ class _Urdf:
         frames = [Frame(frame_names[n], *self.home[n]) for n in self.marks]
         couplings = [self._mimic(n, joint_names, joints) for n in joints if joints[n].find("mimic") is not None]
         made += self._loops(links, ends, joint_names)
+        geared = self._geared(root, joints, driven, joint_names)
         efforts = {joint_names[n]: e for n, e in self.efforts.items() if ends[n][1] not in self.marks}
         label = root.get("name") or self.path.stem
         out = assemble(self.path, label, body_names[base], bodies, made, frames, couplings, found, efforts=efforts)
-        return replace(out, posed=False)
+        mechanism = replace(out.mechanism, actuators=geared[0], transmissions=geared[1])
+        return replace(out, mechanism=mechanism, posed=False)
 
     # -- structure ------------------------------------------------------------------------------------
 
@@ -225,12 +239,6 @@ class _Urdf:
 
     def _driven(self, root: Element, joints: dict[str, Element]) -> set[str]:
         """Return the driven joints: those of the closure YAML, of the transmissions, or all that move."""
-        for t in root.findall("transmission"):
-            for ratio in t.iter("mechanicalReduction"):
-                if self.xml.number("transmission", "mechanicalReduction", ratio.text, 1.0) != 1:
-                    name = str(t.get("name"))
-                    text = f"transmission '{name}': mechanicalReduction {ratio.text} is not kept: joints are driven."
-                    self.findings.append(warning("gear", text, name))
         if self.closures is not None:
             for motor in self.closures.motors:
                 known = {m: n for n in joints for m in self._parts(n)}
@@ -250,6 +258,39 @@ class _Urdf:
             if j.get("type") in ("revolute", "continuous", "prismatic") and j.find("mimic") is None
         }
         return told or moving
+
+    def _geared(
+        self, root: Element, joints: dict[str, Element], driven: set[str], names: Names
+    ) -> tuple[tuple[Actuator, ...], tuple[Transmission, ...]]:
+        """Return the motors that drive one joint each by another ratio than 1; joints without are driven directly."""
+        found: dict[str, tuple[Element, float]] = {}
+        for t in root.findall("transmission"):
+            name, told, reductions = str(t.get("name")), t.findall("joint"), list(t.iter("mechanicalReduction"))
+            ratios = [self.xml.number(f"transmission '{name}'", r.tag, r.text, 1.0) for r in reductions]
+            joint = str(told[0].get("name")) if told else ""
+            plain = joint in driven and joint not in self.retyped and joints[joint].get("type") in TYPES
+            if (
+                plain
+                and len(told) == len(t.findall("actuator")) == len(ratios) == 1
+                and ratios[0]
+                and joint not in found
+            ):
+                if ratios[0] != 1:
+                    found[joint] = t, ratios[0]
+            elif len(told) > 1 or any(r != 1 for r in ratios):
+                what = (
+                    f"mechanicalReduction {', '.join(f'{r:g}' for r in ratios)}"
+                    if ratios
+                    else "how joints share motors"
+                )
+                text = f"transmission '{name}': {what} is not kept: joints are driven."
+                self.findings.append(warning("gear", text, name))
+        motors = [(n, str(getattr(t.find("actuator"), "attrib", {}).get("name"))) for n, (t, _) in found.items()]
+        motor = named_apart("motor", motors, {i for _, i in names.items()}, self.findings)
+        label = named_apart("transmission", ((n, str(t.get("name"))) for n, (t, _) in found.items()), (), self.findings)
+        return tuple(Actuator(n) for n in motor.values()), tuple(
+            Transmission(label[n], (names[n],), (motor[n],), np.array([[1 / ratio]])) for n, (_, ratio) in found.items()
+        )
 
     # -- parts ----------------------------------------------------------------------------------------
 

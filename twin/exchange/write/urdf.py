@@ -8,6 +8,7 @@ turns about x, y and z, which are zero as drawn: the place farthest from their o
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -19,7 +20,7 @@ from twin.core.spatial import Array
 from twin.exchange.write.masses import inertia_of, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
 from twin.exchange.write.xml import numbers, srgb, write_xml
-from twin.model.mechanism import Body, Inertia, Joint, Material, Mechanism
+from twin.model.mechanism import Body, Drive, Inertia, Joint, Material, Mechanism
 from twin.usd.write.spanning import spanning
 
 SMALL = Inertia(1e-6, np.zeros(3), 1e-9 * np.eye(3))
@@ -27,6 +28,12 @@ SMALL = Inertia(1e-6, np.zeros(3), 1e-9 * np.eye(3))
 
 UNKNOWN = {"effort": "1e6", "velocity": "1e6"}
 """URDF wants numbers where nobody knows any."""
+
+SIMPLE = "transmission_interface/SimpleTransmission"
+"""One motor and one joint: m = mechanicalReduction * q."""
+
+COUPLED = "twin/LinearTransmission"
+"""Several motors move several joints together; URDF has no word for their matrix."""
 
 FAR = 1e3
 """m a slide without limits may go: URDF has no slide without limits."""
@@ -77,6 +84,22 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
                 where=coupling.name,
             )
         )
+    for transmission in mechanism.transmissions:
+        if not all(map(transmission.single, transmission.joints)):
+            rows = "; ".join(
+                f"{n} = " + " + ".join(f"{k:g} {a}" for k, a in zip(row, transmission.actuators, strict=True) if k)
+                for n, row in zip(transmission.joints, transmission.matrix, strict=True)
+            )
+            found.append(
+                Finding(
+                    "export.urdf_transmission",
+                    "warning",
+                    f"{file}: URDF cannot hold the matrix of the transmission {transmission.name}: {rows}; "
+                    "the file names its joints and actuators alone",
+                    where=transmission.name,
+                    suggestion="use MJCF or USD where motors matter",
+                )
+            )
     return found
 
 
@@ -93,8 +116,50 @@ def _document(mechanism: Mechanism) -> ET.Element:
     for body in mechanism.bodies:
         _link(root, body, mechanism.materials, weighed=body.name != mechanism.base or body.inertia is not None)
     for joint in spanning(mechanism).tree:
-        _joint(root, joint, joint.relative(home[joint.parent], home[joint.child]))
+        _joint(root, _as_driven(mechanism, joint), joint.relative(home[joint.parent], home[joint.child]))
+    _transmissions(root, mechanism)
     return root
+
+
+def _as_driven(mechanism: Mechanism, joint: Joint) -> Joint:
+    """Return a joint with the largest effort and speed that its motor can give it, if one motor moves it alone."""
+    t = mechanism.transmission_of(joint.name)
+    single = t and t.single(joint.name)
+    if not single:
+        return joint
+    motor, ratio = mechanism.actuator(single[0]), abs(single[1])
+    drive = None if motor.max_effort is None else Drive(0.0, 0.0, motor.max_effort / ratio)
+    return replace(joint, drive=drive, max_speed=joint.max_speed or (motor.max_speed and motor.max_speed * ratio))
+
+
+def _transmissions(root: ET.Element, mechanism: Mechanism) -> None:
+    """Write what drives the joints, where anything but the joints themselves does: then all driven ones are named."""
+    if not mechanism.transmissions:
+        return
+    for joint in mechanism.active:
+        t = mechanism.transmission_of(joint.name)
+        single = (joint.name, 1.0) if t is None else t.single(joint.name)
+        if single:
+            name = t.name if t and len(t.joints) == 1 else f"{joint.name}_transmission"
+            _transmission(root, name, SIMPLE, [joint.name], {single[0]: 1 / single[1]})
+    for t in mechanism.transmissions:
+        joints = [n for n in t.joints if not t.single(n)]
+        alone = {single[0] for n in t.joints if (single := t.single(n))}
+        if joints:
+            _transmission(root, t.name, COUPLED, joints, dict.fromkeys(a for a in t.actuators if a not in alone))
+
+
+def _transmission(
+    root: ET.Element, name: str, kind: str, joints: list[str], motors: Mapping[str, float | None]
+) -> None:
+    out = ET.SubElement(root, "transmission", name=name)
+    ET.SubElement(out, "type").text = kind
+    for parts, names in (("joint", joints), ("actuator", motors)):
+        for each in names:
+            element = ET.SubElement(out, parts, name=each)
+            ET.SubElement(element, "hardwareInterface").text = "hardware_interface/PositionJointInterface"
+            if parts == "actuator" and (reduction := motors[each]) is not None:
+                ET.SubElement(element, "mechanicalReduction").text = f"{reduction:.12g}"
 
 
 def _link(root: ET.Element, body: Body, materials: Mapping[str, Material], weighed: bool) -> None:
