@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from made.mechanisms import box, solid
@@ -16,13 +18,16 @@ ALONG_Y = spatial.pose(spatial.frame_from_axes([0, 1, 0], [1, 0, 0]))
 """A joint frame whose z is the y of its body."""
 
 MOTORS = tuple(
-    Actuator(f"m{i + 1}", "angle", (-60.0, 80.0 + i), 30.0 + i, 0.2 + i / 10, 1e-5 * (i + 1), 2.0 + i, 0.02)
+    Actuator(f"m{i + 1}", "angle", (-60.0, 80.0 + i), 10.0 + i, 0.2 + i / 10, 1e-5 * (i + 1), 2.0 + i, 0.02)
     for i in range(3)
 )
 
 
+SCREW = Actuator("screw", "angle", (-300.0, 320.0), 80.0, 0.1, 4e-6, 0.3, 0.004)
+
+
 def raven(matrix=MATRIX) -> Mechanism:
-    """Return the arm: lift along z, a turn about z, then two about y; a wrist that nobody drives is not there."""
+    """Return the arm: a lift along z, a turn about z, then two about y on cables."""
     size = (0.02, 0.02, 0.2)
     bodies = tuple(
         Body(n, (box(f"{n}_box", (0, 0, 0.1), size),), solid(0.3, (0, 0, 0.1), size))
@@ -48,4 +53,18 @@ def raven(matrix=MATRIX) -> Mechanism:
         actuators=MOTORS,
         transmissions=(Transmission("cables", ("q1", "q2", "q3"), names, np.asarray(matrix, float)),),
         source="raven",
+    )
+
+
+def screwed() -> Mechanism:
+    """Return the arm with a lead screw of 2 mm a turn that moves the lift: an angle is led to a length."""
+    m = raven()
+    return replace(
+        m,
+        joints=(replace(m.joints[0], drive=None), *m.joints[1:]),
+        actuators=(SCREW, *m.actuators),
+        transmissions=(
+            Transmission("spindle", ("lift",), ("screw",), np.array([[0.002 / (2 * np.pi)]])),
+            *m.transmissions,
+        ),
     )

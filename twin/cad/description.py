@@ -248,7 +248,7 @@ class ActuatorSpec(Table):
         for key in (f"limits_{wrong}", f"max_speed_{wrong}_s"):
             if getattr(self, key) is not None:
                 raise at(
-                    key, f"the coordinate of the actuator is of kind {self.kind}; write {key.replace(wrong, right)}"
+                    key, f"the coordinate of this actuator is of kind {self.kind}; write {key.replace(wrong, right)}"
                 )
         return self
 
@@ -269,8 +269,8 @@ class TransmissionSpec(Table):
         if rows != [n] * n or len(self.actuators) != n:
             raise at(
                 "matrix",
-                f"{n} joints, {len(self.actuators)} actuators, rows of {', '.join(map(str, rows)) or 'nothing'}; as many "
-                "actuators as joints are needed, and for each joint a row with a number for each actuator",
+                f"{n} joints, {len(self.actuators)} actuators, rows of {', '.join(map(str, rows)) or 'nothing'}; it "
+                "needs as many actuators as joints, and for each joint a row with a number for each actuator",
             )
         return self
 

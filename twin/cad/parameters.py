@@ -1,4 +1,4 @@
-"""The numbers that a description adds to a drawing: limits, drives, densities, gaps, couplings, motors, with provenance."""
+"""The numbers that a description adds to a drawing (limits, drives, densities, gaps, motors ...), with provenance."""
 
 from __future__ import annotations
 

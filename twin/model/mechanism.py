@@ -329,7 +329,7 @@ class Mechanism:
 
     @cached_property
     def motor_matrix(self) -> Array:
-        """The matrix (n, n) of all active joints, q = motor_matrix @ m: transmissions, and the identity for the rest."""
+        """The matrix (n, n) of all active joints, q = motor_matrix @ m: the identity where no transmission is."""
         return self._blocks(lambda t: t.matrix)
 
     @cached_property

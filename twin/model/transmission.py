@@ -126,8 +126,10 @@ def faults(
     """Yield what is wrong with actuators and transmissions; what follows from an earlier fault may be wrong itself.
 
     Args:
-        actuators, transmissions: of the mechanism.
-        active, joints: names of its active joints, and of all.
+        actuators: of the mechanism.
+        transmissions: of the mechanism.
+        active: names of its active joints.
+        joints: names of all its joints.
         own_drive: names of the joints that have a position drive of their own.
     """
     for a in actuators:

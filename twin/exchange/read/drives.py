@@ -48,7 +48,7 @@ def with_drives(imported: Imported) -> Imported:
 def _motors(
     m: Mechanism, efforts: dict[str, float], assumed: set[str], findings: list[Finding]
 ) -> tuple[Actuator, ...]:
-    """Return the actuators with a drive on each: of those that the file lacks, ASSUMED on the inertia that they feel."""
+    """Return the actuators, each with a drive: one that the file lacks is ASSUMED, on the inertia that it feels."""
     found = {a.name: a for a in m.actuators}
     rate = 2 * np.pi * FREQUENCY
     for t in m.transmissions:

@@ -110,7 +110,7 @@ class _Mjcf:
         kept = chosen(m, self.path, self.root, self._name, self.findings)
         self.motors = read_motors(m, kept, self.joints, self._name, self.findings)
         self.drives = dict(self._actuators())
-        self.drives |= {k: None for k in self.motors.joints}
+        self.drives |= dict.fromkeys(self.motors.joints)
         extra: list[Body] = []
         joints: list[Joint] = []
         for i in kept[1:]:

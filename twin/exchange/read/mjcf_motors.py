@@ -32,7 +32,7 @@ class Motors:
 
 
 def fixed_tendon(m, tendon: int) -> dict[int, float]:
-    """Return the coefficient of each joint of a fixed tendon, in its order; nothing of one that is led through space."""
+    """Return the coefficient of each joint of a fixed tendon, in its order; nothing of one led through space."""
     import mujoco
 
     rows = range(m.tendon_adr[tendon], m.tendon_adr[tendon] + m.tendon_num[tendon])
@@ -85,7 +85,7 @@ def read_motors(m, kept: Sequence[int], joints: Sequence[str], name: Name, findi
 
 
 def _rows(m, tendons: Sequence[int], over: Sequence[int], pulls: dict[int, int]) -> np.ndarray:
-    """Return the matrix (n, n) from joints to motors: the length of an actuator is its gear times that of its tendon."""
+    """Return the matrix (n, n) from joints to motors: an actuator is as long as its tendon, times its gear."""
     gears = [float(m.actuator_gear[pulls[t], 0]) for t in tendons]
     lengths = [fixed_tendon(m, t) for t in tendons]
     return np.array([[g * row.get(j, 0.0) for j in over] for g, row in zip(gears, lengths, strict=True)])
