@@ -16,7 +16,8 @@ from pathlib import Path
 import pytest
 from pxr import Sdf
 
-from made import mechanisms
+from made import mechanisms, transmissions
+from twin.reference import ReferenceModel
 from twin.usd.write import write_stage
 
 ROOT = Path(__file__).parents[1]
@@ -198,6 +199,9 @@ def test_stages_hold_what_the_mapping_names(mapped, used, tmp_path):
     clear = tuple(replace(mesh, color_rgba=(0.5, 0.5, 0.5, 0.5)) for mesh in base.meshes)  # ... nor glass
     slider = replace(slider, bodies=(replace(base, meshes=clear), *slider.bodies[1:]))
     write_stage(slider, tmp_path, *mechanisms.slider_state(0.0, 0.0))
+    arm = transmissions.raven()  # ... nor motors apart from its joints
+    model = ReferenceModel(arm)
+    write_stage(arm, tmp_path / "motors", model.home().link_poses, model.home().q_full)
     more = Used(tmp_path.rglob("*.usd[ac]"))
     assert len(mapped) > 100
     assert {word for word in mapped if word not in used and word not in more} == set()

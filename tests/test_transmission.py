@@ -355,7 +355,7 @@ def test_mjcf_is_read_back_with_its_motors(bundle):
 
 def test_urdf_holds_motors_of_one_joint_and_says_what_it_cannot(bundle):
     (told,) = (f for f in urdf_findings(screwed()) if f.code == "export.urdf_transmission")
-    assert "q3 = 0.01 m1 + -0.015 m2 + 0.03 m3" in told.message
+    assert "q3 = 0.01 m1 - 0.015 m2 + 0.03 m3" in told.message
     assert told.message in (bundle / "raven.urdf").read_text()
     back = with_drives(close(read(bundle / "raven.urdf", guarded=False)))
     (t,) = back.mechanism.transmissions

@@ -76,6 +76,15 @@ class Transmission:
         """The inverse (n, n) of the matrix: m_actuators = inverse @ q_joints."""
         return np.linalg.inv(self.matrix)
 
+    @property
+    def equations(self) -> str:
+        """The matrix in words: "q1 = 0.05 m1; q2 = -0.02 m1 + 0.04 m2"."""
+        rows = (
+            " + ".join(f"{k:g} {a}" for k, a in zip(row, self.actuators, strict=True) if k).replace("+ -", "- ")
+            for row in self.matrix
+        )
+        return "; ".join(f"{joint} = {row}" for joint, row in zip(self.joints, rows, strict=True))
+
     def single(self, joint: str) -> tuple[str, float] | None:
         """Return the actuator that moves this joint and no other, with its entry of the matrix; None if several act."""
         row = self.joints.index(joint)

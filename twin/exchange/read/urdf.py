@@ -265,26 +265,23 @@ class _Urdf:
         """Return the motors that drive one joint each by another ratio than 1; joints without are driven directly."""
         found: dict[str, tuple[Element, float]] = {}
         for t in root.findall("transmission"):
-            name, told, reductions = str(t.get("name")), t.findall("joint"), list(t.iter("mechanicalReduction"))
-            ratios = [self.xml.number(f"transmission '{name}'", r.tag, r.text, 1.0) for r in reductions]
-            joint = str(told[0].get("name")) if told else ""
-            plain = joint in driven and joint not in self.retyped and joints[joint].get("type") in TYPES
-            if (
-                plain
-                and len(told) == len(t.findall("actuator")) == len(ratios) == 1
-                and ratios[0]
-                and joint not in found
-            ):
-                if ratios[0] != 1:
-                    found[joint] = t, ratios[0]
+            name, told = str(t.get("name")), [str(j.get("name")) for j in t.findall("joint")]
+            where = f"transmission '{name}'"
+            ratios = [self.xml.number(where, r.tag, r.text, 1.0) for r in t.iter("mechanicalReduction")]
+            offsets = [self.xml.number(where, o.tag, o.text, 0.0) for o in t.iter("offset")]
+            if any(offsets):
+                self.findings.append(warning("gear", f"{where}: its offset is not kept: zeros coincide.", name))
+            single = len(told) == len(t.findall("actuator")) == len(ratios) == 1 and ratios[0] != 0
+            if single and told[0] in driven - set(found) - set(self.retyped):
+                if ratios[0] != 1 and TYPES.get(str(joints[told[0]].get("type"))) in ("revolute", "prismatic"):
+                    found[told[0]] = t, ratios[0]
             elif len(told) > 1 or any(r != 1 for r in ratios):
                 what = (
                     f"mechanicalReduction {', '.join(f'{r:g}' for r in ratios)}"
                     if ratios
                     else "how joints share motors"
                 )
-                text = f"transmission '{name}': {what} is not kept: joints are driven."
-                self.findings.append(warning("gear", text, name))
+                self.findings.append(warning("gear", f"{where}: {what} is not kept: joints are driven.", name))
         motors = [(n, str(getattr(t.find("actuator"), "attrib", {}).get("name"))) for n, (t, _) in found.items()]
         motor = named_apart("motor", motors, {i for _, i in names.items()}, self.findings)
         label = named_apart("transmission", ((n, str(t.get("name"))) for n, (t, _) in found.items()), (), self.findings)

@@ -86,15 +86,11 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
         )
     for transmission in mechanism.transmissions:
         if not all(map(transmission.single, transmission.joints)):
-            rows = "; ".join(
-                f"{n} = " + " + ".join(f"{k:g} {a}" for k, a in zip(row, transmission.actuators, strict=True) if k)
-                for n, row in zip(transmission.joints, transmission.matrix, strict=True)
-            )
             found.append(
                 Finding(
                     "export.urdf_transmission",
                     "warning",
-                    f"{file}: URDF cannot hold the matrix of the transmission {transmission.name}: {rows}; "
+                    f"{file}: URDF cannot hold the matrix of the transmission {transmission.name}: {transmission.equations}; "
                     "the file names its joints and actuators alone",
                     where=transmission.name,
                     suggestion="use MJCF or USD where motors matter",
