@@ -74,7 +74,7 @@ class Transmission:
     @cached_property
     def inverse(self) -> Array:
         """The inverse (n, n) of the matrix: m_actuators = inverse @ q_joints."""
-        return np.linalg.inv(self.matrix)
+        return np.asarray(np.linalg.inv(self.matrix), float)
 
     @property
     def equations(self) -> str:

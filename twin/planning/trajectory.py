@@ -77,7 +77,7 @@ class Motors:
         return ("deg", DEG) if self.revolute[motor] else ("mm", MM)
 
 
-NO_MOTORS = Motors((), np.zeros((0, 0)), *np.zeros((3, 0)), ())
+NO_MOTORS = Motors((), np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0), ())
 
 
 def motors_of(mechanism: Mechanism) -> Motors:

@@ -115,7 +115,9 @@ def _built(m, found, pulls: dict[int, int], joints: Sequence[str], name: Name, f
     )
 
 
-def _grouped(m, tendons: list[int], over: list[int], pulls: dict[int, int], name: Name) -> tuple[str, list, list]:
+def _grouped(
+    m, tendons: list[int], over: list[int], pulls: dict[int, int], name: Name
+) -> tuple[str, list[int], list[int]]:
     """Return name, tendons and joints of a group: as a tuple of the file has them, else in the order of the file."""
     import mujoco
 

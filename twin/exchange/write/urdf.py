@@ -84,18 +84,18 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
                 where=coupling.name,
             )
         )
-    for transmission in mechanism.transmissions:
-        if not all(map(transmission.single, transmission.joints)):
-            found.append(
-                Finding(
-                    "export.urdf_transmission",
-                    "warning",
-                    f"{file}: URDF cannot hold the matrix of the transmission {transmission.name}: {transmission.equations}; "
-                    "the file names its joints and actuators alone",
-                    where=transmission.name,
-                    suggestion="use MJCF or USD where motors matter",
-                )
-            )
+    found += [
+        Finding(
+            "export.urdf_transmission",
+            "warning",
+            f"{file}: URDF cannot hold the matrix of the transmission {t.name}: {t.equations}; the file names its "
+            "joints and actuators alone",
+            where=t.name,
+            suggestion="use MJCF or USD where motors matter",
+        )
+        for t in mechanism.transmissions
+        if not all(map(t.single, t.joints))
+    ]
     return found
 
 
