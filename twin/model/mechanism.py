@@ -14,7 +14,6 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import permutations
 from typing import Literal
 
 import numpy as np
@@ -24,6 +23,7 @@ from twin.core.errors import MechanismError, unknown
 from twin.core.foreign.budget import BODIES, FREEDOMS
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
+from twin.model.inertia import Inertia
 from twin.model.transmission import Actuator, Transmission, faults
 
 JointType = Literal["fixed", "revolute", "prismatic", "cylindrical", "spherical", "free"]
@@ -82,59 +82,6 @@ class Mesh:
     triangles: np.ndarray
     color_rgba: tuple[float, float, float, float] = (0.6, 0.6, 0.6, 1.0)
     finish: Finish = Finish()
-
-
-@dataclass(frozen=True)
-class Inertia:
-    """Mass in kg, centre of mass (3,) in m, and inertia (3, 3) in kg m^2 about it, all in the body frame."""
-
-    mass: float
-    p_body_com: Array
-    I_com: Array
-
-    def __add__(self, other: Inertia) -> Inertia:
-        """Return the inertia of two bodies fixed to each other, both in one frame (parallel axes)."""
-        mass = self.mass + other.mass
-        centre = (self.mass * self.p_body_com + other.mass * other.p_body_com) / mass
-        tensor = np.zeros((3, 3))
-        for part in (self, other):
-            r = part.p_body_com - centre
-            tensor += part.I_com + part.mass * ((r @ r) * np.eye(3) - np.outer(r, r))
-        return Inertia(mass, centre, tensor)
-
-    def seen_from(self, T: Array) -> Inertia:
-        """Return it in another frame, T (4, 4) the pose of its own frame in that."""
-        R = T[:3, :3]
-        return Inertia(self.mass, R @ self.p_body_com + T[:3, 3], R @ self.I_com @ R.T)
-
-    def principal(self) -> tuple[Array, Array]:
-        """Return principal moments (3,) and the rotation (3, 3) of their axes, as near to identity as they allow.
-
-        The order of eigenvectors is arbitrary; the choice nearest to identity keeps a part that is already
-        aligned readable, and stable when a length changes a little.
-        """
-        moments, axes = np.linalg.eigh(0.5 * (self.I_com + self.I_com.T))
-        best = max(permutations(range(3)), key=lambda p: np.sum(np.abs(np.diag(axes[:, p]))))
-        moments, axes = moments[list(best)], axes[:, best]
-        axes = axes * np.where(np.diag(axes) < 0, -1.0, 1.0)
-        if np.linalg.det(axes) < 0:
-            axes[:, np.argmin(np.diag(axes))] *= -1
-        return moments, axes
-
-    def violations(self) -> list[str]:
-        """Return what makes this tensor impossible for a rigid body; empty if nothing does."""
-        bad = []
-        if not (np.isfinite(self.mass) and self.mass > 0):
-            bad.append(f"mass {self.mass:g} kg is not positive")
-        moments = np.linalg.eigvalsh(0.5 * (self.I_com + self.I_com.T))
-        if moments[0] <= 0:
-            bad.append(f"smallest principal moment {moments[0]:.3g} kg m2 is not positive")
-        if moments[2] > (moments[0] + moments[1]) * (1 + 1e-6):
-            bad.append(
-                f"principal moments {moments[0]:.3g}, {moments[1]:.3g}, {moments[2]:.3g} kg m2 break the "
-                "triangle inequality: no distribution of mass has them"
-            )
-        return bad
 
 
 @dataclass(frozen=True)
