@@ -115,12 +115,12 @@ def read_mechanism(description_path: Path, *, with_mass: bool = True) -> CadMode
         postures={n: _posture(values) for n, values in d.posture.items()},
         tool=d.tool,
         parameters=tuple(parameters(d)),
+        actuators=actuators(d),
+        transmissions=transmissions(d),
         couplings=tuple(
             Coupling(c.name, tuple(c.joints), tuple(c.ratios), (c.sum_deg or 0.0) * DEG + (c.sum_mm or 0.0) * MM)
             for c in d.coupling
         ),
-        actuators=actuators(d),
-        transmissions=transmissions(d),
         trocar=d.trocar or "",
         source=f"{description_path.name} {fingerprint(description_path, d)}",
     )

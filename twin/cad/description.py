@@ -328,9 +328,9 @@ class Description(Table):
     limit: list[LimitSpec] = Field(default_factory=list)
     drive: list[DriveSpec] = Field(default_factory=list)
     gap: list[PairGap] = Field(default_factory=list)
-    coupling: list[CouplingSpec] = Field(default_factory=list)
     actuator: list[ActuatorSpec] = Field(default_factory=list)
     transmission: list[TransmissionSpec] = Field(default_factory=list)
+    coupling: list[CouplingSpec] = Field(default_factory=list)
     trocar: Identifier | None = None
     length: list[LengthSpec] = Field(default_factory=list)
     requirement: RequirementSpec | None = None

@@ -11,7 +11,7 @@ tree but the same two frames. Everything is SI and frozen.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -202,8 +202,8 @@ class Mechanism:
         postures: named values of the active joints in m or rad.
         tool: name of the frame that inverse and forward kinematics speak of.
         parameters: numbers with provenance that the description adds (limits, drives, densities).
-        couplings: belts and gears between joints.
         actuators, transmissions: motors and what leads them to active joints; others are driven directly.
+        couplings: belts and gears between joints.
         trocar: name of the joint that holds a trocar to the base, if there is one; see `with_trocar`.
         source: the file it came from, for messages.
     """
@@ -218,9 +218,9 @@ class Mechanism:
     postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     tool: str = "tool"
     parameters: tuple[Parameter, ...] = ()
-    couplings: tuple[Coupling, ...] = ()
     actuators: tuple[Actuator, ...] = ()
     transmissions: tuple[Transmission, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
     trocar: str = ""
     source: str = ""
 
@@ -277,19 +277,19 @@ class Mechanism:
     @cached_property
     def motor_matrix(self) -> Array:
         """The matrix (n, n) of all active joints, q = motor_matrix @ m: the identity where no transmission is."""
-        return self._blocks(lambda t: t.matrix)
+        return self._blocks({t.name: t.matrix for t in self.transmissions})
 
     @cached_property
     def _motor_rows(self) -> Array:
         """The inverse (n, n) of `motor_matrix`, block by block: rows of joints driven directly stay exact."""
-        return self._blocks(lambda t: t.inverse)
+        return self._blocks({t.name: t.inverse for t in self.transmissions})
 
-    def _blocks(self, of: Callable[[Transmission], Array]) -> Array:
+    def _blocks(self, blocks: Mapping[str, Array]) -> Array:
         order = {j.name: i for i, j in enumerate(self.active)}
         out = np.eye(len(order))
         for t in self.transmissions:
             rows = [order[n] for n in t.joints]
-            out[np.ix_(rows, rows)] = of(t)
+            out[np.ix_(rows, rows)] = blocks[t.name]
         return out
 
     def motors(self, q: Array) -> Array:
@@ -482,6 +482,9 @@ def _check(m: Mechanism) -> None:
                 fail(f"joint '{joint.name}': {label} {limits[0]:g} .. {limits[1]:g} are not ordered")
         if joint.active and len(joint.free_axes) != 1:
             fail(f"joint '{joint.name}' is active, but a {joint.type} joint has no single coordinate to drive")
+    active, joints, own = ([j.name for j in js] for js in (m.active, m.joints, (j for j in m.joints if j.drive)))
+    for *_, text in faults(m.actuators, m.transmissions, active, joints, own):
+        fail(text)
     single = {j.name: j for j in m.joints if len(j.free_axes) == 1}
     for coupling in m.couplings:
         for name in coupling.joints:
@@ -491,9 +494,6 @@ def _check(m: Mechanism) -> None:
             fail(f"coupling '{coupling.name}' joins angles and lengths: their sum has no unit")
         if len(coupling.ratios) != len(coupling.joints) or not all(coupling.ratios):
             fail(f"coupling '{coupling.name}' needs one ratio, not zero, for each of its joints")
-    active, joints, own = ([j.name for j in js] for js in (m.active, m.joints, (j for j in m.joints if j.drive)))
-    for *_, text in faults(m.actuators, m.transmissions, active, joints, own):
-        fail(text)
     if m.trocar and next((j.parent for j in m.joints if j.name == m.trocar), None) != m.base:
         fail(f"trocar: joint '{m.trocar}' must be one that holds to the base '{m.base}'")
     for item in (*m.frames, *m.points):

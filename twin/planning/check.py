@@ -9,7 +9,7 @@ from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.planning.protocol import Protocol, RotationOrder, Waypoint
-from twin.planning.trajectory import Motors, PathKinematics, PhaseSpan, Trajectory
+from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
 OVER = 1e-3
 """Fraction by which a sample may exceed a speed or acceleration limit."""
@@ -28,7 +28,7 @@ def check(trajectory: Trajectory, protocol: Protocol, kinematics: PathKinematics
     """
     return [
         *_positions(trajectory, kinematics),
-        *_motors(trajectory, kinematics.motors),
+        *_motors(trajectory, kinematics),
         *_gaps(trajectory, kinematics),
         *_joint_rates(trajectory, kinematics),
         *_tip_rates(trajectory, protocol),
@@ -93,9 +93,9 @@ def _positions(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findi
     return out
 
 
-def _motors(trajectory: Trajectory, motors: Motors) -> list[Finding]:
+def _motors(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     """Hold the actuators of transmissions against their limits: joints within theirs may ask too much of a motor."""
-    out = []
+    out, motors = [], kinematics.motors
     for i, name in enumerate(motors.names):
         unit, factor = motors.unit(i)
         m, rate = trajectory.q @ motors.rows[i], np.abs(trajectory.qd @ motors.rows[i])

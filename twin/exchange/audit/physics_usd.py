@@ -17,6 +17,8 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
     """Return what a stage says, in m, kg and rad; `bodies` are its rigid bodies."""
     names = {str(p.GetPath()): p.GetName() for p in bodies}
     out = Physics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters))
+    if robot := stage.GetDefaultPrim():
+        out.motors, out.all_motors = _motors(robot), bool(robot.GetAttribute("twin:base"))
     kilograms = float(UsdPhysics.GetStageKilogramsPerUnit(stage))
     for prim in bodies:
         if (mass := _mass(prim, meters, kilograms)) is not None:
@@ -46,7 +48,6 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
             out.frames[str(named or prim.GetName())] = Frame(above.GetName(), T)
     root = stage.GetDefaultPrim()
     if root:
-        out.motors, out.all_motors = _motors(root), bool(root.GetAttribute("twin:base"))
         out.tool, out.trocar = (str(root.GetAttribute(f"twin:{n}").Get() or "") for n in ("tool", "trocar"))
     return out
 

@@ -126,9 +126,9 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
             postures=told["postures"],
             tool=told["tool"],
             parameters=told["parameters"],
-            couplings=told["couplings"],
             actuators=told["actuators"],
             transmissions=told["transmissions"],
+            couplings=told["couplings"],
             trocar=told["trocar"],
             source=scene.path,
         )

@@ -87,6 +87,7 @@ def write_physics(
     _attribute(root, "newton:selfCollisionEnabled", Sdf.ValueTypeNames.Bool, False)
     _attribute(root, "physxArticulation:solverPositionIterationCount", Sdf.ValueTypeNames.Int, POSITION_ITERATIONS)
     _write_model(root, mechanism)
+    _write_motors(root, mechanism)
     for body in mechanism.bodies:
         prim = stage.OverridePrim(f"/{mechanism.name}/{body.name}")
         UsdPhysics.RigidBodyAPI.Apply(prim)
@@ -145,6 +146,13 @@ def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
     }
     if mechanism.trocar:
         _attribute(root, "twin:trocar", Sdf.ValueTypeNames.Token, mechanism.trocar)
+    for key, value in (("postures", postures), ("parameters", parameters), ("couplings", couplings)):
+        if value:
+            root.SetCustomDataByKey(f"twin:{key}", value)
+
+
+def _write_motors(root: Usd.Prim, mechanism: Mechanism) -> None:
+    """Write actuators and transmissions, exactly: UsdPhysics has no word for them."""
     actuators = {a.name: {"index": i} | _told(a) for i, a in enumerate(mechanism.actuators)}
     transmissions = {
         t.name: {
@@ -155,8 +163,7 @@ def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
         }
         for i, t in enumerate(mechanism.transmissions)
     }
-    motors = (("actuators", actuators), ("transmissions", transmissions))
-    for key, value in (("postures", postures), ("parameters", parameters), ("couplings", couplings), *motors):
+    for key, value in (("actuators", actuators), ("transmissions", transmissions)):
         if value:
             root.SetCustomDataByKey(f"twin:{key}", value)
 
