@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import re
+import shutil
 from dataclasses import replace
 
 import mujoco
@@ -11,14 +12,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pxr import Usd, UsdPhysics
+from pxr import Sdf, Usd, UsdPhysics
 
 from made import motor_seeds
 from made.audit_seeds import copied, found
 from made.transmissions import MATRIX, raven, screwed
 from twin import api
 from twin.cad.build import read_mechanism
-from twin.core.errors import DescriptionError, MechanismError, ProtocolError
+from twin.core.errors import DescriptionError, MechanismError, ProtocolError, StageError
 from twin.exchange.audit import audit
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
@@ -27,8 +28,10 @@ from twin.exchange.read.folder import write_folder
 from twin.exchange.read.source import Imported
 from twin.exchange.write.mjcf import write_mjcf
 from twin.exchange.write.urdf import urdf_findings, write_urdf
+from twin.kinematics.closed_loops.leading import Leader, bounds_of
 from twin.model.transmission import Actuator, Transmission
 from twin.planning.check import check
+from twin.ui.session.desk import Desk
 from twin.usd.read import read_stage
 from twin.validation.content import content
 
@@ -294,16 +297,18 @@ def test_a_motion_beyond_what_motors_may_is_told_in_its_samples(robot, trajector
     assert not [f for f in check(trajectory, protocol, kinematics) if f.severity != "info"]
 
 
+def limited(robot, **limits):
+    """Return the robot with other limits of some motors."""
+    m, out = robot.mechanism, copy.copy(robot)
+    actuators = tuple(replace(a, limits=limits.get(a.name, a.limits)) for a in m.actuators)
+    out.cad = replace(robot.cad, mechanism=replace(m, actuators=actuators))
+    out.mechanism = out.cad.mechanism
+    return out
+
+
 def test_a_protocol_beyond_the_range_of_a_motor_is_refused(robot):
-    m = robot.mechanism
-    weak = replace(m.actuator("m2"), limits=(-5.0, 15.0))
-    bound = copy.copy(robot)
-    bound.cad = replace(
-        robot.cad, mechanism=replace(m, actuators=tuple(weak if a.name == "m2" else a for a in m.actuators))
-    )
-    bound.mechanism = bound.cad.mechanism
     with pytest.raises(ProtocolError, match=r"motor m2 would go [\d.]+ deg beyond its limits of -286.48..859.44 deg"):
-        api.plan(bound, "first")
+        api.plan(limited(robot, m2=(-5.0, 15.0)), "first")
 
 
 def test_it_is_validated_and_its_margins_are_told(robot, trajectory):
@@ -400,6 +405,47 @@ def test_tendons_that_are_no_transmission_are_told_as_before(tmp_path):
     assert back.mechanism.transmissions
     assert back.mechanism.actuators
     assert {f.where for f in back.findings if f.code == "import.tendon"} == {"m3"}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"transmissions": {"cables": {"index": 0, "joints": "q1"}}},
+        {"transmissions": {"cables": 3}},
+        {"actuators": {"m1": {"index": 0, "kind": "angle", "torque": 3.0}}},
+        {"actuators": {"m1": {"index": 0, "kind": "angle", "limits": "wide"}}},
+        {"actuators": {"m9": {"index": 0, "kind": "angle"}}},
+    ],
+)
+def test_a_stage_whose_motors_are_of_another_form_is_refused(bundle, tmp_path, change):
+    shutil.copytree(bundle / "usd", tmp_path / "usd")
+    layer = Sdf.Layer.FindOrOpen(str(tmp_path / "usd/physics.usda"))
+    spec = layer.GetPrimAtPath("/raven")
+    spec.customData = {"twin": {**dict(spec.customData)["twin"], **change}}
+    layer.Save()
+    with pytest.raises(StageError, match=r"twin:actuators or twin:transmissions is not of the form|actuator"):
+        read_stage(tmp_path / "usd/raven.usda")
+
+
+# -- by the hand ---------------------------------------------------------------------------------------
+
+
+def test_a_hand_stops_where_a_motor_is_at_its_limit(robot):
+    """Joints may go further: q1 = 2.4 rad would take m1 to 48 rad, of the 30 that it is given here."""
+    m = screwed()
+    short = replace(m.actuator("m1"), limits=(-30.0, 30.0))
+    m = replace(m, actuators=tuple(short if a.name == "m1" else a for a in m.actuators))
+    leader = Leader(m, bounds_of(m))
+    u = np.concatenate([*leader.solver.home, []])
+    led = leader.joints(np.zeros(4), u, np.array([0, 2.4, 0, 0]))
+    assert [(b.name, b.kind) for b in led.stops] == [("m1", "motor")]
+    assert m.motors(led.q)[1] == pytest.approx(30.0)
+    desk = Desk(limited(robot, m1=(-30.0, 30.0)))
+    moved = desk.move_joint(1, 2.4)
+    assert not moved.good
+    assert "motor m1 is at its limits of -30 .. 30 rad" in moved.reason
+    moved = desk.move_joints(np.array([0, 2.4, 0, 0]))
+    assert "motor m1 is at its limits of -30 .. 30 rad; this is 18 rad beyond" in moved.reason
 
 
 # -- motors move joints in MuJoCo by the matrix --------------------------------------------------------

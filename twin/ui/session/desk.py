@@ -325,6 +325,7 @@ class Desk:
                 at = _shown(joint, float(q[[j.name for j in self.joints].index(other)]))
                 least = f"{bound.least / MM:.3f} mm {side} {other} = {at}"
                 reasons.append(f"{joint.name} = {_shown(joint, value)} must stay {least} ({self._rail(lower, upper)})")
+        reasons += [self._bound(b) for b in led.stops if b.kind == "motor"]
         at = f"{joint.name} stops at {_shown(joint, float(self.assembly.q[number]))}"
         if led.singular:
             reasons.append(f"{at}: {_ended(led.singular)}")
