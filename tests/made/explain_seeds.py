@@ -338,15 +338,18 @@ def empty(case, judge, faulty, candidate, rows, folder):
         if not step.before:
             continue
         on, off = ({**step.computed, **t.symbols} for t in (judge.truth, judge.truth.perturbed(11)))
-        was, now, far = {}, {}, {}
+        was, now, far, meant = {}, {}, {}, {}
         for values, into in ((on, now), (off, far)):
             into.update(
                 Slopes(cured, place.equation, values).of(place.symbol, left.get((place.statement, place.symbol), ""))
             )
             for n, x in _read(faulty, place.equation, values, place.symbol).items():
                 was[n] = max(was.get(n, 0.0), x)
+            for n, x in _read(case.formula, place.equation, values, place.symbol).items():
+                meant[n] = max(meant.get(n, 0.0), x)
         lost = {n for n, x in was.items() if x > 1e-9 and max(now.get(n, 0.0), far.get(n, 0.0)) < 1e-12}
         lost -= set(candidate.dropped)
+        lost -= {n for n, x in meant.items() if x < 1e-12}  # which only the slip had made it read
         for output in set(candidate.dropped) & set(step.equation.outputs):  # and all that was read only through it
             lost -= {n for n, x in _read(faulty, place.equation, on, output).items() if x}
         # An equation behind the faulty one may have no value at what that computes: then there was no slope to lose.
