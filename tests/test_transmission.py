@@ -16,6 +16,7 @@ from pxr import Sdf, Usd, UsdPhysics
 
 from made import motor_seeds
 from made.audit_seeds import copied, found
+from made.importing_same import assert_same, made
 from made.transmissions import MATRIX, raven, screwed
 from twin import api
 from twin.cad.build import read_mechanism
@@ -358,6 +359,13 @@ def test_mjcf_is_read_back_with_its_motors(bundle):
     assert [j.drive for j in again.mechanism.active] == [None] * 4
 
 
+def test_a_new_robot_from_mjcf_keeps_its_motors(bundle, tmp_path):
+    imported, written_down, staged = made(bundle / "raven.xml", "own", tmp_path / "own")
+    for m in (imported.mechanism, written_down, staged):
+        assert_same_motors(screwed(), m, without=("max_speed",))
+    assert_same(imported.mechanism, written_down)
+
+
 def test_urdf_holds_motors_of_one_joint_and_says_what_it_cannot(bundle):
     (told,) = (f for f in urdf_findings(screwed()) if f.code == "export.urdf_transmission")
     assert "q3 = 0.01 m1 - 0.015 m2 + 0.03 m3" in told.message
@@ -493,8 +501,9 @@ def test_work_of_motors_is_work_of_joints_in_mujoco(bundle):
 
 
 def test_a_good_export_passes_the_audit(bundle, robot):
-    report = audit(bundle)
-    assert report.verdict == "agree", [f.message for f in report.findings]
+    for known in (None, robot.weighed().mechanism):
+        report = audit(bundle, mechanism=known)
+        assert report.verdict == "agree", [f.message for f in report.findings]
 
 
 FEW = ("xml: ratio x 1.001", "xml: range", "xml: deleted", "urdf: reduction halved", "usd: matrix", "usd: forgotten")
