@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 import re
 import shutil
 from dataclasses import replace
@@ -18,7 +19,7 @@ from made import motor_seeds
 from made.audit_seeds import copied, found
 from made.importing_same import assert_same, made
 from made.transmissions import MATRIX, raven, screwed
-from twin import api
+from twin import api, cli
 from twin.cad.build import read_mechanism
 from twin.core.errors import DescriptionError, MechanismError, ProtocolError, StageError
 from twin.exchange.audit import audit
@@ -317,6 +318,17 @@ def test_it_is_validated_and_its_margins_are_told(robot, trajectory):
     assert report.verdict == "agree", [f.message for f in report.findings if f.severity != "info"]
     margins = report.facts["margins along the path"]
     assert re.search(r"deg to a limit, .*; at most [\d.e+]+ of 573 deg/s", margins["motor m1"])
+
+
+def test_info_shows_motors_and_what_they_move(robot, capsys):
+    assert cli.main(["info", str(robot.files.description.parents[1])]) == 0
+    shown = capsys.readouterr().out
+    assert "transmission cables (rad, m): q1 = 0.05 m1; q2 = -0.02 m1 + 0.04 m2; q3 = 0.01 m1" in shown
+    assert re.search(r"m1 +angle +-3437.75 .. 4583.66 deg +572.958 deg/s +0.2 N m +1e-05 kg m2", shown)
+    assert cli.main(["info", str(robot.files.description.parents[1]), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert np.array(told["transmissions"][1]["matrix"]) == pytest.approx(MATRIX)
+    assert [a["name"] for a in told["actuators"]] == ["screw", "m1", "m2", "m3"]
 
 
 def test_motors_on_the_stage_are_held_against_the_description(robot):
