@@ -61,6 +61,18 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
     """Return what URDF cannot say of this mechanism; the file says it too, in comments."""
     file = f"{mechanism.name}.urdf"
     found = list(unweighed(mechanism, file))
+    found += [
+        Finding(
+            "export.urdf_transmission",
+            "warning",
+            f"{file}: URDF cannot hold the matrix of the transmission {t.name}: {t.equations}; the file names its "
+            "joints and actuators alone",
+            where=t.name,
+            suggestion="use MJCF or USD where motors matter",
+        )
+        for t in mechanism.transmissions
+        if not all(map(t.single, t.joints))
+    ]
     cut = spanning(mechanism).cut
     if cut:
         names = ", ".join(f"{j.name} ({j.type}, {j.parent} to {j.child})" for j in cut)
@@ -84,18 +96,6 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
                 where=coupling.name,
             )
         )
-    found += [
-        Finding(
-            "export.urdf_transmission",
-            "warning",
-            f"{file}: URDF cannot hold the matrix of the transmission {t.name}: {t.equations}; the file names its "
-            "joints and actuators alone",
-            where=t.name,
-            suggestion="use MJCF or USD where motors matter",
-        )
-        for t in mechanism.transmissions
-        if not all(map(t.single, t.joints))
-    ]
     return found
 
 
@@ -111,9 +111,9 @@ def _document(mechanism: Mechanism) -> ET.Element:
         ET.SubElement(material, "color", rgba=srgb(look.color_rgba))
     for body in mechanism.bodies:
         _link(root, body, mechanism.materials, weighed=body.name != mechanism.base or body.inertia is not None)
-    for joint in spanning(mechanism).tree:
-        _joint(root, _as_driven(mechanism, joint), joint.relative(home[joint.parent], home[joint.child]))
     _transmissions(root, mechanism)
+    for joint in (_as_driven(mechanism, j) for j in spanning(mechanism).tree):
+        _joint(root, joint, joint.relative(home[joint.parent], home[joint.child]))
     return root
 
 
