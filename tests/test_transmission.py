@@ -28,7 +28,7 @@ from twin.exchange.read.closing import close
 from twin.exchange.read.drives import with_drives
 from twin.exchange.read.folder import write_folder
 from twin.exchange.read.source import Imported
-from twin.exchange.write.mjcf import write_mjcf
+from twin.exchange.write.mjcf import mjcf_findings, write_mjcf
 from twin.exchange.write.urdf import urdf_findings, write_urdf
 from twin.kinematics.closed_loops.leading import Leader, bounds_of
 from twin.model.transmission import Actuator, Transmission
@@ -392,6 +392,18 @@ def test_urdf_holds_motors_of_one_joint_and_says_what_it_cannot(bundle):
     assert "screw" in back.assumed
     assert [j.name for j in back.mechanism.active] == ["lift", "q1", "q2", "q3"]
     assert [f.where for f in back.findings if f.code == "import.gear"] == ["cables"]
+
+
+def test_what_a_format_leaves_out_of_motors_is_told(bundle):
+    left = {
+        f.message.split(" of the actuators")[0]
+        for f in (*urdf_findings(screwed()), *mjcf_findings(screwed()))
+        if f.code == "export.left_out" and "screw, m1, m2, m3" in f.where
+    }
+    lost = ("urdf: limits", "urdf: rotor inertia", "urdf: stiffness", "xml: max speed")
+    assert left == {f"raven.{one}" for one in lost}
+    assert "xml: max speed of the actuators" in (bundle / "raven.xml").read_text()
+    assert not [f for f in mjcf_findings(replace(screwed(), actuators=(), transmissions=())) if "actuator" in f.message]
 
 
 def test_a_diagonal_transmission_needs_no_warning_in_urdf(tmp_path):

@@ -28,6 +28,7 @@ from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.exchange.write.masses import inertia_of, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
+from twin.exchange.write.motors import motors_left_out
 from twin.exchange.write.xml import numbers, srgb, write_xml
 from twin.model.mechanism import Inertia, Joint, Mechanism
 from twin.model.transmission import Actuator
@@ -84,7 +85,7 @@ def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
 def mjcf_findings(mechanism: Mechanism) -> list[Finding]:
     """Return what the file says otherwise than the mechanism; it stands in the file as well."""
     file = f"{mechanism.name}.xml"
-    found = list(unweighed(mechanism, file))
+    found = [*unweighed(mechanism, file), *motors_left_out(mechanism, file, "max_speed")]
     cones = [j.name for j in mechanism.joints if j.cone is not None]
     if cones:
         found.append(

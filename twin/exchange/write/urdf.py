@@ -19,6 +19,7 @@ from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.exchange.write.masses import inertia_of, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
+from twin.exchange.write.motors import motors_left_out
 from twin.exchange.write.xml import numbers, srgb, write_xml
 from twin.model.mechanism import Body, Drive, Inertia, Joint, Material, Mechanism
 from twin.usd.write.spanning import spanning
@@ -60,7 +61,7 @@ def write_urdf(mechanism: Mechanism, folder: Path) -> Path:
 def urdf_findings(mechanism: Mechanism) -> list[Finding]:
     """Return what URDF cannot say of this mechanism; the file says it too, in comments."""
     file = f"{mechanism.name}.urdf"
-    found = list(unweighed(mechanism, file))
+    found = [*unweighed(mechanism, file), *motors_left_out(mechanism, file, "limits", "rotor_inertia", "stiffness")]
     found += [
         Finding(
             "export.urdf_transmission",
