@@ -16,7 +16,8 @@ from pathlib import Path
 import pytest
 from pxr import Sdf
 
-from made import mechanisms, two_trocars
+from made import mechanisms, transmissions, two_trocars
+from twin.reference import ReferenceModel
 from twin.usd.write import write_stage
 
 ROOT = Path(__file__).parents[1]
@@ -200,6 +201,9 @@ def test_stages_hold_what_the_mapping_names(mapped, used, tmp_path):
     write_stage(slider, tmp_path, *mechanisms.slider_state(0.0, 0.0))
     hands = two_trocars.mechanism()  # ... nor several trocars
     write_stage(hands, tmp_path / "hands", hands.rest, {j.name: 0.0 for j in hands.joints})
+    arm = transmissions.raven()  # ... nor motors apart from its joints
+    model = ReferenceModel(arm)
+    write_stage(arm, tmp_path / "motors", model.home().link_poses, model.home().q_full)
     more = Used(tmp_path.rglob("*.usd[ac]"))
     assert len(mapped) > 100
     assert {word for word in mapped if word not in used and word not in more} == set()

@@ -181,7 +181,7 @@ LOST = [
         "fourbar.urdf",
         "</robot>",
         '<transmission name="t"><joint name="crank_joint"/><actuator name="m"><mechanicalReduction>50'
-        "</mechanicalReduction></actuator></transmission></robot>",
+        '</mechanicalReduction></actuator><actuator name="n"/></transmission></robot>',
         "mechanicalReduction 50",
     ),
     ("fourbar.sdf", "<limit><lower>-1", "<dynamics><damping>0.2</damping></dynamics><limit><lower>-1", "damping 0.2"),

@@ -348,3 +348,22 @@ def test_impossible_inertia_is_named(mass, moments, fragment):
     R = spatial.exp_so3([0.3, 0.2, 0.1])
     bad = Inertia(mass, np.zeros(3), R @ np.diag(np.array(moments, float)) @ R.T).violations()
     assert any(fragment in b for b in bad)
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 2**32 - 1))
+def test_the_pseudo_inertia_is_the_moments_of_the_masses(seed):
+    """Of points of mass: the sum of m (p, 1)(p, 1)'; it adds as they do, and is moved by 4 x 4 poses."""
+    rng = np.random.default_rng(seed)
+    m, p = rng.uniform(0.1, 2, 6), rng.normal(size=(6, 3))
+    com = m @ p / m.sum()
+    d = p - com
+    I_com = np.einsum(
+        "i,ijk->jk", m, np.einsum("ij,ij->i", d, d)[:, None, None] * np.eye(3) - d[:, :, None] * d[:, None]
+    )
+    inertia = Inertia(m.sum(), com, I_com)
+    ones = np.column_stack([p, np.ones(6)])
+    np.testing.assert_allclose(inertia.pseudo(), ones.T @ np.diag(m) @ ones, atol=1e-12)
+    T = spatial.pose(spatial.exp_so3(rng.normal(size=3)), rng.normal(size=3))
+    np.testing.assert_allclose(inertia.seen_from(T).pseudo(), T @ inertia.pseudo() @ T.T, atol=1e-10)
+    assert np.linalg.eigvalsh(inertia.pseudo())[0] > 0

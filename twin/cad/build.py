@@ -18,6 +18,7 @@ from twin.cad.dimensions import read_dimensions
 from twin.cad.features import Measured
 from twin.cad.frames import Drawn, into
 from twin.cad.meeting import meetings
+from twin.cad.motors import actuators, transmissions
 from twin.cad.parameters import SCALES, parameters
 from twin.cad.step import MASS_TOLERANCE, Part, StepModel, read_step
 from twin.core.errors import CadError, unknown
@@ -114,6 +115,8 @@ def read_mechanism(description_path: Path, *, with_mass: bool = True) -> CadMode
         postures={n: _posture(values) for n, values in d.posture.items()},
         tool=d.tool,
         parameters=tuple(parameters(d)),
+        actuators=actuators(d),
+        transmissions=transmissions(d),
         couplings=tuple(
             Coupling(c.name, tuple(c.joints), tuple(c.ratios), (c.sum_deg or 0.0) * DEG + (c.sum_mm or 0.0) * MM)
             for c in d.coupling

@@ -223,6 +223,58 @@ class CouplingSpec(Table):
         return self
 
 
+class ActuatorSpec(Table):
+    """A motor that a [[transmission]] leads to joints: all numbers on its side, efforts, gains and inertia in SI.
+
+    SI of an angle: N m, N m/rad, N m s/rad, kg m2; of a length: N, N/m, N s/m, kg.
+    """
+
+    name: Identifier
+    kind: Literal["angle", "length"] = "angle"
+    limits_deg: Range | None = None
+    limits_mm: Range | None = None
+    max_speed_deg_s: float | None = Field(default=None, gt=0)
+    max_speed_mm_s: float | None = Field(default=None, gt=0)
+    max_effort: float | None = Field(default=None, gt=0)
+    rotor_inertia: float | None = Field(default=None, gt=0)
+    stiffness: float | None = Field(default=None, gt=0)
+    damping: float = Field(default=0.0, ge=0)
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _one_unit(self) -> ActuatorSpec:
+        wrong, right = ("mm", "deg") if self.kind == "angle" else ("deg", "mm")
+        for key in (f"limits_{wrong}", f"max_speed_{wrong}_s"):
+            if getattr(self, key) is not None:
+                raise at(
+                    key, f"the coordinate of this actuator is of kind {self.kind}; write {key.replace(wrong, right)}"
+                )
+        return self
+
+
+class TransmissionSpec(Table):
+    """What leads motors to active joints: q_joints = matrix @ m_actuators, a row for each joint, in rad or m."""
+
+    name: Identifier
+    joints: list[Identifier] = Field(min_length=1)
+    actuators: list[Identifier] = Field(min_length=1)
+    matrix: list[list[float]]
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _square(self) -> TransmissionSpec:
+        rows, n = [len(row) for row in self.matrix], len(self.joints)
+        if rows != [n] * n or len(self.actuators) != n:
+            raise at(
+                "matrix",
+                f"{n} joints, {len(self.actuators)} actuators, rows of {', '.join(map(str, rows)) or 'nothing'}; it "
+                "needs as many actuators as joints, and for each joint a row with a number for each actuator",
+            )
+        return self
+
+
 class PairGap(Table):
     """Minimum distance along a common rail between two prismatic joints, `upper` minus `lower`."""
 
@@ -276,6 +328,8 @@ class Description(Table):
     limit: list[LimitSpec] = Field(default_factory=list)
     drive: list[DriveSpec] = Field(default_factory=list)
     gap: list[PairGap] = Field(default_factory=list)
+    actuator: list[ActuatorSpec] = Field(default_factory=list)
+    transmission: list[TransmissionSpec] = Field(default_factory=list)
     coupling: list[CouplingSpec] = Field(default_factory=list)
     trocar: Annotated[Identifier | None, Field(description="joint that holds the trocar to the base")] = None
     trocars: Annotated[list[Identifier], Field(description="the same, where there are several trocars")] = Field(

@@ -1,4 +1,4 @@
-"""The numbers that a description adds to a drawing: limits, drives, densities, gaps, couplings, with provenance."""
+"""The numbers that a description adds to a drawing (limits, drives, densities, gaps, motors ...), with provenance."""
 
 from __future__ import annotations
 
@@ -50,4 +50,26 @@ def parameters(d: Description) -> list[Parameter]:
             out.append(Parameter(label, c.sum_deg * DEG, "deg", c.sum_deg, c.provenance, c.note))
         elif c.sum_mm is not None:
             out.append(Parameter(label, c.sum_mm * MM, "mm", c.sum_mm, c.provenance, c.note))
+    for a in d.actuator:
+        angle = a.kind == "angle"
+        limits, speed = a.limits_deg or a.limits_mm, a.max_speed_deg_s or a.max_speed_mm_s
+        unit = "deg" if angle else "mm"
+        for name, value, per in (
+            ("limits from", limits and limits[0], unit),
+            ("limits to", limits and limits[1], unit),
+            ("max_speed", speed, f"{unit}/s"),
+            ("max_effort", a.max_effort, "N m" if angle else "N"),
+            ("rotor_inertia", a.rotor_inertia, "kg m2" if angle else "kg"),
+            ("stiffness", a.stiffness, "N m/rad" if angle else "N/m"),
+            ("damping", a.damping or None, "N m s/rad" if angle else "N s/m"),
+        ):
+            if value is not None:
+                label = f"actuator {a.name} {name}"
+                out.append(Parameter(label, value * SCALES.get(per, 1.0), per, value, a.provenance, a.note))
+    for t in d.transmission:
+        for joint, row in zip(t.joints, t.matrix, strict=True):
+            for motor, ratio in zip(t.actuators, row, strict=True):
+                if ratio:
+                    label = f"transmission {t.name}: {joint} per {motor}"
+                    out.append(Parameter(label, ratio, "", ratio, t.provenance, t.note))
     return out

@@ -6,7 +6,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from twin.cad.description import Description, FrameSpec
+from twin.cad.motors import actuators, transmissions
 from twin.core.errors import unknown
+from twin.model.transmission import faults
 from twin.schema import Keys, error_at
 
 UNITS = {"revolute": "deg", "prismatic": "mm"}
@@ -15,7 +17,7 @@ UNITS = {"revolute": "deg", "prismatic": "mm"}
 
 def check(path: Path, d: Description) -> None:
     """Raise `DescriptionError` for the first name that exists nowhere, or unit that does not fit its joint."""
-    for keys, message in (*_bodies(d), *_features(d), *_limits(d), *_postures(d)):
+    for keys, message in (*_bodies(d), *_features(d), *_limits(d), *_motors(d), *_postures(d)):
         raise error_at(path, keys, message)
 
 
@@ -98,6 +100,14 @@ def _limits(d: Description) -> Iterator[tuple[Keys, str]]:
                 yield ("gap", i, key), unknown("joint", joint, types)
             elif types[joint] != "prismatic":
                 yield ("gap", i, key), f"joint '{joint}' is {types[joint]}; a gap is between prismatic joints"
+
+
+def _motors(d: Description) -> Iterator[tuple[Keys, str]]:
+    active = [j.name for j in d.joint if j.active]
+    driven = {n for entry in d.drive for n in entry.joints}
+    for kind, name, key, text in faults(actuators(d), transmissions(d), active, [j.name for j in d.joint], driven):
+        entries: list = getattr(d, kind)
+        yield (kind, next(i for i, e in enumerate(entries) if e.name == name), key), text
 
 
 def _postures(d: Description) -> Iterator[tuple[Keys, str]]:

@@ -98,6 +98,12 @@ def info(args: argparse.Namespace) -> int:
         "redundant_constraints": mobility.redundancy,
         "redundant": {n: {"count": c, "among": mobility.repeated[n]} for n, c in mobility.redundant.items() if c},
         "joints": [_joint(j, mechanism) for j in mechanism.joints],
+        "actuators": [vars(a) for a in mechanism.actuators],
+        "transmissions": [
+            {"name": t.name, "joints": t.joints, "actuators": t.actuators, "matrix": t.matrix.tolist()}
+            | {"equations": t.equations}
+            for t in mechanism.transmissions
+        ],
         "frames": [f.name for f in mechanism.frames],
         "points": [p.name for p in mechanism.points],
         "variants": {e.name: {n: e.reasons.get(n, "") for n in e.variants} for e in equations},

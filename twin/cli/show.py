@@ -100,6 +100,7 @@ def info(data: Mapping[str, Any], bodies: int) -> str:
         )
         rows.append((j["name"], j["type"], f"{j['parent']} -> {j['child']}", limits, role))
     lines += [table(rows, ("joint", "type", "between", "limits", "")), ""]
+    lines += _motors(data["actuators"], data["transmissions"])
     for name, choices in data["variants"].items():
         for variant, reason in choices.items():
             mark = "*" if data["chosen"][name] == variant else " "
@@ -116,6 +117,23 @@ def info(data: Mapping[str, Any], bodies: int) -> str:
             rows.append((mark + p["name"], f"{p['shown']:g} {p['unit']}", p["provenance"], p["note"]))
         lines.append(table(rows, fit=True))
     return "\n".join([*lines, *(finding(Finding(**f)) for f in data["findings"])])
+
+
+def _motors(actuators: Sequence[Mapping[str, Any]], transmissions: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the lines about motors and what leads them to joints; none if every driven joint is driven directly."""
+    if not transmissions:
+        return []
+    rows = []
+    for a in actuators:
+        scale, unit, effort = (DEG, "deg", "N m") if a["kind"] == "angle" else (MM, "mm", "N")
+        limits = "" if a["limits"] is None else f"{a['limits'][0] / scale:g} .. {a['limits'][1] / scale:g} {unit}"
+        speed = "" if a["max_speed"] is None else f"{a['max_speed'] / scale:g} {unit}/s"
+        force = "" if a["max_effort"] is None else f"{a['max_effort']:g} {effort}"
+        inertia = "" if a["rotor_inertia"] is None else f"{a['rotor_inertia']:g} {'kg m2' if unit == 'deg' else 'kg'}"
+        rows.append((a["name"], a["kind"], limits, speed, force, inertia))
+    header = ("actuator", "coordinate", "limits", "max speed", "max effort", "rotor")
+    told = [f"  transmission {t['name']} (rad, m): {t['equations']}" for t in transmissions]
+    return [table(rows, header), "", *told, ""]
 
 
 def report(r: Report, *, all_findings: bool = False) -> str:

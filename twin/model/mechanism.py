@@ -14,7 +14,6 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import permutations
 from typing import Literal
 
 import numpy as np
@@ -24,6 +23,8 @@ from twin.core.errors import MechanismError, unknown
 from twin.core.foreign.budget import BODIES, FREEDOMS
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
+from twin.model.inertia import Inertia
+from twin.model.transmission import Actuator, Transmission, faults
 
 TOOL = "tool"
 """Name of the frame that is the tool where a file does not name another."""
@@ -87,59 +88,6 @@ class Mesh:
 
 
 @dataclass(frozen=True)
-class Inertia:
-    """Mass in kg, centre of mass (3,) in m, and inertia (3, 3) in kg m^2 about it, all in the body frame."""
-
-    mass: float
-    p_body_com: Array
-    I_com: Array
-
-    def __add__(self, other: Inertia) -> Inertia:
-        """Return the inertia of two bodies fixed to each other, both in one frame (parallel axes)."""
-        mass = self.mass + other.mass
-        centre = (self.mass * self.p_body_com + other.mass * other.p_body_com) / mass
-        tensor = np.zeros((3, 3))
-        for part in (self, other):
-            r = part.p_body_com - centre
-            tensor += part.I_com + part.mass * ((r @ r) * np.eye(3) - np.outer(r, r))
-        return Inertia(mass, centre, tensor)
-
-    def seen_from(self, T: Array) -> Inertia:
-        """Return it in another frame, T (4, 4) the pose of its own frame in that."""
-        R = T[:3, :3]
-        return Inertia(self.mass, R @ self.p_body_com + T[:3, 3], R @ self.I_com @ R.T)
-
-    def principal(self) -> tuple[Array, Array]:
-        """Return principal moments (3,) and the rotation (3, 3) of their axes, as near to identity as they allow.
-
-        The order of eigenvectors is arbitrary; the choice nearest to identity keeps a part that is already
-        aligned readable, and stable when a length changes a little.
-        """
-        moments, axes = np.linalg.eigh(0.5 * (self.I_com + self.I_com.T))
-        best = max(permutations(range(3)), key=lambda p: np.sum(np.abs(np.diag(axes[:, p]))))
-        moments, axes = moments[list(best)], axes[:, best]
-        axes = axes * np.where(np.diag(axes) < 0, -1.0, 1.0)
-        if np.linalg.det(axes) < 0:
-            axes[:, np.argmin(np.diag(axes))] *= -1
-        return moments, axes
-
-    def violations(self) -> list[str]:
-        """Return what makes this tensor impossible for a rigid body; empty if nothing does."""
-        bad = []
-        if not (np.isfinite(self.mass) and self.mass > 0):
-            bad.append(f"mass {self.mass:g} kg is not positive")
-        moments = np.linalg.eigvalsh(0.5 * (self.I_com + self.I_com.T))
-        if moments[0] <= 0:
-            bad.append(f"smallest principal moment {moments[0]:.3g} kg m2 is not positive")
-        if moments[2] > (moments[0] + moments[1]) * (1 + 1e-6):
-            bad.append(
-                f"principal moments {moments[0]:.3g}, {moments[1]:.3g}, {moments[2]:.3g} kg m2 break the "
-                "triangle inequality: no distribution of mass has them"
-            )
-        return bad
-
-
-@dataclass(frozen=True)
 class Body:
     """A rigid body; `meshes` are shown and collided with, `inertia` may be unknown (None)."""
 
@@ -169,7 +117,7 @@ class Joint:
         soft_limits: range whose breach is a warning only, or None.
         cone: largest angle in rad between the two z axes of a spherical joint, or None.
         max_speed, max_acceleration: of the coordinate, or None.
-        drive: the position drive of an active joint, or None.
+        drive: the position drive of an active joint that is driven directly, or None; see `Actuator`.
         mating: names of the two meshes that touch in this joint (pin and bore), not checked for contact.
     """
 
@@ -230,6 +178,8 @@ class Point:
 class Coupling:
     """A belt, gear or cable: the sum of ratio times coordinate of some joints of the tree is constant.
 
+    It is a constraint among joints and has no motor; what leads motors to joints is a `Transmission`.
+
     Attributes:
         name: identifier.
         joints: names of joints with one coordinate, all angles or all lengths.
@@ -255,6 +205,7 @@ class Mechanism:
         postures: named values of the active joints in m or rad.
         tool: name of the frame that inverse and forward kinematics speak of.
         parameters: numbers with provenance that the description adds (limits, drives, densities).
+        actuators, transmissions: motors and what leads them to active joints; others are driven directly.
         couplings: belts and gears between joints.
         trocars: names of the joints that hold a trocar to the base; a trocar has the name of its joint.
         source: the file it came from, for messages.
@@ -270,6 +221,8 @@ class Mechanism:
     postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     tool: str = TOOL
     parameters: tuple[Parameter, ...] = ()
+    actuators: tuple[Actuator, ...] = ()
+    transmissions: tuple[Transmission, ...] = ()
     couplings: tuple[Coupling, ...] = ()
     trocars: tuple[str, ...] = ()
     source: str = ""
@@ -351,6 +304,42 @@ class Mechanism:
         return np.array([j.limits or (-np.inf, np.inf) for j in self.active], float).reshape(-1, 2)
 
     @cached_property
+    def motor_names(self) -> tuple[str, ...]:
+        """Motors (n,): the actuator k of a transmission where its joint k is in q, else the joint itself."""
+        names = {j: a for t in self.transmissions for j, a in zip(t.joints, t.actuators, strict=True)}
+        return tuple(names.get(j.name, j.name) for j in self.active)
+
+    @cached_property
+    def motor_matrix(self) -> Array:
+        """The matrix (n, n) of all active joints, q = motor_matrix @ m: the identity where no transmission is."""
+        return self._blocks({t.name: t.matrix for t in self.transmissions})
+
+    @cached_property
+    def _motor_rows(self) -> Array:
+        """The inverse (n, n) of `motor_matrix`, block by block: rows of joints driven directly stay exact."""
+        return self._blocks({t.name: t.inverse for t in self.transmissions})
+
+    def _blocks(self, blocks: Mapping[str, Array]) -> Array:
+        order = {j.name: i for i, j in enumerate(self.active)}
+        out = np.eye(len(order))
+        for t in self.transmissions:
+            rows = [order[n] for n in t.joints]
+            out[np.ix_(rows, rows)] = blocks[t.name]
+        return out
+
+    def motors(self, q: Array) -> Array:
+        """Return motor values (..., n) in the order of `motor_names`, of joint values or rates (..., n)."""
+        return np.asarray(q, float) @ self._motor_rows.T
+
+    def from_motors(self, m: Array) -> Array:
+        """Return joint values or rates (..., n) of those of the motors (..., n)."""
+        return np.asarray(m, float) @ self.motor_matrix.T
+
+    def motor_efforts(self, efforts: Array) -> Array:
+        """Return efforts (..., n) of the motors that do the same work as those of the joints (..., n), in N m or N."""
+        return np.asarray(efforts, float) @ self.motor_matrix
+
+    @cached_property
     def passive(self) -> tuple[Joint, ...]:
         """Passive joints with one coordinate, tree and loop alike, in file order."""
         return tuple(j for j in self.joints if not j.active and len(j.free_axes) == 1)
@@ -403,6 +392,14 @@ class Mechanism:
         if tool.body != it.body:
             raise MechanismError(f"frame '{name}' is on body '{it.body}', the tool on '{tool.body}': they move apart")
         return spatial.inverse(tool.T_body_frame) @ it.T_body_frame
+
+    def actuator(self, name: str) -> Actuator:
+        """Return the actuator of that name, or raise `MechanismError` with the names that exist."""
+        return _find("actuator", self.actuators, name)
+
+    def transmission_of(self, joint: str) -> Transmission | None:
+        """Return the transmission that moves a joint; None if it is driven directly, or passive."""
+        return next((t for t in self.transmissions if joint in t.joints), None)
 
     def point(self, name: str) -> Point:
         """Return the point of that name, or raise `MechanismError` with the names that exist."""
@@ -526,6 +523,7 @@ def _check(m: Mechanism) -> None:
         raise MechanismError(f"{m.name or 'mechanism'}: {text}")
 
     named = {"body": m.bodies, "joint": m.joints, "frame": m.frames, "point": m.points, "coupling": m.couplings}
+    named |= {"actuator": m.actuators, "transmission": m.transmissions}
     for kind, items in named.items():
         seen: set[str] = set()
         for item in items:
@@ -559,6 +557,9 @@ def _check(m: Mechanism) -> None:
                 fail(f"joint '{joint.name}': {label} {limits[0]:g} .. {limits[1]:g} are not ordered")
         if joint.active and len(joint.free_axes) != 1:
             fail(f"joint '{joint.name}' is active, but a {joint.type} joint has no single coordinate to drive")
+    active, joints, own = ([j.name for j in js] for js in (m.active, m.joints, (j for j in m.joints if j.drive)))
+    for *_, text in faults(m.actuators, m.transmissions, active, joints, own):
+        fail(text)
     single = {j.name: j for j in m.joints if len(j.free_axes) == 1}
     for coupling in m.couplings:
         for name in coupling.joints:
@@ -587,9 +588,8 @@ def _check(m: Mechanism) -> None:
             fail(f"body '{name}': its rest pose is not rigid")
     if lost := ", ".join(sorted(names - {m.base} - {j.child for j in m.tree})):
         fail(f"no joint leads from base '{m.base}' to: {lost}. Join them, or leave them out as props.")
-    active = {j.name for j in m.active}
     for posture, values in m.postures.items():
-        if wrong := sorted(set(values) ^ active):
+        if wrong := sorted(set(values) ^ set(active)):
             fail(f"posture '{posture}' must give each active joint once; check: {', '.join(wrong)}")
         for name, value in ((n, v) for n, v in values.items() if not np.isfinite(v)):
             fail(f"posture '{posture}': {name} = {value} is not finite")

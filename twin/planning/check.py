@@ -28,6 +28,7 @@ def check(trajectory: Trajectory, protocol: Protocol, kinematics: PathKinematics
     """
     return [
         *_positions(trajectory, kinematics),
+        *_motors(trajectory, kinematics),
         *_gaps(trajectory, kinematics),
         *_joint_rates(trajectory, kinematics),
         *_tip_rates(trajectory, protocol),
@@ -89,6 +90,29 @@ def _positions(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findi
     text = f"the joint closest to a hard limit is {kinematics.joint_names[j]}, {size:.2f} {unit} away"
     when = _when(trajectory, int(k))
     out.append(Finding("margin.limit", "info", text, kinematics.joint_names[j], when, size, unit, 0.0))
+    return out
+
+
+def _motors(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
+    """Hold the actuators of transmissions against their limits: joints within theirs may ask too much of a motor."""
+    out, motors = [], kinematics.motors
+    for i, name in enumerate(motors.names):
+        unit, factor = motors.unit(i)
+        m, rate = trajectory.q @ motors.rows[i], np.abs(trajectory.qd @ motors.rows[i])
+        low, high = motors.lower[i], motors.upper[i]
+        inside = np.minimum(m - low, high - m)
+        k = int(np.argmin(inside))
+        size, when = float(inside[k] / factor), _when(trajectory, k)
+        limits = f"limits {low / factor:.2f}..{high / factor:.2f} {unit}"
+        if inside[k] < -1e-12 * max(1.0, abs(m[k])):
+            text = f"motor {name} reaches {m[k] / factor:.2f} {unit}, {-size:.2f} {unit} beyond its {limits}"
+            out.append(Finding("limit.motor", "error", text, name, when, -size, unit, 0.0))
+        elif np.isfinite(size):
+            text = f"motor {name} stays {size:.2f} {unit} within its {limits}"
+            out.append(Finding("margin.motor", "info", text, name, when, size, unit, 0.0))
+        k = int(np.argmax(rate))
+        peak, limit = float(rate[k]), motors.max_speed[i]
+        out += _over(trajectory, "limit.motor_speed", f"motor {name}", name, k, peak, limit, f"{unit}/s", factor)
     return out
 
 

@@ -61,6 +61,10 @@ def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> _Margins:
     for j, name in enumerate(kinematics.joint_names):
         out["lower", name] = np.where(solved, q[:, j] - kinematics.lower[j], 0.0)
         out["upper", name] = np.where(solved, kinematics.upper[j] - q[:, j], 0.0)
+    motors = kinematics.motors
+    for i, name in enumerate(motors.names):
+        m = q @ motors.rows[i]
+        out["motor", name] = np.where(solved, np.minimum(m - motors.lower[i], motors.upper[i] - m), 0.0)
     for gap in kinematics.gaps:
         out["gap", gap.name] = np.where(solved, np.abs(q[:, gap.i] - q[:, gap.j]) - gap.smallest, 0.0)
     return out
@@ -111,6 +115,11 @@ def _cause(kinematics: PathKinematics, cause: Cause, name: str, size: float) -> 
         limit = (kinematics.lower if cause == "lower" else kinematics.upper)[j] / factor
         side = "below its lower" if cause == "lower" else "above its upper"
         return f"joint {name} would go {size / factor:.2f} {unit} {side} limit of {limit:.2f} {unit}"
+    if cause == "motor":
+        i = kinematics.motors.names.index(name)
+        unit, factor = kinematics.motors.unit(i)
+        low, high = kinematics.motors.lower[i] / factor, kinematics.motors.upper[i] / factor
+        return f"motor {name} would go {size / factor:.2f} {unit} beyond its limits of {low:.2f}..{high:.2f} {unit}"
     if cause == "gap":
         gap = next(g for g in kinematics.gaps if g.name == name)
         unit, factor = kinematics.unit(gap.i)

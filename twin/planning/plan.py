@@ -102,18 +102,24 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
     bend = rate.derivative()
     limits = protocol.limits[path.phase.type]
     max_speed, max_acceleration = _joint_limits(path, protocol, kinematics)
+    fast = np.isfinite(kinematics.motors.max_speed)  # a speed limit of a motor is one more coordinate with a limit
+    rows, motor_speed = kinematics.motors.rows[fast], kinematics.motors.max_speed[fast]
 
     def derivatives(s: Array) -> tuple[Array, Array]:
         m = path.motion(s)
         length, length1 = _norm_rate(m.p1, m.p2)
         turn, turn1 = _norm_rate(m.w1, m.w2)
-        first = np.column_stack([rate(s), length, turn])
-        return first, np.column_stack([bend(s), length1, turn1])
+        dq, d2q = rate(s), bend(s)
+        if not fast.any():
+            return np.column_stack([dq, length, turn]), np.column_stack([d2q, length1, turn1])
+        return np.column_stack([dq, length, turn, dq @ rows.T]), np.column_stack([d2q, length1, turn1, d2q @ rows.T])
 
     def load(s: Array, sd: Array, sdd: Array) -> tuple[Array, Array]:
         m = path.motion(s)
         sd, sdd = sd[:, None], sdd[:, None]
         v = np.max(np.abs(rate(s) * sd) / max_speed, axis=1)
+        if fast.any():
+            v = np.maximum(v, np.max(np.abs(rate(s) @ rows.T * sd) / motor_speed, axis=1))
         a = np.max(np.abs(rate(s) * sdd + bend(s) * sd**2) / max_acceleration, axis=1)
         for d1, d2, speed, acceleration in _vectors(m, limits):
             v = np.maximum(v, np.linalg.norm(d1 * sd, axis=1) / speed)
@@ -129,8 +135,10 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
     try:
         timing = time_path(
             derivatives,
-            np.concatenate([max_speed, [limits.tip_speed, limits.rotation_speed]]),
-            np.concatenate([max_acceleration, [limits.tip_acceleration, limits.rotation_acceleration]]),
+            np.concatenate([max_speed, [limits.tip_speed, limits.rotation_speed], motor_speed]),
+            np.concatenate(
+                [max_acceleration, [limits.tip_acceleration, limits.rotation_acceleration], np.full(len(rows), np.inf)]
+            ),
             dt=dt,
             load=load,
             jerk=jerk if min(limits.tip_jerk, limits.rotation_jerk) < np.inf else None,

@@ -55,6 +55,50 @@ class Carrier(Interface):
 
 
 @dataclass(frozen=True)
+class Motors:
+    """The k actuators of transmissions, which have limits of their own; joints driven directly are not among them.
+
+    Attributes:
+        names: of the actuators.
+        rows: (k, n) motor values = rows @ q, in m or rad.
+        lower, upper, max_speed: (k,) limits; infinite where there is none.
+        revolute: (k,) which are in rad.
+    """
+
+    names: tuple[str, ...]
+    rows: Array
+    lower: Array
+    upper: Array
+    max_speed: Array
+    revolute: tuple[bool, ...]
+
+    def unit(self, motor: int) -> tuple[str, float]:
+        """Return the unit that a motor is shown in, and its factor to SI."""
+        return ("deg", DEG) if self.revolute[motor] else ("mm", MM)
+
+
+NO_MOTORS = Motors((), np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0), ())
+
+
+def motors_of(mechanism: Mechanism) -> Motors:
+    """Return the actuators of a mechanism's transmissions."""
+    by_name = {a.name: a for a in mechanism.actuators}
+    order = [i for i, n in enumerate(mechanism.motor_names) if n in by_name]
+    if not order:
+        return NO_MOTORS
+    found = [by_name[mechanism.motor_names[i]] for i in order]
+    limits = np.array([a.limits or (-np.inf, np.inf) for a in found], float)
+    return Motors(
+        names=tuple(a.name for a in found),
+        rows=mechanism.motors(np.eye(len(mechanism.active))).T[order],
+        lower=limits[:, 0],
+        upper=limits[:, 1],
+        max_speed=np.array([a.max_speed or np.inf for a in found]),
+        revolute=tuple(a.is_angle for a in found),
+    )
+
+
+@dataclass(frozen=True)
 class PathKinematics:
     """A robot as far as planning needs it; k poses in, k rows out; nothing here raises for a bad pose.
 
@@ -69,6 +113,7 @@ class PathKinematics:
         max_speed, max_acceleration: (n,) per second, per second squared.
         branch: (k, 4, 4), (k, n) -> (k,) labels of the working mode; None: not watched.
         gaps: carriages that share a rail.
+        motors: actuators of transmissions.
         revolute: (n,) which joints are in rad; empty: none.
         why: pose (4, 4) -> where and why the equations have no value there, or ""; None: they cannot tell.
         carrier: the mechanism, for phases that it leads; None: there are none.
@@ -90,6 +135,7 @@ class PathKinematics:
     max_acceleration: Array
     branch: Callable[[Array, Array], np.ndarray] | None = None
     gaps: tuple[Gap, ...] = ()
+    motors: Motors = NO_MOTORS
     revolute: tuple[bool, ...] = ()
     why: Callable[[Array], str] | None = None
     carrier: Carrier | None = None
@@ -125,6 +171,7 @@ def without_equations(mechanism: Mechanism, carrier: Carrier, gaps: Sequence[tup
         max_speed=np.array([j.max_speed or np.inf for j in active]),
         max_acceleration=np.array([j.max_acceleration or np.inf for j in active]),
         gaps=tuple(Gap(order.index(a), order.index(b), g, f"{a}-{b}") for a, b, g in gaps),
+        motors=motors_of(mechanism),
         revolute=tuple(j.is_angle for j in active),
         carrier=carrier,
         auxiliary={name: value for _, name, _, value in mechanism.beside(())},
@@ -312,7 +359,7 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and np.isnan(value) else value
 
 
-Cause = Literal["reach", "inverse", "lower", "upper", "gap", "singularity", "branch"]
+Cause = Literal["reach", "inverse", "lower", "upper", "motor", "gap", "singularity", "branch"]
 """Why a pose cannot be taken."""
 
 

@@ -43,6 +43,8 @@ def content(mechanism: Mechanism, stage: Mechanism, description: Description) ->
         ("joint", mechanism.joints, stage.joints),
         ("frame", mechanism.frames, stage.frames),
         ("point", mechanism.points, stage.points),
+        ("actuator", mechanism.actuators, stage.actuators),
+        ("transmission", mechanism.transmissions, stage.transmissions),
     ):
         have, want = {x.name for x in theirs}, {x.name for x in ours}
         found += [_lost(kind, n, "is not on the stage") for n in sorted(want - have)]
@@ -54,6 +56,7 @@ def content(mechanism: Mechanism, stage: Mechanism, description: Description) ->
     for joint in mechanism.joints:
         if joint.name in by_name:
             found += _joint(joint, by_name[joint.name])
+    found += _motors(mechanism, stage)
     frames = {f.name: (f.body, f.T_body_frame) for f in stage.frames}
     for f in mechanism.frames:
         if f.name in frames:
@@ -126,6 +129,20 @@ def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
             yield Finding("stage.content", "disagreement", f"{what} {state}", a.name, suggestion=_AGAIN)
             continue
         yield from _differs(what, a.name, one / factor, two / factor, per)
+
+
+def _motors(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
+    """Hold actuators and the matrices of transmissions against the stage, which has them in double precision."""
+    theirs = {a.name: a for a in stage.actuators}
+    for a in mechanism.actuators:
+        for key, ours in vars(a).items():
+            if a.name in theirs and (said := getattr(theirs[a.name], key)) != ours:
+                yield _lost(f"{key} of actuator", a.name, f"is {said} on the stage; the description says {ours}")
+    led = {t.name: t for t in stage.transmissions}
+    for t in mechanism.transmissions:
+        u = led.get(t.name, t)
+        if (t.joints, t.actuators) != (u.joints, u.actuators) or not np.array_equal(t.matrix, u.matrix):
+            yield _lost("transmission", t.name, "leads other motors to joints, or otherwise, on the stage")
 
 
 def _place(what: str, where: str, ours: Array, theirs: Array) -> Iterator[Finding]:

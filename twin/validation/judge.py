@@ -173,6 +173,7 @@ def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
         "loops closed by": ", ".join(j.name for j in m.loops) or "none: a serial chain",
         "degrees of freedom": f"{mobility.freedom}, from the rank of the constraint Jacobian",
         "redundant constraints": f"{mobility.redundancy} ({mobility.describe()})" if mobility.redundancy else "none",
+        **{f"transmission {t.name} (rad, m)": t.equations for t in m.transmissions},
         "read from": m.source,
     }
 

@@ -39,6 +39,15 @@ def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics,
         end = ("lower", "upper")[side]
         size = f"{sides[side, k] / scale:.2f} {unit} to its {end} limit ({share:.0f} % of its range)"
         out[f"joint {joint.name}"] = f"{size}, {_when(clock, k)}"
+    for i, name in enumerate(paths.motors.names):
+        m, (unit, scale) = trajectory.q @ paths.motors.rows[i], paths.motors.unit(i)
+        sides = np.minimum(m - paths.motors.lower[i], paths.motors.upper[i] - m)
+        rates = np.abs(trajectory.qd @ paths.motors.rows[i])
+        k, fastest = int(np.argmin(sides)), int(np.argmax(rates))
+        left = f"{sides[k] / scale:.2f} {unit} to a limit, {_when(clock, k)}; " if np.isfinite(sides[k]) else ""
+        most = paths.motors.max_speed[i] / scale
+        of = f" of {most:.4g}" if np.isfinite(most) else ""
+        out[f"motor {name}"] = f"{left}at most {rates[fastest] / scale:.4g}{of} {unit}/s, {_when(clock, fastest)}"
     for gap in paths.gaps:
         apart = np.abs(trajectory.q[:, gap.i] - trajectory.q[:, gap.j])
         k = int(np.argmin(apart))

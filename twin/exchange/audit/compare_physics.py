@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Rgba, apart
 from twin.exchange.audit.motion import Content, Shape
-from twin.exchange.audit.physics import Frame, Joint, Mass, Physics
+from twin.exchange.audit.physics import Frame, Joint, Mass, Motor, Physics
 from twin.exchange.audit.physics_tracks import TOOL
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, quantity
@@ -30,7 +30,16 @@ _FAMILY = {"usda": "usd", "usdc": "usd", "gltf": "glb", "csv": "tracks"}
 
 
 def _number(a: float, b: float) -> float:
-    return 0.0 if a == b else abs(a - b) / max(abs(a), abs(b))
+    if a == b:
+        return 0.0
+    return abs(a - b) / max(abs(a), abs(b)) if np.isfinite(a) and np.isfinite(b) else np.inf
+
+
+def _row(a: Mapping[str, float], b: Mapping[str, float]) -> float:
+    """Return how far two sums of joints are apart, as a share of the larger one; a joint that is missing counts 0."""
+    both = np.array([(a.get(n, 0.0), b.get(n, 0.0)) for n in dict.fromkeys((*a, *b))], float).reshape(-1, 2)
+    size = float(np.linalg.norm(both, axis=0).max(initial=0.0))
+    return float(np.linalg.norm(both[:, 0] - both[:, 1])) / size if size else 0.0
 
 
 def _word(a: Any, b: Any) -> float:
@@ -139,8 +148,10 @@ QUANTITIES: Mapping[str, Quantity] = {
     "held": Quantity(_word, 0.0),
     "ratios": Quantity(_distance, 1e-5),
     "sum": Quantity(_difference, 1e-6, "m or rad"),
+    "row": Quantity(_row, 1e-6, "", True),
+    "rotor inertia": Quantity(_number, 1e-5, "kg m2 or kg", True),
 }
-"""What is compared, of links, joints, frames, couplings and the world."""
+"""What is compared, of links, joints, frames, couplings, motors and the world."""
 
 
 @dataclass
@@ -188,7 +199,7 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
     there = [s for s, name in dict.fromkeys(key for v in views for key in v.said) if name == "existence"]
     for view in (v for v in views if v.physics.complete):
         for subject in there:
-            if subject.startswith("joint"):
+            if subject.startswith("joint") or (subject.startswith("motor") and view.physics.all_motors):
                 view.said.setdefault((subject, "existence"), False)
     subjects = dict.fromkeys(key for v in views for key in v.said)
     worst: dict[str, dict[str, tuple[float, str]]] = {}
@@ -331,6 +342,26 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
         say[f"coupling '{name}'", "ratios"] = np.array([ratios[n] for n in sorted(ratios)])
         say[f"coupling '{name}'", "sum"] = total
 
+    for name, motor in (p.motors or {}).items():
+        _state_motor(say, f"motor '{name}'", motor, p.all_motors)
+
+
+def _state_motor(say: dict, subject: str, motor: Motor, exists: bool) -> None:
+    if exists:
+        say[subject, "existence"] = True
+    for quantity_, value in (
+        ("row", motor.row),
+        ("kind", motor.kind),
+        ("limits", motor.limits),
+        ("largest effort", motor.effort),
+        ("largest speed", motor.speed),
+        ("rotor inertia", motor.inertia),
+        ("stiffness", motor.stiffness),
+        ("damping", motor.damping),
+    ):
+        if value is not None:
+            say[subject, quantity_] = value
+
 
 def _state_mass(say: dict, link: str, mass: Mass) -> None:
     say[f"link '{link}'", "weighed"] = True
@@ -465,6 +496,7 @@ _WORDS = {
     "place": "the line or point of the joint",
     "link": "its link",
     "held": "what is fixed to the world",
+    "row": "what it does for its joints",
 }
 
 
@@ -479,6 +511,8 @@ def _vector(v: Iterable[float]) -> str:
 def _plain(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return _vector(value)
+    if isinstance(value, Mapping):
+        return " + ".join(f"{c:.6g} {n}" for n, c in value.items()) or "nothing"
     if isinstance(value, tuple):
         return " .. ".join(f"{v:g}" for v in value) if _all_numbers(value) else ", ".join(map(str, value)) or "nothing"
     return str(value)

@@ -62,6 +62,40 @@ class Drive:
 
 
 @dataclass(frozen=True)
+class Motor:
+    """A motor that a transmission leads to joints; None is what the file does not say. SI of its side.
+
+    Attributes:
+        row: its coordinate is the sum of these factors times the coordinates of these joints.
+        kind: "angle" or "length".
+        limits: in m or rad; infinite where there is none.
+        effort, speed: the largest; infinite where there is no bound.
+        inertia: of its rotor in kg m2 or kg; 0 where there is none.
+        stiffness, damping: of its position drive; 0 where there is none.
+    """
+
+    row: Mapping[str, float] | None = None
+    kind: str | None = None
+    limits: tuple[float, float] | None = None
+    effort: float | None = None
+    speed: float | None = None
+    inertia: float | None = None
+    stiffness: float | None = None
+    damping: float | None = None
+
+
+def felt(motors: Mapping[str, Motor], joint: str) -> tuple[float, float] | None:
+    """Return stiffness and damping that the drives of motors have at a joint, the others held; None if none moves it.
+
+    Each motor that turns by its factor for every rad or m of the joint works back with the same factor.
+    """
+    moving = [(m, m.row[joint]) for m in motors.values() if m.row and joint in m.row]
+    if not moving:
+        return None
+    return sum(c * c * (m.stiffness or 0.0) for m, c in moving), sum(c * c * (m.damping or 0.0) for m, c in moving)
+
+
+@dataclass(frozen=True)
 class Joint:
     """A joint between two links.
 
@@ -144,6 +178,8 @@ class Physics:
         tool: name of the frame that is moved, "" if unsaid.
         trocars: names of joints that hold to a place which protocols choose.
         couplings: ratios by joint and their sum, by name; None if the format has no word for them.
+        motors: that transmissions lead to joints, by name; None if the format or the file has no word for them.
+        all_motors: whether one that is not listed does not exist.
         complete: whether a joint that is not listed does not exist.
     """
 
@@ -156,6 +192,8 @@ class Physics:
     tool: str = ""
     trocars: frozenset[str] = frozenset()
     couplings: Mapping[str, tuple[Mapping[str, float], float]] | None = None
+    motors: Mapping[str, Motor] | None = None
+    all_motors: bool = False
     complete: bool = False
 
     def reduced(self, known: Collection[str]) -> list[Joint]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import mujoco
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.physics import Drive, Frame, Joint, Line, Mass, Physics
+from twin.exchange.audit.physics import Drive, Frame, Joint, Line, Mass, Motor, Physics, felt
 from twin.exchange.audit.poses import Array
 
 MARK = "frame_"
@@ -32,13 +32,14 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
     """Return what a compiled model says; `bodies` are the links by name, one of them may be the world."""
     m = model
     out = Physics(tuple(bodies), complete=True, gravity=np.array(m.opt.gravity), couplings=_couplings(m))
+    out.motors, out.all_motors = _motors(m), True
     names = [m.body(i).name for i in range(m.nbody)]
     for name, i in bodies.items():
         if i:
             R = poses.rotation(m.body_iquat[i][[1, 2, 3, 0]])
             inertia = R @ np.diag(m.body_inertia[i]) @ R.T
             out.masses[name] = Mass(float(m.body_mass[i]), m.body_ipos[i].copy(), inertia)
-    drives = _drives(m)
+    drives = _drives(m, out.motors)
     for i in range(1, m.nbody):
         T = _pose(m.body_pos[i], m.body_quat[i])
         own = range(m.body_jntadr[i], m.body_jntadr[i] + m.body_jntnum[i]) if m.body_jntnum[i] else range(0)
@@ -79,7 +80,41 @@ def _motions(m: mujoco.MjModel, j: int) -> list[Line]:
     return [Line(kind, point, d) for kind in kinds for d in np.eye(3)]
 
 
-def _drives(m: mujoco.MjModel) -> list[Drive]:
+def _texts(m: mujoco.MjModel) -> Iterator[tuple[str, str]]:
+    for i in range(m.ntext):
+        start = int(m.text_adr[i])
+        data = bytes(m.text_data[start : start + int(m.text_size[i])]).split(b"\0")[0]
+        yield mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_TEXT, i) or "", data.decode("utf-8", "replace")
+
+
+def _motors(m: mujoco.MjModel) -> dict[str, Motor]:
+    """Return the actuators that pull fixed tendons: the length of one is its gear times that of its tendon."""
+    out = {}
+    kinds = dict(_texts(m))
+    for a in range(m.nu):
+        if int(m.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_TENDON):
+            continue
+        t, gear, name = int(m.actuator_trnid[a, 0]), float(m.actuator_gear[a, 0]), m.actuator(a).name
+        wraps = range(m.tendon_adr[t], m.tendon_adr[t] + m.tendon_num[t])
+        if not gear or any(int(m.wrap_type[w]) != int(mujoco.mjtWrap.mjWRAP_JOINT) for w in wraps):
+            continue
+        ends = sorted(float(v) * gear for v in m.tendon_range[t]) if m.tendon_limited[t] else (-np.inf, np.inf)
+        servo = int(m.actuator_biastype[a]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
+        stiffness, damping = (-float(m.actuator_biasprm[a, k]) * servo for k in (1, 2))
+        out[name] = Motor(
+            {m.joint(int(m.wrap_objid[w])).name: gear * float(m.wrap_prm[w]) for w in wraps},
+            kinds.get(name),
+            (ends[0], ends[1]),
+            float(np.abs(m.actuator_forcerange[a]).max()) if m.actuator_forcelimited[a] else np.inf,
+            None,
+            float(m.tendon_armature[t]) / gear**2,
+            stiffness,
+            damping,
+        )
+    return out
+
+
+def _drives(m: mujoco.MjModel, motors: dict[str, Motor]) -> list[Drive]:
     """Return by joint what its actuator and its range say."""
     acting = {
         int(m.actuator_trnid[a, 0]): a
@@ -94,7 +129,8 @@ def _drives(m: mujoco.MjModel) -> list[Drive]:
             out.append(Drive())
             continue
         if a is None:
-            out.append(Drive((limits[0], limits[1]), False))
+            gains = felt(motors, m.joint(j).name)
+            out.append(Drive((limits[0], limits[1]), gains is not None, *(gains or ())))
             continue
         gear = float(m.actuator_gear[a, 0])
         stiffness, damping = (-float(m.actuator_biasprm[a, k]) * gear**2 for k in (1, 2))

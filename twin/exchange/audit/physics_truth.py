@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.physics import Drive, Frame, Joint, Mass, Physics, along
+from twin.exchange.audit.physics import Drive, Frame, Joint, Mass, Motor, Physics, along, felt
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
@@ -27,17 +27,41 @@ def mechanism_physics(mechanism: Mechanism) -> Physics:
         tool=m.tool,
         trocars=frozenset(m.trocars),
         couplings={c.name: (dict(zip(c.joints, c.ratios, strict=True)), c.total) for c in m.couplings},
+        motors=_motors(m),
+        all_motors=True,
         complete=True,
     )
     for j in m.joints:
         T = j.T_parent_joint @ poses.inverse(j.T_child_joint)
-        out.joints.append(Joint((j.name,), j.parent, j.child, T, along(j.type, j.T_parent_joint), _drive(j)))
+        out.joints.append(Joint((j.name,), j.parent, j.child, T, along(j.type, j.T_parent_joint), _drive(j, out)))
     out.frames = {f.name: Frame(f.body, f.T_body_frame) for f in m.frames}
     return out
 
 
-def _drive(j) -> Drive:
+def _motors(m: Mechanism) -> dict[str, Motor]:
+    rows = {}
+    for t in m.transmissions:
+        for name, row in zip(t.actuators, np.linalg.inv(t.matrix), strict=True):
+            rows[name] = {j: float(c) for j, c in zip(t.joints, row, strict=True) if c}
+    return {
+        a.name: Motor(
+            rows[a.name],
+            a.kind,
+            a.limits or (-np.inf, np.inf),
+            a.max_effort or np.inf,
+            a.max_speed or np.inf,
+            a.rotor_inertia or 0.0,
+            a.stiffness or 0.0,
+            a.damping,
+        )
+        for a in m.actuators
+    }
+
+
+def _drive(j, physics: Physics) -> Drive:
     if j.type not in ("revolute", "prismatic"):
         return Drive()
     gains = (None, None, None) if j.drive is None else (j.drive.stiffness, j.drive.damping, j.drive.max_effort)
+    if (by_motors := felt(physics.motors or {}, j.name)) is not None:
+        gains = (*by_motors, None)
     return Drive(j.limits or (-np.inf, np.inf), j.active, *gains, j.max_speed)

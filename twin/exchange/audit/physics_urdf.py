@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from twin.exchange.audit.physics import Drive, Joint, Line, Mass, Physics
+from twin.exchange.audit.physics import Drive, Joint, Line, Mass, Motor, Physics
 from twin.exchange.audit.poses import Array
 
 NO_LIMIT = 100.0
@@ -53,6 +53,20 @@ def tree_physics(links: Iterable[str], masses: dict[str, Mass], joints: Iterable
         effort, speed = (None if b is None or b >= NO_BOUND else b for b in (j.effort, j.speed))
         drive = Drive((low, high), None, None, None, effort, speed) if motions else Drive()
         out.joints.append(Joint((j.name,), j.parent, j.child, T, motions, drive))
+    return out
+
+
+def motors(root: ET.Element, number) -> dict[str, Motor]:
+    """Return the motors that <transmission> elements give one joint each; `number` reads a number of a text.
+
+    One with the name of its joint is the joint's own drive.
+    """
+    out = {}
+    for t in root.findall("transmission"):
+        joints, names = ([str(e.get("name")) for e in t.findall(k)] for k in ("joint", "actuator"))
+        reductions = [float(number(r.text, 1, ())[0]) for r in t.iter("mechanicalReduction")]
+        if len(joints) == len(names) == len(reductions) == 1 and names != joints:
+            out[names[0]] = Motor({joints[0]: reductions[0]})
     return out
 
 

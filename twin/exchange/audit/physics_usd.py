@@ -6,7 +6,7 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.physics import Drive, Frame, Joint, Mass, Physics, along
+from twin.exchange.audit.physics import Drive, Frame, Joint, Mass, Motor, Physics, along
 from twin.exchange.audit.poses import Array
 
 _AXES = {"X": 0, "Y": 1, "Z": 2}
@@ -17,6 +17,8 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
     """Return what a stage says, in m, kg and rad; `bodies` are its rigid bodies."""
     names = {str(p.GetPath()): p.GetName() for p in bodies}
     out = Physics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters))
+    if robot := stage.GetDefaultPrim():
+        out.motors, out.all_motors = _motors(robot), bool(robot.GetAttribute("twin:base"))
     kilograms = float(UsdPhysics.GetStageKilogramsPerUnit(stage))
     for prim in bodies:
         if (mass := _mass(prim, meters, kilograms)) is not None:
@@ -152,6 +154,23 @@ def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> Drive:
         effort if effort is not None and np.isfinite(effort) else None,
         None if speed is None else float(speed) * unit,
     )
+
+
+def _motors(root: Usd.Prim) -> dict[str, Motor]:
+    """Return what customData says of transmissions; UsdPhysics has no word for them."""
+    rows = {}
+    for told in (root.GetCustomDataByKey("twin:transmissions") or {}).values():
+        joints, names = list(told["joints"]), list(told["actuators"])
+        matrix = np.array(told["matrix"], float).reshape(len(joints), len(names))
+        for name, row in zip(names, np.linalg.inv(matrix), strict=True):
+            rows[name] = {j: float(c) for j, c in zip(joints, row, strict=True) if c}
+    out = {}
+    for name, told in (root.GetCustomDataByKey("twin:actuators") or {}).items():
+        low, high = told.get("limits", (-np.inf, np.inf))
+        effort, speed = (float(told.get(k, np.inf)) for k in ("max_effort", "max_speed"))
+        rest = (float(told.get(k, 0.0)) for k in ("rotor_inertia", "stiffness", "damping"))
+        out[name] = Motor(rows.get(name), str(told["kind"]), (float(low), float(high)), effort, speed, *rest)
+    return out
 
 
 def _couplings(stage: Usd.Stage, meters: float) -> dict[str, tuple[dict[str, float], float]]:

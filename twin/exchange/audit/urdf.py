@@ -17,7 +17,7 @@ from twin.exchange.audit.colors import Palette, Rgba, linear
 from twin.exchange.audit.meshes import check_mesh, joined
 from twin.exchange.audit.motion import Clip, Content, Shape
 from twin.exchange.audit.obj import ObjError, read_obj
-from twin.exchange.audit.physics_urdf import inertial, tree_physics
+from twin.exchange.audit.physics_urdf import inertial, motors, tree_physics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger
 
@@ -86,6 +86,7 @@ class Urdf:
         masses = {e.get("name", ""): inertial(e, _origin, numbers) for e in root.findall("link")}
         known = {n: mass for n, mass in masses.items() if mass is not None}
         self.content.physics = tree_physics(links, known, self.above.values())
+        self.content.physics.motors = motors(root, numbers)
 
     def _way(self, link: str, stop: str) -> list[UrdfJoint]:
         """Return the joints from one link up to another, the upper first."""

@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from twin.core import spatial
+from twin.core.findings import Finding
 from twin.exchange.read.source import Imported, warning
 from twin.model.mechanism import Drive, Joint, Mechanism
+from twin.model.transmission import Actuator
 
 FREQUENCY = 5.0
 """Natural frequency in Hz of an assumed drive, critically damped."""
@@ -24,8 +26,9 @@ def with_drives(imported: Imported) -> Imported:
     """Return the mechanism with a drive on every driven joint; those that the file lacks are told and listed."""
     m, findings, assumed = imported.mechanism, list(imported.findings), set(imported.assumed)
     joints = []
+    m = replace(m, actuators=_motors(m, imported.efforts, assumed, findings))
     for joint in m.joints:
-        if joint.active and joint.drive is None:
+        if joint.active and joint.drive is None and m.transmission_of(joint.name) is None:
             carried = _carried(m, joint) or _NOTHING[joint.type]
             rate = 2 * np.pi * FREQUENCY
             effort = imported.efforts.get(joint.name)
@@ -40,6 +43,34 @@ def with_drives(imported: Imported) -> Imported:
     return replace(
         imported, mechanism=replace(m, joints=tuple(joints)), findings=findings, assumed=frozenset(assumed), efforts={}
     )
+
+
+def _motors(
+    m: Mechanism, efforts: dict[str, float], assumed: set[str], findings: list[Finding]
+) -> tuple[Actuator, ...]:
+    """Return the actuators, each with a drive: one that the file lacks is ASSUMED, on the inertia that it feels."""
+    found = {a.name: a for a in m.actuators}
+    rate = 2 * np.pi * FREQUENCY
+    for t in m.transmissions:
+        joints = [m.joint(n) for n in t.joints]
+        inertias = np.array([_carried(m, j) or _NOTHING[j.type] for j in joints]) @ t.matrix**2  # others held
+        for name, carried in zip(t.actuators, inertias, strict=True):
+            a = found[name]
+            if a.stiffness is None:
+                felt = carried + (a.rotor_inertia or 0.0)
+                found[name] = replace(a, stiffness=float(felt * rate**2), damping=float(2 * felt * rate))
+                assumed.add(name)
+                text = f"actuator '{name}' has no gains in the file: its drive is ASSUMED ({FREQUENCY:g} Hz)."
+                findings.append(warning("drive", text, name))
+        for joint in (n for n in t.joints if efforts.get(n)):
+            if single := t.single(joint):
+                name, ratio = single
+                known = found[name].max_effort
+                found[name] = replace(found[name], max_effort=known or efforts[joint] * abs(ratio))
+            else:
+                text = f"joint '{joint}': effort {efforts[joint]:g} is not kept: several motors move it."
+                findings.append(warning("effort", text, joint))
+    return tuple(found.values())
 
 
 def _carried(m: Mechanism, joint: Joint) -> float:

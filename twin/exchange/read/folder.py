@@ -23,6 +23,7 @@ from twin.exchange.read.source import Imported
 from twin.exchange.read.templates import formula, protocol
 from twin.exchange.read.text import frame, number, numbers, one_line, string
 from twin.model.mechanism import Body, Joint, Mechanism, Mesh
+from twin.model.transmission import Actuator
 
 NOTES = "IMPORT.md"
 """What was changed, guessed, missing or left out on the way."""
@@ -167,6 +168,18 @@ def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset()) -> str:
             f"sum_deg = {number(c.total / DEG)}" if angle else f"sum_mm = {number(c.total / MM)}",
             *_cited(source),
         ]
+    for a in m.actuators:
+        lines += _actuator(a, source, a.name in assumed)
+    for t in m.transmissions:
+        lines += [
+            "",
+            "[[transmission]]",
+            f"name = {string(t.name)}",
+            f"joints = [{', '.join(map(string, t.joints))}]",
+            f"actuators = [{', '.join(map(string, t.actuators))}]",
+            f"matrix = [{', '.join(map(numbers, t.matrix))}]",
+            *_cited(source),
+        ]
     for f in m.frames:
         T = m.rest[f.body] @ f.T_body_frame
         lines += ["", f"[frame.{f.name}]", f"body = {string(f.body)}", f"at = {frame(T)}"]
@@ -241,6 +254,21 @@ def _drive(joint: Joint, source: str, assumed: bool) -> list[str]:
         f"stiffness = {number(drive.stiffness)}",
         f"damping = {number(drive.damping)}",
         *effort,
+        *(['provenance = "ASSUMED"', f"note = {string(NOTE)}"] if assumed else _cited(source)),
+    ]
+
+
+def _actuator(a: Actuator, source: str, assumed: bool) -> list[str]:
+    unit, scale = ("deg", DEG) if a.is_angle else ("mm", MM)
+    own = {"max_effort": a.max_effort, "rotor_inertia": a.rotor_inertia, "stiffness": a.stiffness}
+    own |= {"damping": a.damping or None, f"max_speed_{unit}_s": a.max_speed and a.max_speed / scale}
+    return [
+        "",
+        "[[actuator]]",
+        f"name = {string(a.name)}",
+        f"kind = {string(a.kind)}",
+        *([] if a.limits is None else [f"limits_{unit} = {numbers([v / scale for v in a.limits])}"]),
+        *(f"{key} = {number(value)}" for key, value in own.items() if value is not None),
         *(['provenance = "ASSUMED"', f"note = {string(NOTE)}"] if assumed else _cited(source)),
     ]
 

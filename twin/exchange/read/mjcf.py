@@ -21,6 +21,7 @@ from twin.core.foreign.budget import check_size, read_bytes
 from twin.core.spatial import Array
 from twin.exchange.read.mjcf_assets import without_missing
 from twin.exchange.read.mjcf_left import left_out
+from twin.exchange.read.mjcf_motors import fixed_tendon, read_motors
 from twin.exchange.read.mjcf_robots import chosen, tied_by
 from twin.exchange.read.mjcf_shapes import shown
 from twin.exchange.read.source import Imported, Names, along, assemble, note, possible, warning
@@ -107,7 +108,9 @@ class _Mjcf:
         joint_names = Names("joint", (self._name("JOINT", i) for i in range(m.njnt)), self.findings)
         self.joints = [joint_names[self._name("JOINT", i)] for i in range(m.njnt)]
         kept = chosen(m, self.path, self.root, self._name, self.findings)
+        self.motors = read_motors(m, kept, self.joints, self._name, self.findings)
         self.drives = dict(self._actuators())
+        self.drives |= dict.fromkeys(self.motors.joints)
         extra: list[Body] = []
         joints: list[Joint] = []
         for i in kept[1:]:
@@ -121,7 +124,7 @@ class _Mjcf:
         for i in range(m.neq):
             if tied_by(m, i) <= set(kept):
                 self._equality(i, joints, couplings, used)
-        self.findings += left_out(m, self._name)
+        self.findings += left_out(m, self._name, self.motors.tendons)
         site_names = Names("site", (self._name("SITE", i) for i in range(m.nsite)), self.findings)
         # In files of twin a site frame_NAME is the frame NAME, and one of them is the tool.
         prefix = "frame_" if f"frame_{TOOL}" in site_names else ""
@@ -139,10 +142,12 @@ class _Mjcf:
         out = assemble(
             self.path, name, self.bodies[0], bodies, joints, frames, couplings, self.findings, efforts=efforts
         )
+        motors = self.motors
+        moved = replace(out.mechanism, actuators=motors.actuators, transmissions=motors.transmissions)
         keys = self._keys(kept)
         driven = {self.joints[k] for k in self.drives}
         postures = {n: {j: q for j, q in key.items() if j in driven} for n, key in keys.items()}
-        return replace(out, mechanism=replace(out.mechanism, postures=postures), keys=keys)
+        return replace(out, mechanism=replace(moved, postures=postures), keys=keys)
 
     def _keys(self, kept: list[int]) -> dict[str, dict[str, float]]:
         """Return the key frames as values of the joints with one coordinate; `home` is where the loops close."""
@@ -213,8 +218,10 @@ class _Mjcf:
         m, trn = self.m, self.mujoco.mjtTrn
         for i in range(m.nu):
             name = self._name("ACTUATOR", i)
+            if i in self.motors.numbers:
+                continue
             if trn(int(m.actuator_trntype[i])) == trn.mjTRN_TENDON and (
-                tied := self._tied(int(m.actuator_trnid[i, 0]))
+                tied := list(fixed_tendon(m, int(m.actuator_trnid[i, 0])))
             ):
                 others = ", ".join(f"'{self.joints[k]}'" for k in tied[1:])
                 text = (
@@ -245,14 +252,6 @@ class _Mjcf:
             text = f"actuator '{name}' is no position servo: joint '{joint}' is driven, without its gains."
             self.findings.append(warning("actuator", text, name))
             yield k, None
-
-    def _tied(self, tendon: int) -> list[int]:
-        """Return the joints of a fixed tendon; none of one that is led through space."""
-        m = self.m
-        rows = range(m.tendon_adr[tendon], m.tendon_adr[tendon] + m.tendon_num[tendon])
-        if any(int(m.wrap_type[w]) != int(self.mujoco.mjtWrap.mjWRAP_JOINT) for w in rows):
-            return []
-        return [int(m.wrap_objid[w]) for w in rows]
 
     def _equality(self, i: int, joints: list[Joint], couplings: list[Coupling], used: set[str]) -> None:
         m, eq = self.m, self.mujoco.mjtEq
@@ -286,13 +285,11 @@ class _Mjcf:
     def _tendon(self, i: int, name: str, label: str) -> Coupling:
         """Return the coupling of a fixed tendon of constant length: the sum of its coefficients times coordinates."""
         m, k = self.m, int(self.m.eq_obj1id[i])
-        tied = self._tied(k)
+        tied = fixed_tendon(m, k)
         if not tied:
             raise SourceError(f"{self.path}: equality '{name}' ties a tendon led through space: only fixed ones tie")
-        rows = range(m.tendon_adr[k], m.tendon_adr[k] + m.tendon_num[k])
-        joints = tuple(self.joints[j] for j in tied)
         total = float(m.tendon_length0[k] + m.eq_data[i, 0])
-        return Coupling(label, joints, tuple(float(m.wrap_prm[w]) for w in rows), total)
+        return Coupling(label, tuple(self.joints[j] for j in tied), tuple(tied.values()), total)
 
     def _loop(self, i: int, label: str, weld: bool) -> Joint:
         m, data = self.m, self.m.eq_data[i]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import numpy as np
 
@@ -10,12 +10,13 @@ from twin.core.findings import Finding
 from twin.exchange.read.source import note, warning
 
 
-def left_out(m, name: Callable[[str, int], str]) -> list[Finding]:
+def left_out(m, name: Callable[[str, int], str], kept_tendons: Collection[int] = ()) -> list[Finding]:
     """Return what is not kept of a MuJoCo model.
 
     Args:
         m: MuJoCo's model.
         name: gives the name of an object in the file, by kind and number.
+        kept_tendons: tendons that lead motors to joints.
     """
     import mujoco
 
@@ -35,7 +36,12 @@ def left_out(m, name: Callable[[str, int], str]) -> list[Finding]:
             where = name("JOINT", i)
             found.append(warning("friction", f"joint '{where}': {', '.join(kept)} are not kept.", where))
     tied = {int(m.eq_obj1id[i]) for i in range(m.neq) if m.eq_type[i] == mujoco.mjtEq.mjEQ_TENDON}
-    for i in set(range(m.ntendon)) - tied:
+    for i in kept_tendons:
+        told = {k: np.ravel(getattr(m, f"tendon_{k}")[i])[0] for k in ("stiffness", "damping", "frictionloss")}
+        if kept := [f"{k} {v:g}" for k, v in told.items() if v]:
+            where = name("TENDON", i)
+            found.append(warning("friction", f"tendon '{where}': {', '.join(kept)} are not kept.", where))
+    for i in set(range(m.ntendon)) - tied - set(kept_tendons):
         where = name("TENDON", i)
         found.append(warning("tendon", f"tendon '{where}' is not kept: no equality ties its length.", where))
     for i in range(m.nexclude):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -59,6 +60,31 @@ class Names:
     def items(self) -> Iterable[tuple[str, str]]:
         """Return each foreign name with its name here."""
         return self._known.items()
+
+
+def named_apart(
+    kind: str, wanted: Iterable[tuple[Hashable, str]], taken: Collection[str], findings: list[Finding]
+) -> dict[Any, str]:
+    """Return an identifier for each key that no other key and nothing of `taken` has; each change is a finding.
+
+    Args:
+        kind: of what is named, for the findings.
+        wanted: (key, name in the file).
+        taken: identifiers in use.
+        findings: gets the changes.
+    """
+    out: dict[Any, str] = {}
+    for key, name in wanted:
+        first = free = identifier(name)
+        free = f"{free}_{kind}" if free in taken else free
+        i = 1
+        while free in taken or free in out.values():
+            i += 1
+            free = f"{first}_{i}"
+        if free != name:
+            findings.append(note("renamed", f"{kind} '{name}' is called '{free}' here.", name))
+        out[key] = free
+    return out
 
 
 def note(code: str, message: str, where: str) -> Finding:

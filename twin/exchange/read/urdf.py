@@ -17,10 +17,22 @@ import numpy as np
 from twin.core.errors import SourceError, unknown
 from twin.core.findings import Finding
 from twin.exchange.read.closures import Closures, read_closures
-from twin.exchange.read.source import Imported, Names, along, assemble, limits, missing, note, possible, warning
+from twin.exchange.read.source import (
+    Imported,
+    Names,
+    along,
+    assemble,
+    limits,
+    missing,
+    named_apart,
+    note,
+    possible,
+    warning,
+)
 from twin.exchange.read.urdf_visual import Visuals, origin
 from twin.exchange.read.xml import Xml
 from twin.model.mechanism import Body, Coupling, Frame, Inertia, Joint, JointType
+from twin.model.transmission import Actuator, Transmission
 from twin.usd.read.names import identifier
 
 TYPES: dict[str, JointType] = {
@@ -111,10 +123,12 @@ class _Urdf:
         frames = [Frame(frame_names[n], *self.home[n]) for n in self.marks]
         couplings = [self._mimic(n, joint_names, joints) for n in joints if joints[n].find("mimic") is not None]
         made += self._loops(links, ends, joint_names)
+        geared = self._geared(root, joints, driven, joint_names)
         efforts = {joint_names[n]: e for n, e in self.efforts.items() if ends[n][1] not in self.marks}
         label = root.get("name") or self.path.stem
         out = assemble(self.path, label, body_names[base], bodies, made, frames, couplings, found, efforts=efforts)
-        return replace(out, posed=False)
+        mechanism = replace(out.mechanism, actuators=geared[0], transmissions=geared[1])
+        return replace(out, mechanism=mechanism, posed=False)
 
     # -- structure ------------------------------------------------------------------------------------
 
@@ -225,12 +239,6 @@ class _Urdf:
 
     def _driven(self, root: Element, joints: dict[str, Element]) -> set[str]:
         """Return the driven joints: those of the closure YAML, of the transmissions, or all that move."""
-        for t in root.findall("transmission"):
-            for ratio in t.iter("mechanicalReduction"):
-                if self.xml.number("transmission", "mechanicalReduction", ratio.text, 1.0) != 1:
-                    name = str(t.get("name"))
-                    text = f"transmission '{name}': mechanicalReduction {ratio.text} is not kept: joints are driven."
-                    self.findings.append(warning("gear", text, name))
         if self.closures is not None:
             for motor in self.closures.motors:
                 known = {m: n for n in joints for m in self._parts(n)}
@@ -250,6 +258,36 @@ class _Urdf:
             if j.get("type") in ("revolute", "continuous", "prismatic") and j.find("mimic") is None
         }
         return told or moving
+
+    def _geared(
+        self, root: Element, joints: dict[str, Element], driven: set[str], names: Names
+    ) -> tuple[tuple[Actuator, ...], tuple[Transmission, ...]]:
+        """Return the motors that drive one joint each by another ratio than 1; joints without are driven directly."""
+        found: dict[str, tuple[Element, float]] = {}
+        for t in root.findall("transmission"):
+            name, told = str(t.get("name")), [str(j.get("name")) for j in t.findall("joint")]
+            where = f"transmission '{name}'"
+            ratios = [self.xml.number(where, r.tag, r.text, 1.0) for r in t.iter("mechanicalReduction")]
+            offsets = [self.xml.number(where, o.tag, o.text, 0.0) for o in t.iter("offset")]
+            if any(offsets):
+                self.findings.append(warning("gear", f"{where}: its offset is not kept: zeros coincide.", name))
+            single = len(told) == len(t.findall("actuator")) == len(ratios) == 1 and ratios[0] != 0
+            if single and told[0] in driven - set(found) - set(self.retyped):
+                if ratios[0] != 1 and TYPES.get(str(joints[told[0]].get("type"))) in ("revolute", "prismatic"):
+                    found[told[0]] = t, ratios[0]
+            elif len(told) > 1 or any(r != 1 for r in ratios):
+                what = (
+                    f"mechanicalReduction {', '.join(f'{r:g}' for r in ratios)}"
+                    if ratios
+                    else "how joints share motors"
+                )
+                self.findings.append(warning("gear", f"{where}: {what} is not kept: joints are driven.", name))
+        motors = [(n, str(getattr(t.find("actuator"), "attrib", {}).get("name"))) for n, (t, _) in found.items()]
+        motor = named_apart("motor", motors, {i for _, i in names.items()}, self.findings)
+        label = named_apart("transmission", ((n, str(t.get("name"))) for n, (t, _) in found.items()), (), self.findings)
+        return tuple(Actuator(n) for n in motor.values()), tuple(
+            Transmission(label[n], (names[n],), (motor[n],), np.array([[1 / ratio]])) for n, (_, ratio) in found.items()
+        )
 
     # -- parts ----------------------------------------------------------------------------------------
 

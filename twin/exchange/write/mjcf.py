@@ -11,6 +11,9 @@ Loops are closed where joints are at `ref`, so one anchor says where both bodies
     fixed           one weld, site to site
     slides          a carrier of next to no mass slides (and turns) on the one body and is welded to the other
     couplings       a fixed tendon of constant length
+
+A motor that a transmission leads to joints is a fixed tendon too: its coefficients are the motor's row of the inverse
+matrix, so that its length is the motor's coordinate, and an actuator pulls it.
 """
 
 from __future__ import annotations
@@ -26,8 +29,10 @@ from twin.core.spatial import Array
 from twin.exchange.write.left_out import CONES, MAX_ACCELERATIONS, MAX_SPEEDS, SOFT_LIMITS, left_out
 from twin.exchange.write.masses import inertia_of, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
+from twin.exchange.write.motors import motors_left_out
 from twin.exchange.write.xml import numbers, srgb, write_xml
 from twin.model.mechanism import Inertia, Joint, Mechanism
+from twin.model.transmission import Actuator
 from twin.usd.write.spanning import spanning
 
 PIN = 0.05
@@ -56,6 +61,12 @@ CONTROLS = (
 )
 
 
+MOTORS = (
+    "A tendon of the name of its actuator is a motor: its length is the motor's coordinate, in rad or m as the text of "
+    "its name says; a tuple names the joints and the motors of a transmission. Controls count from home too."
+)
+
+
 def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     """Write <robot>.xml, or <name>.xml, and its meshes; return the .xml file.
 
@@ -75,7 +86,7 @@ def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
 def mjcf_findings(mechanism: Mechanism) -> list[Finding]:
     """Return what the file says otherwise than the mechanism; it stands in the file as well."""
     file = f"{mechanism.name}.xml"
-    found = list(unweighed(mechanism, file))
+    found = [*unweighed(mechanism, file), *motors_left_out(mechanism, file, "max_speed")]
     # MJCF limits a ball by its whole turn, not by a cone.
     return [*found, *left_out(mechanism, file, {**SOFT_LIMITS, **MAX_SPEEDS, **MAX_ACCELERATIONS, **CONES})]
 
@@ -114,6 +125,7 @@ class _Writer:
             self._tie(equality, joint)
         self._body(ET.SubElement(root, "worldbody"), mechanism.base, None)
         self._couplings(equality)
+        self._motors()
         root.append(equality)
         self._actuators()
 
@@ -210,11 +222,60 @@ class _Writer:
             line = {"name": coupling.name, "tendon1": coupling.name, "polycoef": "0 0 0 0 0"}
             ET.SubElement(equality, "tendon", {**line, **STIFF})
 
+    def _motors(self) -> None:
+        """Write the tendons of motors, and which of them belong together with which joints."""
+        m = self.mechanism
+        if not m.transmissions:
+            return
+        self.root.append(ET.Comment(f" {MOTORS} "))
+        tendons = self.root.find("tendon")
+        tendons = ET.SubElement(self.root, "tendon") if tendons is None else tendons
+        custom = ET.SubElement(self.root, "custom")
+        for t in m.transmissions:
+            group = ET.Element("tuple", name=t.name)
+            for kind, names in (("joint", t.joints), ("actuator", t.actuators)):
+                for name in names:
+                    ET.SubElement(group, "element", objtype=kind, objname=name)
+            custom.append(group)
+            for motor, row in zip(map(m.actuator, t.actuators), t.inverse, strict=True):
+                ET.SubElement(custom, "text", name=motor.name, data=motor.kind)
+                tendon = ET.SubElement(tendons, "fixed", name=motor.name)
+                if motor.limits is not None:
+                    tendon.set("range", numbers(motor.limits))
+                if motor.rotor_inertia is not None:
+                    tendon.set("armature", f"{motor.rotor_inertia:.12g}")
+                for joint, coefficient in zip(t.joints, row, strict=True):
+                    if coefficient:
+                        ET.SubElement(tendon, "joint", joint=joint, coef=f"{coefficient:.12g}")
+
+    def _motor(self, actuator: ET.Element, motor: Actuator, home: float, effort: float) -> float:
+        """Write the actuator of a motor that pulls a tendon, and return its control at home."""
+        line = {"name": motor.name, "tendon": motor.name}
+        kp, kv = motor.stiffness, motor.damping
+        if kp is None:
+            out = ET.SubElement(actuator, "motor", line)
+        else:
+            bias = numbers([kp * home + effort, -kp, -kv])
+            gains = {"gainprm": numbers([kp]), "biastype": "affine", "biasprm": bias}
+            out = ET.SubElement(actuator, "general", {**line, **gains})
+            if motor.limits is not None:
+                out.set("ctrlrange", numbers([end - home for end in motor.limits]))
+        if motor.max_effort is not None:
+            out.set("forcerange", numbers([-motor.max_effort, motor.max_effort]))
+        return effort if kp is None else 0.0
+
     def _actuators(self) -> None:
         self.root.append(ET.Comment(f" {CONTROLS} "))
         actuator = ET.SubElement(self.root, "actuator")
         control = []
-        for joint in self.mechanism.active:
+        m = self.mechanism
+        homes = m.motors(np.array([self.home.q_full[j.name] for j in m.active]))
+        efforts = m.motor_efforts(np.array([self.efforts[j.name] for j in m.active]))
+        for i, joint in enumerate(m.active):
+            if m.motor_names[i] != joint.name:
+                motor = m.actuator(m.motor_names[i])
+                control.append(self._motor(actuator, motor, float(homes[i]), float(efforts[i])))
+                continue
             if joint.drive is None or not joint.drive.stiffness > 0:
                 ET.SubElement(actuator, "motor", name=joint.name, joint=joint.name)
                 control.append(self.efforts[joint.name])

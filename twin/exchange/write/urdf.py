@@ -8,6 +8,7 @@ turns about x, y and z, which are zero as drawn: the place farthest from their o
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -19,8 +20,9 @@ from twin.core.spatial import Array
 from twin.exchange.write.left_out import CONES, MAX_ACCELERATIONS, SOFT_LIMITS, left_out
 from twin.exchange.write.masses import inertia_of, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
+from twin.exchange.write.motors import motors_left_out
 from twin.exchange.write.xml import numbers, srgb, write_xml
-from twin.model.mechanism import Body, Coupling, Inertia, Joint, Material, Mechanism
+from twin.model.mechanism import Body, Coupling, Drive, Inertia, Joint, Material, Mechanism
 from twin.usd.write.spanning import spanning
 
 SMALL = Inertia(1e-6, np.zeros(3), 1e-9 * np.eye(3))
@@ -28,6 +30,12 @@ SMALL = Inertia(1e-6, np.zeros(3), 1e-9 * np.eye(3))
 
 UNKNOWN = {"effort": "1e6", "velocity": "1e6"}
 """URDF wants numbers where nobody knows any."""
+
+SIMPLE = "transmission_interface/SimpleTransmission"
+"""One motor and one joint: m = mechanicalReduction * q."""
+
+COUPLED = "twin/LinearTransmission"
+"""Several motors move several joints together; URDF has no word for their matrix."""
 
 FAR = 1e3
 """m a slide without limits may go: URDF has no slide without limits."""
@@ -55,7 +63,19 @@ def write_urdf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
 def urdf_findings(mechanism: Mechanism) -> list[Finding]:
     """Return what URDF cannot say of this mechanism; the file says it too, in comments."""
     file = f"{mechanism.name}.urdf"
-    found = list(unweighed(mechanism, file))
+    found = [*unweighed(mechanism, file), *motors_left_out(mechanism, file, "limits", "rotor_inertia", "stiffness")]
+    found += [
+        Finding(
+            "export.urdf_transmission",
+            "warning",
+            f"{file}: URDF cannot hold the matrix of the transmission {t.name}: {t.equations}; the file names its "
+            "joints and actuators alone",
+            where=t.name,
+            suggestion="use MJCF or USD where motors matter",
+        )
+        for t in mechanism.transmissions
+        if not all(map(t.single, t.joints))
+    ]
     cut = spanning(mechanism).cut
     if cut:
         names = ", ".join(f"{j.name} ({j.type}, {j.parent} to {j.child})" for j in cut)
@@ -111,7 +131,8 @@ def _document(mechanism: Mechanism) -> ET.Element:
         ET.SubElement(material, "color", rgba=srgb(look.color_rgba))
     for body in mechanism.bodies:
         _link(root, body, mechanism.materials, weighed=body.name != mechanism.base or body.inertia is not None)
-    for joint in spanning(mechanism).tree:
+    _transmissions(root, mechanism)
+    for joint in (_as_driven(mechanism, j) for j in spanning(mechanism).tree):
         _joint(root, joint, joint.relative(home[joint.parent], home[joint.child]))
     for name, coupling in _mimics(mechanism).items():
         ratio = dict(zip(coupling.joints, coupling.ratios, strict=True))
@@ -120,8 +141,49 @@ def _document(mechanism: Mechanism) -> ET.Element:
             "multiplier": numbers([-ratio[leader] / ratio[name]]),
             "offset": numbers([coupling.total / ratio[name]]),
         }
-        ET.SubElement(next(j for j in root.iter("joint") if j.get("name") == name), "mimic", joint=leader, **line)
+        ET.SubElement(next(j for j in root.findall("joint") if j.get("name") == name), "mimic", joint=leader, **line)
     return root
+
+
+def _as_driven(mechanism: Mechanism, joint: Joint) -> Joint:
+    """Return a joint with the largest effort and speed that its motor can give it, if one motor moves it alone."""
+    t = mechanism.transmission_of(joint.name)
+    single = t and t.single(joint.name)
+    if not single:
+        return joint
+    motor, ratio = mechanism.actuator(single[0]), abs(single[1])
+    drive = None if motor.max_effort is None else Drive(0.0, 0.0, motor.max_effort / ratio)
+    return replace(joint, drive=drive, max_speed=joint.max_speed or (motor.max_speed and motor.max_speed * ratio))
+
+
+def _transmissions(root: ET.Element, mechanism: Mechanism) -> None:
+    """Write what drives the joints, where anything but the joints themselves does: then all driven ones are named."""
+    if not mechanism.transmissions:
+        return
+    for joint in mechanism.active:
+        t = mechanism.transmission_of(joint.name)
+        single = (joint.name, 1.0) if t is None else t.single(joint.name)
+        if single:
+            name = t.name if t and len(t.joints) == 1 else f"{joint.name}_transmission"
+            _transmission(root, name, SIMPLE, [joint.name], {single[0]: 1 / single[1]})
+    for t in mechanism.transmissions:
+        joints = [n for n in t.joints if not t.single(n)]
+        alone = {single[0] for n in t.joints if (single := t.single(n))}
+        if joints:
+            _transmission(root, t.name, COUPLED, joints, dict.fromkeys(a for a in t.actuators if a not in alone))
+
+
+def _transmission(
+    root: ET.Element, name: str, kind: str, joints: list[str], motors: Mapping[str, float | None]
+) -> None:
+    out = ET.SubElement(root, "transmission", name=name)
+    ET.SubElement(out, "type").text = kind
+    for parts, names in (("joint", joints), ("actuator", motors)):
+        for each in names:
+            element = ET.SubElement(out, parts, name=each)
+            ET.SubElement(element, "hardwareInterface").text = "hardware_interface/PositionJointInterface"
+            if parts == "actuator" and (reduction := motors[each]) is not None:
+                ET.SubElement(element, "mechanicalReduction").text = f"{reduction:.12g}"
 
 
 def _link(root: ET.Element, body: Body, materials: Mapping[str, Material], weighed: bool) -> None:

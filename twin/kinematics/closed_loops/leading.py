@@ -66,8 +66,8 @@ class Bound:
     """What active joints may do: the sum of weights times q is at least `least`.
 
     Attributes:
-        name: joint or pair of joints.
-        kind: "lower", "upper" or "gap".
+        name: joint, pair of joints, or motor.
+        kind: "lower", "upper", "gap", or "motor" for the actuator of a transmission.
         weights: (n,) of q.
         least: in m or rad.
     """
@@ -101,12 +101,20 @@ class Led:
 
 
 def bounds_of(mechanism: Mechanism, gaps: Sequence[tuple[str, str, float]] = ()) -> tuple[Bound, ...]:
-    """Return the hard limits of the active joints, and `gaps`: lower joint, upper joint, minimum distance in m."""
+    """Return the hard limits of the active joints and of their motors, and `gaps`.
+
+    Args:
+        mechanism: owner of the limits.
+        gaps: lower joint, upper joint, minimum distance in m.
+    """
     order, eye, out = [j.name for j in mechanism.active], np.eye(len(mechanism.active)), []
     for i, joint in enumerate(mechanism.active):
         low, high = joint.limits or (-np.inf, np.inf)
         out += [Bound(joint.name, "lower", eye[i], low)] if np.isfinite(low) else []
         out += [Bound(joint.name, "upper", -eye[i], -high)] if np.isfinite(high) else []
+    for name, row in zip(mechanism.motor_names, mechanism.motors(eye).T, strict=True):
+        low, high = (mechanism.actuator(name).limits if name not in order else None) or (-np.inf, np.inf)
+        out += [Bound(name, "motor", w, b) for w, b in ((row, low), (-row, -high)) if np.isfinite(b)]
     for lower, upper, least in gaps:
         out.append(Bound(f"{lower} {upper}", "gap", eye[order.index(upper)] - eye[order.index(lower)], least))
     return tuple(out)

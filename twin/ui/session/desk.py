@@ -253,7 +253,10 @@ class Desk:
             if not low - 1e-9 <= value <= high + 1e-9:
                 raise KinematicsError(_beyond(joint, float(value), low, high))
         for bound in self.hand.bounds:
-            if bound.kind == "gap" and bound.slack(q) < min(0.0, bound.slack(self.assembly.q)) - 1e-9:
+            beyond = bound.slack(q) < min(0.0, bound.slack(self.assembly.q)) - 1e-9
+            if bound.kind == "motor" and beyond:
+                raise KinematicsError(f"{self._bound(bound)}; this is {-bound.slack(q):.3g} {self._unit(bound)} beyond")
+            if bound.kind == "gap" and beyond:
                 lower, upper = bound.name.split()
                 least, left = bound.least / MM, (bound.slack(q) + bound.least) / MM
                 raise KinematicsError(f"{upper} - {lower} = {left:.3f} mm is below its minimum of {least:.3f} mm")
@@ -302,10 +305,17 @@ class Desk:
         if bound.kind == "gap":
             lower, upper = bound.name.split()
             return f"{upper} - {lower} is at its minimum of {bound.least / MM:.3f} mm ({self._rail(lower, upper)})"
+        if bound.kind == "motor":
+            a = self.mechanism.actuator(bound.name)
+            limits = " .. ".join(f"{v:.3g}" for v in a.limits or ())
+            return f"motor {a.name} is at its limits of {limits} {self._unit(bound)}"
         joint = self.mechanism.joint(bound.name)
         return (
             f"{joint.name} is at its limit of {_shown(joint, bound.least if bound.kind == 'lower' else -bound.least)}"
         )
+
+    def _unit(self, bound: Bound) -> str:
+        return "rad" if self.mechanism.actuator(bound.name).is_angle else "m"
 
     def _stopped(self, number: int, value: float, led: Led) -> str:
         """Return why a joint did not come to a value: what forbids the value, and what stopped it before."""
@@ -320,6 +330,7 @@ class Desk:
                 at = _shown(joint, float(q[[j.name for j in self.joints].index(other)]))
                 least = f"{bound.least / MM:.3f} mm {side} {other} = {at}"
                 reasons.append(f"{joint.name} = {_shown(joint, value)} must stay {least} ({self._rail(lower, upper)})")
+        reasons += [self._bound(b) for b in led.stops if b.kind == "motor"]
         at = f"{joint.name} stops at {_shown(joint, float(self.assembly.q[number]))}"
         if led.singular:
             reasons.append(f"{at}: {_ended(led.singular)}")

@@ -4,6 +4,7 @@
     bodies     meshes, colours, masses, named frames and points
     joints     joints, limits, drives, the base
     motion     baked poses, at their own time codes
+    motors     actuators and transmissions, of a stage that twin wrote
     tool       the tool of a stage that names none
 
 Nothing here imports the writer: what comes back is what any reader would see, joint frames in single
@@ -12,6 +13,7 @@ precision included.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,7 @@ from twin.model.mechanism import Body, Coupling, Frame, Mechanism, Point
 from twin.usd.read.bodies import bake_scale, below, original_name, read_inertia, read_marks, read_meshes
 from twin.usd.read.joints import WORLD, Selection, convert, select
 from twin.usd.read.motion import read_motion
+from twin.usd.read.motors import read_motors
 from twin.usd.read.names import identifier, unique
 from twin.usd.read.tool import with_tool
 from twin.usd.scan import Scene, said
@@ -104,8 +107,12 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
             else:
                 points.append(Point(mark, name, T[:3, 3]))
     told = _told(scene, chosen)
+    moved = {n for t in told["transmissions"] for n in t.joints}
     joints = tuple(
-        convert(scene, j, joint_names[j.path], names, chosen.base, T_world_base, notes) for j in chosen.joints
+        replace(joint, drive=None) if joint.name in moved else joint  # it stands for what the motors are to the joint
+        for joint in (
+            convert(scene, j, joint_names[j.path], names, chosen.base, T_world_base, notes) for j in chosen.joints
+        )
     )
     try:
         mechanism = Mechanism(
@@ -119,6 +126,8 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
             postures=told["postures"],
             tool=told["tool"],
             parameters=told["parameters"],
+            actuators=told["actuators"],
+            transmissions=told["transmissions"],
             couplings=told["couplings"],
             trocars=told["trocars"],
             source=scene.path,
@@ -192,6 +201,7 @@ def _told(scene: Scene, chosen: Selection) -> dict[str, Any]:
             Coupling(name, tuple(c["ratios"]), tuple(map(float, c["ratios"].values())), float(c["total"]))
             for name, c in rows
         )
+    out["actuators"], out["transmissions"] = read_motors(scene, parent)
     if postures := parent.GetCustomDataByKey("twin:postures"):
         out["postures"] = {k: {n: float(q) for n, q in v.items()} for k, v in postures.items()}
     if parameters := parent.GetCustomDataByKey("twin:parameters"):

@@ -8,16 +8,18 @@ sees what a foreign reader sees. What UsdPhysics has no word for is a `twin:` at
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
 
 from twin.core import spatial
 from twin.core.errors import StageError
 from twin.core.spatial import Array
 from twin.core.units import DEG
-from twin.model.mechanism import FREE_AXES, Coupling, Inertia, Joint, Mechanism
+from twin.model.mechanism import FREE_AXES, Coupling, Drive, Inertia, Joint, Mechanism
+from twin.model.transmission import Actuator, joint_gains
 from twin.usd import gf
 from twin.usd.scan import TURNS
 from twin.usd.write.geometry import mesh_paths
@@ -85,6 +87,7 @@ def write_physics(
     _attribute(root, "newton:selfCollisionEnabled", Sdf.ValueTypeNames.Bool, False)
     _attribute(root, "physxArticulation:solverPositionIterationCount", Sdf.ValueTypeNames.Int, POSITION_ITERATIONS)
     _write_model(root, mechanism)
+    _write_motors(root, mechanism)
     for body in mechanism.bodies:
         prim = stage.OverridePrim(f"/{mechanism.name}/{body.name}")
         UsdPhysics.RigidBodyAPI.Apply(prim)
@@ -105,6 +108,7 @@ def write_physics(
     for joint in (outwards.get(j.name, j) for j in mechanism.joints):
         if len(joint.free_axes) == 1 and joint.name not in q_full and joint.name not in loops:
             raise StageError(f"{mechanism.name}: q_full lacks joint '{joint.name}'")
+        joint = _as_driven(mechanism, joint)
         _write_joint(stage, mechanism, joint, joint.name in loops, q_full.get(joint.name), efforts.get(joint.name, 0.0))
     for coupling in mechanism.couplings:
         _write_tendon(stage, mechanism, coupling)
@@ -147,6 +151,39 @@ def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
     for key, value in (("postures", postures), ("parameters", parameters), ("couplings", couplings)):
         if value:
             root.SetCustomDataByKey(f"twin:{key}", value)
+
+
+def _write_motors(root: Usd.Prim, mechanism: Mechanism) -> None:
+    """Write actuators and transmissions, exactly: UsdPhysics has no word for them."""
+    actuators = {a.name: {"index": i} | _told(a) for i, a in enumerate(mechanism.actuators)}
+    transmissions = {
+        t.name: {
+            "index": i,
+            "joints": Vt.StringArray(t.joints),
+            "actuators": Vt.StringArray(t.actuators),
+            "matrix": Vt.DoubleArray(t.matrix.ravel().tolist()),
+        }
+        for i, t in enumerate(mechanism.transmissions)
+    }
+    for key, value in (("actuators", actuators), ("transmissions", transmissions)):
+        if value:
+            root.SetCustomDataByKey(f"twin:{key}", value)
+
+
+def _told(actuator: Actuator) -> dict[str, str | float | Gf.Vec2d]:
+    """Return what is known of an actuator, without what is not."""
+    out = {k: v for k, v in vars(actuator).items() if k != "name" and v is not None}
+    return out | ({} if actuator.limits is None else {"limits": Gf.Vec2d(*actuator.limits)})
+
+
+def _as_driven(mechanism: Mechanism, joint: Joint) -> Joint:
+    """Return a joint with the drive that its motors are to it: UsdPhysics drives joints, and each one alone."""
+    transmission = mechanism.transmission_of(joint.name)
+    gains = transmission and joint_gains(transmission, mechanism.actuators)
+    if not transmission or not gains:
+        return joint
+    stiffness, damping = (float(g[transmission.joints.index(joint.name)]) for g in gains)
+    return replace(joint, drive=Drive(stiffness, damping))
 
 
 def _write_inertia(prim: Usd.Prim, inertia: Inertia) -> None:

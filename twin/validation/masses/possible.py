@@ -1,6 +1,6 @@
 """Can a body have these masses? Mass, first moments and inertia held against what matter can do, and against shapes.
 
-Everything is computed here from the numbers alone. The pseudo-inertia [[Sigma, h], [h', m]], Sigma the second moments
+Everything is computed from the numbers alone. The pseudo-inertia [[Sigma, h], [h', m]], Sigma the second moments
 of the mass, must be positive definite: that holds the triangle inequality and the minimum mass in it. With shapes, the
 mass centre must lie within their convex hull, and the density be one of a material; see `guess` for which slip of the
 pen would explain a tensor that its shapes do not have.
@@ -98,13 +98,12 @@ def second(tensor: Array) -> Array:
     return 0.5 * np.trace(tensor) * np.eye(3) - tensor
 
 
-def pseudo(tensor: Array, first: Array, mass: float) -> Array:
+def _pseudo(tensor: Array, first: Array, mass: float) -> Array:
     """Return the pseudo-inertia (4, 4) with lengths in radii of gyration and the mass as unit: no dimensions."""
-    S = second(tensor)
-    length = np.sqrt(max(abs(float(np.trace(S))), 1e-300) / max(abs(mass), 1e-300))
-    P = np.zeros((4, 4))
-    P[:3, :3], P[:3, 3], P[3, :3], P[3, 3] = S / length**2, first / length, first / length, mass
-    return P / max(abs(mass), 1e-300)
+    P = Inertia(mass, first / mass, _about_centre(tensor, first, mass)).pseudo()
+    length = np.sqrt(max(abs(float(np.trace(P[:3, :3]))), 1e-300) / mass)
+    scale = np.array([1 / length, 1 / length, 1 / length, 1.0])
+    return P * np.outer(scale, scale) / mass
 
 
 def least_mass(tensor: Array, first: Array) -> float:
@@ -139,7 +138,7 @@ def judged(body: Stated) -> Judged:
     about = tensor if mass is None else _about_centre(tensor, first, mass)
     moments: Array = np.asarray(np.linalg.eigvalsh(about), float)
     slack = float(moments[0] + moments[1] - moments[2])
-    whole = pseudo(tensor, first, mass if mass is not None else (least if np.isfinite(least) else 1.0) * (1 + 1e-6))
+    whole = _pseudo(tensor, first, mass if mass is not None else (least if np.isfinite(least) else 1.0) * (1 + 1e-6))
     values = np.linalg.eigvalsh(whole)
     definite = float(values[0] / values[-1])
     if moments[0] <= 0:

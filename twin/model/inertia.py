@@ -1,0 +1,79 @@
+"""Mass, mass centre and inertia tensor of a body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+from twin.core.spatial import Array
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """Mass in kg, centre of mass (3,) in m, and inertia (3, 3) in kg m^2 about it, all in the body frame."""
+
+    mass: float
+    p_body_com: Array
+    I_com: Array
+
+    def __add__(self, other: Inertia) -> Inertia:
+        """Return the inertia of two bodies fixed to each other, both in one frame (parallel axes)."""
+        mass = self.mass + other.mass
+        centre = (self.mass * self.p_body_com + other.mass * other.p_body_com) / mass
+        tensor = np.zeros((3, 3))
+        for part in (self, other):
+            r = part.p_body_com - centre
+            tensor += part.I_com + part.mass * ((r @ r) * np.eye(3) - np.outer(r, r))
+        return Inertia(mass, centre, tensor)
+
+    def seen_from(self, T: Array) -> Inertia:
+        """Return it in another frame, T (4, 4) the pose of its own frame in that."""
+        R = T[:3, :3]
+        return Inertia(self.mass, R @ self.p_body_com + T[:3, 3], R @ self.I_com @ R.T)
+
+    def principal(self) -> tuple[Array, Array]:
+        """Return principal moments (3,) and the rotation (3, 3) of their axes, as near to identity as they allow.
+
+        The order of eigenvectors is arbitrary; the choice nearest to identity keeps a part that is already
+        aligned readable, and stable when a length changes a little.
+        """
+        moments, axes = np.linalg.eigh(0.5 * (self.I_com + self.I_com.T))
+        best = max(permutations(range(3)), key=lambda p: np.sum(np.abs(np.diag(axes[:, p]))))
+        moments, axes = moments[list(best)], axes[:, best]
+        axes = axes * np.where(np.diag(axes) < 0, -1.0, 1.0)
+        if np.linalg.det(axes) < 0:
+            axes[:, np.argmin(np.diag(axes))] *= -1
+        return moments, axes
+
+    def pseudo(self) -> Array:
+        """Return the pseudo-inertia (4, 4) about the origin of the frame: [[Sigma, h], [h', m]].
+
+        Sigma (kg m2) are the second moments of the mass, tr(I) / 2 - I about the origin, h (kg m) the first ones. It is
+        positive definite for what mass can do, and for nothing else.
+
+        Source: P. M. Wensing, S. Kim, J.-J. E. Slotine, Linear matrix inequalities for physically consistent inertial
+        parameter identification, IEEE Robotics and Automation Letters 3 (2018) 60-67.
+        """
+        p = self.p_body_com
+        out = np.zeros((4, 4))
+        out[:3, :3] = 0.5 * np.trace(self.I_com) * np.eye(3) - self.I_com + self.mass * np.outer(p, p)
+        out[:3, 3] = out[3, :3] = self.mass * p
+        out[3, 3] = self.mass
+        return out
+
+    def violations(self) -> list[str]:
+        """Return what makes this tensor impossible for a rigid body; empty if nothing does."""
+        bad = []
+        if not (np.isfinite(self.mass) and self.mass > 0):
+            bad.append(f"mass {self.mass:g} kg is not positive")
+        moments = np.linalg.eigvalsh(0.5 * (self.I_com + self.I_com.T))
+        if moments[0] <= 0:
+            bad.append(f"smallest principal moment {moments[0]:.3g} kg m2 is not positive")
+        if moments[2] > (moments[0] + moments[1]) * (1 + 1e-6):
+            bad.append(
+                f"principal moments {moments[0]:.3g}, {moments[1]:.3g}, {moments[2]:.3g} kg m2 break the "
+                "triangle inequality: no distribution of mass has them"
+            )
+        return bad

@@ -1,0 +1,211 @@
+"""Motors, and the linear maps that lead their motion to the joints: gears, belts, cables, lead screws, differentials.
+
+Joint values q and motor values m of a transmission are related by one matrix, q = matrix @ m, both zero together. By
+the balance of power the efforts follow from its transpose: tau_m = matrix.T @ tau_q.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from twin.core.errors import unknown
+from twin.core.spatial import Array
+
+Coordinate = Literal["angle", "length"]
+
+CONDITION = 1e6
+"""Condition number above which a matrix, its rows and columns scaled to the same size, counts as singular."""
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """A motor whose coordinate is led to joints by a transmission.
+
+    All numbers are on the motor's side. Units are those of `kind`: rad, N m and kg m2 of an angle; m, N and kg of a
+    length.
+
+    Attributes:
+        name: identifier; no joint has it.
+        kind: of its coordinate, "angle" or "length".
+        limits: hard range of the coordinate, or None.
+        max_speed, max_effort: largest absolute values, or None where nobody knows.
+        rotor_inertia: of what moves with the motor, or None.
+        stiffness, damping: gains of a position drive on the motor; stiffness None: it has no such drive.
+    """
+
+    name: str
+    kind: Coordinate = "angle"
+    limits: tuple[float, float] | None = None
+    max_speed: float | None = None
+    max_effort: float | None = None
+    rotor_inertia: float | None = None
+    stiffness: float | None = None
+    damping: float = 0.0
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether the coordinate is an angle."""
+        return self.kind == "angle"
+
+
+@dataclass(frozen=True)
+class Transmission:
+    """A linear map from the coordinates of some actuators to those of as many active joints.
+
+    A `Coupling` is another thing: it constrains joints among themselves and has no motor.
+
+    Attributes:
+        name: identifier.
+        joints: names of active joints, n.
+        actuators: names of actuators, n.
+        matrix: (n, n) q_joints = matrix @ m_actuators; entries in unit of the joint per unit of the actuator.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    actuators: tuple[str, ...]
+    matrix: Array
+
+    @cached_property
+    def inverse(self) -> Array:
+        """The inverse (n, n) of the matrix: m_actuators = inverse @ q_joints."""
+        return np.asarray(np.linalg.inv(self.matrix), float)
+
+    @property
+    def equations(self) -> str:
+        """The matrix in words: "q1 = 0.05 m1; q2 = -0.02 m1 + 0.04 m2"."""
+        rows = (
+            " + ".join(f"{k:g} {a}" for k, a in zip(row, self.actuators, strict=True) if k).replace("+ -", "- ")
+            for row in self.matrix
+        )
+        return "; ".join(f"{joint} = {row}" for joint, row in zip(self.joints, rows, strict=True))
+
+    def single(self, joint: str) -> tuple[str, float] | None:
+        """Return the actuator that moves this joint and no other, with its entry of the matrix; None if several act."""
+        row = self.joints.index(joint)
+        (columns,) = np.nonzero(self.matrix[row])
+        if len(columns) != 1 or np.count_nonzero(self.matrix[:, columns[0]]) != 1:
+            return None
+        return self.actuators[columns[0]], float(self.matrix[row, columns[0]])
+
+
+def joint_gains(transmission: Transmission, actuators: Sequence[Actuator]) -> tuple[Array, Array] | None:
+    """Return stiffness (n,) and damping (n,) that the drives of the motors have at each joint, the others held.
+
+    They are the diagonals of inverse.T @ diag(k) @ inverse: what a format can hold that knows drives of joints alone.
+    None if a motor has no drive.
+    """
+    known = {a.name: a for a in actuators}
+    motors = [known[n] for n in transmission.actuators]
+    stiffness = [a.stiffness for a in motors]
+    if any(k is None for k in stiffness):
+        return None
+    squares = transmission.inverse**2
+    return np.array(stiffness, float) @ squares, np.array([a.damping for a in motors]) @ squares
+
+
+def condition(matrix: Array) -> float:
+    """Return the condition number after rows, then columns are divided by their largest entry: free of units.
+
+    Infinite if a row or column is zero.
+    """
+    M = np.abs(matrix)
+    if not (M.max(axis=0).all() and M.max(axis=1).all()):
+        return np.inf
+    scaled = matrix / M.max(axis=1, keepdims=True)
+    return float(np.linalg.cond(scaled / np.abs(scaled).max(axis=0)))
+
+
+Fault = tuple[Literal["actuator", "transmission"], str, str, str]
+"""What is wrong: of which kind, the name of the entry, which of its fields, and a sentence."""
+
+
+def faults(
+    actuators: Sequence[Actuator],
+    transmissions: Sequence[Transmission],
+    active: Sequence[str],
+    joints: Sequence[str],
+    own_drive: Collection[str],
+) -> Iterator[Fault]:
+    """Yield what is wrong with actuators and transmissions; what follows from an earlier fault may be wrong itself.
+
+    Args:
+        actuators: of the mechanism.
+        transmissions: of the mechanism.
+        active: names of its active joints.
+        joints: names of all its joints.
+        own_drive: names of the joints that have a position drive of their own.
+    """
+    for a in actuators:
+        for key, text in _actuator(a, joints):
+            yield "actuator", a.name, key, f"actuator '{a.name}': {text}"
+    known = [a.name for a in actuators]
+    moved_by: dict[str, str] = {}
+    leads_to: dict[str, str] = {}
+    for t in transmissions:
+        for key, text in (
+            *_names("active joint", "joints", t.joints, active, t.name, moved_by),
+            *_names("actuator", "actuators", t.actuators, known, t.name, leads_to),
+            *_drives(t, own_drive),
+            *_matrix(t),
+        ):
+            yield "transmission", t.name, key, f"transmission '{t.name}': {text}"
+    for name in (n for n in known if n not in leads_to):
+        text = f"actuator '{name}' is in no transmission; a joint that is driven directly needs no actuator"
+        yield "actuator", name, "name", text
+
+
+def _names(
+    kind: str, key: str, names: Sequence[str], known: Sequence[str], own: str, taken: dict[str, str]
+) -> Iterator[tuple[str, str]]:
+    for name in names:
+        if name not in known:
+            yield key, unknown(kind, name, known)
+        if name in taken:
+            where = "twice" if taken[name] == own else f"by transmission '{taken[name]}' already"
+            yield key, f"{kind} '{name}' is used {where}; one transmission holds it, once"
+        taken[name] = own
+
+
+def _drives(t: Transmission, own_drive: Collection[str]) -> Iterator[tuple[str, str]]:
+    for name in (n for n in t.joints if n in own_drive):
+        text = f"joint '{name}' has a drive of its own, but actuators move it: give stiffness, damping and max_effort "
+        yield "joints", text + "to the actuators"
+
+
+def _actuator(a: Actuator, joints: Sequence[str]) -> Iterator[tuple[str, str]]:
+    if a.name in joints:
+        yield "name", f"a joint has this name; choose another, for instance '{a.name}_motor'"
+    if a.kind not in ("angle", "length"):
+        yield "kind", unknown("kind", a.kind, ("angle", "length"))
+    if a.limits is not None and not a.limits[0] < a.limits[1]:
+        yield "limits", f"limits {a.limits[0]:g} .. {a.limits[1]:g} are not ordered"
+    for key in ("max_speed", "max_effort", "rotor_inertia", "stiffness"):
+        value = getattr(a, key)
+        if value is not None and not (np.isfinite(value) and value > 0):
+            yield key, f"{key} is {value:g}; it must be finite and above 0"
+    if not (np.isfinite(a.damping) and a.damping >= 0):
+        yield "damping", f"damping is {a.damping:g}; it must be finite and at least 0"
+    if a.damping and a.stiffness is None:
+        yield "damping", "damping needs stiffness: both are gains of one drive"
+
+
+def _matrix(t: Transmission) -> Iterator[tuple[str, str]]:
+    n, shape = len(t.joints), np.shape(t.matrix)
+    if not n or len(t.actuators) != n:
+        yield "actuators", f"{n} joints and {len(t.actuators)} actuators; it needs as many of each, at least one"
+    elif shape != (n, n):
+        yield "matrix", f"the matrix is {' x '.join(map(str, shape))}; it must be {n} x {n}, a row for each joint"
+    elif not np.all(np.isfinite(t.matrix)):
+        yield "matrix", "the matrix has entries that are not finite"
+    elif not (size := condition(t.matrix)) <= CONDITION:
+        yield (
+            "matrix",
+            f"the matrix cannot be inverted (condition number {size:.3g}, limit {CONDITION:.0e}): some motion of the "
+            "motors moves no joint, or no motor moves a joint; check its rows",
+        )
