@@ -138,10 +138,11 @@ def _document(mechanism: Mechanism) -> ET.Element:
         ratio = dict(zip(coupling.joints, coupling.ratios, strict=True))
         (leader,) = (n for n in coupling.joints if n != name)
         line = {
+            "joint": leader,
             "multiplier": numbers([-ratio[leader] / ratio[name]]),
             "offset": numbers([coupling.total / ratio[name]]),
         }
-        ET.SubElement(next(j for j in root.findall("joint") if j.get("name") == name), "mimic", joint=leader, **line)
+        ET.SubElement(next(j for j in root.findall("joint") if j.get("name") == name), "mimic", line)
     return root
 
 
