@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from twin.exchange.write.clip import Budget
     from twin.kinematics import Formula, Kinematics, Solution, Task
     from twin.kinematics.closed_loops import LoopSolver
+    from twin.kinematics.compiled import Beside
     from twin.model.mechanism import Mechanism
     from twin.planning.protocol import Protocol
     from twin.planning.trajectory import PathKinematics, Trajectory
@@ -109,8 +111,19 @@ class Robot:
 
         chosen = self._variants if variants is None else variants
         formula, values = self.formula, {**(self._parameters or {}), **(parameters or {})}
-        beside = self.mechanism.beside(j.name for j in formula.joints)
-        return compile_formula(formula, chosen, values, beside)
+        return compile_formula(formula, chosen, values, self._beside([j.name for j in formula.joints]))
+
+    def _beside(self, names: Sequence[str]) -> Sequence[Beside]:
+        """Return the driven joints that equations of `names` do not know.
+
+        The mechanism is read only if there are some: who asks the equations alone does not wait for the CAD.
+        """
+        if self.files is not None:
+            with contextlib.suppress(OSError, ValueError, AttributeError):  # the mechanism says what is wrong with it
+                table = tomllib.loads(self.files.description.read_text(encoding="utf-8"))
+                if all(j.get("name") in names for j in table.get("joint", ()) if j.get("active")):
+                    return ()
+        return self.mechanism.beside(names)
 
     @cached_property
     def _kinematics(self) -> Kinematics:
