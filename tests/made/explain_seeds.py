@@ -288,10 +288,10 @@ class Slopes:
         return out
 
 
-def _read(faulty, equation, values, output):
+def _read(faulty, equation, values, output, left=""):
     """Return the slopes of a row of a faulty formula; none where a slip asks for a name or a row that is not there."""
     try:
-        return Slopes(faulty, equation, values).of(output)
+        return Slopes(faulty, equation, values).of(output, left)
     except (NameError, IndexError, RuntimeError):
         return {}
 
@@ -340,13 +340,16 @@ def empty(case, judge, faulty, candidate, rows, folder):
         on, off = ({**step.computed, **t.symbols} for t in (judge.truth, judge.truth.perturbed(11)))
         was, now, far, meant = {}, {}, {}, {}
         for values, into in ((on, now), (off, far)):
-            into.update(
-                Slopes(cured, place.equation, values).of(place.symbol, left.get((place.statement, place.symbol), ""))
-            )
             for n, x in _read(faulty, place.equation, values, place.symbol).items():
                 was[n] = max(was.get(n, 0.0), x)
+            side = left.get((place.statement, place.symbol), "")
+            if not was and not _read(cured, place.equation, values, place.symbol, side):
+                break  # beside the cured row stands another slip, with which the equation does not run
+            into.update(Slopes(cured, place.equation, values).of(place.symbol, side))
             for n, x in _read(case.formula, place.equation, values, place.symbol).items():
                 meant[n] = max(meant.get(n, 0.0), x)
+        if not now:
+            continue
         lost = {n for n, x in was.items() if x > 1e-9 and max(now.get(n, 0.0), far.get(n, 0.0)) < 1e-12}
         lost -= set(candidate.dropped)
         lost -= {n for n, x in meant.items() if x < 1e-12}  # which only the slip had made it read
