@@ -18,6 +18,7 @@ from twin.exchange.audit import audit
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.model.mechanism import Body, Coupling, Frame, Joint, Mechanism
+from twin.ui.report.curves import joint_unit
 from twin.ui.session.desk import Desk
 from twin.ui.session.instruments import read as instruments
 
@@ -116,6 +117,8 @@ def test_it_is_planned_the_tool_standing_still(trajectory):
 def test_it_agrees_and_a_wrong_row_of_the_arm_is_found_and_cured(folder, robot, trajectory, capsys):
     report = api.validate(robot, trajectory)
     assert report.verdict == "agree", report.findings
+    assert joint_unit(report, "jaw") == "rad"
+    assert joint_unit(report, "q1") == "m"
     assert "jaw" not in {r.name for r in report.residuals}  # nothing is compared that no equation says
     text = (folder / "formula.py").read_text()
     try:

@@ -123,6 +123,7 @@ def _report(case: Case, out: Comparison, findings: list[Finding], clock: Clock) 
         environment=_environment(mechanism),
         joint_names=trajectory.joint_names,
         series=out.series,
+        angles=frozenset(j.name for j in mechanism.joints if j.is_angle),
     )
 
 

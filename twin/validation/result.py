@@ -119,6 +119,7 @@ class Report:
             "residual_driven.<joint>" and "residual_point.<name>" on "t_coarse" (c,), as "p_tool_B", "v_tool_B" and
             "a_tool_B" (c, 3), the tool of the mechanism driven by the equations.
         joint_names: for the second axis of q.
+        angles: names of the joints that are angles; others are lengths.
         commands: command lines that judge the same again ("validate") and that look further ("explain"); may be empty.
         cure: what would make the equations agree, as `explain` found it; "" if it was not asked or found nothing.
     """
@@ -140,6 +141,7 @@ class Report:
     series: Mapping[str, Array] = field(default_factory=dict, repr=False)
     commands: Mapping[str, str] = field(default_factory=dict)
     cure: str = ""
+    angles: frozenset[str] = frozenset()
 
     @property
     def verdict(self) -> Verdict:

@@ -73,9 +73,8 @@ def tolerance(report: Report, quantity: Quantity, unit: str, pairs: str = "A-B")
 
 
 def joint_unit(report: Report, joint: str) -> str:
-    """Return "rad" for a joint whose residuals are in rad, else "m"."""
-    angular = any(r.name == joint and r.unit == "rad" for r in rows(report, "driven"))
-    return "rad" if angular else "m"
+    """Return the SI unit of a joint, "rad" or "m"."""
+    return "rad" if joint in report.angles else "m"
 
 
 def alarms(report: Report) -> dict[str, float]:
