@@ -17,10 +17,9 @@ import numpy as np
 from twin.core import spatial
 from twin.core.findings import Finding
 from twin.core.spatial import Array
-from twin.exchange.write.left_out import CONES, MAX_ACCELERATIONS, SOFT_LIMITS, left_out
+from twin.exchange.write.left_out import CONES, MAX_ACCELERATIONS, SOFT_LIMITS, left_out, motors_left_out
 from twin.exchange.write.masses import inertia_of, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
-from twin.exchange.write.motors import motors_left_out
 from twin.exchange.write.xml import numbers, srgb, write_xml
 from twin.model.mechanism import Body, Coupling, Drive, Inertia, Joint, Material, Mechanism
 from twin.usd.write.spanning import spanning
