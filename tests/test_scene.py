@@ -88,7 +88,7 @@ def test_three_robots_work_without_meeting(tmp_path, capsys):
     assert all(p.HasAuthoredReferences() for p in robots)
     cache = UsdGeom.XformCache(Usd.TimeCode(400))
     ball = cache.GetLocalToWorldTransform(stage.GetPrimAtPath("/vsrs/hibou/cannula")).ExtractTranslation()
-    port = next(p.p_world_port for p in load_scene(VSRS).places if p.name == "hibou")
+    port = next(p.p_world_ports[""] for p in load_scene(VSRS).places if p.name == "hibou")
     np.testing.assert_allclose(np.array(ball), port, atol=1e-5)
     camera = stage.GetPrimAtPath("/vsrs/hibou/camera/endoscope")
     assert camera.IsA(UsdGeom.Camera)
