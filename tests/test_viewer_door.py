@@ -549,6 +549,7 @@ def test_memory_stays_when_large_files_come(front):
     asyncio.run(attack(True))
     before = resident()
     asyncio.run(go())
+    print(f"memory grew by {resident() - before:.1f} MB")
     assert resident() - before < 60
     assert not front.server.gui._current_file_upload_states
 

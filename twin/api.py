@@ -230,7 +230,7 @@ class Robot:
         return protocol
 
     def bound(self, protocol: Protocol) -> Robot:
-        """Return the robot with its trocars where the protocol has them; itself if the protocol says nothing of them.
+        """Return the robot with its trocars where the protocol has them; itself if the protocol places none.
 
         Equations know the only one as parameters trocar_x, trocar_y, trocar_z, one of several as trocar_NAME_x, ...
 

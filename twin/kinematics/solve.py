@@ -166,7 +166,7 @@ def descend(
     for term in task.terms:
         if term.kind == "joints" and len(term.numbers) != len(kin.joints):
             raise KinematicsError(f"task Joints: {len(term.numbers)} values for {len(kin.joints)} joints.")
-    # A pose says nothing of joints that the equations do not know.
+    # The equations do not know auxiliary joints: no pose decides their values.
     asked = np.where(kin.auxiliary, 0.0, joint_scale) if not kin.closed_forward else joint_scale
     weights = (t.weight * (asked if t.kind == "joints" else np.where(is_length(t), 1 / scale, 1.0)) for t in task.terms)
     low, high = (_bounds(kin, None) if bounds is None else bounds).T
