@@ -22,6 +22,11 @@ def cone(at, axis, r0, r1, h):
     return Solid.make_cone(r0, r1, h, Plane(origin=at, z_dir=axis))
 
 
+def pipe(at, axis, inner, outer, h):
+    """Tube of length h."""
+    return cyl(at, axis, outer, h) - cyl(at, axis, inner, h)
+
+
 def hull(circles, plane, height, chamfer=0.0):
     """Outline of two circles (x, y, r) in a plane, extruded along its normal."""
     (xa, ya, ra), (xb, yb, rb) = circles

@@ -1,6 +1,6 @@
-"""Solvers on a compiled formula; what an author of CasADi equations imports is named here as well.
+"""Solvers on a compiled formula, and the names that an author of CasADi equations imports.
 
-Importing this package imports CasADi; nothing above it should do so before it needs an equation.
+Importing this package imports CasADi; import it only where equations are needed.
 """
 
 from twin.formula import symbolic

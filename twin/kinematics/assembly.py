@@ -1,4 +1,4 @@
-"""From joints to the pose, also where no equation leads that way; and back, where none leads that way.
+"""Forward solutions without a forward equation, and inverse solutions without an inverse equation.
 
 A parallel robot's forward kinematics is the root of q(T) - q: Newton from a seed pose, then
 Levenberg-Marquardt, then every assembly that the formula can enumerate. The branch label of the answer is
@@ -16,14 +16,16 @@ from twin.kinematics.compiled import Compiled
 from twin.kinematics.solve import Joints, Pose, descend, seeds, solve
 
 FORWARD_TOL = 1e-11
-"""Norm of the error of the joints, in m or rad, at which a forward solution is accepted."""
+"""Norm of the joint error, in m or rad, below which a forward solution is accepted."""
 
 _SAME_POSE = 1e-6
 """Poses that differ by less than this, in m and rad, are one assembly."""
 
 _TRAVEL = 0.5
-"""Farthest that Newton may go from a seed: rad, or translation by the characteristic length. Beyond it the
-answer might be on another branch, and the way there is walked in steps."""
+"""Maximum distance of Newton's answer from its seed: rad, or translation divided by the characteristic length.
+
+A farther answer might be on another branch; the solver then goes there in small steps.
+"""
 
 
 def forward(kin: Compiled, q: Array, seed: Array | None) -> Array:
@@ -85,12 +87,12 @@ def branches(kin: Compiled, q: Array) -> list[Array]:
 
 
 def inverse_by_solver(kin: Compiled, T: Array, seed: object) -> Array:
-    """Return q (n,) at a pose (4, 4) for a formula that only goes forward."""
+    """Return q (n,) at a pose (4, 4) for a formula that has only forward equations."""
     return solve(kin, Pose(T), seed=seed).q  # type: ignore[arg-type]
 
 
 def inverse_by_solver_many(kin: Compiled, Ts: Array, seed: object = None) -> Array:
-    """Return q (k, n) at poses (k, 4, 4), each from the one before it; NaN rows where there is none."""
+    """Return q (k, n) at poses (k, 4, 4), each started from the one before it; NaN rows where no solution is found."""
     out = np.full((len(Ts), len(kin.joints)), np.nan)
     for i, T in enumerate(Ts):
         try:
@@ -119,14 +121,14 @@ def _from_seed(kin: Compiled, q: Array, seed: Array) -> Array:
     best, error, _, signs = _newton(kin, q, result.T)
     if error <= FORWARD_TOL and (signs == label).all():
         return best
-    if kin.formula.branches is not None:  # no way led there: the path of q may leave the workspace
+    if kin.formula.branches is not None:  # no way was found: the path of q may leave the workspace
         others = [T for T in branches(kin, q) if _signs(kin, T, label)]
         if others:
             return min(others, key=lambda T: _distance(T, seed, kin.characteristic_length))
-    why = "it ends on another branch" if error <= FORWARD_TOL else "it does not converge"
+    why = "Newton ends on another branch" if error <= FORWARD_TOL else "Newton does not converge"
     raise KinematicsError(
         f"{kin.formula.name}: no assembly at q = {_text(kin, q)} reached from the seed: {why}. "
-        "Seed closer, or leave the seed out.",
+        "Give a closer seed, or omit it.",
         best=result.T,
         residual=result.residual,
     )
@@ -154,16 +156,13 @@ def _cold(kin: Compiled, q: Array) -> Array:
 
 
 def _newton(kin: Compiled, q: Array, T: Array) -> tuple[Array, float, float, Array]:
-    """Return the pose that Newton reaches from T, its joint error, its travel and aspect signs.
-
-    Where Newton fails the error is NaN, which is below no tolerance.
-    """
+    """Return (pose, joint error, travel, aspect signs) reached by Newton from T; the error is NaN if it fails."""
     out = kin.program.newton.one(np.concatenate([q, T.ravel()]))
     return out[:16].reshape(4, 4), out[16], out[17], np.sign(out[18:])
 
 
 def _newton_many(kin: Compiled, qs: Array, seeds: Array) -> Array:
-    """Return the poses (k, 4, 4) that Newton reaches from seeds (k, 4, 4); NaN where not to be trusted."""
+    """Return the poses (k, 4, 4) that Newton reaches from seeds (k, 4, 4); NaN where it did not converge."""
     flat = seeds.reshape(-1, 16)
     out = kin.program.newton.many(np.hstack([qs, flat]))
     same = (np.sign(out[:, 18:]) == np.sign(kin.program.group["aspect"].many(flat))).all(axis=1)
@@ -172,7 +171,7 @@ def _newton_many(kin: Compiled, qs: Array, seeds: Array) -> Array:
 
 
 def _score(kin: Compiled, Ts: Array) -> Array:
-    """Return how many aspects of each pose are the preferred ones; ties go to the pose nearest to a seed."""
+    """Return a score for each pose: its number of preferred aspect signs; ties go to the pose nearest to a seed."""
     preferred = np.array([a.preferred for a in kin.formula.aspects])
     agree = (kin.aspect_signs(Ts) == preferred).sum(axis=1).astype(float)
     home = list(seeds(kin, rng=0, starts=1))

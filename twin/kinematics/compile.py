@@ -1,8 +1,9 @@
-"""A formula becomes `Kinematics`: its compiled functions, and the solvers where a direction has no equation."""
+"""Compile a formula to `Kinematics`: compiled functions, and solvers for a direction that has no equation."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,13 +27,13 @@ def compile_formula(
 
     Args:
         formula: the equations.
-        variants: equation -> variant, or one name for all equations that have it; default: each its own.
+        variants: equation -> variant, or one name for all equations that have it; default: the default of each
+            equation.
         parameters: parameter -> value in SI, to replace published values.
-        beside: auxiliary joints, which the equations do not know, in the order of q.
+        beside: auxiliary joints, which are not in the equations, in the order of q.
 
     Raises:
-        KinematicsError: if the formula breaks the contract, or a name is unknown, or a value not finite.
-
+        KinematicsError: the formula breaks the contract, a name is unknown, or a value is not finite.
     """
     check_formula(formula)
     chosen = flow.choose(formula, variants)
@@ -47,7 +48,7 @@ def compile_formula(
 
 
 class Kinematics(Compiled):
-    """A compiled formula that goes both ways; made by `compile_formula`."""
+    """A compiled formula with inverse and forward kinematics; made by `compile_formula`."""
 
     def inverse(self, T_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
         """Return q (n,) in m or rad at a pose (4, 4).
@@ -57,8 +58,7 @@ class Kinematics(Compiled):
             seed: q to start from, used only without a closed inverse; auxiliary joints keep its values.
 
         Raises:
-            KinematicsError: if the pose is not rigid, or out of reach (which chain, by how much).
-
+            KinematicsError: if the pose is not rigid, or out of reach; the message names the chain and the distance.
         """
         T = poses(T_base_tool, batch=False)
         if not self.closed_inverse:
@@ -77,33 +77,53 @@ class Kinematics(Compiled):
             raise KinematicsError(self._why_unreachable(T))
         return q
 
+    def inverse_near(self, T_base_tool: Array, q: Array) -> Array | None:
+        """Return joints (n,) at a pose (4, 4) by the closed inverse, each angle the turn nearest to q (n,).
+
+        For control loops: nothing is looked at twice. Auxiliary joints keep the values of q. None where there is no
+        closed inverse, or the pose is out of reach or not rigid.
+        """
+        if not self.closed_inverse:
+            return None
+        out = self.program.inverse.one(T_base_tool.ravel())
+        found = out[:-1]
+        if not out[-1] <= POSE_TOL:
+            return None
+        found[self.auxiliary] = q[self.auxiliary]
+        turns = np.rint((found - q) * self._turns)
+        found -= turns * (2 * np.pi)
+        return found if np.isfinite(found).all() else None
+
+    @cached_property
+    def _turns(self) -> Array:
+        """1 / (2 pi) for a joint that turns, 0 for one that slides."""
+        return np.where(self.revolute, 1 / (2 * np.pi), 0.0)
+
     def inverse_many(self, Ts_base_tool: ArrayLike) -> Array:
         """Return q (k, n) at poses (k, 4, 4); NaN rows where the pose is out of reach or not rigid."""
         Ts = poses(Ts_base_tool)
         if not self.closed_inverse:
             return assembly.inverse_by_solver_many(self, Ts)
-        out = self.program.inverse.many(Ts.reshape(-1, 16))
-        q = out[:, :-1].copy()
-        q[~(out[:, -1] <= POSE_TOL) | ~np.isfinite(q).all(axis=1)] = np.nan
-        return q
+        return self.program.judged_inverse.many(Ts.reshape(-1, 16))
 
     def inverse_of_all(self, Ts_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
-        """Return q (k, n) at poses (k, 4, 4), every one of which is to have an answer.
+        """Return q (k, n) at poses (k, 4, 4); each must have a solution.
 
         Args:
             Ts_base_tool: the poses.
-            seed: q of the first pose to start from, without a closed inverse; the others start from the one before.
+            seed: q of the first pose to start from, without a closed inverse; each other pose starts from the answer
+                before it.
 
         Raises:
-            KinematicsError: as `inverse`, for the first pose without an answer, with its index and how many there are.
-
+            KinematicsError: as `inverse`, for the first pose without an answer, with its index and the number of such
+                poses.
         """
         Ts = poses(Ts_base_tool)
         q = self.inverse_many(Ts) if self.closed_inverse else assembly.inverse_by_solver_many(self, Ts, seed)
         if self.closed_inverse and seed is not None and np.shape(seed) == q.shape[1:]:
             q[:, self.auxiliary] = np.asarray(seed)[self.auxiliary]
-        lost = np.flatnonzero(~np.isfinite(q).all(axis=1))
-        if len(lost):
+        if np.isnan(q.sum()):  # a row without an answer is NaN
+            lost = np.flatnonzero(np.isnan(q).any(axis=1))
             k = int(lost[0])
             before = q[k - 1] if k else seed
             try:
@@ -119,36 +139,33 @@ class Kinematics(Compiled):
 
         Args:
             q: active joints in m or rad.
-            seed: pose to start from; the answer has its branch label. Without it: the preferred branch.
+            seed: pose to start from; the answer has its branch label. Without a seed: the preferred branch.
 
         Raises:
             KinematicsError: if no assembly is found; `best` is the best pose.
-
         """
         return assembly.forward(self, self._joints(q, batch=False), self._seed(seed))
 
     def forward_many(self, qs: ArrayLike, seed: ArrayLike | None = None) -> Array:
-        """Return poses (k, 4, 4) at qs (k, n), each solved from the one before it; NaN where there is none.
+        """Return poses (k, 4, 4) at qs (k, n), each solved from the one before it; NaN where no solution is found.
 
         Args:
             qs: active joints, usually along a path.
-            seed: pose (4, 4) to begin from; or poses (k, 4, 4), one for each row: then all at once.
-
+            seed: pose (4, 4) to begin from; or poses (k, 4, 4), one for each row; then all rows are solved at once.
         """
         qs = self._joints(qs)
         if seed is not None and np.ndim(seed) == 3:
             Ts = poses(seed)
             if len(Ts) != len(qs):
-                raise KinematicsError(f"{len(Ts)} seed poses for {len(qs)} rows of q.")
+                raise KinematicsError(f"{len(Ts)} seed poses for {len(qs)} rows of q: give one seed pose for each row.")
             return assembly.forward_many(self, qs, Ts)
         return assembly.forward_many(self, qs, self._seed(seed))
 
     def branches(self, q: ArrayLike) -> list[Array]:
-        """Return all assemblies at q (n,) as poses, the preferred branch first; none: an empty list.
+        """Return all assemblies at q (n,) as poses, the preferred branch first; an empty list if there is none.
 
         Raises:
-            KinematicsError: if the formula can neither enumerate them nor go forward.
-
+            KinematicsError: if the formula can neither enumerate them nor has forward equations.
         """
         return assembly.branches(self, self._joints(q, batch=False))
 

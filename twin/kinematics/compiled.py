@@ -1,8 +1,8 @@
 """The compiled functions of a formula: points, Jacobians, measures, branch labels, one pose or many.
 
-Everything is SI. Poses are T_base_tool (4, 4); batches carry the time axis first. Twists and Jacobian
-rows are linear first, in base axes, at the tool origin. The solvers (`solve`, `assembly`) work on this;
-`compile.Kinematics` adds what they solve for.
+Everything is SI. Poses are T_base_tool (4, 4); batches carry the time axis first. Twists and Jacobian rows are linear
+first, in base axes, at the tool origin. The solvers (`solve`, `assembly`) work on this; `compile.Kinematics` adds the
+solved directions.
 """
 
 from __future__ import annotations
@@ -17,36 +17,31 @@ from twin.core.errors import KinematicsError, unknown
 from twin.core.spatial import Array
 from twin.formula import flow
 from twin.formula.contract import Formula
-from twin.formula.program import Program
+from twin.formula.program import POSE_TOL, Program
 from twin.kinematics import singularity
 
-POSE_TOL = 1e-6
-"""Norm of what a pose may differ by from the one that its coordinates describe."""
-
-
 Beside = tuple[int, str, bool, float]
-"""An auxiliary joint: its place in q, its name, whether it is an angle, its value in the inverse (rad, m)."""
+"""An auxiliary joint: (index in q, name, whether it is an angle, value that the inverse returns, in rad or m)."""
 
 
 class Compiled(ABC):
-    """What the compiled functions of a formula answer; what has to be solved for is left to `Kinematics`.
+    """The compiled functions of a formula; solving is left to `Kinematics`.
 
-    Methods that take `Ts` and `qs` need the poses (k, 4, 4) if the formula has a closed inverse, else the
-    joints (k, n); what is missing is solved for.
+    Methods that take `Ts` and `qs` need the poses (k, 4, 4) if the formula has a closed inverse, else the joints (k,
+    n); if only the others are given, they are solved for.
 
     Attributes:
-        formula: what was compiled.
+        formula: the formula that was compiled.
         joints: active joints, in the order of q.
-        auxiliary: (n,) bool, which of them the equations do not know: they cannot move the tool. The inverse gives the
-            value that they were compiled with, the forward equations do not read them.
+        auxiliary: (n,) bool, the joints that are not in the equations and cannot move the tool. The inverse returns the
+            value given when compiling; the forward equations ignore them.
         variants: the variant in use, by equation.
         choices: the variants that exist, by equation.
         parameters: the values in use, in SI.
         closed_inverse, closed_forward: whether equations give q from the pose, the pose from q.
-        characteristic_length: in m; a rotation by 1 rad counts as much as a translation by this.
+        characteristic_length: length in m; a rotation by 1 rad counts as much as a translation by this length.
         revolute: (n,) bool, which joints are angles.
         program: the compiled functions.
-
     """
 
     def __init__(
@@ -85,7 +80,7 @@ class Compiled(ABC):
 
     @abstractmethod
     def inverse_many(self, Ts_base_tool: ArrayLike) -> Array:
-        """Return q (k, n) at poses (k, 4, 4); NaN rows where there is none."""
+        """Return q (k, n) at poses (k, 4, 4); NaN rows where no solution exists."""
 
     @abstractmethod
     def forward(self, q: ArrayLike, seed: ArrayLike | None = None) -> Array:
@@ -93,14 +88,13 @@ class Compiled(ABC):
 
     @abstractmethod
     def forward_many(self, qs: ArrayLike, seed: ArrayLike | None = None) -> Array:
-        """Return poses (k, 4, 4) at qs (k, n); NaN where there is none."""
+        """Return poses (k, 4, 4) at qs (k, n); NaN where no solution exists."""
 
     def joints_from_points(self, points: Mapping[str, ArrayLike]) -> Array:
-        """Return q (k, n) from named points {name: (k, 3)} in m: the equations behind the points alone.
+        """Return q (k, n) from named points {name: (k, 3)} in m: uses only the equations after the points.
 
         Raises:
             KinematicsError: if a point is unknown or missing, or the equations also need the pose.
-
         """
         for name in points:
             if name not in self.formula.points:
@@ -128,7 +122,10 @@ class Compiled(ABC):
         return self.inverse_jacobian_many(_one(T), _one(q))[0]
 
     def inverse_jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return dq/dtwist (k, n, 6), NaN where it does not exist; by pseudo-inverse if only forward."""
+        """Return dq/dtwist (k, n, 6), NaN where it does not exist.
+
+        Without an inverse: the pseudo-inverse of `jacobian`.
+        """
         if self.closed_inverse:
             return self.program.inverse_jacobian.many(self._states(Ts, qs))
         return singularity.invert_many(self.program.forward_jacobian.many(self._states(Ts, qs)))
@@ -137,12 +134,11 @@ class Compiled(ABC):
         """Return dtwist/dq (6, n) at a pose, or at q.
 
         Raises:
-            KinematicsError: where it does not exist (singular, or out of reach).
-
+            KinematicsError: it does not exist (singular, or out of reach).
         """
         J = self.jacobian_many(_one(T), _one(q))[0]
         if not np.isfinite(J).all():
-            raise KinematicsError(f"{self.formula.name}: no Jacobian here: singular, or out of reach.")
+            raise KinematicsError(f"{self.formula.name}: no Jacobian at this pose: it is singular, or out of reach.")
         return J
 
     def jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
@@ -171,7 +167,7 @@ class Compiled(ABC):
         return np.nan_to_num(np.sign(self.program.group["aspect"].many(self._states(Ts, qs))))
 
     def branch(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> np.ndarray:
-        """Return the label (k,) of the assembly by the formula's aspects: "X_E+ z_up+ D-"."""
+        """Return labels (k,) of the assembly, made of the signs of the formula's aspects: "X_E+ z_up+ D-"."""
         names, marks = self.program.scalars["aspect"], {1: "+", -1: "-", 0: "0"}
         rows = self.aspect_signs(Ts, qs)
         return np.array([" ".join(f"{n}{marks[int(s)]}" for n, s in zip(names, r, strict=True)) for r in rows])
@@ -188,7 +184,7 @@ class Compiled(ABC):
         return singularity.condition_inverse(self.inverse_jacobian(T, q), self.characteristic_length)
 
     def condition_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return the condition numbers (k,), as `condition`; infinite where singular or without a Jacobian."""
+        """Return the condition numbers (k,), as `condition`; infinite where the Jacobian is singular or missing."""
         if self.closed_forward:
             J = self.jacobian_many(Ts, qs)
             J[:, 3:] *= self.characteristic_length
@@ -198,14 +194,14 @@ class Compiled(ABC):
         return singularity.condition_many(J)
 
     def why(self, T: Array) -> str:
-        """Return where a plain formula has no value at a pose (4, 4), and the reason; empty: it cannot tell."""
+        """Return the line at which a plain formula has no value at a pose (4, 4), and why; "" if unknown."""
         return self.formula.numbers(T, self.parameters) if self.formula.numbers is not None else ""
 
     def takes(self, Ts: ArrayLike) -> bool:
-        """Return whether the equations by themselves make sure that poses (k, 4, 4) are within the robot's freedoms.
+        """Return whether the equations prove that poses (k, 4, 4) are within the robot's freedoms.
 
-        So they do where they have six of them, where they have fewer coordinates (a pose that these do not describe
-        has no joint values), and where they lead back to the pose. Else they cannot tell, or deny it.
+        This is so if the robot has six freedoms, if the formula has fewer than six coordinates (other poses then have
+        no joint values), or if the forward equations return the pose. False: not so, or unknown.
         """
         Ts = poses(Ts)
         if len(self.formula.joints) >= 6:
@@ -222,7 +218,7 @@ class Compiled(ABC):
         return bool(np.abs(back - Ts).max() <= POSE_TOL)
 
     def need_six_joints(self) -> None:
-        """Raise `KinematicsError` if the pose cannot be solved for: fewer joints and no forward equation."""
+        """Raise `KinematicsError` if a pose cannot be solved for: fewer than six joints and no forward equation."""
         if not self.closed_forward and len(self.formula.joints) != 6:
             raise KinematicsError(
                 f"{self.formula.name}: {len(self.formula.joints)} joints do not fix the 6 freedoms of a pose; "
@@ -234,7 +230,7 @@ class Compiled(ABC):
         return {name: values[:, i] for i, name in enumerate(self.program.scalars[kind])}
 
     def _states(self, Ts: ArrayLike | None, qs: ArrayLike | None) -> Array:
-        """Return what the compiled functions take: poses (k, 16), or joints (k, n)."""
+        """Return the input of the compiled functions: poses (k, 16), or joints (k, n)."""
         if self.closed_inverse:
             return (poses(Ts) if Ts is not None else self.forward_many(_need(qs, "joints"))).reshape(-1, 16)
         return self._joints(qs) if qs is not None else self.inverse_many(_need(Ts, "poses"))

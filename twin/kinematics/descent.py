@@ -1,8 +1,8 @@
-"""One compiled iteration of Levenberg-Marquardt for a robot and a kind of task, and its repetition.
+"""One compiled iteration of Levenberg-Marquardt for a robot and a kind of task, and the loop around it.
 
 Nielsen's damping: the step minimises |J dx + r|^2 + mu |dx|^2; mu falls when the model predicts the
 decrease well and doubles faster and faster when it does not. Residual, Jacobian, the step and the damping
-are one CasADi function, because numpy around it would cost five times as much as all of it.
+are one CasADi function, because separate numpy calls would take five times as long.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from twin.kinematics import tasks
 MAX_ITERATIONS = 120
 
 _MU_FLOOR = 1e-11
-"""Smallest damping, by the largest squared column of the first Jacobian."""
+"""Smallest damping, relative to the largest squared column norm of the first Jacobian."""
 
 Kinds = tuple[tuple[str, tuple[int, ...]], ...]
 """Kind and rows of each term of a task."""
 
 
 class Iteration:
-    """Steps of a task of these kinds for a robot; the state is q (n) or, without a forward equation, T (16).
+    """Compiled steps for a robot and tasks of given kinds; the state is q (n) or, without a forward equation, T (16).
 
-    Joint unknowns are held within their limits by projection; pose unknowns by a residual that grows with
-    the breach, which is zero at any solution within the limits.
+    Joint unknowns are held within their limits by projection; pose unknowns by a residual that grows with the excess;
+    it is zero within the limits.
     """
 
     def __init__(self, program: Program, kinds: Kinds) -> None:
@@ -69,7 +69,7 @@ class Iteration:
         predicted = ca.dot(step, mu * step - g * free)
         ratio = (cost - cost_new) / ca.fmax(predicted, 1e-300)
         first = size == 0
-        better = (cost_new < cost) * (ca.sumsqr(J) + length < np.inf)  # false where one of them is no number
+        better = (cost_new < cost) * (ca.sumsqr(J) + length < np.inf)  # false where one of them is not a number
         size_new = ca.if_else(first, ca.fmax(ca.mmax(ca.sum1(J * J)), 1e-12), size)
         # Not below the floor: what a task leaves free would be moved by rounding divided by mu.
         shrunk = ca.fmax(mu * ca.fmax(1 / 30, 1 - (2 * ratio - 1) ** 3), _MU_FLOOR * size)
@@ -91,14 +91,13 @@ class Iteration:
         self._evaluator = Evaluator("iteration", z, ca.cse(ca.vertcat(after, ca.sum1(free))))
 
     def run(self, start: Array, inputs: Array, goal: float) -> tuple[Array, float, int]:
-        """Descend until the cost is at most goal**2; return state, norm of the task's rows, steps tried.
+        """Descend until the cost is at most goal**2; return (state, norm of the task's residual, steps tried).
 
         Args:
-            start: state.
-            inputs: numbers of the terms, weights of the rows, size of a unit of each unknown, and for the
-                joints: scale, lower and upper limit.
+            start: initial state.
+            inputs: arguments of the terms, weights of the residuals, unit size of each unknown, and for joints: scale,
+                lower and upper limits.
             goal: norm of the residual at which to stop.
-
         """
         k, z = self.state, np.zeros(self.memory + len(inputs))
         z[:k], z[self.memory :] = start, inputs

@@ -1,4 +1,4 @@
-"""Reach, singularity measures and aspects of a formula at states of a mechanism, each row fed with true values."""
+"""Reach margins, singularity measures and aspects of a formula, computed from states of a mechanism."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from twin.core.spatial import Array
 from twin.kinematics.compile import Kinematics, compile_formula
 
 _CLOSE = 1e-6
-"""Difference (m, rad) up to which equations give the state that they are asked about."""
+"""Difference (m, rad) up to which the equations reproduce a given state."""
 
 _LENGTHS = ("mm", "m", "cm", "um")
 
 
 class States(Protocol):
-    """What a mechanism says of its states: poses (k, 4, 4), q (k, n), passive joints (k,) and points (k, 3) by name."""
+    """Given states of a mechanism: poses (k, 4, 4), q (k, n), passive joints (k,) and points (k, 3) by name."""
 
     @property
     def Ts_base_tool(self) -> Array:  # noqa: N802 - T_a_b is a pose everywhere
@@ -42,18 +42,18 @@ class States(Protocol):
 
 
 class Margins:
-    """The rows of a formula that no pose, point or joint can be held against.
+    """The numbers (rows) of a formula that cannot be compared with a pose, point or joint: reach, measures, aspects.
 
     Attributes:
-        names: of reach, then measures, then aspects.
-        symbols: of the flow, for each.
-        equations: that yields each, or "".
+        names: names of the rows: reach, then measures, then aspects.
+        symbols: symbol of the flow for each row.
+        equations: name of the equation that yields each row, or "".
         kinds: "reach", "type1", "type2" or "aspect".
         preferred: sign of an aspect, else 0.
     """
 
     def __init__(self, kin: Kinematics, passive: Mapping[str, bool], points: tuple[str, ...]) -> None:
-        """Take the equations and what the mechanism has: passive joints (True: an angle), named points."""
+        """Set up from the equations, the mechanism's passive joints (name -> is an angle) and its named points."""
         f = kin.formula
         self._kin = kin
         self._passive = {p: passive[p] for p in f.passive if p in passive}
@@ -66,7 +66,7 @@ class Margins:
         self.preferred = (*(0 for _ in f.reach), *(0 for _ in f.measures), *(a.preferred for a in f.aspects))
 
     def values(self, s: States, larger: float = 1.0) -> Array:
-        """Return the rows (k, names) at states, or at those of a robot that is larger by a factor."""
+        """Return the rows (k, names) at states; `larger`: of a robot that is that many times as large."""
         kin = self._kin
         numbers = {**kin.parameters, **self._lengths(larger)}
         z = [
@@ -80,9 +80,9 @@ class Margins:
             return kin.program.margins_at(tuple(self._passive), self._points).many(np.ascontiguousarray(np.hstack(z)))
 
     def valid(self, s: States, passive: bool) -> NDArray[np.bool_]:
-        """Return whether (k,) the equations give these states: elsewhere is another branch than they are written for.
+        """Return (k,) bool: whether the equations reproduce the states, with `passive` also the passive joints.
 
-        With `passive`, the passive joints as well.
+        Other states are on another branch.
         """
         kin = self._kin
         with np.errstate(all="ignore"):
@@ -101,13 +101,13 @@ class Margins:
         return np.asarray(good, bool)
 
     def refuses(self, Ts_base_tool: Array) -> Array:
-        """Return the reach margins (k, reach) at poses that the mechanism cannot take, by the equations alone."""
+        """Return the reach margins (k, reach) at poses that the mechanism cannot reach, from the equations alone."""
         with np.errstate(all="ignore"):
             found = self._kin.reach(Ts_base_tool)
         return np.stack([found[n] for n in self._kin.formula.reach], axis=1)
 
     def fails(self, s: States) -> Array:
-        """Return how fast (k,) the formula's own joints turn with the pose there: infinite where it has none."""
+        """Return the rate (k,) of the formula's joints with respect to the pose; infinite without a solution."""
         kin = self._kin
         if not kin.closed_inverse:
             return np.zeros(len(s.q))
@@ -117,7 +117,7 @@ class Margins:
         return np.where(np.isfinite(size), size, np.inf)
 
     def homogeneous(self, s: States, by: float) -> bool:
-        """Return whether all lengths of the equations are parameters: a larger robot has the same angles."""
+        """Return whether all lengths of the equations are parameters: a scaled robot then has the same angles."""
         kin = self._kin
         lengths = self._lengths(by)
         if not lengths:
@@ -141,7 +141,7 @@ class Margins:
 
     def _same_joints(self, a: Array, b: Array) -> Array:
         off = a - b
-        off = np.where(self._kin.revolute, 2 * np.sin(off / 2), off)
+        off = np.where(self._kin.revolute, 2 * np.sin(off / 2), off)[:, ~self._kin.auxiliary]
         return np.asarray(np.abs(off).max(axis=1) < _CLOSE)
 
 

@@ -1,4 +1,4 @@
-"""How far from singular: condition numbers and safe inverses of Jacobians, in numpy."""
+"""Condition numbers and safe inverses of Jacobians, in numpy."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from twin.core.spatial import Array
 
 _WELL = 1e-8
-"""Square of the inverse condition number down to which eigenvalues of J J^T keep eight digits of it."""
+"""Squared inverse condition number above which the eigenvalues of J J^T give it with eight digits."""
 
 
 def condition(J: Array, length: float) -> float:
@@ -24,7 +24,7 @@ def condition_many(Js: Array) -> Array:
     """Return the condition numbers (k,) of Js (k, m, n); infinite where singular or not finite.
 
     Eigenvalues of J J^T take half the time of a singular value decomposition but lose twice the digits: the few
-    matrices that have not enough are decomposed.
+    matrices that lose too many digits are decomposed.
     """
     out = np.full(len(Js), np.inf)
     good = np.flatnonzero(np.isfinite(Js).all(axis=(1, 2)))
@@ -40,7 +40,7 @@ def condition_many(Js: Array) -> Array:
 
 
 def invert_many(Js: Array) -> Array:
-    """Return the inverses, or pseudo-inverses if not square, of Js (k, m, n); NaN where there is none."""
+    """Return the inverses (pseudo-inverses if not square) of Js (k, m, n); NaN where singular."""
     out = np.full((len(Js), Js.shape[2], Js.shape[1]), np.nan)
     good = np.isfinite(Js).all(axis=(1, 2))
     if not good.any():

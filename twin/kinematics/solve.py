@@ -1,6 +1,6 @@
-"""Levenberg-Marquardt for every robot: the unknown is the joints where they give the pose, else the pose.
+"""Levenberg-Marquardt for every robot: the unknowns are the joints if there is a forward equation, else the pose.
 
-Residuals are dimensionless through `length_scale`: 1 rad weighs as much as a miss by that length.
+Residuals are dimensionless through `length_scale`: 1 rad counts as much as an error of `length_scale`.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from twin.kinematics.tasks import Joints, Pose, Task, Tip, Trocar, is_length
 __all__ = ["Joints", "Pose", "Solution", "Task", "Tip", "Trocar", "descend", "seeds", "solve"]
 
 TOLERANCE = 1e-10
-"""Norm of the dimensionless residual at which a task counts as fulfilled: 8e-12 m for SILS."""
+"""Norm of the dimensionless residual below which a task counts as solved: 8e-12 m for SILS."""
 
 _LIMIT_TOL = 1e-9
-"""Breach of a joint limit in m or rad that is rounding, not a breach."""
+"""Excess over a joint limit in m or rad that is ignored as rounding."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,7 @@ class Solution:
         T_base_tool: pose (4, 4).
         residual: norm of the dimensionless, weighted residual.
         branch: label of the assembly, as from `Kinematics.branch`.
-        iterations: steps tried, in all starts together.
-
+        iterations: total number of steps tried in all starts.
     """
 
     q: Array
@@ -50,7 +49,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Descent:
-    """Where one descent ended: state `T` (4, 4) and `q` (n,), residual of the task, steps tried."""
+    """The end of one descent: state `T` (4, 4) and `q` (n,), residual of the task, steps tried."""
 
     T: Array
     q: Array
@@ -74,13 +73,13 @@ def solve(
 
     Args:
         kin: the robot.
-        task: what is asked for; several with `+`, weighted with `*`.
+        task: the task; tasks are combined with `+` and weighted with `*`.
         seed: q (n,) or pose (4, 4) to start from.
         limits: (n, 2) lower and upper limit of each joint, in m or rad; infinite where there is none.
-        starts: how many starting values are tried: the seed, the formula's own, then random ones.
+        starts: number of starting values: the seed, the formula's seeds, then random ones.
         rng: seed of the random ones; the same number gives the same answer.
         any_branch: accept any assembly or configuration, not only the seed's or the preferred one.
-        length_scale: in m; default the robot's characteristic length.
+        length_scale: length in m that counts as 1 rad; default: the robot's characteristic length.
         tolerance: norm of the dimensionless residual that counts as solved.
 
     Returns:
@@ -88,7 +87,6 @@ def solve(
 
     Raises:
         KinematicsError: if no start leads to a solution; `best` is the best `Solution`.
-
     """
     kin.need_six_joints()
     bounds = _bounds(kin, limits)
@@ -111,7 +109,7 @@ def solve(
         if fine:
             return Solution(result.q, result.T, result.residual, label, iterations)
     if best is None:
-        raise KinematicsError(f"{kin.formula.name}: no start: give a seed, or seeds in the formula.")
+        raise KinematicsError(f"{kin.formula.name}: no starting point: give a seed, or seeds in the formula.")
     if best.residual > tolerance:
         why = f"residual {best.residual:.3g} (dimensionless) stays above {tolerance:g}" + (f"; {why}" if why else "")
     elif not why:
@@ -127,8 +125,8 @@ def solve(
 def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> Iterator[Array]:
     """Yield starting states: q (n,) if there is a forward equation, else poses (4, 4).
 
-    First the formula's seeds, then random ones: about them for poses, within the limits (or a full turn,
-    or 1 m) for joints.
+    First the seeds of the formula, then random ones: near these for poses; for joints within the limits (without limits
+    a full turn, or 1 m).
     """
     homes: list[Array] = []
     for seed in kin.formula.seeds[:starts]:

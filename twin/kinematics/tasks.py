@@ -1,7 +1,7 @@
-"""What a solver can be asked for: tasks as residuals of the tool pose, to be weighted and added.
+"""Solver tasks: residuals of the tool pose that can be weighted and added.
 
-A task is zero exactly where it is fulfilled. Its rows are in m or rad; the solver divides lengths by a
-named length scale, so that residuals and weights have no dimension.
+The residual of a task is zero exactly where the task is fulfilled. Its rows are in m or rad; the solver divides lengths
+by a named length scale, so that residuals and weights have no dimension.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from twin.formula import symbolic
 
 @dataclass(frozen=True)
 class Term:
-    """One weighted residual: `kind` names its function, `numbers` are what it is called with."""
+    """One weighted residual: `kind` names its function, `numbers` are its arguments."""
 
     kind: str
     numbers: Array
@@ -31,7 +31,7 @@ class Term:
 
 @dataclass(frozen=True)
 class Task:
-    """A sum of terms. `a + b` asks for both; `w * a` weighs a."""
+    """A sum of terms. `a + b` combines both; `w * a` weights a."""
 
     terms: tuple[Term, ...] = field(default=())
 
@@ -51,7 +51,7 @@ def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  #
 
     Args:
         T_base_tool: the pose.
-        mask: which errors count, in the axes of the target: x, y, z, and the rotation vector's x, y, z.
+        mask: flags of the errors that count, in the axes of the target: x, y, z, and the rotation vector's x, y, z.
             (1, 1, 1, 1, 1, 0) leaves the roll about the target's z axis free.
 
     """
@@ -74,18 +74,17 @@ def Trocar(  # noqa: N802
     p_tool_tip: ArrayLike = (0.0, 0.0, 0.0),
     depth: float | None = None,
 ) -> Task:
-    """Return the task to lead a shaft through a trocar, the tip beyond it.
+    """Return the task to guide a shaft through a trocar, the tip beyond it.
 
-    With w = p - tip and the shaft direction a (towards the tip), the residual is w + |w| a. For a small
-    miss it is the distance from trocar to shaft in m; with the tip on the wrong side of the trocar it is
-    2 |w|, so that side is no solution (the usual a x w vanishes there too).
+    With w = p - tip and the shaft direction a (towards the tip), the residual is w + |w| a. For a small error it is the
+    distance from trocar to shaft in m; with the tip on the wrong side of the trocar it is 2 |w|, so that side is not a
+    solution (the usual residual a x w vanishes on both sides).
 
     Args:
         p_base: trocar (3,) in m.
         axis: shaft direction (3,) in the tool frame, towards the tip; need not be of unit length.
         p_tool_tip: tip (3,) in the tool frame, in m; the shaft passes through it.
-        depth: how far the tip is beyond the trocar, in m; None leaves it free.
-
+        depth: distance of the tip beyond the trocar, in m; None leaves it free.
     """
     a = _vector("Trocar", axis)
     if not np.linalg.norm(a) > 0:
@@ -99,7 +98,7 @@ def Trocar(  # noqa: N802
 
 
 def Joints(q: ArrayLike) -> Task:  # noqa: N802
-    """Return the task to bring the active joints to q (n,); with a small weight, to keep near it."""
+    """Return the task to bring the active joints to q (n,); with a small weight, the task to stay near q."""
     q = np.asarray(q, float)
     if q.ndim != 1 or not np.isfinite(q).all():
         raise KinematicsError(f"task Joints: q must be a finite vector (n,), found shape {q.shape}.")
@@ -107,12 +106,12 @@ def Joints(q: ArrayLike) -> Task:  # noqa: N802
 
 
 def is_length(term: Term) -> np.ndarray:
-    """Return which rows of a term are lengths; not for "joints", whose rows have their joints' kinds."""
+    """Return which rows of a term are lengths; not for "joints", whose rows have the kinds of the joints."""
     return np.array(_KINDS[term.kind][2])[list(term.rows)]
 
 
 def count(kind: str, joints: int) -> int:
-    """Return how many numbers a term of a kind holds, for a robot of so many joints."""
+    """Return the count of numbers in a term of a kind, for a robot with n joints."""
     return joints if kind == "joints" else _KINDS[kind][1]
 
 
@@ -147,7 +146,7 @@ _KINDS: dict[str, tuple[Callable[[ca.SX, ca.SX], ca.SX], int, tuple[bool, ...]]]
     "trocar": (_trocar, 9, (True, True, True)),
     "trocar_depth": (_trocar_depth, 10, (True, True, True)),
 }
-"""Kind -> residual of pose and numbers, how many numbers, which rows are lengths."""
+"""Kind -> (residual of pose and numbers, count of numbers, which rows are lengths)."""
 
 
 def _task(kind: str, numbers: Array, rows: tuple[int, ...]) -> Task:

@@ -1,7 +1,7 @@
 """All assemblies of the SILS robot at given carriages: the ball centres on three circles about the rails.
 
-Each limb fixes the distance rho_i of its ball from the rail and its position a_i along it. What is left
-are the three angles alpha_i, and the three sides of the platform. DERIVED; no published equation.
+Each limb fixes the distance rho_i of its ball from the rail and its position a_i along it. Three angles alpha_i remain
+unknown, and the three sides of the platform determine them. DERIVED; no published equation.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _SIGMA = np.array([1.0, -1.0, 1.0])
 
 
 def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> list[Array]:
-    """Return the poses (4, 4) of all assemblies at q (6,), for a rigid platform; unsorted, not polished.
+    """Return the poses (4, 4) of all assemblies at q (6,), for a rigid platform; unsorted, before Newton iterations.
 
     Bars that lean inwards past the pivot (rho < l_0) are left out: the carriages stop long before.
     """
@@ -42,7 +42,7 @@ def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> l
         return o[i] + rho[i] * (np.cos(angle)[:, None] * u[i] + np.sin(angle)[:, None] * v[i])
 
     def meet(i: int, P: Array, sign: int) -> Array:
-        """Angle on circle i at distance l_p from P (m, 3): one of two, NaN where there is none."""
+        """Return the angle on circle i at distance l_p from P (m, 3): one of the two solutions, NaN if none exists."""
         w = P - o[i]
         A, B = rho[i] * (w @ u[i]), rho[i] * (w @ v[i])
         C = (np.sum(w * w, axis=1) + rho[i] ** 2 - p["l_p"] ** 2) / 2
@@ -75,7 +75,7 @@ def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> l
 
 
 def _edges(grid: Array, inside) -> Array:
-    """Return the angles, just inside, where `inside` changes between neighbours of the grid."""
+    """Return the angles at which `inside` changes between neighbours of the grid, on the inner side."""
     flags = inside(grid)
     i = np.flatnonzero(flags[:-1] != flags[1:])
     good, bad = np.where(flags[i], grid[i], grid[i + 1]), np.where(flags[i], grid[i + 1], grid[i])

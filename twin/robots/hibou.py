@@ -1,10 +1,10 @@
 """Hibou: turret and two-link arm in a vertical plane, two passive joints, endoscope through the trocar, tilting tip.
 
-The paper gives the structure (7 revolute joints, 5 driven and 2 passive, trocar between 5 and 6) and no dimension.
+The paper gives the structure (7 revolute joints, 5 driven and 2 passive, trocar between 5 and 6) but no dimension.
 Everything else is ASSUMED: the table below in Khalil and Kleinfinger's form.
 
-Five joints hold the end of the scope's shaft P_7, the roll of the image and the tilt of the tip; the direction of the
-shaft follows from the trocar. Poses that ask for another are refused.
+The five driven joints set the position P_7 of the shaft's end, the roll of the image and the tilt of the tip. The
+direction of the shaft follows from P_7 and the trocar: a pose with another direction has no solution.
 """
 
 from __future__ import annotations
@@ -14,12 +14,17 @@ from casadi import acos, asin, atan2, cos, fabs, if_else, norm_2, pi, sin, sqrt,
 from twin.core.units import DEG
 from twin.formula import symbolic
 from twin.formula.contract import ActiveJoint, Aspect, Formula, Measure
-from twin.robots._khalil import ASSUMED, PAPER, ZYX, derived, mm, row, trocar
+from twin.formula.equations import Equations
+from twin.robots._authoring import ASSUMED, DERIVED, PAPER, ZYX, mm, row, trocar
 
 _OFF = 1e-6
-"""Largest entry of a rotation matrix by which a pose may be off what five joints can take."""
+"""Maximum error of an entry of the rotation matrix up to which a pose counts as within the five freedoms."""
+_POINTS = ("outer", "inner", "tip", "trocar")
+
+equation = Equations(DERIVED, variant="derived")
 
 
+@equation("inverse", "pose and trocar -> end of the shaft, its direction, outer point W", gives="P_7 u W")
 def shaft(T_base_tool, r6, r8, trocar_x, trocar_y, trocar_z):
     """End of the shaft, direction from it to the trocar, outer point; NaN where the trocar is beyond the shaft."""
     P_7 = T_base_tool[0:3, 3] - r8 * T_base_tool[0:3, 2]
@@ -29,6 +34,7 @@ def shaft(T_base_tool, r6, r8, trocar_x, trocar_y, trocar_z):
     return P_7, u, P_7 + r6 * u
 
 
+@equation("inverse", "W -> q1, q2, q3", gives="q1 q2 q3")
 def arm(W, a, b, h):
     """Turret, shoulder and elbow, with the elbow up (q3 positive)."""
     rr, zz = sqrt(W[0] ** 2 + W[1] ** 2), W[2] - h
@@ -40,6 +46,7 @@ def _to_elbow(q1, q2, q3, a, h):
     return row(0, 0, q1, h) @ row(-pi / 2, 0, q2, 0) @ row(0, a, q3, 0)
 
 
+@equation("inverse", "shaft -> passive q4, q5", gives="q4 q5")
 def gimbal(u, q1, q2, q3, a, h):
     """Passive joints that lead the shaft through the trocar."""
     s = _to_elbow(q1, q2, q3, a, h)[0:3, 0:3].T @ -u
@@ -50,14 +57,16 @@ def _to_outer(q1, q2, q3, q4, q5, a, b, h):
     return _to_elbow(q1, q2, q3, a, h) @ row(0, b, q4, 0) @ row(pi / 2, 0, pi / 2 + q5, 0)
 
 
+@equation("inverse", "rotation relative to the shaft -> q6, q7", gives="q6 q7 within")
 def scope(T_base_tool, q1, q2, q3, q4, q5, a, b, h):
-    """Roll and tilt; NaN if the pose has a turn about the third axis, which no joint can make."""
+    """Roll and tilt; NaN if the pose has a rotation about the third axis, which no joint can make."""
     R = _to_outer(q1, q2, q3, q4, q5, a, b, h)[0:3, 0:3] @ symbolic.rotation_x(pi / 2)
     N = R.T @ T_base_tool[0:3, 0:3]  # = Rz(q6) Ry(q7)
     q7 = atan2(-N[2, 0], N[2, 2])
     return atan2(-N[0, 1], N[1, 1]), if_else(fabs(N[2, 1]) < _OFF, q7, float("nan")), _OFF - fabs(N[2, 1])
 
 
+@equation("forward", "driven arm and trocar -> shaft", gives="u_out")
 def outer(q1, q2, q3, a, b, h, r6, trocar_x, trocar_y, trocar_z):
     """Direction from the trocar to the outer point W of the driven arm; NaN if the shaft is too short."""
     W = (_to_elbow(q1, q2, q3, a, h) @ vertcat(b, 0, 0, 1))[0:3]
@@ -66,19 +75,22 @@ def outer(q1, q2, q3, a, b, h, r6, trocar_x, trocar_y, trocar_z):
     return u / if_else(length < r6, length, float("nan"))
 
 
+@equation("forward", "joints -> pose", gives="T_base_tool")
 def chain(q1, q2, q3, q6, q7, u_out, a, b, h, r6, r8):
-    """Multiply the whole table, with the passive joints that the trocar leaves."""
+    """Multiply the whole table, with the passive joints that the trocar determines."""
     T = _to_outer(q1, q2, q3, *gimbal(u_out, q1, q2, q3, a, h), a, b, h)
     return T @ row(pi / 2, 0, q6, r6) @ row(-pi / 2, 0, q7, 0) @ row(pi / 2, 0, 0, r8)
 
 
+@equation("helper", "points in base", gives=[f"at_{n}" for n in _POINTS])
 def places(T_base_tool, P_7, W, trocar_x, trocar_y, trocar_z):
     """Outer point, end of the shaft, tip, and the trocar."""
     return W, P_7, T_base_tool[0:3, 3], vertcat(trocar_x, trocar_y, trocar_z)
 
 
+@equation("helper", "reach and singularity", gives="stretch fold rest s3 c5 aside")
 def margins(W, P_7, q3, q5, a, b, h, r6, trocar_x, trocar_y, trocar_z):
-    """Reach of the arm and length of the shaft left in m; what vanishes at singularities."""
+    """Remaining reach of the arm and length of the shaft in m; singularity measures."""
     D = norm_2(W - vertcat(0, 0, h))
     left = r6 - norm_2(vertcat(trocar_x, trocar_y, trocar_z) - P_7)
     aside = sqrt(W[0] ** 2 + W[1] ** 2) / (a + b)
@@ -86,7 +98,6 @@ def margins(W, P_7, q3, q5, a, b, h, r6, trocar_x, trocar_y, trocar_z):
 
 
 _ALARM = f"alarm {ASSUMED}"
-_POINTS = ("outer", "inner", "tip", "trocar")
 
 
 FORMULA = Formula(
@@ -103,24 +114,7 @@ FORMULA = Formula(
     ),
     joints=tuple(ActiveJoint(f"q{i}", "revolute") for i in (1, 2, 3, 6, 7)),
     coordinates=ZYX,
-    equations=(
-        derived(
-            "shaft",
-            "pose and trocar -> end of the shaft, its direction, outer point W",
-            "inverse",
-            ("P_7", "u", "W"),
-            shaft,
-        ),
-        derived("arm", "W -> q1, q2, q3", "inverse", ("q1", "q2", "q3"), arm),
-        derived("gimbal", "shaft -> passive q4, q5", "inverse", ("q4", "q5"), gimbal),
-        derived("scope", "pose behind the shaft -> q6, q7", "inverse", ("q6", "q7", "within"), scope),
-        derived("outer", "driven arm and trocar -> shaft", "forward", ("u_out",), outer),
-        derived("chain", "joints -> pose", "forward", ("T_base_tool",), chain),
-        derived("places", "points in base", "helper", tuple(f"at_{n}" for n in _POINTS), places),
-        derived(
-            "margins", "reach and singularity", "helper", ("stretch", "fold", "rest", "s3", "c5", "aside"), margins
-        ),
-    ),
+    equations=tuple(equation),
     characteristic_length=lambda r6: r6,
     points={n: f"at_{n}" for n in _POINTS},
     passive=("q4", "q5"),

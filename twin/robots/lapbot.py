@@ -1,10 +1,11 @@
 """Lapbot: lift, two-link horizontal arm, three passive joints, instrument through the trocar, two-axis wrist.
 
-The paper gives the structure (9 joints: the first prismatic, 6 driven and 3 passive, trocar between 7 and 8) and no
+The paper gives the structure (9 joints: the first prismatic, 6 driven and 3 passive, trocar between 7 and 8) but no
 dimension. Everything else is ASSUMED: the table below in Khalil and Kleinfinger's form, and a belt that keeps the
-azimuth of the passive joints, q2 + q3 + q4 = 0; without it one freedom would stay idle.
+azimuth of the passive joints, q2 + q3 + q4 = 0; without it one freedom would be undetermined.
 
-The trocar P_tr fixes the shaft: u leads from the inner wrist P_in to it, and the outer point W lies r7 along it.
+The trocar P_tr fixes the shaft: u is the direction from the inner wrist P_in to the trocar, and the outer point W lies
+r7 along it.
 """
 
 from __future__ import annotations
@@ -13,9 +14,15 @@ from casadi import acos, asin, atan2, cos, if_else, norm_2, pi, sin, sqrt, vertc
 
 from twin.core.units import DEG
 from twin.formula.contract import ActiveJoint, Aspect, Formula, Measure
-from twin.robots._khalil import ASSUMED, PAPER, ZYX, derived, mm, row, trocar
+from twin.formula.equations import Equations
+from twin.robots._authoring import ASSUMED, DERIVED, PAPER, ZYX, mm, row, trocar
+
+_POINTS = ("outer", "inner", "tip", "trocar")
+
+equation = Equations(DERIVED, variant="derived")
 
 
+@equation("inverse", "pose and trocar -> inner wrist, shaft, outer point W", gives="P_in u W")
 def shaft(T_base_tool, r7, r10, trocar_x, trocar_y, trocar_z):
     """Inner wrist, direction from it to the trocar, outer point; NaN where the trocar is beyond the shaft."""
     P_in = T_base_tool[0:3, 3] - r10 * T_base_tool[0:3, 2]
@@ -25,12 +32,14 @@ def shaft(T_base_tool, r7, r10, trocar_x, trocar_y, trocar_z):
     return P_in, u, P_in + r7 * u
 
 
+@equation("inverse", "W -> q1, q2, q3", gives="q1 q2 q3")
 def arm(W, a, b):
     """Lift, and the horizontal arm with its elbow to the right of the line to W (q3 positive)."""
     q3 = acos((W[0] ** 2 + W[1] ** 2 - a**2 - b**2) / (2 * a * b))
     return W[2], atan2(W[1], W[0]) - atan2(b * sin(q3), a + b * cos(q3)), q3
 
 
+@equation("inverse", "shaft -> passive q4, q5, q6", gives="q4 q5 q6")
 def gimbal(u, q2, q3):
     """Passive joints: the belt keeps q4, the trocar sets q5 and q6."""
     return -(q2 + q3), atan2(-u[0], u[2]), asin(-u[1])
@@ -42,12 +51,14 @@ def _to_shaft(q1, q2, q3, q4, q5, q6, q7, a, b, r7):
     return T @ row(pi / 2, 0, pi / 2 + q5, 0) @ row(pi / 2, 0, -pi / 2 + q6, 0) @ row(pi / 2, 0, q7, r7)
 
 
+@equation("inverse", "rotation relative to the shaft -> q7, q8, q9", gives="q7 q8 q9")
 def instrument(T_base_tool, q1, q2, q3, q4, q5, q6, a, b, r7):
-    """Roll and wrist from what is left of the tool's rotation behind the shaft."""
+    """Roll and wrist from the rotation of the tool relative to the shaft."""
     M = _to_shaft(q1, q2, q3, q4, q5, q6, 0, a, b, r7)[0:3, 0:3].T @ T_base_tool[0:3, 0:3]
     return atan2(M[1, 1], M[0, 1]), asin(M[2, 1]), atan2(-M[2, 0], M[2, 2])
 
 
+@equation("forward", "driven arm and trocar -> shaft", gives="u_out")
 def outer(q1, q2, q3, a, b, r7, trocar_x, trocar_y, trocar_z):
     """Outer point W from the driven arm, and the direction from the trocar to it; NaN if the shaft is too short."""
     W = vertcat(a * cos(q2) + b * cos(q2 + q3), a * sin(q2) + b * sin(q2 + q3), q1)
@@ -56,26 +67,28 @@ def outer(q1, q2, q3, a, b, r7, trocar_x, trocar_y, trocar_z):
     return u / if_else(length < r7, length, float("nan"))
 
 
+@equation("forward", "joints -> pose", gives="T_base_tool")
 def chain(q1, q2, q3, q7, q8, q9, u_out, a, b, r7, r10):
-    """Multiply the whole table, with the passive joints that belt and trocar leave."""
+    """Multiply the whole table, with the passive joints that belt and trocar determine."""
     T = _to_shaft(q1, q2, q3, *gimbal(u_out, q2, q3), q7, a, b, r7)
     return T @ row(pi / 2, 0, pi / 2 + q8, 0) @ row(pi / 2, 0, pi / 2 + q9, 0) @ row(pi / 2, 0, 0, r10)
 
 
+@equation("helper", "points in base", gives=[f"at_{n}" for n in _POINTS])
 def places(T_base_tool, P_in, W, trocar_x, trocar_y, trocar_z):
     """Outer point, inner wrist, tip, and the trocar."""
     return W, P_in, T_base_tool[0:3, 3], vertcat(trocar_x, trocar_y, trocar_z)
 
 
+@equation("helper", "reach and singularity", gives="stretch fold rest s3 c6 c8")
 def margins(W, P_in, q3, q6, q8, a, b, r7, trocar_x, trocar_y, trocar_z):
-    """Reach of the arm and length of the shaft left in m; what vanishes at singularities."""
+    """Remaining reach of the arm and length of the shaft in m; singularity measures."""
     D = sqrt(W[0] ** 2 + W[1] ** 2)
     left = r7 - norm_2(vertcat(trocar_x, trocar_y, trocar_z) - P_in)
     return a + b - D, D - sqrt((a - b) ** 2), left, sin(q3), cos(q6), cos(q8)
 
 
 _ALARM = f"alarm {ASSUMED}"
-_POINTS = ("outer", "inner", "tip", "trocar")
 
 
 FORMULA = Formula(
@@ -94,16 +107,7 @@ FORMULA = Formula(
         *(ActiveJoint(f"q{i}", "revolute") for i in (2, 3, 7, 8, 9)),
     ),
     coordinates=ZYX,
-    equations=(
-        derived("shaft", "pose and trocar -> inner wrist, shaft, outer point W", "inverse", ("P_in", "u", "W"), shaft),
-        derived("arm", "W -> q1, q2, q3", "inverse", ("q1", "q2", "q3"), arm),
-        derived("gimbal", "shaft -> passive q4, q5, q6", "inverse", ("q4", "q5", "q6"), gimbal),
-        derived("instrument", "pose behind the shaft -> q7, q8, q9", "inverse", ("q7", "q8", "q9"), instrument),
-        derived("outer", "driven arm and trocar -> shaft", "forward", ("u_out",), outer),
-        derived("chain", "joints -> pose", "forward", ("T_base_tool",), chain),
-        derived("places", "points in base", "helper", tuple(f"at_{n}" for n in _POINTS), places),
-        derived("margins", "reach and singularity", "helper", ("stretch", "fold", "rest", "s3", "c6", "c8"), margins),
-    ),
+    equations=tuple(equation),
     characteristic_length=lambda r7: r7,
     points={n: f"at_{n}" for n in _POINTS},
     passive=("q4", "q5", "q6"),
@@ -113,7 +117,7 @@ FORMULA = Formula(
         Measure("gimbal", "c6", "type2", 0.2, f"two passive axes in line; {_ALARM}"),
         Measure("wrist", "c8", "type1", 0.1, f"q7 and q9 in line; {_ALARM}"),
     ),
-    aspects=(Aspect("s3", 1, "elbow as drawn"), Aspect("c8", 1, "wrist within a quarter turn")),
+    aspects=(Aspect("s3", 1, "elbow as in the CAD"), Aspect("c8", 1, "wrist bent by less than a quarter turn")),
     seeds=(
         (0.40, 0.0, 0.13, 0.0, 180 * DEG, 0.0),
         (0.44, 0.03, 0.16, 10 * DEG, 165 * DEG, 5 * DEG),

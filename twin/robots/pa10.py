@@ -1,11 +1,11 @@
 """Mitsubishi PA10-7C with an instrument along its last axis: S-R-S arm in modified Denavit-Hartenberg form.
 
-Table 1 of the paper on the virtual surgery robot gives the chain in Khalil and Kleinfinger's form,
-T = Rx(alpha) Tx(d) Rz(theta) Tz(r), and no length. Lengths are those of the INRIA model of the arm. Frame 0 lies
-at the shoulder, z up; all joints zero: straight up. {tool} is frame 8, at the tip, z out of it.
+Table 1 of the paper on the virtual surgery robot gives the chain in Khalil and Kleinfinger's form, T = Rx(alpha) Tx(d)
+Rz(theta) Tz(r), but no length. Lengths are those of the INRIA model of the arm. Frame 0 lies at the shoulder, z up;
+with all joints zero the arm is straight up. {tool} is frame 8, at the tip, z out of it.
 
-Seven joints for six freedoms: the elbow swivels about the line from shoulder to wrist. The inverse takes the
-swivel as a parameter (0: elbow up, in the vertical plane through that line) and one posture of the eight.
+Seven joints for six freedoms: the elbow swivels about the line from shoulder to wrist. The inverse takes the swivel as
+a parameter (0: elbow up, in the vertical plane through that line) and returns one of the eight postures.
 """
 
 from __future__ import annotations
@@ -15,25 +15,32 @@ from casadi import atan2, cos, cross, dot, if_else, norm_2, pi, sin, sqrt, vertc
 from twin.core.provenance import Parameter
 from twin.core.units import DEG
 from twin.formula import symbolic
-from twin.formula.contract import ActiveJoint, Aspect, Equation, Formula, Measure
-from twin.robots._khalil import PAPER, ZYX, mm, row
+from twin.formula.contract import ActiveJoint, Aspect, Formula, Measure
+from twin.formula.equations import Equations
+from twin.robots._authoring import PAPER, ZYX, mm, row
 
 _INRIA = "siconos HuMAns_pa10 (INRIA)"
+_POINTS = ("shoulder", "elbow", "wrist", "flange", "tip")
+
+equation = Equations("DERIVED from Table 1", variant="derived")
 
 
+@equation("forward", "joints -> pose", gives="T_base_tool", source=f"{PAPER}, Table 1", variant="published")
 def table1(q1, q2, q3, q4, q5, q6, q7, RL3, RL5, RL7, RL8):
     """Chain of the modified DH table, frames 1 to 8."""
     T = row(0, 0, q1, 0) @ row(-pi / 2, 0, q2, 0) @ row(pi / 2, 0, q3, RL3) @ row(-pi / 2, 0, q4, 0)
     return T @ row(pi / 2, 0, q5, RL5) @ row(-pi / 2, 0, q6, 0) @ row(pi / 2, 0, q7, RL7) @ row(0, 0, 0, RL8)
 
 
+@equation("inverse", "pose -> wrist P_m", gives="P_m", source=f"{PAPER}, trocar model", variant="published")
 def wrist(T_base_tool, RL7, RL8):
     """Wrist P_m, on the shaft behind the tip."""
     return T_base_tool[0:3, 3] - (RL7 + RL8) * T_base_tool[0:3, 2]
 
 
+@equation("inverse", "wrist and swivel -> elbow P_c", gives="P_c", source="DERIVED: |P_c| = RL3, |P_m - P_c| = RL5")
 def elbow(P_m, RL3, RL5, swivel):
-    """Elbow P_c on its circle about the line from shoulder to wrist; swivel 0 is the upper one."""
+    """Elbow P_c on its circle about the line from shoulder to wrist; swivel 0 is the upper point."""
     D = norm_2(P_m)
     n = P_m / D
     a = (RL3**2 - RL5**2 + D**2) / (2 * D)
@@ -43,6 +50,7 @@ def elbow(P_m, RL3, RL5, swivel):
     return a * n + sqrt(RL3**2 - a**2) * (cos(swivel) * e1 + sin(swivel) * cross(n, e1))
 
 
+@equation("inverse", "elbow and wrist -> q1..q4", gives="q1 q2 q3 q4")
 def arm_angles(P_c, P_m, RL3, RL5):
     """q1..q4 from elbow and wrist, with q1 on the wrist's side and q4 not negative."""
     side = if_else(P_c[0] * P_m[0] + P_c[1] * P_m[1] < 0, -1, 1)
@@ -52,6 +60,7 @@ def arm_angles(P_c, P_m, RL3, RL5):
     return q1, q2, atan2(w[1], w[0]), atan2(sqrt(w[0] ** 2 + w[1] ** 2), w[2])
 
 
+@equation("inverse", "shaft -> q5..q7", gives="q5 q6 q7")
 def wrist_angles(T_base_tool, q1, q2, q3, q4):
     """q5..q7 from the direction of the shaft and the turn about it, with q6 not negative."""
     R04 = symbolic.rotation_z(q1) @ symbolic.rotation_y(q2) @ symbolic.rotation_z(q3) @ symbolic.rotation_y(q4)
@@ -61,21 +70,22 @@ def wrist_angles(T_base_tool, q1, q2, q3, q4):
     return q5, q6, atan2(left[1, 0], left[0, 0])
 
 
+@equation("helper", "points of the arm in base", gives=[f"at_{n}" for n in _POINTS], source="DERIVED")
 def places(T_base_tool, P_c, P_m, RL8):
     """Shoulder, elbow, wrist, flange and tip in base."""
     tip = T_base_tool[0:3, 3]
     return vertcat(0, 0, 0), P_c, P_m, tip - RL8 * T_base_tool[0:3, 2], tip
 
 
+@equation("helper", "reach and singularity", gives="stretch fold s2 s4 s6 aside", source="DERIVED")
 def margins(q2, q4, q6, P_m, RL3, RL5):
-    """Reach in m, sines that vanish at singularities, and how far the wrist is beside the vertical."""
+    """Reach in m, sines that vanish at singularities, and the distance of the wrist from the vertical axis."""
     D = norm_2(P_m)
     aside = sqrt(P_m[0] ** 2 + P_m[1] ** 2)
     return RL3 + RL5 - D, D - sqrt((RL3 - RL5) ** 2), sin(q2), sin(q4), sin(q6), aside / (RL3 + RL5)
 
 
 _ALARM = "alarm ASSUMED: no published threshold"
-_POINTS = ("shoulder", "elbow", "wrist", "flange", "tip")
 
 FORMULA = Formula(
     name="pa10",
@@ -97,81 +107,19 @@ FORMULA = Formula(
     ),
     joints=tuple(ActiveJoint(f"q{i}", "revolute") for i in range(1, 8)),
     coordinates=ZYX,
-    equations=(
-        Equation(
-            "wrist",
-            "pose -> wrist P_m",
-            f"{PAPER}, trocar model",
-            "inverse",
-            ("P_m",),
-            {"published": wrist},
-            default="published",
-        ),
-        Equation(
-            "elbow",
-            "wrist and swivel -> elbow P_c",
-            "DERIVED: |P_c| = RL3, |P_m - P_c| = RL5",
-            "inverse",
-            ("P_c",),
-            {"derived": elbow},
-            default="derived",
-        ),
-        Equation(
-            "arm_angles",
-            "elbow and wrist -> q1..q4",
-            "DERIVED from Table 1",
-            "inverse",
-            ("q1", "q2", "q3", "q4"),
-            {"derived": arm_angles},
-            default="derived",
-        ),
-        Equation(
-            "wrist_angles",
-            "shaft -> q5..q7",
-            "DERIVED from Table 1",
-            "inverse",
-            ("q5", "q6", "q7"),
-            {"derived": wrist_angles},
-            default="derived",
-        ),
-        Equation(
-            "table1",
-            "joints -> pose",
-            f"{PAPER}, Table 1",
-            "forward",
-            ("T_base_tool",),
-            {"published": table1},
-            default="published",
-        ),
-        Equation(
-            "places",
-            "points of the arm in base",
-            "DERIVED",
-            "helper",
-            tuple(f"at_{n}" for n in _POINTS),
-            {"corrected": places},
-        ),
-        Equation(
-            "margins",
-            "reach and singularity",
-            "DERIVED",
-            "helper",
-            ("stretch", "fold", "s2", "s4", "s6", "aside"),
-            {"corrected": margins},
-        ),
-    ),
+    equations=tuple(equation),
     characteristic_length=lambda RL5: RL5,
     points={n: f"at_{n}" for n in _POINTS},
     reach={"arm": "stretch", "arm, folded": "fold"},
     measures=(
-        Measure("shoulder", "s2", "type1", 0.03, f"upper arm upright: q1 and q3 turn alike; {_ALARM}"),
+        Measure("shoulder", "s2", "type1", 0.03, f"upper arm upright: q1 and q3 turn about one axis; {_ALARM}"),
         Measure("elbow", "s4", "type1", 0.1, f"arm stretched; {_ALARM}"),
         Measure("wrist", "s6", "type1", 0.1, f"q5 and q7 in line; {_ALARM}"),
         Measure("swivel_zero", "aside", "type1", 0.05, f"wrist above the shoulder: the swivel has no zero; {_ALARM}"),
     ),
     aspects=(
-        Aspect("s4", 1, "q4 positive: elbow as drawn"),
-        Aspect("s6", 1, "q6 positive: wrist as drawn"),
+        Aspect("s4", 1, "q4 positive: elbow as in the CAD"),
+        Aspect("s6", 1, "q6 positive: wrist as in the CAD"),
     ),
     seeds=(
         (0.55, 0.40, 0.0, 0.0, 175 * DEG, 0.0),

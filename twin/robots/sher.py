@@ -1,13 +1,12 @@
 """SHER 3.0, the Steady-Hand Eye Robot: delta stage q1..q3, roll q4 = psi, four-bar tilt driven by the stroke q5 = s.
 
-The paper (eqs (1)-(3)) prints the chain T_t^b = T_p^b T_r^p T_a^r T_t^a and no length. Lengths and the two
-linkages are those of the published derivation, github.com/zhaob5/sher3-kinematics (MIT), "[A]" below, written
-here in closed form.
+The paper (eqs (1)-(3)) prints the chain T_t^b = T_p^b T_r^p T_a^r T_t^a but no length. Lengths and the two linkages are
+those of the published derivation, github.com/zhaob5/sher3-kinematics (MIT), "[A]" below, written here in closed form.
 
-Frames: {b} base, z up along the slides, origin at the centre of the base joint circle at q = 0. {p} centre of
-the platform joint circle, never turns. {r} on the roll axis, x along it. {a} at pin A, linkage plane x-y.
-{t} at P, the intended RCM, y along the tool towards its handle: the tool points along -y. {t} is the tool
-frame. Five joints hold five freedoms: position of P and direction of the tool. The spin about the tool follows.
+Frames: {b} base, z up along the slides, origin at the centre of the base joint circle at q = 0. {p} at the centre of
+the platform joint circle; it never rotates. {r} on the roll axis, x along it. {a} at pin A, linkage plane x-y. {t} at
+P, the intended RCM, y along the tool towards its handle: the tool points along -y. {t} is the tool frame. Five joints
+hold five freedoms: position of P and direction of the tool. The spin about the tool follows.
 """
 
 from __future__ import annotations
@@ -21,10 +20,17 @@ from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.formula import symbolic
-from twin.formula.contract import ActiveJoint, Aspect, Coordinates, Equation, Formula, Measure
+from twin.formula.contract import ActiveJoint, Aspect, Coordinates, Formula, Measure
+from twin.formula.equations import Equations
 
 _A = "sher3-kinematics (MIT, JHU LCSR 2025)"
 _PAPER = "paper on the SHER 3.0 simulation"
+_LEGS = tuple(f"u{i}{k}{n}" for i in (1, 2, 3) for k in "ab" for n in (1, 2))
+_PINS = ("pin_r", "e_a", "e_b", "e_d", "e_c", "pin_q")
+_DRAWN = "R runs 10 mm above A, as the drawing of [A] shows it. At s = 0 P is then (160.1, -45.9) mm in {a}."
+_BELOW = "R runs 10 mm below A (y_AR = -10). Only then is P (145.2, -45.4) mm at s = 0, as [A] publishes."
+
+equation = Equations()
 
 
 def hypot(a, b):
@@ -45,6 +51,12 @@ def _legs(r_x, r_y, r_z, r_b, r_p, heights):
 # ------------------------------------------------------------------- forward: joints -> pose
 
 
+@equation(
+    "forward",
+    "slides -> platform centre, upper solution",
+    gives="r_x r_y r_z",
+    source=f"DERIVED from the geometry of {_A}: its elimination divides by differences that can vanish",
+)
 def delta_forward(q1, q2, q3, r_b, r_p, l):  # noqa: E741 - the symbol of the source
     """Platform centre from the slides: the upper of the two points at distance l from three centres."""
     rho = r_b - r_p
@@ -67,6 +79,13 @@ def _crank(x_AR, y_AR, AQ, QR):
     return acos((L_AR**2 + AQ**2 - QR**2) / (2 * L_AR * AQ)) + atan2(y_AR, x_AR)
 
 
+@equation(
+    "forward",
+    "stroke -> tilt angle, P in {a}",
+    gives="th P_x P_y",
+    source=f"{_A}, forward of the tilt linkage",
+    why=_BELOW,
+)
 def tilt_forward(q5, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, y_AR):
     """Tilt angle and P in {a} from the stroke: slider-crank R-Q-A, then four-bar A-B-C-D."""
     al = _crank(x_max - q5, y_AR, AQ, QR)
@@ -80,31 +99,51 @@ def tilt_forward(q5, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, 
     return pi / 2 - phi4 - phi3 + th2, P_x, P_y
 
 
-def tilt_forward_drawn(q5, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, y_AR):
-    """Read the rail of R above A, as the drawing of [A] shows it; all else the same."""
-    return tilt_forward(q5, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, -y_AR)
+@equation.variant("drawn", of=tilt_forward, why=_DRAWN)
+def tilt_forward_drawn(y_AR):
+    """With the rail of R above A, as the drawing of [A] shows it."""
+    y_AR = -y_AR
+    return y_AR
 
 
+@equation("forward", "T_p^b", gives="T_b_p", source=f"{_PAPER}, eq. (1)")
 def eq1(r_x, r_y, r_z):
     """T_p^b: the platform never turns."""
     return symbolic.pose(symbolic.rotation_x(0), vertcat(r_x, r_y, r_z))
 
 
+@equation("forward", "T_r^p", gives="T_p_r", source=f"{_PAPER}, eq. (2)")
 def eq2(q4, d1):
     """T_r^p = Trans(z, d1) Rot(x, psi)."""
     return symbolic.pose(symbolic.rotation_x(q4), vertcat(0, 0, d1))
 
 
-def eq3_printed(d2, d3):
-    """T_a^r = Trans(x, d2) Trans(z, d3), as printed."""
-    return symbolic.pose(symbolic.rotation_x(0), vertcat(d2, 0, d3))
-
-
+@equation(
+    "forward",
+    "T_a^r",
+    gives="T_r_a",
+    source=f"{_PAPER}, eq. (3)",
+    name="eq3",
+    why="Rot(x, 90 deg) at its end, as [A] has it: only then is the linkage upright at psi = 0, as every figure shows.",
+)
 def eq3_corrected(d2, d3):
     """T_a^r = Trans(x, d2) Trans(z, d3) Rot(x, 90 deg)."""
-    return symbolic.pose(symbolic.rotation_x(pi / 2), vertcat(d2, 0, d3))
+    T_r_a = symbolic.pose(symbolic.rotation_x(pi / 2), vertcat(d2, 0, d3))
+    return T_r_a
 
 
+@equation.variant(
+    "printed",
+    of=eq3_corrected,
+    why="As printed: no rotation, although the paper's frame {a} implies one. The linkage then lies in the x-y plane.",
+)
+def eq3_printed(d2, d3):
+    """T_a^r = Trans(x, d2) Trans(z, d3), as printed."""
+    T_r_a = symbolic.pose(symbolic.rotation_x(0), vertcat(d2, 0, d3))
+    return T_r_a
+
+
+@equation("forward", "T_t^b", gives="T_base_tool", source=f"{_PAPER}, eq. (1)")
 def chain(T_b_p, T_p_r, T_r_a, th, P_x, P_y):
     """T_t^b = T_p^b T_r^p T_a^r T_t^a with T_t^a = Trans(P) Rot(z, th)."""
     return T_b_p @ T_p_r @ T_r_a @ symbolic.pose(symbolic.rotation_z(th), vertcat(P_x, P_y, 0))
@@ -113,6 +152,13 @@ def chain(T_b_p, T_p_r, T_r_a, th, P_x, P_y):
 # ------------------------------------------------------------------- inverse: pose -> joints
 
 
+@equation(
+    "inverse",
+    "tilt angle -> stroke q5, P in {a}",
+    gives="q5 P_x P_y",
+    source=f"{_A}, inverse of the tilt linkage",
+    why=_BELOW,
+)
 def tilt_inverse(theta, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, y_AR):
     """Stroke and P in {a} from the tilt angle: four-bar backwards, then the slider-crank."""
     th2 = theta - pi / 2 + phi4 + phi3
@@ -127,16 +173,22 @@ def tilt_inverse(theta, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_ma
     return x_max - x_AR, P_x, P_y
 
 
-def tilt_inverse_drawn(theta, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, y_AR):
-    """Read the rail of R above A, as the drawing of [A] shows it; all else the same."""
-    return tilt_inverse(theta, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, -y_AR)
+@equation.variant("drawn", of=tilt_inverse, why=_DRAWN)
+def tilt_inverse_drawn(y_AR):
+    """With the rail of R above A, as the drawing of [A] shows it."""
+    y_AR = -y_AR
+    return y_AR
 
 
+@equation(
+    "inverse", "pose -> roll q4, platform centre r", gives="q4 r_x r_y r_z", source=f"{_PAPER}, eqs (1)-(3) inverted"
+)
 def roll_inverse(x, y, z, psi, P_x, P_y, d1, d2, d3):
-    """Roll and platform centre: the chain undone from the tool backwards."""
+    """Roll and platform centre: the inverse chain from the tool."""
     return psi, x - P_x - d2, y + sin(psi) * (P_y + d3), z - cos(psi) * (P_y + d3) - d1
 
 
+@equation("inverse", "platform centre -> slides q1..q3", gives="q1 q2 q3", source=f"{_A}, geometry of the delta stage")
 def delta_inverse(r_x, r_y, r_z, r_b, r_p, l):  # noqa: E741
     """Slides from the platform centre, platform above the carriages."""
     rho = r_b - r_p
@@ -146,6 +198,7 @@ def delta_inverse(r_x, r_y, r_z, r_b, r_p, l):  # noqa: E741
 # ------------------------------------------------------------------- what no printed equation names
 
 
+@equation("helper", "tilt angle -> angles of the links", gives="th1 th2 al")
 def tilt_angles(theta, AB, CD, DA, DP, AQ, phi2, phi3, phi4, phi1, BC):
     """Return th1, th2, al from the tilt angle, for points, passive joints and margins."""
     th2 = theta - pi / 2 + phi4 + phi3
@@ -169,6 +222,9 @@ def _in_plane(th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR):
     }
 
 
+@equation(
+    "helper", "pins, P and platform centre in base", gives=["at_p", "at_platform", *(f"at_{k}" for k in "abcdqr")]
+)
 def points(T_base_tool, psi, r_x, r_y, r_z, th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR, d1, d2, d3):
     """P, the platform centre, and the pins in {b}, all in the plane of the tool."""
     T_b_a = eq1(r_x, r_y, r_z) @ eq2(psi, d1) @ eq3_corrected(d2, d3)
@@ -177,6 +233,7 @@ def points(T_base_tool, psi, r_x, r_y, r_z, th1, th2, al, AB, CD, DA, AQ, QR, ph
     return T_base_tool[0:3, 3], vertcat(r_x, r_y, r_z), *placed
 
 
+@equation("helper", "angles of rods and pins", gives=(*_LEGS, *_PINS), name="passive")
 def passive_joints(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR):
     """Cross and rod of each leg (both rods of a pair alike), then the pins of the tilt linkage."""
     out = []
@@ -191,6 +248,7 @@ def passive_joints(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, th1, th2, al, AB, CD, DA
     return *out, rq, th1, bc, th2 - th1, th2 - bc, atan2(sin(turn), cos(turn))
 
 
+@equation("helper", "reach and singularity", gives="leg1 leg2 leg3 toggle slide volume sin_c cos_r up1 up2 up3")
 def margins(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, l, th1, al, AB, BC, CD, DA, AQ, QR, phi1, y_AR):  # noqa: E741
     """Reach of rods, four-bar and slider-crank in m, and the measures that vanish at a singularity."""
     rho = r_b - r_p
@@ -201,7 +259,7 @@ def margins(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, l, th1, al, AB, BC, CD, DA, AQ,
     across = AQ * sin(al) - y_AR
     # BC against CD: where they are in line, the coupler turns with the crank held.
     cosine = (BC**2 + CD**2 - BD**2) / (2 * BC * CD)
-    # AQ against QR: where QR is square to its rail the slider stands still while the crank turns.
+    # AQ against QR: where QR is perpendicular to its rail the slider is at rest while the crank turns.
     return (
         *lateral,
         BC + CD - BD,
@@ -224,17 +282,13 @@ def _deg(name: str, deg: float, note: str) -> Parameter:
     return Parameter(name, deg * DEG, "deg", deg, "CITED", f"{_A}: {note}")
 
 
-_LEGS = tuple(f"u{i}{k}{n}" for i in (1, 2, 3) for k in "ab" for n in (1, 2))
-_PINS = ("pin_r", "e_a", "e_b", "e_d", "e_c", "pin_q")
 _ALARM = "alarm ASSUMED: no published threshold"
-_DRAWN = "R runs 10 mm above A, as the drawing of [A] shows it. At s = 0 P is then (160.1, -45.9) mm in {a}."
-_BELOW = "R runs 10 mm below A (y_AR = -10). Only so is P (145.2, -45.4) mm at s = 0, as [A] publishes."
 
 _U = np.array([[np.cos(a), np.sin(a)] for a in _AZIMUTHS])
 
 
 def platforms(q: Array, p: Mapping[str, float]) -> list[Array]:
-    """Return the platform centres (3,) in m at slides q (3,): the upper solution, then the lower; none: empty.
+    """Return the platform centres (3,) in m at slides q (3,): the upper solution, then the lower; or none.
 
     The points at distance l from three centres, on both sides of the plane through these.
     """
@@ -289,7 +343,7 @@ FORMULA = Formula(
         _mm("AQ", 32.5, "arm of the bell crank towards the slider"),
         _mm("QR", 42.0, "link from the slider"),
         _mm("x_max", 60.48, "distance of R behind A at s = 0"),
-        _mm("y_AR", -10.0, "height of R over A; its sign is drawn otherwise, see tilt_forward"),
+        _mm("y_AR", -10.0, "height of R over A; the drawing shows the opposite sign, see tilt_forward"),
         _deg("phi1", 90.0, "direction of A->B from x_a"),
         _deg("phi2", 138.0, "between AD and AQ"),
         _deg("phi3", 103.93, "at D, from P to C"),
@@ -308,104 +362,25 @@ FORMULA = Formula(
         ),
         from_pose=lambda T: (T[0, 3], T[1, 3], T[2, 3], atan2(-T[2, 2], -T[1, 2]), atan2(-T[0, 1], T[0, 0])),
     ),
-    equations=(
-        Equation(
-            "tilt_inverse",
-            "tilt angle -> stroke q5, P in {a}",
-            f"{_A}, inverse of the tilt linkage",
-            "inverse",
-            ("q5", "P_x", "P_y"),
-            {"corrected": tilt_inverse, "drawn": tilt_inverse_drawn},
-            {"corrected": _BELOW, "drawn": _DRAWN},
-        ),
-        Equation(
-            "roll_inverse",
-            "pose -> roll q4, platform centre r",
-            f"{_PAPER}, eqs (1)-(3) undone",
-            "inverse",
-            ("q4", "r_x", "r_y", "r_z"),
-            {"corrected": roll_inverse},
-        ),
-        Equation(
-            "delta_inverse",
-            "platform centre -> slides q1..q3",
-            f"{_A}, geometry of the delta stage",
-            "inverse",
-            ("q1", "q2", "q3"),
-            {"corrected": delta_inverse},
-        ),
-        Equation(
-            "delta_forward",
-            "slides -> platform centre, upper solution",
-            f"DERIVED from the geometry of {_A}: its elimination divides by differences that can vanish",
-            "forward",
-            ("r_x", "r_y", "r_z"),
-            {"corrected": delta_forward},
-        ),
-        Equation(
-            "tilt_forward",
-            "stroke -> tilt angle, P in {a}",
-            f"{_A}, forward of the tilt linkage",
-            "forward",
-            ("th", "P_x", "P_y"),
-            {"corrected": tilt_forward, "drawn": tilt_forward_drawn},
-            {"corrected": _BELOW, "drawn": _DRAWN},
-        ),
-        Equation("eq1", "T_p^b", f"{_PAPER}, eq. (1)", "forward", ("T_b_p",), {"corrected": eq1}),
-        Equation("eq2", "T_r^p", f"{_PAPER}, eq. (2)", "forward", ("T_p_r",), {"corrected": eq2}),
-        Equation(
-            "eq3",
-            "T_a^r",
-            f"{_PAPER}, eq. (3)",
-            "forward",
-            ("T_r_a",),
-            {"corrected": eq3_corrected, "printed": eq3_printed},
-            {
-                "printed": "As printed: without a rotation, which the paper leaves to its drawn frame {a}. The linkage "
-                "then lies flat in x-y.",
-                "corrected": "Rot(x, 90 deg) at its end, as [A] has it: only so does the linkage stand upright at "
-                "psi = 0, as every figure shows.",
-            },
-        ),
-        Equation("chain", "T_t^b", f"{_PAPER}, eq. (1)", "forward", ("T_base_tool",), {"corrected": chain}),
-        Equation(
-            "tilt_angles",
-            "tilt angle -> angles of the links",
-            "DERIVED",
-            "helper",
-            ("th1", "th2", "al"),
-            {"corrected": tilt_angles},
-        ),
-        Equation(
-            "points",
-            "pins, P and platform centre in base",
-            "DERIVED",
-            "helper",
-            ("at_p", "at_platform", *(f"at_{k}" for k in "abcdqr")),
-            {"corrected": points},
-        ),
-        Equation(
-            "passive", "angles of rods and pins", "DERIVED", "helper", (*_LEGS, *_PINS), {"corrected": passive_joints}
-        ),
-        Equation(
-            "margins",
-            "reach and singularity",
-            "DERIVED",
-            "helper",
-            ("leg1", "leg2", "leg3", "toggle", "slide", "volume", "sin_c", "cos_r", "up1", "up2", "up3"),
-            {"corrected": margins},
-        ),
-    ),
+    equations=tuple(equation),
     characteristic_length=lambda DP: DP,
     points={"p": "at_p", "platform": "at_platform", **{f"pin_{k}": f"at_{k}" for k in "abcdqr"}},
     passive=(*_LEGS, *_PINS),
     reach={"rod 1": "leg1", "rod 2": "leg2", "rod 3": "leg3", "four-bar": "toggle", "slider-crank": "slide"},
     measures=(
-        Measure("delta_flat", "volume", "type2", 0.1, f"the rods lie in one plane: the platform is loose; {_ALARM}"),
+        Measure(
+            "delta_flat",
+            "volume",
+            "type2",
+            0.1,
+            f"the rods lie in one plane: the platform is not constrained; {_ALARM}",
+        ),
         Measure("four_bar_toggle", "sin_c", "type2", 0.15, f"BC and CD in line: the tool turns by itself; {_ALARM}"),
-        Measure("slider_across", "cos_r", "type1", 0.05, f"QR square to its rail: no effect of the slider; {_ALARM}"),
+        Measure(
+            "slider_across", "cos_r", "type1", 0.05, f"QR perpendicular to its rail: no effect of the slider; {_ALARM}"
+        ),
         *(
-            Measure(f"rod_level_{i}", f"up{i}", "type1", 0.3, f"rod level: its slide has no effect; {_ALARM}")
+            Measure(f"rod_level_{i}", f"up{i}", "type1", 0.3, f"rod horizontal: its slide has no effect; {_ALARM}")
             for i in (1, 2, 3)
         ),
     ),

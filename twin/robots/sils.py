@@ -6,8 +6,8 @@ Paper: Ro. J. Techn. Sci. - Appl. Mech. 68(1), 3-18, 2023, DOI 10.59277/RJTS-AM.
 towards rail 3, X out of the portal towards the patient. Tool frame: centroid of the three ball centres,
 z_p up from the platform, R = Rz(psi) Ry(theta) Rx(phi).
 
-Every printed row is one assignment with the symbols of the paper. The odd and even rows of eq. (2) name
-each other (q1 stands on both sides of its row); they are written so, and solved by the compiler.
+Every printed row is one assignment with the symbols of the paper. The odd and even rows of eq. (2) name each other (q1
+is on both sides of its row); they are written in this form, and the compiler solves them.
 
 Limb i turns about its rail (direction e_a) by alpha_i; e_r points from the rail to the ball, t = e_a x e_r.
 The bar runs from its carriage along sin(beta) e_r - sigma cos(beta) e_a, the strut from its carriage along
@@ -25,36 +25,31 @@ from twin.formula.contract import (
     ActiveJoint,
     Aspect,
     Coordinates,
-    Equation,
     Formula,
     Measure,
 )
+from twin.formula.equations import Equations
 from twin.robots._sils_assembly import branches
 
 _PAPER = "RJTS-AM 68(1), 2023"
 _EQ3 = f"{_PAPER}, eq. (3)"
+
+equation = Equations()
 
 # ------------------------------------------------------------------- eq. (1): pose -> ball centres
 
 _BALLS = ("X_S1", "Y_S1", "Z_S1", "X_S2", "Y_S2", "Z_S2", "X_S3", "Y_S3", "Z_S3")
 
 
-def eq1_printed(X_E, Y_E, Z_E, psi, theta, phi, l_p):
-    """Ball centres as printed: the last factor of X and Y of S1 and S3 is c_theta."""
-    c_psi, c_theta = cos(psi), cos(theta)  # no row uses c_phi: that is the misprint
-    s_psi, s_theta, s_phi = sin(psi), sin(theta), sin(phi)
-    X_S1 = X_E + sqrt(3) / 6 * l_p * c_psi * c_theta - l_p / 2 * c_psi * s_theta * s_phi + l_p / 2 * s_psi * c_theta  # fmt: skip  # (1)
-    Y_S1 = Y_E + sqrt(3) / 6 * l_p * s_psi * c_theta - l_p / 2 * s_psi * s_theta * s_phi - l_p / 2 * c_psi * c_theta  # fmt: skip  # (1)
-    Z_S1 = Z_E - sqrt(3) / 6 * l_p * s_theta - l_p / 2 * s_phi * c_theta  # (1)
-    X_S2 = X_E - sqrt(3) / 3 * l_p * c_psi * c_theta  # (1)
-    Y_S2 = Y_E - sqrt(3) / 3 * l_p * s_psi * c_theta  # (1)
-    Z_S2 = Z_E + sqrt(3) / 3 * l_p * s_theta  # (1)
-    X_S3 = X_E + sqrt(3) / 6 * l_p * c_psi * c_theta + l_p / 2 * c_psi * s_theta * s_phi - l_p / 2 * s_psi * c_theta  # fmt: skip  # (1)
-    Y_S3 = Y_E + sqrt(3) / 6 * l_p * s_psi * c_theta + l_p / 2 * s_psi * s_theta * s_phi + l_p / 2 * c_psi * c_theta  # fmt: skip  # (1)
-    Z_S3 = Z_E - sqrt(3) / 6 * l_p * s_theta + l_p / 2 * s_phi * c_theta  # (1)
-    return X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3
-
-
+@equation(
+    "inverse",
+    "pose coordinates -> ball centres S1, S2, S3",
+    gives=_BALLS,
+    source=f"{_PAPER}, eq. (1)",
+    name="eq1",
+    why="X and Y of S1 and S3: last factor c_theta -> c_phi. Only then is S_i = E + R a_i with constant a_i; all three "
+    "sides are then l_p at every pose.",
+)
 def eq1_corrected(X_E, Y_E, Z_E, psi, theta, phi, l_p):
     """Ball centres of a rigid equilateral platform: c_theta -> c_phi at the end of four rows."""
     c_psi, c_theta, c_phi = cos(psi), cos(theta), cos(phi)
@@ -71,31 +66,34 @@ def eq1_corrected(X_E, Y_E, Z_E, psi, theta, phi, l_p):
     return X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3
 
 
+@equation.variant(
+    "printed",
+    of=eq1_corrected,
+    why="As printed. S1 S3 is then not l_p long unless |theta| = |phi|: the platform is not rigid.",
+)
+def eq1_printed(X_E, Y_E, l_p, c_psi, c_theta, s_psi, s_theta, s_phi):
+    """Ball centres as printed: the last factor of X and Y of S1 and S3 is c_theta."""
+    X_S1 = X_E + sqrt(3) / 6 * l_p * c_psi * c_theta - l_p / 2 * c_psi * s_theta * s_phi + l_p / 2 * s_psi * c_theta  # fmt: skip  # (1)
+    Y_S1 = Y_E + sqrt(3) / 6 * l_p * s_psi * c_theta - l_p / 2 * s_psi * s_theta * s_phi - l_p / 2 * c_psi * c_theta  # fmt: skip  # (1)
+    X_S3 = X_E + sqrt(3) / 6 * l_p * c_psi * c_theta + l_p / 2 * c_psi * s_theta * s_phi - l_p / 2 * s_psi * c_theta  # fmt: skip  # (1)
+    Y_S3 = Y_E + sqrt(3) / 6 * l_p * s_psi * c_theta + l_p / 2 * s_psi * s_theta * s_phi + l_p / 2 * c_psi * c_theta  # fmt: skip  # (1)
+    return X_S1, Y_S1, X_S3, Y_S3
+
+
 # ------------------------------------------------------------------- eq. (2): ball centres -> joints
 
 
-def eq2_literal(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, q3, q4, q5, q6, l_0, l_1, l_2, L_H, L_V):  # fmt: skip
-    """Joints with the radicals exactly as in the text that we have: they close early."""
-    q1 = 1 / (2 * l_1) * (l_1 + l_2) * (q2 - q1) + Z_S1  # (2)
-    q2 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q1 + 2 * l_1 * sqrt(-X_S1**2 - Y_S1**2 - l_0**2 + (l_1 + l_2)**2) + 2 * l_0 * sqrt(X_S1**2 + Y_S1**2))  # fmt: skip  # (2)
-    q3 = 1 / (2 * l_1) * (l_1 + l_2) * (q4 - q3) + Y_S2  # (2)
-    q4 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q3 - 2 * l_1 * sqrt(-X_S2**2 - l_0**2 + (l_1 + l_2)**2) - (L_V - Z_S2)**2 + 2 * l_0 * sqrt((L_V - Z_S2)**2 + X_S2**2))  # fmt: skip  # (2)
-    q5 = 1 / (2 * l_1) * (l_1 + l_2) * (q6 - q5) + Z_S3  # (2)
-    q6 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q5 + 2 * l_1 * sqrt(-X_S3**2 - l_0**2 + (l_1 + l_2)**2) - (L_H - Y_S3)**2 + 2 * l_0 * sqrt((L_H - Y_S3)**2 + X_S3**2))  # fmt: skip  # (2)
-    return q1, q2, q3, q4, q5, q6
-
-
-def eq2_printed(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, q3, q4, q5, q6, l_0, l_1, l_2, L_H, L_V):  # fmt: skip
-    """Joints with all terms under the radical, the odd rows as printed."""
-    q1 = 1 / (2 * l_1) * (l_1 + l_2) * (q2 - q1) + Z_S1  # (2)
-    q2 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q1 + 2 * l_1 * sqrt(-X_S1**2 - Y_S1**2 - l_0**2 + (l_1 + l_2)**2 + 2 * l_0 * sqrt(X_S1**2 + Y_S1**2)))  # fmt: skip  # (2)
-    q3 = 1 / (2 * l_1) * (l_1 + l_2) * (q4 - q3) + Y_S2  # (2)
-    q4 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q3 - 2 * l_1 * sqrt(-X_S2**2 - l_0**2 + (l_1 + l_2)**2 - (L_V - Z_S2)**2 + 2 * l_0 * sqrt((L_V - Z_S2)**2 + X_S2**2)))  # fmt: skip  # (2)
-    q5 = 1 / (2 * l_1) * (l_1 + l_2) * (q6 - q5) + Z_S3  # (2)
-    q6 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q5 + 2 * l_1 * sqrt(-X_S3**2 - l_0**2 + (l_1 + l_2)**2 - (L_H - Y_S3)**2 + 2 * l_0 * sqrt((L_H - Y_S3)**2 + X_S3**2)))  # fmt: skip  # (2)
-    return q1, q2, q3, q4, q5, q6
-
-
+@equation(
+    "inverse",
+    "ball centres -> carriages q1..q6",
+    gives="q1 q2 q3 q4 q5 q6",
+    source=f"{_PAPER}, eq. (2)",
+    name="eq2",
+    why="Radicals repaired; in the odd rows (l_1 + l_2) -> (l_2 - l_1), the same as an index misprint q_odd for q_even "
+    "on the left. Only then is the strut l_1 long at every pose, and the carriages of Table 2 lie within the frame. "
+    "That "
+    "odd carriages hold the strut and even ones the bar (R-PRR-PRS read in order) is inferred, not published.",
+)
 def eq2_corrected(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, q3, q4, q5, q6, l_0, l_1, l_2, L_H, L_V):  # fmt: skip
     """Joints of a mechanism with struts of length l_1: (l_1 + l_2) -> (l_2 - l_1) in the odd rows."""
     q1 = 1 / (2 * l_1) * (l_2 - l_1) * (q2 - q1) + Z_S1  # (2)
@@ -107,16 +105,51 @@ def eq2_corrected(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, 
     return q1, q2, q3, q4, q5, q6
 
 
+@equation.variant(
+    "printed",
+    of=eq2_corrected,
+    why="Radicals repaired: all terms under the root, where they sum to (l_1+l_2)^2 - (rho-l_0)^2, the reach condition "
+    "of the bar. Odd rows as printed: they put the odd carriage where the even one belongs, and imply struts of 244 to "
+    "396 mm instead of l_1.",
+)
+def eq2_printed(Z_S1, Y_S2, Z_S3, q1, q2, q3, q4, q5, q6, l_1, l_2):
+    """Joints with all terms under the radical, the odd rows as printed."""
+    q1 = 1 / (2 * l_1) * (l_1 + l_2) * (q2 - q1) + Z_S1  # (2)
+    q3 = 1 / (2 * l_1) * (l_1 + l_2) * (q4 - q3) + Y_S2  # (2)
+    q5 = 1 / (2 * l_1) * (l_1 + l_2) * (q6 - q5) + Z_S3  # (2)
+    return q1, q3, q5
+
+
+@equation.variant(
+    "literal",
+    of=eq2_printed,
+    why="Radicals exactly as in our text of the paper: the root ends before 2 l_0 sqrt(...) (q2, q4, q6) and before "
+    "-(L_V - Z_S2)^2, -(L_H - Y_S3)^2 (q4, q6). Carriage gaps are then off by up to 0.55 m. Perhaps damage of "
+    "transcription, therefore a separate variant.",
+)
+def eq2_literal(X_S1, Y_S1, X_S2, Z_S2, X_S3, Y_S3, q1, q3, q5, l_0, l_1, l_2, L_H, L_V):
+    """Joints with the radicals exactly as in the text that we have: the roots end too early."""
+    q2 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q1 + 2 * l_1 * sqrt(-X_S1**2 - Y_S1**2 - l_0**2 + (l_1 + l_2)**2) + 2 * l_0 * sqrt(X_S1**2 + Y_S1**2))  # fmt: skip  # (2)
+    q4 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q3 - 2 * l_1 * sqrt(-X_S2**2 - l_0**2 + (l_1 + l_2)**2) - (L_V - Z_S2)**2 + 2 * l_0 * sqrt((L_V - Z_S2)**2 + X_S2**2))  # fmt: skip  # (2)
+    q6 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q5 + 2 * l_1 * sqrt(-X_S3**2 - l_0**2 + (l_1 + l_2)**2) - (L_H - Y_S3)**2 + 2 * l_0 * sqrt((L_H - Y_S3)**2 + X_S3**2))  # fmt: skip  # (2)
+    return q2, q4, q6
+
+
 # ------------------------------------------------------------------- what no printed equation names
 
 _LIMB = ("rho", "h", "alpha", "beta", "reach", "cos_beta", "sin_beta", "radius")
 
 
+@equation(
+    "helper",
+    "ball centres -> limb angles, margins",
+    gives=[f"{name}{i}" for i in (1, 2, 3) for name in _LIMB],
+)
 def limbs(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, l_0, l_1, l_2, L_H, L_V):
     """Angles and margins of each limb from its ball centre alone.
 
-    rho: ball to rail axis. h: ball to bar pivot along the rail. alpha: limb about its rail. beta: bar
-    from the rail. They hold for every variant of eq. (2), which only decides where the carriages stand.
+    rho: ball to rail axis. h: ball to bar pivot along the rail. alpha: limb about its rail. beta: bar from the rail.
+    These hold for every variant of eq. (2), which only computes the carriages.
     """
     L = l_1 + l_2
     out = []
@@ -137,6 +170,17 @@ def limbs(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, l_0, l_1, l_2, L
     return tuple(out)
 
 
+_PASSIVE = (
+    "rf1", "rf2", "rf3",
+    "r11", "r12", "r13",
+    "r21", "r22", "r23",
+    "r31", "r32", "r33",
+)  # fmt: skip
+
+
+@equation(
+    "helper", "limb angles -> passive joints", gives=_PASSIVE, source="DERIVED; numbering ASSUMED", name="passive"
+)
 def passive_joints(alpha1, alpha2, alpha3, beta1, beta2, beta3):
     """Passive joint angles; bar and strut about t, counted from e_r.
 
@@ -148,6 +192,7 @@ def passive_joints(alpha1, alpha2, alpha3, beta1, beta2, beta3):
     return tuple(out)
 
 
+@equation("helper", "ball centres -> apex joints", gives="A1 A2 A3")
 def apexes(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2, alpha3, beta1, beta2, beta3, l_2):  # fmt: skip
     """Apex joints: l_2 back along the bar from the ball centres, l_1 from the bar pivots."""
     balls = (vertcat(X_S1, Y_S1, Z_S1), vertcat(X_S2, Y_S2, Z_S2), vertcat(X_S3, Y_S3, Z_S3))
@@ -159,8 +204,9 @@ def apexes(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2,
     return tuple(out)
 
 
+@equation("helper", "type II singularity measure", gives="D z_up")
 def type2(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2, alpha3, theta, phi, l_p):
-    """D: the platform moves while all carriages stand where D = 0; and the height of z_p along e_z."""
+    """D is zero where the platform can move with all carriages at rest. Also the z component of z_p."""
     S1, S2, S3 = vertcat(X_S1, Y_S1, Z_S1), vertcat(X_S2, Y_S2, Z_S2), vertcat(X_S3, Y_S3, Z_S3)
     t1, t2, t3 = (cross(e_a, e_r) for e_a, e_r in _axes(alpha1, alpha2, alpha3))
     u12, u23, u13 = (S1 - S2) / l_p, (S2 - S3) / l_p, (S1 - S3) / l_p
@@ -183,13 +229,6 @@ def _axes(alpha1, alpha2, alpha3):
 def _length(name: str, mm: float, provenance, note: str) -> Parameter:
     return Parameter(name, mm * MM, "mm", mm, provenance, note)
 
-
-_PASSIVE = (
-    "rf1", "rf2", "rf3",
-    "r11", "r12", "r13",
-    "r21", "r22", "r23",
-    "r31", "r32", "r33",
-)  # fmt: skip
 
 _TABLE2 = (
     (380.0, 280.0, 185.0, 0.0, 0.0, 0.0),
@@ -215,7 +254,8 @@ FORMULA = Formula(
             "L_H",
             612.0,
             "ASSUMED",
-            f"{_EQ3} values L_B = 612 mm and eq. (2) uses L_H, never valued: taken as one distance of rail 3 from rail 1",
+            f"{_EQ3} values L_B = 612 mm and eq. (2) uses L_H, which has no value: both taken as the distance of "
+            "rail 3 from rail 1",
         ),
     ),
     joints=tuple(ActiveJoint(f"q{i}", "prismatic") for i in range(1, 7)),
@@ -227,73 +267,7 @@ FORMULA = Formula(
         ),
         from_pose=lambda T: (T[0, 3], T[1, 3], T[2, 3], *symbolic.angles_zyx(T)),
     ),
-    equations=(
-        Equation(
-            name="eq1",
-            title="pose coordinates -> ball centres S1, S2, S3",
-            source=f"{_PAPER}, eq. (1)",
-            stage="inverse",
-            outputs=_BALLS,
-            variants={"corrected": eq1_corrected, "printed": eq1_printed},
-            reasons={
-                "printed": "As printed. S1 S3 is then not l_p long unless |theta| = |phi|: the platform is not rigid.",
-                "corrected": "X and Y of S1 and S3: last factor c_theta -> c_phi. Only so is S_i = E + R a_i with "
-                "constant a_i; all three sides are then l_p at every pose.",
-            },
-        ),
-        Equation(
-            name="eq2",
-            title="ball centres -> carriages q1..q6",
-            source=f"{_PAPER}, eq. (2)",
-            stage="inverse",
-            outputs=("q1", "q2", "q3", "q4", "q5", "q6"),
-            variants={"corrected": eq2_corrected, "printed": eq2_printed, "literal": eq2_literal},
-            reasons={
-                "literal": "Radicals exactly as in our text of the paper: they close before 2 l_0 sqrt(...) (q2, q4, "
-                "q6) and before -(L_V - Z_S2)^2, -(L_H - Y_S3)^2 (q4, q6). Carriage gaps are then off by up to "
-                "0.55 m. Perhaps damage of transcription, hence a variant of its own.",
-                "printed": "Radicals repaired: all terms under the root, where they sum to (l_1+l_2)^2 - (rho-l_0)^2, "
-                "the reach condition of the bar. Odd rows as printed: they put the odd carriage where the even one "
-                "belongs, and imply struts of 244 to 396 mm instead of l_1.",
-                "corrected": "Radicals repaired; in the odd rows (l_1 + l_2) -> (l_2 - l_1), the same as an index "
-                "misprint q_odd for q_even on the left. Only so is the strut l_1 long at every pose, and the "
-                "carriages of Table 2 lie within the frame. That odd carriages hold the strut and even ones the bar "
-                "(R-PRR-PRS read in order) is inferred, not published.",
-            },
-        ),
-        Equation(
-            name="limbs",
-            title="ball centres -> limb angles, margins",
-            source="DERIVED",
-            stage="helper",
-            outputs=tuple(f"{name}{i}" for i in (1, 2, 3) for name in _LIMB),
-            variants={"corrected": limbs},
-        ),
-        Equation(
-            name="passive",
-            title="limb angles -> passive joints",
-            source="DERIVED; numbering ASSUMED",
-            stage="helper",
-            outputs=_PASSIVE,
-            variants={"corrected": passive_joints},
-        ),
-        Equation(
-            name="apexes",
-            title="ball centres -> apex joints",
-            source="DERIVED",
-            stage="helper",
-            outputs=("A1", "A2", "A3"),
-            variants={"corrected": apexes},
-        ),
-        Equation(
-            name="type2",
-            title="type II singularity measure",
-            source="DERIVED",
-            stage="helper",
-            outputs=("D", "z_up"),
-            variants={"corrected": type2},
-        ),
-    ),
+    equations=tuple(equation),
     characteristic_length=lambda l_p: l_p / 3**0.5,
     points={
         **{f"s{i}": (f"X_S{i}", f"Y_S{i}", f"Z_S{i}") for i in (1, 2, 3)},
@@ -302,11 +276,11 @@ FORMULA = Formula(
     passive=_PASSIVE,
     reach={f"limb {i}": f"reach{i}" for i in (1, 2, 3)},
     measures=(
-        Measure("type2", "D", "type2", 0.15, f"the platform moves with all carriages held; {_ALARM}"),
+        Measure("type2", "D", "type2", 0.15, f"the platform can move with all carriages held; {_ALARM}"),
         *(
             Measure(f"{name}_{i}", f"{symbol}{i}", "type1", 0.1, f"{note}; {_ALARM}")
             for name, symbol, note in (
-                ("bar_across", "cos_beta", "h = 0: the bar is square to its rail, the carriages coincide"),
+                ("bar_across", "cos_beta", "h = 0: the bar is perpendicular to its rail, the carriages coincide"),
                 ("bar_along", "sin_beta", "rho = l_0: the bar is parallel to its rail"),
                 ("ball_on_rail", "radius", "rho = 0: the ball is on the rail axis, the limb angle undefined"),
             )

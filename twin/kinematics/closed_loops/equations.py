@@ -2,7 +2,7 @@
 
 Unknowns are the coordinates of the passive joints of the tree; balls carry a unit quaternion (w x y z), which a step
 multiplies by a small rotation, so that no attitude is singular. A loop is measured in the frame of the body where its
-two branches part: what both share cancels before it is written down.
+two branches separate, so that common parts cancel.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from twin.core.spatial import Array
 from twin.model.mechanism import Joint, Mechanism
 
 LENGTH_SCALE = 0.1
-"""Metres of misfit that weigh as much as one radian of it."""
+"""Length in m by which radians are multiplied in residuals."""
 
 STATES = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 4, "free": 7}
 STEPS = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 3, "free": 6}
-"""Numbers that describe where a passive joint is, and those that move it: lengths before angles."""
+"""(size of the state, size of the step) of a passive joint by type: lengths before angles."""
 
 _ROUNDED = 4e-16
-"""What an entry of a measured rotation may be beside 0, 1 or -1 by rounding alone."""
+"""Difference from 0, 1 or -1 up to which an entry of a measured rotation is rounded."""
 
 
 @dataclass(frozen=True)
 class Passive:
-    """A passive joint of the tree: its state, a step from there, and the names of both."""
+    """A passive joint of the tree: its state, a step of the state, and the names of their symbols."""
 
     joint: Joint
     state: ca.SX
@@ -54,32 +54,32 @@ class Passive:
 
 
 Chain = list[Any]
-"""What lies between a body and a frame, from there on: fixed poses (4, 4), moving joints, and errors of frames."""
+"""A chain from a body to a frame: fixed poses (4, 4), moving joints, and errors of frames."""
 
 
 @dataclass(frozen=True)
 class _Error:
-    """A frame that is off by a shift (m) and a turn (rad) in its own axes, (6,); or the way back."""
+    """An error of a frame, (6,): shift (m) and rotation (rad) in the frame's own axes; or the inverse error."""
 
     e: ca.SX
     back: bool
 
 
 class Equations:
-    """What must vanish for the loops to be closed.
+    """The loop equations and their derivatives.
 
     Attributes:
-        mechanism: whose loops they are.
+        mechanism: the mechanism with these loops.
         q: active joints (n,), in order.
-        passive: the unknowns.
+        passive: the passive joints, whose coordinates are unknown.
         residual: (m,) offsets in m and misalignments times `LENGTH_SCALE`; couplings last.
-        jacobian: (m, steps) its derivative by the steps of all unknowns, one joint after the other.
+        jacobian: (m, steps) derivative of the residual with respect to the steps of all unknowns, joint by joint.
         row_names: loop joint or coupling of each row.
         offset, tilt: norms over all loops of the offsets in m and the misalignments in rad; an inverted joint
             counts as 1 rad.
         T_base_tool: (4, 4).
-        errors: (6,) by joint and side ("parent", "child"): by what its frame there is off, in its own axes; the shift
-            in m, then the turn in rad, to second order. Empty unless they were asked for.
+        errors: (6,) by joint and side ("parent", "child"): the error of the joint frame on that side, in the frame's
+            own axes: shift in m, then rotation in rad, to second order. Empty unless requested.
     """
 
     def __init__(self, mechanism: Mechanism, *, with_errors: bool = False) -> None:
@@ -122,14 +122,14 @@ class Equations:
         self.T_base_tool = self.pose(tool.body, tool.T_body_frame)
 
     def pose(self, body: str, T_body_frame: Array | None = None, stepping: bool = False) -> ca.SX:
-        """Return T_base_frame (4, 4) of a frame on a body; `stepping`: a first order step further."""
+        """Return T_base_frame (4, 4) of a frame on a body; `stepping`: after a step of the unknowns, to first order."""
         chain = self._chain(self.mechanism.path(body)) + ([] if T_body_frame is None else [_rounded(T_body_frame)])
         axes = [self._carried(chain, ca.SX(e), False, stepping) for e in np.eye(3)]
         T = ca.horzcat(*axes, self._carried(chain, ca.SX.zeros(3), True, stepping))
         return ca.vertcat(T, ca.SX([[0, 0, 0, 1]]))
 
     def rest(self) -> tuple[Array, list[Array]]:
-        """Return q (n,) and the state of each unknown as drawn."""
+        """Return q (n,) and the state of each unknown in the rest poses (as drawn in the CAD)."""
         rest = self.mechanism.rest
         q, states = np.zeros(len(self._active)), []
         for joint in self.mechanism.tree:
@@ -151,7 +151,7 @@ class Equations:
         return q, states
 
     def _misfit(self, joint: Joint, stepping: bool) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return what the locked directions of a loop joint are off, in m and rad, and a cosine of the latter."""
+        """Return (errors in the locked directions of a loop joint in m and rad, cosine of the misalignment)."""
         ways = [list(self.mechanism.path(b)) for b in (joint.parent, joint.child)]
         while ways[0] and ways[1] and ways[0][0].name == ways[1][0].name:
             ways = [w[1:] for w in ways]
@@ -161,7 +161,7 @@ class Equations:
         locked = [i for i in range(6) if i not in joint.free_axes]
         frame = [self._carried(a, ca.SX(e), False, stepping) for e in np.eye(3)]
         if locked[:3] == [0, 1, 2]:
-            # In a frame that stands still: as drawn, so that what a planar loop cannot do is exactly nothing.
+            # In a fixed frame, as drawn, so that the locked directions of a planar loop are exactly zero.
             rest = self.mechanism.rest
             parted = ways[0][0].parent if ways[0] else ways[1][0].parent if ways[1] else joint.parent
             R = spatial.inverse(rest.get(parted, np.eye(4))) @ rest.get(joint.parent, np.eye(4)) @ joint.T_parent_joint
@@ -183,13 +183,13 @@ class Equations:
         return p.state + p.step if stepping else p.state
 
     def _frame(self, joint: Joint, side: str, back: bool = False) -> Chain:
-        """Return the way from a body to its side of a joint, or back."""
+        """Return the chain from a body to its joint frame, or the inverse chain."""
         T = joint.T_parent_joint if side == "parent" else joint.T_child_joint
         error = [_Error(e, back)] if (e := self.errors.get((joint.name, side))) is not None else []
         return [*error, spatial.inverse(T)] if back else [T, *error]
 
     def _chain(self, joints: Sequence[Joint]) -> Chain:
-        """Return the way along joints of the tree; fixed poses that follow each other become one."""
+        """Return the chain along joints of the tree; consecutive fixed poses are merged."""
         parts: Chain = []
         for joint in joints:
             moving = [] if joint.type == "fixed" else [joint]
@@ -203,7 +203,7 @@ class Equations:
         return out
 
     def _carried(self, chain: Chain, v: ca.SX, point: bool, stepping: bool) -> ca.SX:
-        """Return a point or a direction (3,) given behind a chain, in the frame before it."""
+        """Transform a point or a direction (3,) from the frame at the end of a chain to the frame at its start."""
         fixed: Array | None = None
         for part in [*reversed(chain), None]:
             if isinstance(part, np.ndarray):
@@ -257,7 +257,7 @@ def _moved(T: Array, v: ca.SX, point: bool) -> ca.SX:
 
 
 def _off(error: _Error, v: ca.SX, point: bool) -> ca.SX:
-    """Return v (3,) moved by the error of a frame, or back."""
+    """Return v (3,) moved by the error of a frame, or by its inverse."""
     shift, turn = error.e[:3], error.e[3:]
     if error.back:
         turn = -turn
@@ -267,7 +267,7 @@ def _off(error: _Error, v: ca.SX, point: bool) -> ca.SX:
 
 
 def _rounded(T: Array) -> Array:
-    """Return a pose or rotation whose entries are 0, 1 or -1 where they are but for rounding: fewer terms remain."""
+    """Return a pose or rotation with entries near 0, 1 or -1 rounded, so that fewer terms remain."""
     T = np.array(T, float)
     R = T[:3, :3]
     for value in (0.0, 1.0, -1.0):

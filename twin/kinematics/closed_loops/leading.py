@@ -1,10 +1,10 @@
-"""Taking a mechanism by the hand: a point of any body, or its active joints, led along a line; the loops follow.
+"""Interactive motion of a mechanism: a point of a body, or the active joints, are moved along a straight line.
 
-The way of the hand is walked in steps of one length, whatever its speed; what is left of a step is walked anew each
-time, and nothing starts from there. Each step goes on in the assembly where the last one ended, slides along limits,
-and is halved where the loops do not close. Two kinds of singularity end an assembly:
-the loops no longer hold their joints (type II), or the joints no longer hold the tool (type I). Leading a point
-stops before either; turning a joint passes through the second, as a drive would.
+The line to the target is followed in steps of fixed length, independent of speed; the incomplete last step is repeated
+each time. Each step continues in the assembly of the step before, slides along limits, and is halved where the loops do
+not close. Two kinds of singularity end an assembly: the loops no longer hold their joints (type II), or the joints no
+longer hold the tool (type I). Dragging a point stops before either singularity; moving a joint passes through type I,
+as a drive would.
 """
 
 from __future__ import annotations
@@ -24,52 +24,52 @@ from twin.kinematics.closed_loops.solver import LoopSolver
 from twin.model.mechanism import Mechanism
 
 _STEP = 1e-3
-"""Length in m of the way of the hand that is walked at once."""
+"""Step length in m along the line to the target."""
 
 _LAG = 0.05
-"""The same as part of the way that the point lags behind, if that is longer."""
+"""Step length as a fraction of the remaining distance; the longer of both is used."""
 
 _STRIDE = 4e-3
-"""Longest motion (m; rad times `LENGTH_SCALE`) of the active joints at once; of the others ten times as much."""
+"""Longest motion (m; rad times `LENGTH_SCALE`) of the active joints at once; ten times as much for passive joints."""
 
 _THERE, _PASSED = 1e-10, 1e-7
-"""Distance in m at which a point is where it should be, and where it passes on the way."""
+"""Distances in m at which the target, and an intermediate goal, count as reached."""
 
 _GAIN, _LAST_GAIN = 1e-3, 1e-5
-"""Part of the remaining distance that a step must win for another one to be worth it, on the way and at its end.
+"""Minimum gain of a step, relative to the remaining distance, for which another is done: on the way, at the end.
 
-A point that slides along limits, a distance d from the hand, wins x²/2d on the last x of its way: 45 µm before its
-place a thousandth of a millimetre, at d = 1 mm.
+A point that slides along limits at a distance d from the target gains x²/2d on the last x of its way: 1 µm on the last
+45 µm at d = 1 mm.
 """
 
 _DAMPINGS = (1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2)
-"""Relative to the gains: each is tried where a step with less leads no nearer."""
+"""Damping values relative to the squared Jacobian, each tried if the smaller one does not reduce the distance."""
 
 _WEAK = 0.05
-"""Way of the point for the same way of the joints, below which it is not led: they would run for nothing."""
+"""Minimum motion of the point per motion of the joints; a direction with less is not used."""
 
 _HALVINGS = 7
-"""How often a step is halved where the loops do not close, or another assembly begins."""
+"""Maximum halvings of a step where the loops do not close, or another assembly begins."""
 
 _TRIES, _LAST_TRIES = 4, 25
-"""Steps for a goal on the way, and for the last one."""
+"""Maximum number of steps to an intermediate goal, and to the target."""
 
 _LEFT = 1e-3
-"""Part of a determinant as drawn that must be left: beyond it another assembly begins."""
+"""Minimum determinant relative to its value in the rest poses; below it another assembly begins."""
 
 _NEAR = 1e-7
-"""A limit (m; rad times `LENGTH_SCALE`) is reached within this."""
+"""Distance (m; rad times `LENGTH_SCALE`) from a limit at which it counts as reached."""
 
 
 @dataclass(frozen=True)
 class Bound:
-    """What active joints may do: the sum of weights times q is at least `least`.
+    """A limit of active joints: the sum of weights times q is at least `least`.
 
     Attributes:
         name: joint, pair of joints, or motor.
         kind: "lower", "upper", "gap", or "motor" for the actuator of a transmission.
         weights: (n,) of q.
-        least: in m or rad.
+        least: the bound, in m or rad.
     """
 
     name: str
@@ -78,19 +78,19 @@ class Bound:
     least: float
 
     def slack(self, q: Array) -> float:
-        """Return what is left at q (n,), in m or rad; negative beyond."""
+        """Return the margin at q (n,), in m or rad; negative beyond the limit."""
         return float(self.weights @ q - self.least)
 
 
 @dataclass(frozen=True, eq=False)
 class Led:
-    """Where leading ended.
+    """The result of a motion.
 
     Attributes:
         q, u: active joints (n,) and unknowns.
-        stops: bounds that are in the way.
-        singular: what ends there, as "loop r13" or "tool": another assembly begins, or none; empty if nothing does.
-        more: whether the time was up before the way was.
+        stops: bounds that block the motion.
+        singular: what becomes singular, as "loop r13" or "tool"; empty if nothing does.
+        more: whether time ran out before the target was reached.
     """
 
     q: Array
@@ -101,11 +101,11 @@ class Led:
 
 
 def bounds_of(mechanism: Mechanism, gaps: Sequence[tuple[str, str, float]] = ()) -> tuple[Bound, ...]:
-    """Return the hard limits of the active joints and of their motors, and `gaps`.
+    """Return the bounds: hard limits of the active joints and of their motors, and `gaps`.
 
     Args:
-        mechanism: owner of the limits.
-        gaps: lower joint, upper joint, minimum distance in m.
+        mechanism: the mechanism with these limits.
+        gaps: (lower joint, upper joint, minimum distance in m) of each pair on one rail.
     """
     order, eye, out = [j.name for j in mechanism.active], np.eye(len(mechanism.active)), []
     for i, joint in enumerate(mechanism.active):
@@ -121,15 +121,15 @@ def bounds_of(mechanism: Mechanism, gaps: Sequence[tuple[str, str, float]] = ())
 
 
 class Leader:
-    """Leads one mechanism; see `take` and `joints`.
+    """Moves one mechanism; see `take` and `joints`.
 
     Attributes:
-        solver: closes its loops.
-        bounds: that are kept.
+        solver: closes the loops of the mechanism.
+        bounds: limits to keep.
     """
 
     def __init__(self, mechanism: Mechanism, bounds: Sequence[Bound] = ()) -> None:
-        """Compile the loops (`AssemblyError`: they do not close as drawn)."""
+        """Compile the loops (`AssemblyError`: the loops do not close in the rest poses)."""
         self.solver, self.bounds = LoopSolver(mechanism), tuple(bounds)
         angle = np.array([j.is_angle for j in mechanism.active], bool)
         self._scale = np.where(angle, 1 / LENGTH_SCALE, 1.0)  # of a step in m
@@ -150,11 +150,11 @@ class Leader:
     # -- by a point -----------------------------------------------------------------------------------
 
     def take(self, q: Array, u: Array, body: str, p_body: Array) -> Grip:
-        """Take a point of a body into the hand, and lead it along straight lines by the smallest motion of the joints.
+        """Return a grip on a point of a body, which moves it along straight lines by the smallest motion of the joints.
 
         Args:
             q: active joints (n,).
-            u: unknowns, loops closed.
+            u: passive joint values that close the loops at q.
             body: name.
             p_body: the point (3,) on it, in m.
         """
@@ -164,7 +164,10 @@ class Leader:
     # -- by the joints --------------------------------------------------------------------------------
 
     def joints(self, q: Array, u: Array, target: Array, seconds: float = np.inf) -> Led:
-        """Turn the active joints from q (n,) towards a target (n,), all by the same part of their way."""
+        """Move the active joints from q (n,) towards a target (n,), all of them arriving at the same time.
+
+        Return the state reached, short of the target where a limit or a loop stops the motion, with the reason.
+        """
         q, held = np.asarray(q, float), (self.solver.mechanism.base, np.zeros(3))
         way = np.asarray(target, float) - q
         stops = [b for b in self.bounds if b.weights @ way < 0 and b.slack(q) + b.weights @ way < -1e-12]
@@ -189,7 +192,7 @@ class Leader:
     # -- one step -------------------------------------------------------------------------------------
 
     def _moved(self, look: Look, dq: Array, held: tuple[str, Array], tool: bool = True) -> tuple[Look | None, str]:
-        """Return the next look after a step dq (n,) in the same assembly; or None, and what becomes singular."""
+        """Return (state, "") after a step dq (n,) in the same assembly, or (None, what becomes singular)."""
         du = look.answers @ dq
         if np.abs(np.where(self._turns, LENGTH_SCALE, 1.0) * du).max(initial=0.0) > 10 * _STRIDE:
             return None, ""
@@ -207,22 +210,22 @@ class Leader:
         return new, ""
 
     def determinants(self, before: Look, look: Look, tool: bool) -> dict[str, tuple[float, float]]:
-        """Return by what may become singular a determinant before and now: no sign changes within an assembly.
+        """Return {name: (before, now)} of the determinants; their signs do not change within an assembly.
 
-        Matrices that are not square are seen in the directions that they had before.
+        Non-square matrices are projected on their previous directions.
         """
         out = {}
         for name, A, B in zip(self._loops, before.loops, look.loops, strict=True):
             out[f"loop {name}"] = _determinants(A, B)
         n = len(look.q)
-        if tool and n <= 6:  # with more, the arm may pass from one posture to another while the tool stands
+        if tool and n <= 6:  # with more, the arm may change its posture while the tool is at rest
             out["tool"] = _determinants(
                 before.tool * self._scale * LENGTH_SCALE, look.tool * self._scale * LENGTH_SCALE
             )
         return out
 
     def nearest(self, look: Look) -> str:
-        """Return the loop with least left of its determinant: where the loops close no more, it is why."""
+        """Return the loop with the smallest relative determinant: the cause if the loops no longer close."""
         left = {n: abs(v[0]) / max(self._as_drawn[n], 1e-300) for n, v in self.determinants(look, look, False).items()}
         return min(left, key=left.__getitem__, default="")
 
@@ -250,18 +253,18 @@ class Leader:
 
 
 class Grip:
-    """A point in the hand. Where it ends depends on the line that the hand went, not on the positions seen of it."""
+    """A grabbed point. Its final position depends on the line through the targets, not on their spacing."""
 
     def __init__(self, leader: Leader, look: Look, held: tuple[str, Array]) -> None:
         self._walk, self._hand = _Walk(leader, look, held), look.p
         self._target, self._end = look.p, self._walk
 
     def to(self, target: Array, seconds: float = np.inf) -> Led:
-        """Follow the hand to a target (3,) in base, in m.
+        """Follow to a target (3,) in base, in m.
 
         Args:
-            target: where the hand is.
-            seconds: processor time after which it stops; the same target again goes on.
+            target: position (3,) in base in m.
+            seconds: processor time after which it stops; call again with the same target to continue.
         """
         until, walk = time.thread_time() + seconds, self._walk
         if not np.array_equal(target, self._target):
@@ -282,7 +285,7 @@ class Grip:
 
 
 class _Walk:
-    """Steps of a point towards one goal after the other; `look` is where it is. A copy walks on its own."""
+    """Steps of a point towards a sequence of goals; `look` is its state. A copy is independent."""
 
     def __init__(self, leader: Leader, look: Look, held: tuple[str, Array]) -> None:
         self.leader, self.look, self.held = leader, look, held
@@ -291,12 +294,12 @@ class _Walk:
         self._part, self._within, self._gain, self._tries = 1.0, _THERE, _GAIN, 0
 
     def begin(self, goal: Array, last: bool = False) -> None:
-        """Take a goal (3,), to which the point comes as near as it can if it is the last one."""
+        """Move to a goal (3,), as near as possible if it is the last one."""
         self._goal, self._first, self._total = goal, self.look, np.zeros(len(self.look.q))
         self._within, self._gain, self._tries = (_THERE, _LAST_GAIN, _LAST_TRIES) if last else (_PASSED, _GAIN, _TRIES)
 
     def goes_on(self, until: float) -> bool:
-        """Bring the point as near to the goal as it comes; return False if the time is up before."""
+        """Move the point as near to the goal as possible; return False if time ran out."""
         while self._tries:
             way = float(np.linalg.norm(self._goal - self.look.p))
             if way < self._within:
@@ -314,12 +317,12 @@ class _Walk:
         return True
 
     def led(self, more: bool) -> Led:
-        """Return where it is and what is in its way."""
+        """Return the state and the active bounds."""
         singular = self.leader.nearest(self.look) if self.open else self.singular
         return Led(self.look.q, self.look.u, self.stops(), singular, more)
 
     def _step(self, first: Look, total: Array, goal: Array) -> Array | None:
-        """Go on by one step that brings the point nearer, and return it (n,) in m; None if there is none."""
+        """Do one step that reduces the distance, and return it (n,) in m; None if there is none."""
         leader, now = self.leader, self.look
         scale, miss = leader._scale, goal - now.p
         # The smallest motion of the whole way from `first`, by the mean of both ends: second order in its length.
@@ -327,7 +330,7 @@ class _Walk:
         self.singular, self.open, self._pull = "", False, -here.T @ miss
         self._slack = np.maximum(0.0, np.array([b.slack(now.q) for b in leader.bounds])) / leader._size
         size, near = float(np.sum(J * J)), self._slack < _NEAR
-        if size < _WEAK**2:  # nothing moves this point, or as good as nothing
+        if size < _WEAK**2:  # no joint moves this point, or hardly
             return None
         in_the_way, y = near & (G @ self._pull > 0), np.zeros(len(total))
         for _ in range(len(G) + 1):
@@ -350,7 +353,7 @@ class _Walk:
                 if self._taken(y, goal):
                     return y * self._part
                 if not (self.open or self.singular):
-                    break  # no nearer: another way is wanted, not a shorter one
+                    break  # no nearer: another direction is needed, not a shorter step
                 y = y * self._part / 2
             if self.open or self.singular:
                 return None
@@ -358,9 +361,9 @@ class _Walk:
         return None
 
     def _taken(self, y: Array, goal: Array, easy: bool = False) -> bool:
-        """Take a step (n,) in m, or as much of it as is short and within limits, if it leads nearer.
+        """Do a step (n,) in m, shortened to the limits, if it reduces the distance.
 
-        `easy`: and to where the point can be led in all directions.
+        `easy`: accept only states where the point can move in all directions.
         """
         leader, now = self.leader, self.look
         used = -(leader._G @ y)
@@ -379,7 +382,7 @@ class _Walk:
         return True
 
     def stops(self) -> tuple[Bound, ...]:
-        """Return the bounds that the point is pulled against."""
+        """Return the bounds that block the point."""
         leader, out = self.leader, []
         for b, g, size in zip(leader.bounds, leader._G, leader._size, strict=True):
             if b.slack(self.look.q) / size < _NEAR and g @ self._pull > 1e-6 * np.linalg.norm(self._pull):
@@ -388,7 +391,7 @@ class _Walk:
 
 
 def _against(bounds: np.ndarray, G: Array, y: Array) -> np.ndarray:
-    """Return which of the bounds (b,) bool, with gradients G (b, n), a step y (n,) runs into."""
+    """Return (b,) bool: which bounds, with gradients G (b, n), a step y (n,) moves towards."""
     return bounds & (G @ y < -1e-9 * np.abs(y).max(initial=0.0))
 
 

@@ -1,4 +1,4 @@
-"""What one look at a closed mechanism says: a point of a body, the tool, and how the joints move them."""
+"""Evaluation of a closed mechanism: a point of a body, the tool, and their Jacobians."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class Look:
     Attributes:
         q, u: active joints (n,) and unknowns (numbers,), as `Closed.states`.
         p: (3,) the point in base, in m.
-        J: (3, n) its rate per rate of each active joint.
-        answers: (steps, n) of the unknowns.
-        loops: by loop, the square matrix (or not) whose rank says whether the loops hold their joints.
-        tool: (6, n) the tool's twist, turns times `LENGTH_SCALE`, per rate of each active joint.
+        J: (3, n) rate of the point per rate of each active joint.
+        answers: (steps, n) rates of the unknowns per rate of each active joint.
+        loops: by loop, its Jacobian in the unknowns; full rank: the loop determines its passive joints.
+        tool: (6, n) the tool's twist per rate of each active joint, rotations times `LENGTH_SCALE`.
     """
 
     q: Array
@@ -40,10 +40,10 @@ class Look:
 
 
 class Sight:
-    """Looks at a mechanism: its loops and its tool are compiled once, each body when it is first looked at."""
+    """Evaluates a mechanism: its loops and tool are compiled once, each body when first used."""
 
     def __init__(self, solver: LoopSolver) -> None:
-        """Compile what all looks have in common."""
+        """Compile the common functions."""
         e = self._equations = solver.equations
         rows = [r for b in solver.blocks for r in b.rows]
         self._columns = np.array([c for b in solver.blocks for c in b.columns], int)
@@ -62,7 +62,7 @@ class Sight:
         self._bodies: dict[str, Callable[..., Array]] = {}
 
     def __call__(self, q: Array, u: Array, body: str, p_body: Array) -> Look:
-        """Return what is seen at q (n,), u (numbers,) of the point (3,) on a body."""
+        """Return the `Look` at q (n,) and unknowns u (numbers,), for the point (3,) in m on a body."""
         n = self._n
         if body not in self._bodies:
             self._bodies[body] = self._point(body)
@@ -86,7 +86,7 @@ class Sight:
         return self._compiled("point", ca.substitute(ca.horzcat(point, J), e.steps, 0), p=p_body)
 
     def _compiled(self, name: str, rows: ca.SX, **more: ca.SX) -> Callable[..., Array]:
-        """Return a function of q, u and more, that returns all rows, stacked."""
+        """Return a compiled function of q, u and further inputs; its outputs are stacked in one matrix."""
         e = self._equations
         look = ca.Function(name, [e.q, e.states, *more.values()], [ca.densify(ca.vec(rows.T))], {"cse": True})
         inputs = {"q": e.q.numel(), "u": e.states.numel(), **{n: x.numel() for n, x in more.items()}}

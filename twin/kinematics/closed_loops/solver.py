@@ -1,8 +1,8 @@
 """Newton's method on the loops of a mechanism, compiled: from the active joints to the pose of the tool.
 
-Blocks of equations are solved one after the other (see `structure`): planar loops by themselves, then what hangs on
-them. Every solution is asked three things: are the loops closed, upright, and is the determinant of each block on the
-side where it is as drawn? What answers no is solved again by walking there from the drawn state in small steps.
+Blocks of equations are solved in sequence (see `structure`): planar loops first, then the blocks that depend on
+them. Every solution is checked: loops closed, no joint inverted, and the determinant of each block with its sign in the
+rest poses (as drawn in the CAD). If a check fails, the state is solved again in small steps from the rest poses.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from twin.kinematics.closed_loops.structure import Block, blocks
 from twin.model.mechanism import Mechanism
 
 GAP, TILT = 1e-9, 1e-8
-"""Metres and radians within which a loop is closed; convergence is quadratic, so that most are at rounding."""
+"""Gap in m and rad up to which a loop counts as closed; convergence is quadratic, so most gaps are rounding."""
 
 _LAST = 1e-8
-"""A step (m, rad) below this is the last."""
+"""Step size (m, rad) below which the iteration ends."""
 
 _STRIDE = 0.6
 """Largest change (m, rad) of an unknown in one step."""
 
 _STEPS = 30
 _WALK = (8, 64)
-"""Stations on the way from the drawn state to one that was not found at once."""
+"""Numbers of steps from the rest poses to a state that was not found directly."""
 
 _SINGULAR = 1e8
-"""Condition number of a block as drawn, above which it is solved by least squares."""
+"""Condition number of a block in the rest poses, above which it is solved by least squares."""
 
 _RESULTS = ("pose", "gaps", "states")
 
@@ -47,10 +47,10 @@ class Closed:
 
     Attributes:
         Ts_base_tool: (k, 4, 4); NaN where the loops cannot be closed.
-        states: (numbers, k) of all unknowns: what to continue from.
+        states: (numbers, k) of all unknowns: seeds for the next call.
         offset, tilt: (k,) norms over all loops of their gaps in m and misalignments in rad.
-        margin: (k,) smallest determinant of a block relative to that as drawn, at most 1: 0 at a singularity of the
-            loops, negative in another assembly mode.
+        margin: (k,) smallest determinant of a block relative to its value in the rest poses, at most 1: 0 at a
+            singularity of the loops, negative in another assembly mode.
     """
 
     Ts_base_tool: Array
@@ -61,20 +61,20 @@ class Closed:
 
 
 class LoopSolver:
-    """Closed-loop forward kinematics of a mechanism; shares no code with the reference that judges it.
+    """Closed-loop forward kinematics of a mechanism; shares no code with the reference model that checks it.
 
     Attributes:
-        mechanism: whose.
-        equations: of its loops.
-        blocks: in which they are solved.
-        q, home: active joints (n,) and unknowns as drawn, loops closed.
+        mechanism: the mechanism.
+        equations: its loop equations.
+        blocks: the blocks in which the equations are solved.
+        q, home: active joints (n,) and unknowns in the rest poses, loops closed.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
-        """Find the structure and close the loops as drawn; kernels are compiled when first used.
+        """Find the structure and close the loops in the rest poses; kernels are compiled when first used.
 
         Raises:
-            AssemblyError: as drawn the loops do not close.
+            AssemblyError: the loops do not close in the rest poses.
         """
         self.mechanism = mechanism
         self.equations = Equations(mechanism)
@@ -94,7 +94,7 @@ class LoopSolver:
         gaps = ca.Function("gaps", [e.q, e.states], [e.offset, e.tilt])(self.q, np.concatenate([*self.home, []]))
         offset, tilt = (float(g) for g in gaps)
         if not (offset < 1e-3 and tilt < 0.1):
-            text = f"the loops do not close as drawn: {offset / MM:.3g} mm and {tilt:.3g} rad are left"
+            text = f"the loops do not close in the rest poses: {offset / MM:.3g} mm and {tilt:.3g} rad remain"
             raise AssemblyError(f"{mechanism.name}: {text}", gap=offset)
         # CAD that does not meet leaves a gap everywhere: that is a finding, not another reason to fail
         self._gap, self._tilt = max(GAP, 10 * offset), max(TILT, 10 * tilt)
@@ -103,11 +103,11 @@ class LoopSolver:
         """Return T_base_tool (4, 4) at active joints q (n,).
 
         Args:
-            q: in m or rad.
-            seed: unknowns (numbers,) to start from, as in `Closed.states`; default as drawn.
+            q: (n,) in m or rad.
+            seed: unknowns (numbers,) to start from, as in `Closed.states`; default: the rest poses.
 
         Raises:
-            AssemblyError: the loops cannot be closed there.
+            AssemblyError: the loops cannot be closed at q.
             MechanismError: q has the wrong length or is not finite.
         """
         single = self._single
@@ -124,8 +124,8 @@ class LoopSolver:
         if not np.isfinite(q).all():
             raise MechanismError(f"q is not finite: {np.asarray(q).tolist()}")
         raise AssemblyError(
-            f"{self.mechanism.name}: the loops cannot be closed at q = {np.round(q, 6).tolist()}: at best "
-            f"{found.offset[0] / MM:.3g} mm are left",
+            f"{self.mechanism.name}: the loops cannot be closed at q = {np.round(q, 6).tolist()}: the "
+            f"smallest gap is {found.offset[0] / MM:.3g} mm",
             best=found,
             gap=float(found.offset[0]),
         )
@@ -133,7 +133,7 @@ class LoopSolver:
     def close(self, q: Array, seed: Array) -> Array | None:
         """Return the unknowns (numbers,) that close the loops at q (n,), found from `seed` (numbers,) alone.
 
-        Whatever assembly is nearest to the seed; None if Newton's method finds none.
+        The answer may be in any assembly, usually the one of the seed; None if Newton's method does not converge.
         """
         out = self._single(q, seed)
         return out[15:] if out[12] <= self._gap and out[13] <= self._tilt else None
@@ -143,12 +143,12 @@ class LoopSolver:
         return np.vstack([self._single(q, states)[:12].reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
 
     def forward_many(self, qs: Array, seeds: Array | None = None, threads: int | None = None) -> Closed:
-        """Return the states at active joints qs (k, n), each found by itself; NaN poses where there is none.
+        """Return the states at active joints qs (k, n), each found independently; NaN poses where no state is found.
 
         Args:
-            qs: in m or rad.
-            seeds: unknowns (numbers, k) to start from; default as drawn.
-            threads: at most so many; default as many as there are processors.
+            qs: (k, n) in m or rad.
+            seeds: unknowns (numbers, k) to start from; default: the rest poses.
+            threads: maximum number; default: the number of processors.
         """
         qs = np.asarray(qs, float)
         if qs.ndim != 2 or qs.shape[1] != len(self.q):
@@ -166,7 +166,7 @@ class LoopSolver:
             for f in np.linspace(0, 1, stations + 1)[1:]:
                 way = self.q[:, None] + f * (Q[:, lost] - self.q[:, None])
                 found, left, x = self._warm(way, x, threads=threads)
-            better = self._good(left)  # what cannot be closed is left as near as it came at once
+            better = self._good(left)  # a state that cannot be closed keeps its first result
             poses[:, lost[better]], gaps[:, lost[better]] = found[:, better], left[:, better]
             states[:, lost[better]] = x[:, better]
         Ts = np.zeros((len(qs), 4, 4))
@@ -184,7 +184,7 @@ class LoopSolver:
 
     @cached_property
     def stages(self) -> list[Stage]:
-        """From q and the unknowns to "pose" (12), "gaps" (3) and "states"."""
+        """Compiled function: (q, unknowns) -> "pose" (12), "gaps" (3), "states"."""
         e, names = self.equations, [p.name for p in self.equations.passive]
         determinants = [ca.SX.sym(n) for n in self._signs]
         margin = ca.SX(1)

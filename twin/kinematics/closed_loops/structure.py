@@ -1,4 +1,4 @@
-"""Remove redundant equations and order the rest into solvable blocks, found numerically."""
+"""Find redundant loop equations numerically, and order the others into blocks that can be solved in turn."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from twin.kinematics.closed_loops.equations import STEPS, Equations
 
 _TRIES = 32
 _NOTHING = 1e-12
-"""Metres or radians: an equation that is never off by more in any state, closed or not, says nothing."""
+"""Residual in m or rad: an equation that never exceeds it, even in states with open loops, is redundant."""
 _FLAT = 1e-13
-"""A derivative that is never larger is none."""
+"""Derivatives below this count as zero."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """Equations that are solved together, once the blocks before are.
+    """Equations that are solved together, after the previous blocks.
 
     Attributes:
         rows: numbers of the equations.
         unknowns: numbers of the joints in `Equations.passive`.
-        columns: numbers of their steps.
+        columns: numbers of the steps of these joints.
         pattern: (rows, columns) bool, where the derivative can differ from 0.
     """
 
@@ -40,7 +40,7 @@ class Block:
 
 
 def blocks(equations: Equations) -> list[Block]:
-    """Return the blocks in the order of solution; joints that no equation holds are in none."""
+    """Return the blocks in the order of solution; joints that no equation contains are in no block."""
     e = equations
     if not e.passive or not e.residual.numel():
         return []
@@ -61,7 +61,7 @@ def blocks(equations: Equations) -> list[Block]:
 
 
 def _tried(e: Equations) -> tuple[Array, Array]:
-    """Return residuals (k, m) and derivatives (k, m, n) in states that have nothing to do with one another."""
+    """Return residuals (k, m) and derivatives (k, m, n) at k random states."""
     function = ca.Function("tried", [e.q, e.states], [e.residual, ca.densify(e.jacobian)])
     rng = np.random.default_rng(0)
     values, slopes = [], []
@@ -93,7 +93,7 @@ def _sorted(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
 
 
 def _components(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
-    """Return rows and columns that have nothing to do with the rest."""
+    """Return independent groups of rows and columns."""
     left, out = set(range(pattern.shape[1])), []
     while left:
         columns, rows, more = set(), set(), {min(left)}

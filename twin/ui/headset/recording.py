@@ -1,6 +1,6 @@
-"""A recorded session: every frame and document that was sent and every request, with their ticks; and its replay.
+"""Record a session (every sent frame and document and every request, with their ticks), and replay it.
 
-Frames are kept as they went over the wire, so a replay sends the same bytes.
+Frames are stored as sent, so that a replay sends the same bytes.
 """
 
 from __future__ import annotations
@@ -20,80 +20,92 @@ from twin.core.foreign.text import read_text
 from twin.schema import Table
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.protocol import RefusedError
+from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.session.timeline import RATE
 
 LONGEST = 30 * 60
-"""Seconds that are recorded at most: 60 frames of a kilobyte each."""
+"""Maximum duration in s of a recording, at 60 frames of about 1 kB per second."""
 
 LARGEST = 200_000_000
-"""Bytes of one recording: as long as that in frames, and what clients say meanwhile."""
+"""Maximum size of a recording in bytes, frames and client messages together."""
 
 FILES, IN_ALL = 50, 1_000_000_000
-"""Recordings of one server, and their bytes: any client may begin one again and again."""
+"""Maximum number of recordings of one server, and their maximum total size in bytes."""
 
 
 _ENTRY = 64
-"""Bytes about one entry of the file."""
+"""Approximate overhead in bytes of each entry in the file."""
 
 
 class Recording:
-    """What goes through a server, written to a file by what `finish` returns.
+    """Recorder of a server's traffic; `finish` returns the function that writes the file.
 
     Attributes:
         running: whether it records.
-        path: of the next file; a second recording of the same server gets -2 after its name.
+        path: path of the next file; the second recording of a server gets the suffix -2.
     """
 
     def __init__(
-        self, path: Path, robot: str, model_hash: str, links: tuple[str, ...], joints: tuple[str, ...]
+        self,
+        path: Path,
+        robot: str,
+        model_hash: str,
+        links: tuple[str, ...],
+        joints: tuple[str, ...],
+        version: int = wire.ALONE,
     ) -> None:
+        """Begin the first recording; if `version` is that of scenes, `robot` and `links` are those of the scene."""
         self.path, self._stem, self._saved, self._written = Path(path), Path(path).stem, 0, 0
+        self._version = version
         self._of = {"robot": robot, "model_hash": model_hash, "links": list(links), "joints": list(joints)}
         self.running = False
         self.begin(0)
 
     def begin(self, tick: int) -> None:
-        """Begin anew; `finish` has ended what was before."""
+        """Begin another recording after `finish`."""
         self.running, self._first, self._size = True, tick, 0
         self._frames: list[tuple[int, bytes]] = []
         self._documents: list[tuple[int, dict[str, Any]]] = []
         self._requests: list[tuple[int, str, dict[str, Any]]] = []
 
     def check_room(self) -> None:
-        """Return if another recording may begin.
+        """Check that another recording may begin.
 
         Raises:
-            RefusedError: there are as many as a server writes, or as large ones.
+            RefusedError: the maximum number or total size of recordings is reached.
         """
         if self._saved >= FILES or self._written + self._size >= IN_ALL:
-            text = f"{self._saved} recordings, {self._written / 1e6:.0f} MB: no more from one start of the server"
+            text = f"{self._saved} recordings, {self._written / 1e6:.0f} MB: the maximum for one run of the server"
             raise RefusedError("refused", text)
 
     def add_frame(self, tick: int, frame: bytes) -> None:
-        """Add a frame that was sent at a tick."""
+        """Add a frame sent at a tick."""
         if self.running:
             self._size += 4 * len(frame) // 3 + _ENTRY
             self._frames.append((tick - self._first, frame))
 
     def full(self, tick: int) -> bool:
-        """Return whether it is as long, or as large, as it may be."""
+        """Return whether the recording has reached its maximum duration or size."""
         return self.running and (tick - self._first > LONGEST * RATE or self._size > LARGEST)
 
     def add_document(self, tick: int, document: dict[str, Any]) -> None:
-        """Add a document that all clients were sent."""
+        """Add a document sent to all clients."""
         if self.running:
             self._size += len(json.dumps(document)) + _ENTRY
             self._documents.append((tick - self._first, document))
 
     def add_request(self, tick: int, client: str, message: wire.Message) -> None:
-        """Add what a client asked for, whether or not it was followed."""
+        """Add a client request, accepted or refused."""
         if self.running:
             said = message.model_dump(mode="json", exclude_none=True)
             self._size += len(json.dumps(said)) + _ENTRY
             self._requests.append((tick - self._first, client, said))
 
     def finish(self) -> Callable[[], None]:
-        """End; return what writes the file, in whatever thread. It raises `OutputError` if it cannot."""
+        """End the recording; return a function that writes the file and may be called from any thread.
+
+        That function raises `OutputError` if the file cannot be written.
+        """
         if not self.running or not self._frames:
             self.running = False
             return lambda: None
@@ -106,7 +118,7 @@ class Recording:
         def write() -> None:
             data = {
                 "schema": "twin-stream-session",
-                "version": 1,
+                "version": self._version,
                 **self._of,
                 "rate": RATE,
                 "requests": [{"tick": t, "client": c, "message": m} for t, c, m in requests],
@@ -137,7 +149,7 @@ class _Frame(Table):
 
 class _File(Table):
     kind: Annotated[Literal["twin-stream-session"], Field(alias="schema")]
-    version: Literal[1]
+    version: Literal[1, 2]  # of the stream
     robot: str
     model_hash: str
     links: list[str]
@@ -149,7 +161,7 @@ class _File(Table):
 
 
 class Replay:
-    """A recorded session as a source: one recorded tick for each tick, none left out."""
+    """A recorded session as a source of a stream: at each tick it plays one recorded tick, without skipping any."""
 
     replays = True
 
@@ -161,27 +173,28 @@ class Replay:
         except ValidationError as error:
             first = error.errors(include_url=False, include_input=False)[0]
             where = ".".join(map(str, first["loc"]))
-            raise TwinError(f"{path}: {where}: {first['msg']}; a session is what --record wrote") from error
+            raise TwinError(f"{path}: {where}: {first['msg']}; give a file written by --record") from error
         if (file.robot, file.model_hash) != (robot, model_hash):
-            what = f"of '{file.robot}'" if file.robot != robot else "of an earlier design of it"
-            raise TwinError(f"{path}: the session is {what}, not of '{robot}' as it is: record it anew")
+            what = f"of '{file.robot}'" if file.robot != robot else "of an earlier version of the robot"
+            raise TwinError(f"{path}: the session is {what}, not of the present '{robot}': record it again")
         try:
             self._frames = {f.tick: base64.b64decode(f.frame, validate=True) for f in file.frames}
             for frame in self._frames.values():
-                wire.unpack(frame)
+                (wire.unpack if file.version == wire.ALONE else unpack_scene)(frame)
         except (binascii.Error, TwinError) as error:
             raise TwinError(f"{path}: frames: {error}") from error
         self._documents: dict[int, list[dict[str, Any]]] = {}
         for d in file.documents:
             self._documents.setdefault(d.tick, []).append(d.document)
-        self.last = max(self._frames)
+        # A document may follow the last frame: a still robot sends none.
+        self.last, self.version = max(self._frames.keys() | self._documents.keys()), int(file.version)
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
         self._at, self._running, self._begun = -1, False, False
         self._state: dict[str, Any] = {"type": "state"}
-        self._others: dict[str, dict[str, Any]] = {}
+        self._others: dict[tuple[str, str], dict[str, Any]] = {}
 
     def frame(self, tick: int, server_time: float) -> bytes | None:
-        """Return the frame of the next recorded tick, if one was sent there; ticks and times are the recorded ones."""
+        """Return the frame of the next recorded tick, with recorded tick and time; None if none was sent then."""
         if self._at >= self.last:
             self._running = False
         if not self._running:
@@ -191,23 +204,23 @@ class Replay:
             if document.get("type") == "state":
                 self._state = document
             else:
-                self._others[str(document.get("type"))] = document
+                self._others[str(document.get("type")), str(document.get("robot"))] = document
         return self._frames.get(self._at)
 
     def state(self) -> dict[str, Any]:
-        """Return the recorded state, with `replay`: where it is and how long it takes, in s."""
+        """Return the recorded state, with `replay`: current time and duration in s."""
         return {**self._state, "replay": {"time": max(self._at, 0) / RATE, "duration": self.last / RATE}}
 
     def welcome(self) -> list[dict[str, Any]]:
-        """Return the last path that was recorded; it begins when the first client has come."""
+        """Return the last recorded path of each robot; the replay starts when the first client connects."""
         self._running, self._begun = self._running or not self._begun, True
-        return [d for n, d in self._others.items() if n == "path"]
+        return [d for (kind, _), d in self._others.items() if kind == "path"]
 
     def ask(self, client: str, message: wire.Message) -> None:
-        """Play, hold, or begin again at a time; nothing else can be asked of what is past.
+        """Play, pause or seek; a recording accepts no other request.
 
         Raises:
-            RefusedError: for everything else.
+            RefusedError: it is another request.
         """
         if isinstance(message, wire.Play):
             if message.on and self._at >= self.last:
@@ -217,15 +230,14 @@ class Replay:
             self._at = min(int(message.t * RATE), self.last) - 1
             self._running = True
         else:
-            raise RefusedError("refused", "a recorded session is replayed: it can be played and sought in, not changed")
+            raise RefusedError("refused", "a recorded session is replayed: only play, pause and seek are possible")
 
-    @property
-    def holder(self) -> str | None:
-        """Nobody holds what is past."""
-        return None
+    def holds(self, client: str) -> bool:
+        """Return False, because a recording cannot be grabbed."""
+        return False
 
     def release(self, client: str) -> None:
-        """Do nothing: nobody holds it."""
+        """Do nothing, because a recording cannot be grabbed."""
 
     def close(self) -> None:
-        """Do nothing: a recording holds no process and no thread."""
+        """Do nothing, because a recording has no process and no thread."""

@@ -1,4 +1,4 @@
-"""What the robots of the virtual surgery paper share: Khalil and Kleinfinger's form, and parameters in mm."""
+"""What equations of several robots share: rows of a Denavit-Hartenberg table, parameters in mm, pose coordinates."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from casadi import vertcat
 from twin.core.provenance import Parameter, Provenance
 from twin.core.units import MM
 from twin.formula import symbolic
-from twin.formula.contract import Coordinates, Equation, Rows, Stage
+from twin.formula.contract import Coordinates
 
 PAPER = "Design and Modeling of PA-10 Virtual Surgery Robot"
-ASSUMED = "ASSUMED: nothing is published"
+ASSUMED = "ASSUMED: not published"
+DERIVED = f"DERIVED for the table {ASSUMED}"
 
 
 def row(alpha, d, theta, r):
@@ -25,15 +26,9 @@ def mm(name: str, mm: float, provenance: Provenance, note: str) -> Parameter:
 
 
 def trocar(x: float, y: float, z: float) -> tuple[Parameter, ...]:
-    """Return where the trocar is, in mm in frame 0; a protocol may place it elsewhere."""
-    note = "trocar in frame 0, as drawn; a protocol binds it (trocar_mm)"
+    """Return the position of the trocar in mm in frame 0; a protocol may place it elsewhere."""
+    note = "trocar in frame 0, as in the CAD; a protocol may place it elsewhere (trocar_mm)"
     return tuple(mm(f"trocar_{a}", v, "ASSUMED", note) for a, v in zip("xyz", (x, y, z), strict=True))
-
-
-def derived(name: str, title: str, stage: Stage, outputs: tuple[str, ...], rows: Rows) -> Equation:
-    """Return an equation that follows from an assumed table, in its one reading."""
-    key = "corrected" if stage == "helper" else "derived"
-    return Equation(name, title, f"DERIVED for the table {ASSUMED}", stage, outputs, {key: rows}, default=key)
 
 
 ZYX = Coordinates(

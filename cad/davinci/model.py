@@ -1,0 +1,40 @@
+"""Draw what stands around the arms of the da Vinci: table, patient with three ports, a board with pegs inside.
+
+    python cad/davinci/model.py [--dimensions FILE] [--out davinci.step]
+
+Table and patient are those of the scene vsrs, with other ports. Each body is one sub-assembly; its parts are named
+<body>_<part>.  All shapes are written in world coordinates.
+"""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+import drawing as cad
+
+BODIES = ["table", "patient", "board"]
+
+
+def drawing(folder, name):
+    """Load parts.py of a folder; late, because build123d takes seconds."""
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, folder / "parts.py")
+        sys.modules[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules[name])
+    return sys.modules[name]
+
+
+def assembly(path):
+    """Return the drawn theatre of a dimension file: ({body: [(name, shape, rgb)]}, mass in kg)."""
+    d = cad.Dimensions(path, {})
+    theatre, own = drawing(HERE.parent / "vsrs", "vsrs_parts"), drawing(HERE, "davinci_theatre_parts")
+    solids = {"table": theatre.table(d), "patient": theatre.patient(d), "board": own.board(d)}
+    return cad.build(BODIES, solids, dict.fromkeys(BODIES, np.eye(4)), theatre.MATERIALS | own.MATERIALS)
+
+
+if __name__ == "__main__":
+    cad.command("davinci", HERE, assembly)
