@@ -1,28 +1,41 @@
-"""Judges a finished trajectory from its samples alone, whatever planned it."""
+"""Check a finished trajectory from its samples alone."""
 
 from __future__ import annotations
+
+from functools import partial
 
 import numpy as np
 
 from twin.core import spatial
-from twin.core.findings import Finding
+from twin.core.findings import Finding, Kind, disagreement, error, finding, info, warning
+from twin.core.quantity import Quantity, deg, mm, moved, si
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import MM
 from twin.planning.protocol import Protocol, RotationOrder, Waypoint, trocar_of
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
 OVER = 1e-3
 """Fraction by which a sample may exceed a speed or acceleration limit."""
 
-AGAIN = "plan the protocol again: these samples are not what was planned within the limits"
-"""The way out where samples are not those of a plan."""
+AGAIN = "plan the protocol again: these samples differ from the planned ones"
+"""The suggestion for samples that differ from the plan."""
+
+
+_MISSED = Kind(
+    "rcm.missed", "disagreement", 'pivot with rcm = "enforced" to a waypoint with depth_mm', word="tolerance"
+)
+_KEPT = Kind("rcm.kept", "info", word="tolerance")
+_BENT = Kind("insertion.bent", "disagreement", AGAIN, word="tolerance")
+_STRAIGHT = Kind("insertion.straight", "info", word="tolerance")
+_NEAR = Kind("singularity.near", "warning", word="alarm")
+_SINGULARITY = Kind("margin.singularity", "info", word="alarm")
 
 
 def check(trajectory: Trajectory, protocol: Protocol, kinematics: PathKinematics) -> list[Finding]:
-    """Return what is wrong with a trajectory, and its smallest margins as infos.
+    """Return the findings on a trajectory; its smallest margins are findings of severity "info".
 
     Args:
-        trajectory: the samples; its per-sample margins and RCM errors are not trusted but computed again.
+        trajectory: the samples; its per-sample margins and RCM errors are recomputed.
         protocol: limits of the phases and tolerances.
         kinematics: limits of the joints, singularities, branches.
     """
@@ -58,43 +71,32 @@ def _positions(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findi
     out = []
     for j, name in enumerate(kinematics.joint_names):
         unit, factor = kinematics.unit(j)
-        for code, low, high in (
-            ("limit.hard", kinematics.lower[j], kinematics.upper[j]),
-            ("limit.soft", kinematics.soft_lower[j], kinematics.soft_upper[j]),
+        for kind, build, low, high in (
+            ("hard", error, kinematics.lower[j], kinematics.upper[j]),
+            ("soft", warning, kinematics.soft_lower[j], kinematics.soft_upper[j]),
         ):
             inside = np.minimum(trajectory.q[:, j] - low, high - trajectory.q[:, j])
             k = int(np.argmin(inside))
             if inside[k] < -1e-12:
-                value = trajectory.q[k, j] / factor
-                kind = "hard" if code == "limit.hard" else "soft"
-                out.append(
-                    Finding(
-                        code,
-                        "error" if kind == "hard" else "warning",
-                        f"joint {name} reaches {value:.2f} {unit}, {-inside[k] / factor:.2f} {unit} beyond "
-                        f"its {kind} limits {low / factor:.2f}..{high / factor:.2f} {unit}",
-                        where=name,
-                        when=_when(trajectory, k),
-                        size=float(-inside[k] / factor),
-                        unit=unit,
-                        limit=0.0,
-                    )
+                size = Quantity(-inside[k] / factor, unit)
+                what = (
+                    f"joint {name} exceeds its {kind} limits {low / factor:.2f}..{high / factor:.2f} {unit} by {size}"
                 )
-                break  # beyond the hard limits says beyond the soft ones too
+                out.append(build(f"limit.{kind}", name, what, size, 0, when=_when(trajectory, k), word=""))
+                break  # a joint beyond its hard limits is beyond the soft ones too
     margin = np.minimum(trajectory.q - kinematics.lower, kinematics.upper - trajectory.q)
     if not np.isfinite(margin).any():  # no joint has limits
         return out
     k, j = np.unravel_index(int(np.argmin(margin)), margin.shape)
     unit, factor = kinematics.unit(int(j))
-    size = float(margin[k, j] / factor)
-    text = f"the joint closest to a hard limit is {kinematics.joint_names[j]}, {size:.2f} {unit} away"
-    when = _when(trajectory, int(k))
-    out.append(Finding("margin.limit", "info", text, kinematics.joint_names[j], when, size, unit, 0.0))
+    name, size = kinematics.joint_names[j], Quantity(margin[k, j] / factor, unit)
+    what = f"the minimum distance to a hard limit is {size}, at joint {name}"
+    out.append(info("margin.limit", name, what, size, 0, when=_when(trajectory, int(k)), word=""))
     return out
 
 
 def _motors(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
-    """Hold the actuators of transmissions against their limits: joints within theirs may ask too much of a motor."""
+    """Check the actuators of transmissions: joints within their limits may still exceed a motor's limits."""
     out, motors = [], kinematics.motors
     for i, name in enumerate(motors.names):
         unit, factor = motors.unit(i)
@@ -102,17 +104,18 @@ def _motors(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]
         low, high = motors.lower[i], motors.upper[i]
         inside = np.minimum(m - low, high - m)
         k = int(np.argmin(inside))
-        size, when = float(inside[k] / factor), _when(trajectory, k)
-        limits = f"limits {low / factor:.2f}..{high / factor:.2f} {unit}"
+        when, limits = _when(trajectory, k), f"{low / factor:.2f}..{high / factor:.2f} {unit}"
         if inside[k] < -1e-12 * max(1.0, abs(m[k])):
-            text = f"motor {name} reaches {m[k] / factor:.2f} {unit}, {-size:.2f} {unit} beyond its {limits}"
-            out.append(Finding("limit.motor", "error", text, name, when, -size, unit, 0.0))
-        elif np.isfinite(size):
-            text = f"motor {name} stays {size:.2f} {unit} within its {limits}"
-            out.append(Finding("margin.motor", "info", text, name, when, size, unit, 0.0))
+            size = Quantity(-inside[k] / factor, unit)
+            what = f"motor {name} exceeds its limits {limits} by {size}"
+            out.append(error("limit.motor", name, what, size, 0, when=when, word=""))
+        elif np.isfinite(inside[k]):
+            size = Quantity(inside[k] / factor, unit)
+            what = f"motor {name}: minimum distance to its limits {limits} is {size}"
+            out.append(info("margin.motor", name, what, size, 0, when=when, word=""))
         k = int(np.argmax(rate))
-        peak, limit = float(rate[k]), motors.max_speed[i]
-        out += _over(trajectory, "limit.motor_speed", f"motor {name}", name, k, peak, limit, f"{unit}/s", factor)
+        peak, limit = (Quantity(v / factor, f"{unit}/s") for v in (float(rate[k]), motors.max_speed[i]))
+        out += _over(trajectory, "limit.motor_speed", name, f"motor {name}", k, peak, limit)
     return out
 
 
@@ -122,12 +125,10 @@ def _gaps(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
         between = np.abs(trajectory.q[:, gap.i] - trajectory.q[:, gap.j])
         k = int(np.argmin(between))
         unit, factor = kinematics.unit(gap.i)
-        size, need = float(between[k] / factor), gap.smallest / factor
-        bad = between[k] < gap.smallest - 1e-12
-        text = f"gap {gap.name} falls to {size:.2f} {unit}; it needs {need:g} {unit}"
-        code = "limit.gap" if bad else "margin.gap"
-        when = _when(trajectory, k)
-        out.append(Finding(code, "error" if bad else "info", text, gap.name, when, size, unit, need))
+        build = partial(error, "limit.gap") if between[k] < gap.smallest - 1e-12 else partial(info, "margin.gap")
+        size, need = Quantity(between[k] / factor, unit), gap.smallest / factor
+        what = f"minimum of gap {gap.name}"
+        out.append(build(gap.name, what, size, need, when=_when(trajectory, k), word="required"))
     return out
 
 
@@ -140,8 +141,8 @@ def _joint_rates(trajectory: Trajectory, kinematics: PathKinematics) -> list[Fin
         for j, name in enumerate(kinematics.joint_names):
             unit, factor = kinematics.unit(j)
             k = int(np.argmax(np.abs(values[:, j])))
-            size = float(abs(values[k, j]))
-            out += _over(trajectory, code, f"joint {name}", name, k, size, limits[j], unit + per, factor)
+            size, limit = (Quantity(v / factor, unit + per) for v in (abs(values[k, j]), limits[j]))
+            out += _over(trajectory, code, name, f"joint {name}", k, size, limit)
     return out
 
 
@@ -151,43 +152,32 @@ def _tip_rates(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
         limits = protocol.limits[span.type]
         rows = slice(span.start + min(i, 1), span.stop + 1)  # the sample between phases is the earlier one's
         a, dw = trajectory.tip_acceleration[rows], trajectory.angular_acceleration[rows]
-        for code, values, limit, unit, factor in (
-            ("limit.tip_speed", trajectory.tip_velocity[rows], limits.tip_speed, "mm/s", MM),
-            ("limit.tip_acceleration", a, limits.tip_acceleration, "mm/s2", MM),
-            ("limit.tip_jerk", np.diff(a, axis=0) / trajectory.step, limits.tip_jerk, "mm/s3", MM),
-            ("limit.rotation_speed", trajectory.angular_velocity[rows], limits.rotation_speed, "deg/s", DEG),
-            ("limit.rotation_acceleration", dw, limits.rotation_acceleration, "deg/s2", DEG),
-            ("limit.rotation_jerk", np.diff(dw, axis=0) / trajectory.step, limits.rotation_jerk, "deg/s3", DEG),
+        for code, values, limit, unit in (
+            ("limit.tip_speed", trajectory.tip_velocity[rows], limits.tip_speed, "m/s"),
+            ("limit.tip_acceleration", a, limits.tip_acceleration, "m/s2"),
+            ("limit.tip_jerk", np.diff(a, axis=0) / trajectory.step, limits.tip_jerk, "m/s3"),
+            ("limit.rotation_speed", trajectory.angular_velocity[rows], limits.rotation_speed, "rad/s"),
+            ("limit.rotation_acceleration", dw, limits.rotation_acceleration, "rad/s2"),
+            ("limit.rotation_jerk", np.diff(dw, axis=0) / trajectory.step, limits.rotation_jerk, "rad/s3"),
         ):
             norms = np.linalg.norm(values, axis=1)
             k = int(np.argmax(norms))
-            size = float(norms[k])
             what = f"{trajectory.frame} in phase '{span.name}'"
-            out += _over(trajectory, code, what, trajectory.frame, rows.start + k, size, limit, unit, factor)
+            out += _over(trajectory, code, trajectory.frame, what, rows.start + k, si(norms[k], unit), si(limit, unit))
     return out
 
 
 def _over(
-    trajectory: Trajectory,
-    code: str,
-    what: str,
-    where: str,
-    sample: int,
-    size: float,
-    limit: float,
-    unit: str,
-    factor: float,
+    trajectory: Trajectory, code: str, where: str, what: str, sample: int, size: Quantity, limit: Quantity
 ) -> list[Finding]:
-    if size <= limit * (1 + OVER):
+    if size.value <= limit.value * (1 + OVER):
         return []
-    text = f"{what} reaches {size / factor:.4g} {unit}, above its limit of {limit / factor:.4g} {unit}"
-    when = _when(trajectory, sample)
     way = "give the phase a lower limit or more time, or the robot a higher limit"
-    return [Finding(code, "disagreement", text, where, when, size / factor, unit, limit / factor, way)]
+    return [disagreement(code, where, f"{what} exceeds its limit", size, limit, way, when=_when(trajectory, sample))]
 
 
 def _consistent(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
-    """Speeds and positions belong together: differences of q stay within what the accelerations allow."""
+    """Check that speeds match positions, within what the accelerations allow."""
     dt = float(trajectory.t[1] - trajectory.t[0])
     slope = (trajectory.q[2:] - trajectory.q[:-2]) / (2 * dt)
     error = np.abs(slope - trajectory.qd[1:-1]) / (dt * kinematics.max_acceleration * (1 + OVER))
@@ -195,15 +185,14 @@ def _consistent(trajectory: Trajectory, kinematics: PathKinematics) -> list[Find
     if not error.size or error[k, j] <= 1:
         return []
     unit, factor = kinematics.unit(int(j))
-    size = float(abs(slope[k, j] - trajectory.qd[k + 1, j]) / factor)
-    name = kinematics.joint_names[j]
-    text = f"joint {name}: its speed differs from the slope of its positions by {size:.3g} {unit}/s"
-    when = _when(trajectory, int(k) + 1)
-    return [Finding("trajectory.inconsistent", "disagreement", text, name, when, size, unit + "/s", suggestion=AGAIN)]
+    size = Quantity(abs(slope[k, j] - trajectory.qd[k + 1, j]) / factor, unit + "/s")
+    name, when = kinematics.joint_names[j], _when(trajectory, int(k) + 1)
+    what = f"the speed of joint {name} differs from the slope of its positions"
+    return [disagreement("trajectory.inconsistent", name, what, size, suggestion=AGAIN, when=when)]
 
 
 def _rcm(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
-    """Return one finding for each registered RCM, over all phases until it is given up."""
+    """Return one finding for each registered RCM, over all phases until it is released."""
     episodes: list[list[PhaseSpan]] = []
     for before, span in zip((None, *trajectory.phases), trajectory.phases, strict=False):
         if span.rcm is None:
@@ -220,25 +209,13 @@ def _rcm(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
         first, last = spans[0].start, spans[-1].stop + 1
         errors = rcm_error(trajectory.Ts_base_frame[first:last], trajectory.shaft_axis, rcm)
         k = int(np.argmax(errors))
-        size, at = float(errors[k]), ", ".join(f"{x / MM:.2f}" for x in rcm)
+        at = ", ".join(f"{x / MM:.2f}" for x in rcm)
         trocar = next((t for p in protocol.phases for s in spans if p.name == s.name and (t := trocar_of(p))), "")
-        missed = size > tolerance
-        text = f"the shaft passes the RCM at up to {size / MM:.4g} mm; {tolerance / MM:g} mm is allowed"
-        if size > alarm:
-            text += f", and {alarm / MM:g} mm is the clinical alarm"
-        out.append(
-            Finding(
-                "rcm.missed" if missed else "rcm.kept",
-                "disagreement" if missed else "info",
-                text,
-                where=f"trocar {trocar}, RCM at ({at}) mm" if trocar else f"RCM at ({at}) mm",
-                when=_when(trajectory, first + k),
-                size=size / MM,
-                unit="mm",
-                limit=tolerance / MM,
-                suggestion='pivot with rcm = "enforced" to a waypoint with depth_mm' if missed else "",
-            )
-        )
+        kind = _MISSED if errors[k] > tolerance else _KEPT
+        where = f"trocar {trocar}, RCM at ({at}) mm" if trocar else f"RCM at ({at}) mm"
+        clinical = f", beyond the clinical alarm at {mm(alarm)}" if errors[k] > alarm else ""
+        what = f"maximum distance of the shaft from the RCM{clinical}"
+        out.append(kind(where, what, mm(errors[k]), mm(tolerance), when=_when(trajectory, first + k)))
     return out
 
 
@@ -252,21 +229,12 @@ def _straight(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
         axis = Ts[0, :3, :3] @ trajectory.shaft_axis
         errors = spatial.point_to_line(Ts[:, :3, 3], Ts[0, :3, 3], axis)
         k = int(np.argmax(errors))
-        bent = errors[k] > tolerance
-        text = f"{trajectory.frame} leaves the line of the insertion by up to {errors[k] / MM:.3g} mm; "
-        out.append(
-            Finding(
-                "insertion.bent" if bent else "insertion.straight",
-                "disagreement" if bent else "info",
-                text + f"{tolerance / MM:g} mm is allowed",
-                where=trajectory.frame,
-                when=_when(trajectory, span.start + k, span),
-                size=float(errors[k] / MM),
-                unit="mm",
-                limit=tolerance / MM,
-                suggestion=AGAIN if bent else "",
-            )
+        kind = _BENT if errors[k] > tolerance else _STRAIGHT
+        what, when = (
+            f"maximum distance of {trajectory.frame} from the insertion line",
+            _when(trajectory, span.start + k, span),
         )
+        out.append(kind(trajectory.frame, what, mm(errors[k]), mm(tolerance), when=when))
     return out
 
 
@@ -290,29 +258,24 @@ def _waypoints(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
                 off = abs(_depth(trajectory, k) - (waypoint.depth or 0.0))
             if off <= t.waypoint and turn <= t.waypoint_angle:
                 continue
-            text = f"the phase ends {off / MM:.3f} mm and {turn / DEG:.3f} deg beside waypoint '{name}'; "
-            text += f"{t.waypoint / MM:g} mm and {t.waypoint_angle / DEG:g} deg are allowed"
-            far = off > t.waypoint
-            size, unit = (off / MM, "mm") if far else (turn / DEG, "deg")
-            limit = t.waypoint / MM if far else t.waypoint_angle / DEG
+            what = f"the phase ends {mm(off)} and {deg(turn)} from waypoint '{name}' "
+            what += f"(tolerances {mm(t.waypoint)} and {deg(t.waypoint_angle)})"
+            sizes = (mm(off), mm(t.waypoint)) if off > t.waypoint else (deg(turn), deg(t.waypoint_angle))
             when = _when(trajectory, k)
-            where = f"waypoint '{name}'"
-            out.append(Finding("waypoint.missed", "disagreement", text, where, when, size, unit, limit, AGAIN))
+            out.append(disagreement("waypoint.missed", f"waypoint '{name}'", what, *sizes, AGAIN, when=when, word=""))
     return out
 
 
 def _values(trajectory: Trajectory, waypoint: Waypoint, rows: tuple[int, ...]) -> list[Finding]:
-    """Return the joints that are not at the values of their waypoint."""
+    """Return findings on joints that are not at the values of their waypoint."""
     out = []
     for joint, value in (waypoint.joints or {}).items():
-        unit, factor = ("deg", DEG) if joint in waypoint.angle_joints else ("mm", MM)
         q = trajectory.q[list(rows), trajectory.joint_names.index(joint)]
         i = int(np.argmax(np.abs(q - value)))
         off = float(abs(q[i] - value))
         if off > 1e-9:
-            text = f"joint {joint} is {off / factor:.4g} {unit} beside its value at waypoint '{waypoint.name}'"
-            when = _when(trajectory, rows[i])
-            out.append(Finding("waypoint.missed", "disagreement", text, joint, when, off / factor, unit, 0.0))
+            what, size = f"joint {joint} misses waypoint '{waypoint.name}'", moved(off, joint in waypoint.angle_joints)
+            out.append(disagreement("waypoint.missed", joint, what, size, 0, when=_when(trajectory, rows[i])))
     return out
 
 
@@ -323,7 +286,7 @@ def _depth(trajectory: Trajectory, sample: int) -> float:
 
 
 def _rotation(angles: Array, order: RotationOrder) -> Array:
-    """Return R (3, 3) written out, so that the check shares nothing with the path that it judges."""
+    """Return R (3, 3), computed here so that the check shares no code with the path."""
     if order == "xyz":  # Rx(a) Ry(b) Rz(c) undoes Rz(-c) Ry(-b) Rx(-a)
         return _rotation(-angles[::-1], "zyx").T
     (cz, cy, cx), (sz, sy, sx) = np.cos(angles), np.sin(angles)
@@ -343,25 +306,13 @@ def _singular(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findin
         size = float(abs(values[k]))
         if np.any(values * values[0] <= 0):
             k = int(np.argmax(values * values[0] <= 0))
-            text = f"the singularity measure {name} changes its sign: the motion crosses a singularity"
-            out.append(
-                Finding(
-                    "singularity.crossed",
-                    "error",
-                    text,
-                    name,
-                    _when(trajectory, k),
-                    float(values[k]),
-                    "",
-                    alarm,
-                )
-            )
+            what = f"the singularity measure {name} changes its sign: the motion crosses a singularity"
+            size, when = Quantity(values[k]), _when(trajectory, k)
+            out.append(error("singularity.crossed", name, what, size, alarm, when=when, word=""))
             continue
-        near = size < alarm
-        text = f"the singularity measure {name} falls to {size:.4f}" + (f"; alarm {alarm:g}" if alarm else "")
-        code = "singularity.near" if near else "margin.singularity"
-        when = _when(trajectory, k)
-        out.append(Finding(code, "warning" if near else "info", text, name, when, size, "", alarm))
+        kind = _NEAR if size < alarm else _SINGULARITY
+        what = f"minimum of the singularity measure {name}"
+        out.append(kind(name, what, Quantity(size), alarm, when=_when(trajectory, k)))
     return out
 
 
@@ -374,14 +325,15 @@ def _branches(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findin
         return []
     k = int(np.argmax(other))
     text = f"the working mode changes from {labels[0]} to {labels[k]}"
-    return [Finding("branch.changed", "error", text, when=_when(trajectory, k))]
+    return [error("branch.changed", "", text, when=_when(trajectory, k))]
 
 
 def _reach(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     out = []
     for name, margin in kinematics.reach(trajectory.Ts_base_tool).items():
         k = int(np.argmin(margin))
-        size, when = float(margin[k] / MM), _when(trajectory, k)
-        text = f"{name} has {size:.2f} mm of reach left where it has least"
-        out.append(Finding("margin.reach", "info" if size >= 0 else "error", text, name, when, size, "mm", 0.0))
+        what = f"minimum reach left at {name}"
+        severity = "info" if margin[k] >= 0 else "error"
+        when = _when(trajectory, k)
+        out.append(finding(severity, "margin.reach", name, what, mm(margin[k]), 0, when=when, word="required"))
     return out

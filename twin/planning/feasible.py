@@ -1,32 +1,40 @@
-"""Says before timing whether a robot can follow a path, and if not: where it ends, why, and what would do."""
+"""Check before timing whether a robot can follow a path; if not, report where it fails, why, and what is reachable."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from twin.core.errors import ProtocolError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.planning.path import PhasePath
+from twin.planning.phase_path import PhasePath
 from twin.planning.protocol import Insertion, Pivot, Retraction
 from twin.planning.trajectory import Cause, PathKinematics
 
 _PROBES = 401
-"""Points of a phase that are looked at; the 1 kHz samples are looked at again afterwards."""
+"""Number of checked points of a phase; the 1 kHz samples are checked again afterwards."""
 
-_Margins = dict[tuple[Cause, str], Array]
+Margins = dict[tuple[Cause, str], Array]
+"""Margins (k,) in m or rad by cause and name."""
 
 
 def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, protocol: str) -> None:
-    """Do nothing if the robot can follow the path.
+    """Raise if the robot cannot follow the path.
 
     Raises:
-        ProtocolError: it cannot; the message gives the phase, the cause with its size, where on the phase
+        ProtocolError: the robot cannot follow; the message gives the phase, the cause with its size, where on the phase
             it begins, and what is reachable.
     """
     s = np.linspace(0.0, 1.0, _PROBES)
-    anchor = _anchor(path, kinematics)
-    margins = _margins(path, kinematics, s, anchor)
+
+    def at(s: Array) -> tuple[Array, Array]:
+        return path.motion(s).Ts_base_tool, path.joints(s, kinematics)
+
+    anchor = Anchor.at(kinematics, *at(np.zeros(1)))
+    margins = margins_at(kinematics, *at(s), anchor)
     bad = np.any([m < 0 for m in margins.values()], axis=0)
     if not bad.any():
         return
@@ -34,7 +42,7 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
     low, high = (float(s[first - 1]), float(s[first])) if first else (0.0, 0.0)
     for _ in range(40 if first else 0):
         middle = (low + high) / 2
-        here = _margins(path, kinematics, np.array([middle]), anchor)
+        here = margins_at(kinematics, *at(np.array([middle])), anchor)
         if any(m[0] < 0 for m in here.values()):
             high = middle
         else:
@@ -53,9 +61,9 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
     raise ProtocolError(f"{message} {_reachable(path, low, first == 0)}")
 
 
-def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> _Margins:
-    """Return margins (k,) in m or rad by cause and name, negative where a pose cannot be taken."""
-    out: _Margins = {("reach", name): np.asarray(m) for name, m in kinematics.reach(Ts).items()}
+def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> Margins:
+    """Return margins (k,) in m or rad by cause and name, negative where a pose is unreachable."""
+    out: Margins = {("reach", name): np.asarray(m) for name, m in kinematics.reach(Ts).items()}
     solved = np.all(np.isfinite(q), axis=1)
     out["inverse", ""] = np.where(solved, 0.0, -1.0)
     for j, name in enumerate(kinematics.joint_names):
@@ -70,30 +78,42 @@ def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> _Margins:
     return out
 
 
-def _anchor(path: PhasePath, kinematics: PathKinematics) -> tuple[dict[str, float], object]:
-    """Return signs of the singularity measures and the branch where the phase begins."""
-    Ts = path.motion(np.zeros(1)).Ts_base_tool
-    q = path.joints(np.zeros(1), kinematics)
-    if not np.all(np.isfinite(q)):
-        return {}, None
-    signs = {name: float(np.sign(v[0])) for name, v in kinematics.singularity(Ts, q).items()}
-    return signs, kinematics.branch(Ts, q)[0] if kinematics.branch else None
+@dataclass(frozen=True)
+class Anchor:
+    """The side of every singularity and the working mode on which a phase begins; empty if that is unknown."""
+
+    signs: Mapping[str, float]
+    branch: object
+
+    @staticmethod
+    def at(kinematics: PathKinematics, Ts: Array, q: Array) -> Anchor:
+        """Return them at a pose (1, 4, 4) with joints (1, n)."""
+        if not np.all(np.isfinite(q)):
+            return Anchor({}, None)
+        signs = {name: float(np.sign(v[0])) for name, v in kinematics.singularity(Ts, q).items()}
+        return Anchor(signs, kinematics.branch(Ts, q)[0] if kinematics.branch else None)
 
 
-def _margins(path: PhasePath, kinematics: PathKinematics, s: Array, anchor: tuple) -> _Margins:
-    Ts = path.motion(s).Ts_base_tool
-    q = path.joints(s, kinematics)
+def margins_at(kinematics: PathKinematics, Ts: Array, q: Array, anchor: Anchor) -> Margins:
+    """Return margins (k,) as `pose_margins`, and those of singularities and working mode."""
     out = pose_margins(kinematics, Ts, q)
-    signs, branch = anchor
     solved = np.all(np.isfinite(q), axis=1)
-    if not (signs or branch is not None) or not solved.any():
+    if not (anchor.signs or anchor.branch is not None) or not solved.any():
         return out
     for name, measure in kinematics.singularity(Ts[solved], q[solved]).items():
-        out["singularity", name] = _spread(solved, measure * signs.get(name, 1.0))
+        out["singularity", name] = _spread(solved, measure * anchor.signs.get(name, 1.0))
     if kinematics.branch:
-        same = kinematics.branch(Ts[solved], q[solved]) == branch
+        same = kinematics.branch(Ts[solved], q[solved]) == anchor.branch
         out["branch", ""] = _spread(solved, np.where(same, 0.0, -1.0))
     return out
+
+
+def said(kinematics: PathKinematics, margins: Margins) -> str:
+    """Return the first margin (1,) below 0 as text; "" if there is none."""
+    for (cause, name), margin in margins.items():
+        if margin[0] < 0:
+            return _cause(kinematics, cause, name, float(-margin[0]))
+    return ""
 
 
 def _spread(rows: np.ndarray, values: Array) -> Array:
@@ -103,7 +123,7 @@ def _spread(rows: np.ndarray, values: Array) -> Array:
 
 
 def _why(kinematics: PathKinematics, path: PhasePath, s: float) -> str:
-    """Return where the equations have no value, if they can tell, as one more sentence."""
+    """Return a sentence: the reason why the equations give no finite joint values at s; "" if unknown."""
     text = kinematics.why(path.motion(np.array([s])).Ts_base_tool[0]) if kinematics.why else ""
     return f" {text}" if text else ""
 
@@ -134,9 +154,9 @@ def _cause(kinematics: PathKinematics, cause: Cause, name: str, size: float) -> 
 
 
 def _reachable(path: PhasePath, s: float, nothing: bool) -> str:
-    """Return what of the phase could be done, with a small distance to the edge."""
+    """Return the reachable part of the phase, with a small margin."""
     if nothing:
-        return "Nothing of it is reachable; change where it begins."
+        return "No part of the phase is reachable; change the pose at its start."
     s = max(0.0, s - 1e-4)
     match path.phase:
         case Insertion():

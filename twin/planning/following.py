@@ -1,14 +1,14 @@
-"""Paths on which the mechanism has the say: by its driven joints, or along a line in the directions that it is free in.
+"""Paths that the mechanism decides: by its driven joints, or along a line in its free directions.
 
-A robot with fewer than six freedoms cannot take every pose, nor every straight line between two that it can take. So
-as many directions as it has freedoms are led, positions before turns; in the others the tool is where the mechanism
-has it. At a waypoint that gives a pose the tool has to be there in every direction that the protocol does not leave
-free: if it is not, the waypoint is no pose of this robot, which is a mistake of the protocol.
+A robot with fewer than six freedoms cannot reach every pose, nor follow every straight line between two poses. So as
+many directions as it has freedoms are controlled, positions before rotations; the mechanism decides the others. At a
+waypoint with a pose the tool must match it in every direction that the protocol does not leave free; otherwise the
+waypoint is not reachable, and the protocol is wrong.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,13 +17,16 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError, ProtocolError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.planning.path import Motion, PhasePath, angles_of, rotation
-from twin.planning.protocol import DIRECTIONS, Auxiliary, Home, Joints, Positioning, Protocol
-from twin.planning.smooth import Smooth, fit
+from twin.planning.freeing import Progress, way
+from twin.planning.path import Path
+from twin.planning.phase_path import PhasePath
+from twin.planning.protocol import DIRECTIONS, Auxiliary, Free, Protocol
+from twin.planning.protocol.course import Motion, angles_of, rotation
+from twin.planning.smooth import Smooth, fit, line
 from twin.planning.trajectory import Carrier, PathKinematics
 
 _STATIONS = 33
-"""Points of a phase at which the mechanism is looked at before anything is fitted."""
+"""Points of a phase at which the mechanism is evaluated before fitting."""
 
 _STILL = 1e-12
 """Change (m or of a matrix entry) along a phase that is rounding."""
@@ -32,27 +35,31 @@ _NONE = 1e-9
 """Change (m, rad) of every driven joint below which a phase has no length."""
 
 _LENGTH = 0.1
-"""Metres that count as much as a radian where directions are compared."""
+"""Length in m that converts radians to metres where directions are compared."""
 
 _INDEPENDENT = 1e-3
-"""Part of the largest rate that a direction needs of its own to be led."""
+"""Minimum rate of a controlled direction, relative to the largest."""
 
 
 @dataclass(frozen=True)
 class Followed(PhasePath):
-    """A phase as the mechanism takes it.
+    """A phase as the mechanism follows it.
 
     Attributes:
         values: driven joints (n,) by s.
         place: of the tool by s, (12,): its origin in m, and its rotation matrix row by row.
     """
 
-    values: Smooth
-    place: Smooth
+    values: Path
+    place: Path
 
     def joints(self, s: Array, kinematics: PathKinematics) -> Array:
         """Return the driven joints (k, n) at s (k,)."""
         return self.values(s)
+
+    def driven(self, kinematics: PathKinematics, where: str) -> Path:
+        """Return the path of the driven joints."""
+        return self.values
 
     def motion(self, s: Array) -> Motion:
         """Return the motion at s (k,)."""
@@ -74,17 +81,21 @@ class Followed(PhasePath):
 
 
 class Follower:
-    """Goes through a protocol phase by phase, each from where the mechanism was left by the one before.
+    """Follows a protocol phase by phase, each from the end of the one before.
 
     Attributes:
         q: (n,) where the driven joints are.
     """
 
-    def __init__(self, protocol: Protocol, names: tuple[str, ...], angles: tuple[bool, ...], carrier: Carrier) -> None:
-        self._protocol, self._carrier, self._names, self._angles = protocol, carrier, names, angles
+    def __init__(
+        self, protocol: Protocol, kinematics: PathKinematics, carrier: Carrier, progress: Progress = lambda label: None
+    ) -> None:
+        self._protocol, self._kinematics, self._carrier, self._progress = protocol, kinematics, carrier, progress
+        self._names = names = kinematics.joint_names
+        self._angles = tuple(kinematics.revolute) or (False,) * len(names)
         if not names:
             raise ProtocolError(
-                f"{protocol.name}: no joint of the robot is driven, so nothing can move: name its joints in its "
+                f"{protocol.name}: no joint of the robot is driven, so the robot cannot move: name its joints in its "
                 "description, and mark the driven ones with active = true"
             )
         self._state, self.q = carrier.drawn()
@@ -112,68 +123,74 @@ class Follower:
                 X, q, Ts = self._carrier.lead(goal[None], led, lever, self._state)
                 self._outside(name, T_tool_frame, Ts[-1], led)
         except AssemblyError as error:
-            raise ProtocolError(f"{where}, '{name}', is not reached from where it is drawn: {error}") from error
+            raise ProtocolError(f"{where}, '{name}', cannot be reached from the drawn pose: {error}") from error
         self._state, self.q, T = X[-1], q[-1], Ts[-1]
         return angles_of(T[:3, :3], self._protocol.rotation, waypoint.angles), T[:3, 3] + T[:3, :3] @ lever
 
     def along(self, path: PhasePath) -> Followed:
-        """Return a phase as the mechanism takes it, and stand at its end.
+        """Return a phase as the mechanism follows it, and move to its end.
 
         Raises:
-            ProtocolError: it cannot follow, or is elsewhere than the waypoint at its end says.
+            ProtocolError: it cannot follow, or misses the waypoint at its end.
         """
         where = f"{self._protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
         start, lever = self._state, path.T_tool_frame[:3, 3]
-        ends, led = self._ends(path, where), np.ones(6, bool)
-        if ends is None and path.rcm is None and isinstance(path.phase, Positioning | Home):
+        course, led = self._course(path, where), np.ones(6, bool)
+        if course is not None:
+            out, self._state = carried(path, course, self._carrier, start, where)
+            self.q = course(np.ones(1))[0]
+            return out
+        if path.rcm is None and path.phase.places:
             led = self._led(lever)
 
         def taken(s: Array) -> tuple[Array, Array, Array]:
             try:
-                if ends is None:
-                    return self._carrier.lead(path.motion(s).Ts_base_tool, led, lever, start)
-                q = ends[0] + s[:, None] * (ends[1] - ends[0])
-                X, Ts = self._carrier.carry(q, start)
+                return self._carrier.lead(path.motion(s).Ts_base_tool, led, lever, start)
             except AssemblyError as error:
                 raise ProtocolError(f"{where} cannot be carried out: {error}") from error
-            return X, q, Ts
 
         X, q, Ts = taken(np.linspace(0.0, 1.0, _STATIONS))
-        if ends is None:
-            self._kept(path, led, Ts, where)
-            if path.waypoint is not None and path.rcm_mode is None:
-                self._outside(path.waypoint, path.T_tool_frame, Ts[-1], led)
-
-        def rows(s: Array) -> Array:
-            order = np.argsort(s)
-            _, q, Ts = taken(s[order])
-            out = np.concatenate([q, Ts[:, :3, 3], Ts[:, :3, :3].reshape(-1, 9)], axis=1)
-            middle = np.where(np.ptp(out, axis=0) < _STILL, out[0], out)  # rounding is no motion
-            return middle[np.argsort(order)]
-
-        series = fit(rows)
-        n = len(self._names)
-        values = Smooth(series.coefficients[:, :n], series.tail[:n])
-        if ends is not None:  # said exactly
-            values = Smooth(np.array([ends[0] + ends[1], ends[1] - ends[0]]) / 2, np.zeros(n))
+        self._kept(path, led, Ts, where)
+        if path.waypoint is not None and path.rcm_mode is None:
+            self._outside(path.waypoint, path.T_tool_frame, Ts[-1], led)
         self._state, self.q = X[-1], q[-1]
-        place = Smooth(series.coefficients[:, n:], series.tail[n:])
-        out = Followed(**vars(path), values=values, place=place)
-        end = out.motion(np.ones(1))
-        angles1 = angles_of(end.Ts_base_tool[0, :3, :3], path.order, path.angles1)
-        return replace(out, angles1=angles1, tip1=end.p[0])
+        return _followed(path, taken)
 
-    def _ends(self, path: PhasePath, where: str) -> tuple[Array, Array] | None:
-        """Return where the driven joints (n,) begin and end if the phase goes by them, else None."""
+    def _course(self, path: PhasePath, where: str) -> Path | None:
+        """Return the path of the driven joints if the phase goes by them, else None."""
         if isinstance(path.phase, Auxiliary):
-            return self.q, moved(self.q, path.phase, self._names, self._angles, where)
-        name = path.phase.to if isinstance(path.phase, Joints | Home) else ""
-        if not name or self._protocol.waypoints[name].joints is None:
+            return line(self.q, moved(self.q, path.phase, self._names, self._angles, where))
+        name = path.waypoint if path.phase.by_joints else None
+        if name is None:
             return None
-        goal = self.goal(name)
-        if np.abs(goal - self.q).max() < _NONE:
-            raise ProtocolError(f"{where}: it has no length: {self._unmoved(name)}")
-        return self.q, goal
+        if self._protocol.waypoints[name].joints is not None:
+            goal = self.goal(name)
+            if np.abs(goal - self.q).max() < _NONE:
+                raise ProtocolError(f"{where}: it has no length: {self._unmoved(name)}")
+        elif isinstance(path.phase, Free):
+            goal = self._led_to(path, name, where)
+        else:
+            return None
+        if not isinstance(path.phase, Free):
+            return line(self.q, goal)
+        try:
+            _, Ts = self._carrier.carry(line(self.q, goal)(np.linspace(0.0, 1.0, _STATIONS)), self._state)
+        except AssemblyError as error:
+            raise ProtocolError(f"{where}: no way to its goal is known on which the loops close: {error}") from error
+        return way(path.phase, self._kinematics, (self.q, goal), Ts[[0, -1]], where, self._progress)
+
+    def _led_to(self, path: PhasePath, name: str, where: str) -> Array:
+        """Return the driven joints (n,) at a waypoint with a pose: where the mechanism is when it is led straight."""
+        lever = path.T_tool_frame[:3, 3]
+        led = self._led(lever)
+        goal = path.motion(np.ones(1)).Ts_base_tool
+        try:
+            _, q, Ts = self._carrier.lead(goal, led, lever, self._state)
+        except AssemblyError as error:
+            text = f"{where}: joint values at waypoint '{name}' are not known, give it by joints"
+            raise ProtocolError(f"{text}: {error}") from error
+        self._outside(name, path.T_tool_frame, Ts[-1], led)
+        return q[-1]
 
     def goal(self, name: str) -> Array:
         """Return the driven joints (n,) at a waypoint of joint values; what it does not name is as drawn.
@@ -194,7 +211,7 @@ class Follower:
         )
 
     def _led(self, lever: Array) -> np.ndarray:
-        """Return (6,) which directions are led: as many as the mechanism is free in, positions first."""
+        """Return (6,) the controlled directions: as many as the mechanism's freedoms, positions first."""
         J = self._carrier.jacobians(self._state, lever)
         J = np.concatenate([J[:, :3] / _LENGTH, J[:, 3:]], axis=1)
         largest = np.linalg.norm(J, axis=2).max()
@@ -210,7 +227,7 @@ class Follower:
         return led
 
     def _kept(self, path: PhasePath, led: np.ndarray, Ts: Array, where: str) -> None:
-        """Raise `ProtocolError` where the mechanism is off the path in a direction that is led."""
+        """Raise `ProtocolError` where the mechanism is off the path in a controlled direction."""
         wanted = path.motion(np.linspace(0.0, 1.0, len(Ts))).Ts_base_tool
         off = np.array([_missed(T, goal, path.T_tool_frame) for T, goal in zip(Ts, wanted, strict=True)])
         over = np.abs(off) / self._tolerance() * led
@@ -228,7 +245,7 @@ class Follower:
         return np.repeat([t.waypoint, t.waypoint_angle], 3)
 
     def _outside(self, name: str, T_tool_frame: Array, T: Array, led: np.ndarray) -> None:
-        """Raise `ProtocolError` if a pose is beside a waypoint in a direction that the protocol does not leave free."""
+        """Raise `ProtocolError` if a pose misses a waypoint in a direction that the protocol does not leave free."""
         waypoint = self._protocol.waypoints[name]
         if waypoint.position is None:
             return
@@ -242,12 +259,75 @@ class Follower:
         turned = angles_of(T[:3, :3], self._protocol.rotation, waypoint.angles)
         count = int(led.sum())
         raise ProtocolError(
-            f"{self._protocol.name}: waypoint '{name}' is no pose of this robot, which has {count} "
+            f"{self._protocol.name}: waypoint '{name}' is not reachable by this robot, which has {count} "
             f"freedom{'s' if count != 1 else ''} to lead there: with {_list(led)} as written, the mechanism has "
             f"{self._protocol.frame} off by {_words(off, bad)}. Write the pose that it takes: position_mm = "
             f"{_numbers(at / MM)}, angles_deg = {_numbers(turned / DEG)}; or leave what follows to the mechanism, "
             f"with free = {_names(~led)} above the tables of the protocol; or give the waypoint by joints."
         )
+
+
+def carried(path: PhasePath, course: Path, carrier: Carrier, start: Array, where: str) -> tuple[Followed, Array]:
+    """Return a phase whose driven joints take a path from the state `start`, and the state at its end.
+
+    Raises:
+        ProtocolError: the loops open; `where` begins the message.
+    """
+
+    def taken(s: Array) -> tuple[Array, Array, Array]:
+        q = course(s)
+        try:
+            X, Ts = carrier.carry(q, start)
+        except AssemblyError as error:
+            raise ProtocolError(f"{where} cannot be carried out: {error}") from error
+        return X, q, Ts
+
+    X, _, _ = taken(np.linspace(0.0, 1.0, _STATIONS))
+    return replace(_followed(path, taken), values=course), X[-1]
+
+
+def _followed(path: PhasePath, taken: Callable[[Array], tuple[Array, Array, Array]]) -> Followed:
+    """Return a phase as series of what `taken` gives at s (k,): states, driven joints (k, n), poses (k, 4, 4)."""
+
+    def rows(s: Array) -> Array:
+        order = np.argsort(s)
+        _, q, Ts = taken(s[order])
+        out = np.concatenate([Ts[:, :3, 3], Ts[:, :3, :3].reshape(-1, 9), q], axis=1)
+        middle = np.where(np.ptp(out, axis=0) < _STILL, out[0], out)  # rounding is not motion
+        return middle[np.argsort(order)]
+
+    series = fit(rows)
+    c, tail = series.coefficients, series.tail
+    out = Followed(**vars(path), values=Smooth(c[:, 12:], tail[12:]), place=Smooth(c[:, :12], tail[:12]))
+    end = out.motion(np.ones(1))
+    angles1 = angles_of(end.Ts_base_tool[0, :3, :3], path.order, path.angles1)
+    return replace(out, angles1=angles1, tip1=end.p[0])
+
+
+def freed(
+    paths: Sequence[PhasePath], kinematics: PathKinematics, protocol: str, progress: Progress = lambda label: None
+) -> tuple[PhasePath, ...]:
+    """Return phases with the free ones as ways around what is in the way, between what the inverse gives at their ends.
+
+    Raises:
+        ProtocolError: see `freeing.way`.
+    """
+    out = []
+    for path in paths:
+        if isinstance(path.phase, Free):
+            where, both = f"{protocol}: phase '{path.phase.name}' ({path.phase.type})", np.array([0.0, 1.0])
+            q, carrier = path.joints(both, kinematics), kinematics.carrier
+            if carrier is None:
+                raise ProtocolError(f"{where}: a free motion needs the mechanism, but there is none")
+            course = way(path.phase, kinematics, (q[0], q[1]), path.motion(both).Ts_base_tool, where, progress)
+            x, drawn = carrier.drawn()
+            try:
+                X, _ = carrier.carry(line(drawn, q[0])(np.linspace(0.0, 1.0, _STATIONS)), x)
+            except AssemblyError as error:
+                raise ProtocolError(f"{where}: its start is not reached from the drawn pose: {error}") from error
+            path, _ = carried(path, course, carrier, X[-1], where)
+        out.append(path)
+    return tuple(out)
 
 
 def placed(
@@ -283,12 +363,12 @@ def moved(q: Array, phase: Auxiliary, names: tuple[str, ...], angles: tuple[bool
     """
     out = placed(q, phase.joints, phase.angle_joints, names, angles, where)
     if np.abs(out - q).max() < _NONE:
-        raise ProtocolError(f"{where}: it has no length: the joints are there already; remove it")
+        raise ProtocolError(f"{where}: it has no length: the joints are already there; remove it")
     return out
 
 
-def beside(paths: Sequence[PhasePath], kinematics: PathKinematics, protocol: str) -> tuple[PhasePath, ...]:
-    """Return phases with what their auxiliary joints do: they stay, but for the phases that move them.
+def with_auxiliary(paths: Sequence[PhasePath], kinematics: PathKinematics, protocol: str) -> tuple[PhasePath, ...]:
+    """Return phases with their auxiliary joints, which move only in phases that name them.
 
     Raises:
         ProtocolError: a phase moves a joint that is not auxiliary, or none.

@@ -9,22 +9,20 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import ProtocolError, TimingError
-from twin.core.findings import Finding
+from twin.core.findings import Finding, info
 from twin.core.spatial import Array
 from twin.planning.check import check, rcm_error
 from twin.planning.feasible import pose_margins, require_feasible
-from twin.planning.following import Follower, beside
-from twin.planning.path import Motion, PhasePath, build
-from twin.planning.protocol import Limits, Protocol
-from twin.planning.smooth import Smooth, fit
+from twin.planning.following import Follower, freed, with_auxiliary
+from twin.planning.freeing import Progress
+from twin.planning.phase_path import PhasePath, build
+from twin.planning.protocol import Auxiliary, Free, Limits, Protocol
+from twin.planning.protocol.course import Motion
 from twin.planning.timing import Timing, time_path
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
-_ROUGH = 1e-6
-"""Metres or rad that a joint's series may leave out before the path counts as not smooth."""
-
 _LOOKED = 9
-"""Poses of a phase that are held against the robot's freedoms before it is planned."""
+"""Poses of a phase that are checked against the robot's freedoms before planning."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +51,11 @@ def plan(
         protocol: what to do.
         kinematics: the robot.
         T_tool_frame: (4, 4) pose of `protocol.frame` in the tool.
-        dt: sampling time in s; every phase takes a whole number of it.
+        dt: sampling time in s; every phase lasts a multiple of it.
         progress: called with the name of each phase before it is planned.
 
     Raises:
-        ProtocolError: a phase cannot be carried out; the message says where on it, by how much, and what
-            would be reachable.
+        ProtocolError: a phase cannot be carried out; with the place, the size, and what is reachable.
         TimingError: there is no timing within the limits.
     """
     T_tool_frame = np.asarray(T_tool_frame, float)
@@ -66,11 +63,13 @@ def plan(
         raise ProtocolError(f"{protocol.name}: T_tool_frame of '{protocol.frame}' is not a pose")
     legs: list[_Leg] = []
     findings = list(protocol.findings)
-    guide = _guide(protocol, kinematics, T_tool_frame)
+    say = progress or (lambda label: None)
+    guide = _guide(protocol, kinematics, T_tool_frame, say)
     paths = build(protocol, T_tool_frame, guide)
-    for path in paths if guide is not None else beside(paths, kinematics, protocol.name):
-        if progress:
-            progress(path.phase.name)
+    if guide is None:
+        paths = freed(with_auxiliary(paths, kinematics, protocol.name), kinematics, protocol.name, say)
+    for path in paths:
+        say(path.phase.name)
         leg, found = _leg(path, protocol, kinematics, dt)
         legs.append(leg)
         findings += found
@@ -79,8 +78,8 @@ def plan(
     return replace(trajectory, findings=tuple(findings))
 
 
-def _guide(protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array) -> Follower | None:
-    """Return what leads the mechanism, if the protocol is the mechanism's to carry out; else None."""
+def _guide(protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, progress: Progress) -> Follower | None:
+    """Return the follower, if the mechanism decides the protocol's path; else None."""
     by_joints = any(w.joints is not None for w in protocol.waypoints.values())
     if not by_joints and protocol.free is None:
         if kinematics.takes is None:
@@ -90,37 +89,36 @@ def _guide(protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array) 
         if kinematics.takes(np.concatenate(Ts)):
             return None
     if kinematics.carrier is None:
-        raise ProtocolError(f"{protocol.name}: joint values and free directions need the mechanism, and there is none")
-    angles = tuple(kinematics.revolute) or (False,) * len(kinematics.joint_names)
-    return Follower(protocol, kinematics.joint_names, angles, kinematics.carrier)
+        raise ProtocolError(f"{protocol.name}: joint values and free directions need the mechanism, but there is none")
+    return Follower(protocol, kinematics, kinematics.carrier, progress)
 
 
 def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float) -> tuple[_Leg, list[Finding]]:
     where = f"{protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
     require_feasible(path, kinematics, protocol.frame, protocol.name)
-    rate = _rates(path, kinematics, where)
-    bend = rate.derivative()
+    joints = path.driven(kinematics, where)
     limits = protocol.limits[path.phase.type]
     max_speed, max_acceleration = _joint_limits(path, protocol, kinematics)
     fast = np.isfinite(kinematics.motors.max_speed)  # a speed limit of a motor is one more coordinate with a limit
     rows, motor_speed = kinematics.motors.rows[fast], kinematics.motors.max_speed[fast]
 
-    def derivatives(s: Array) -> tuple[Array, Array]:
+    def beside(s: Array) -> tuple[Array, Array]:
         m = path.motion(s)
         length, length1 = _norm_rate(m.p1, m.p2)
         turn, turn1 = _norm_rate(m.w1, m.w2)
-        dq, d2q = rate(s), bend(s)
         if not fast.any():
-            return np.column_stack([dq, length, turn]), np.column_stack([d2q, length1, turn1])
-        return np.column_stack([dq, length, turn, dq @ rows.T]), np.column_stack([d2q, length1, turn1, d2q @ rows.T])
+            return np.column_stack([length, turn]), np.column_stack([length1, turn1])
+        motors, motors1 = (joints(s, order) @ rows.T for order in (1, 2))
+        return np.column_stack([length, turn, motors]), np.column_stack([length1, turn1, motors1])
 
     def load(s: Array, sd: Array, sdd: Array) -> tuple[Array, Array]:
         m = path.motion(s)
         sd, sdd = sd[:, None], sdd[:, None]
-        v = np.max(np.abs(rate(s) * sd) / max_speed, axis=1)
+        first = joints(s, 1)
+        v = np.max(np.abs(first * sd) / max_speed, axis=1)
         if fast.any():
-            v = np.maximum(v, np.max(np.abs(rate(s) @ rows.T * sd) / motor_speed, axis=1))
-        a = np.max(np.abs(rate(s) * sdd + bend(s) * sd**2) / max_acceleration, axis=1)
+            v = np.maximum(v, np.max(np.abs(first @ rows.T * sd) / motor_speed, axis=1))
+        a = np.max(np.abs(first * sdd + joints(s, 2) * sd**2) / max_acceleration, axis=1)
         for d1, d2, speed, acceleration in _vectors(m, limits):
             v = np.maximum(v, np.linalg.norm(d1 * sd, axis=1) / speed)
             a = np.maximum(a, np.linalg.norm(d1 * sdd + d2 * sd**2, axis=1) / acceleration)
@@ -134,11 +132,12 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
 
     try:
         timing = time_path(
-            derivatives,
+            joints,
             np.concatenate([max_speed, [limits.tip_speed, limits.rotation_speed], motor_speed]),
             np.concatenate(
                 [max_acceleration, [limits.tip_acceleration, limits.rotation_acceleration], np.full(len(rows), np.inf)]
             ),
+            beside=beside,
             dt=dt,
             load=load,
             jerk=jerk if min(limits.tip_jerk, limits.rotation_jerk) < np.inf else None,
@@ -147,25 +146,25 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
         raise TimingError(f"{where}: {error}") from error
     found = []
     if timing.solver != "passes":
-        text = f"the optimal rate was found by {timing.solver}, since the passes of our own failed"
-        found.append(Finding("trajectory.timing", "info", text, when=f"phase '{path.phase.name}'"))
+        text = f"the optimal rate was found by {timing.solver}, because the built-in solver failed"
+        found.append(info("trajectory.timing", "", text, when=f"phase '{path.phase.name}'"))
     motion = path.motion(timing.s)
     q = path.joints(timing.s, kinematics)
     sd, sdd = timing.sd[:, None], timing.sdd[:, None]
-    first = rate(timing.s)
-    return _Leg(path, timing, motion, q, first * sd, first * sdd + bend(timing.s) * sd**2), found
+    first = joints(timing.s, 1)
+    return _Leg(path, timing, motion, q, first * sd, first * sdd + joints(timing.s, 2) * sd**2), found
 
 
 def _joint_limits(path: PhasePath, protocol: Protocol, kinematics: PathKinematics) -> tuple[Array, Array]:
     """Return the largest speeds and accelerations (n,) of the driven joints.
 
-    In a phase between joint values, a joint without limits of its own keeps those of the phase: the tool may stand
-    still there (a gripper's fingers move), so that no limit of the tool would time the motion.
+    In a phase by the joints, a joint without limits of its own keeps those of the phase: the tool may be at
+    rest there (a gripper's fingers move), so that limits of the tool do not apply.
     """
     speed, acceleration = kinematics.max_speed, kinematics.max_acceleration
-    waypoint = protocol.waypoints.get(getattr(path.phase, "to", ""))
-    by_joints = path.phase.type in ("joints", "home") and waypoint is not None and waypoint.joints is not None
-    if not by_joints and path.phase.type != "auxiliary":
+    waypoint = protocol.waypoints.get(path.waypoint or "")
+    by_joints = path.phase.by_joints and waypoint is not None and waypoint.joints is not None
+    if not by_joints and not isinstance(path.phase, (Auxiliary, Free)):
         return speed, acceleration
     limits, turns = protocol.limits[path.phase.type], np.array(kinematics.revolute, bool)
     own_speed = np.where(turns, limits.rotation_speed, limits.tip_speed)
@@ -173,19 +172,6 @@ def _joint_limits(path: PhasePath, protocol: Protocol, kinematics: PathKinematic
     return np.where(np.isfinite(speed), speed, own_speed), np.where(
         np.isfinite(acceleration), acceleration, own_acceleration
     )
-
-
-def _rates(path: PhasePath, kinematics: PathKinematics, where: str) -> Smooth:
-    """Return dq/ds along the phase."""
-    joints = fit(lambda s: path.joints(s, kinematics))
-    if np.max(joints.tail) > _ROUGH:
-        j = int(np.argmax(joints.tail))
-        raise ProtocolError(
-            f"{where}: joint {kinematics.joint_names[j]} is not a smooth function of the path (a kink or "
-            f"jump of about {joints.tail[j]:.2g} m or rad): it passes close to a singularity, or the inverse "
-            "changes its branch"
-        )
-    return joints.derivative()
 
 
 def _vectors(m: Motion, limits: Limits) -> tuple[tuple[Array, Array, float, float], ...]:

@@ -1,9 +1,9 @@
-"""A path parameter in time, from its rates at grid points: as they are, or averaged over a window of time.
+"""A path parameter in time, from its rates at grid points: unchanged, or averaged over a window of time.
 
-The moving average is what limits the jerk. It changes when the motion is where, never where it goes: the mean of s over
-the last w seconds rises from 0 to 1 as s does, is at rest at both ends, and arrives w later. Its acceleration is
-(ds/dt(t) - ds/dt(t - w)) / w, without jumps, and its jerk at most the range of d2s/dt2 over w. On a straight line with
-constant speed in the middle this is the fastest motion there is with that jerk.
+The moving average limits the jerk. It changes the timing, not the path: the mean of s over the last w seconds rises
+from 0 to 1 as s does, is at rest at both ends, and arrives w later. Its acceleration is (ds/dt(t) - ds/dt(t - w)) / w,
+without jumps, and its jerk at most the range of d2s/dt2 over w. On a straight line with constant speed in the middle
+this is the fastest motion with that jerk.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def sample(grid: Array, rates: Array, steps: int, dt: float, window: int = 0) ->
         rates: (n,) ds/dt there; they take `steps` times dt, 0 at both ends.
         steps: see `rates`.
         dt: in s.
-        window: samples that are averaged; the motion takes so many steps longer.
+        window: number of samples that are averaged; the motion takes this number of steps longer.
     """
     t = np.arange(steps + window + 1, dtype=np.float64) * dt
     if not window:

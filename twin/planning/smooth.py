@@ -1,7 +1,7 @@
 """Joint coordinates along a phase as Chebyshev series: derivatives without step sizes.
 
-Along one phase q(s) is analytic, so that a few dozen coefficients hold it to rounding. Differences of
-samples would lose half of the digits; differentiating the series keeps nearly all of them.
+Along one phase q(s) is analytic, so that a few dozen coefficients represent it to rounding. Differences of samples
+would lose half of the digits; differentiating the series keeps nearly all of them.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Smooth:
 
     Attributes:
         coefficients: (degree + 1, n), Chebyshev in 2 s - 1.
-        tail: (n,) size of what the series leaves out, in the unit of the function.
+        tail: (n,) size of the truncation error of the series, in the unit of the function.
     """
 
     coefficients: Array
@@ -37,16 +37,17 @@ class Smooth:
             c = chebyshev.chebder(c, order, scl=2.0)  # s = (x + 1) / 2
         return np.asarray(chebyshev.chebval(2 * np.asarray(s, float) - 1, c), np.float64).T
 
-    def derivative(self) -> Smooth:
-        """Return the derivative."""
-        return Smooth(np.asarray(chebyshev.chebder(self.coefficients, scl=2.0), np.float64), self.tail)
+
+def line(start: Array, end: Array) -> Smooth:
+    """Return the straight path from start (n,) to end (n,)."""
+    return Smooth(np.array([start + end, end - start]) / 2, np.zeros(len(start)))
 
 
 def fit(function: Callable[[Array], Array], *, smallest: int = 17, largest: int = 513) -> Smooth:
     """Return the series of a function (k,) -> (k, n) on [0, 1]; the degree grows until its tail is rounding.
 
-    A function that is not that accurate itself (an iterative inverse) stops at its own noise. What is
-    left is in `tail`, and it is the caller's to judge.
+    For a less accurate function (an iterative inverse) the degree stops growing at the function's noise. The caller
+    must check the remainder in `tail`.
     """
     count = smallest
     while True:

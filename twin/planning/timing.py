@@ -1,11 +1,11 @@
-"""When to be where on a path, as fast as the limits allow: the one place that asks for a time-optimal rate.
+"""Time-optimal timing of a path within the limits.
 
-Solvers keep absolute tolerances, so that moves of micrometres would fail or lose accuracy. Here every
-problem is made dimensionless first (time in units of the shortest conceivable duration, coordinates in
-units of their acceleration limit): a move of 1 um is the same problem to them as one of 1 m. Two passes of
-our own solve it (`topp`); should they ever fail, the package toppra is asked, and the result says so.
-Between grid points the rate may still overshoot a little; each result is therefore checked inside every grid
-interval, the grid is refined, and the rest is taken out by slowing the whole motion down by that little.
+Solvers keep absolute tolerances, so that moves of micrometres would fail or lose accuracy. Here every problem is made
+dimensionless first (time in units of the shortest possible duration, coordinates in units of their acceleration limit):
+a move of 1 um is then the same problem as a move of 1 m. The built-in solver (`topp`) is used first; if it fails, the
+package toppra is used, and the result states this. Between grid points the rate may still overshoot a little; each
+result is therefore checked inside every grid interval, the grid is refined, and the remaining excess is removed by
+slowing down the whole motion slightly.
 """
 
 from __future__ import annotations
@@ -24,19 +24,20 @@ import numpy as np
 from twin.core.errors import TimingError
 from twin.core.spatial import Array
 from twin.planning import topp
+from twin.planning.path import Path
 from twin.planning.sampling import Samples, sample
 
 Derivatives = Callable[[Array], tuple[Array, Array]]
-"""s (k,) -> first and second derivatives (k, m) of the limited coordinates with respect to s."""
+"""s (k,) -> first and second derivatives (k, m) of coordinates with respect to s."""
 
 Load = Callable[[Array, Array, Array], tuple[Array, Array]]
-"""s, ds/dt, d2s/dt2, each (k,) -> largest speed and acceleration (k,), each relative to its limit."""
+"""Function: s, ds/dt, d2s/dt2, each (k,) -> largest speed and acceleration (k,), each relative to its limit."""
 
 Jerk = Callable[[Array, Array, Array], float]
-"""s, ds/dt, d2s/dt2, each (k,) at every dt -> largest jerk, relative to its limit."""
+"""Function: s, ds/dt, d2s/dt2, each (k,) at every dt -> largest jerk, relative to its limit."""
 
 OVER = 1e-3
-"""Fraction by which a sample may exceed a limit; more is an error."""
+"""Fraction by which a sample may exceed a limit; a larger excess is an error."""
 
 Solver = Literal["passes", "toppra"]
 
@@ -45,16 +46,16 @@ _REFINE = 1.01
 
 
 _TRIES = 20
-"""How often a motion is slowed down for what its samples exceed; the first is enough for a path without kinks."""
+"""Maximum number of slow-downs; one is enough for a path without kinks."""
 
 
 _SLOWEST = 1e3
-"""How often the optimal duration is waited for a jerk to keep its limit."""
+"""Maximum window for the jerk limit, in optimal durations."""
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Where on the path at which time.
+    """Path parameter over time.
 
     Attributes:
         t: (k,) multiples of dt in s, from 0; s, sd, sdd: (k,) path parameter and its time derivatives.
@@ -62,7 +63,7 @@ class Timing:
         optimal: duration of the optimal rate, before slowing down and rounding up.
         overshoot: largest speed or acceleration of the optimal rate relative to its limit, minus 1.
         knots: grid points used.
-        solver: what found the rate: our own passes, or the package toppra where they failed.
+        solver: name of the solver of the rate: "passes" (built in), or toppra if that failed.
     """
 
     t: Array
@@ -77,14 +78,15 @@ class Timing:
 
 
 _BEYOND = 1e3
-"""How many times the shortest conceivable duration's speed stands for no limit."""
+"""Multiple of the maximum possible speed that replaces a missing limit."""
 
 
 def time_path(
-    derivatives: Derivatives,
+    path: Path,
     max_speed: Array,
     max_acceleration: Array,
     *,
+    beside: Derivatives | None = None,
     dt: float = 1e-3,
     load: Load | None = None,
     jerk: Jerk | None = None,
@@ -94,20 +96,29 @@ def time_path(
     """Return the fastest timing of a path, s from 0 to 1, from rest to rest.
 
     Args:
-        derivatives: of the m limited coordinates, exact at any s.
-        max_speed: (m,) limits, in the units of the coordinates per second.
+        path: its n coordinates; only its derivatives are asked, exact at any s.
+        max_speed: (m,) limits, in the units of the coordinates per second; those of the path first.
         max_acceleration: (m,) likewise, per second squared.
+        beside: of m - n more coordinates, which are known by their derivatives only (the arc length of the tip).
         dt: sampling time in s; the duration is rounded up to a multiple of it.
-        load: a stricter judge than the m coordinates, if there is one (norms of vectors).
-        jerk: judge of a jerk that is limited: the rate is then averaged over a window of time, no longer than needed.
-        knots: grid points to begin with.
-        finest: grid points at which refining ends.
+        load: a stricter load than the m coordinates, if there is one (norms of vectors).
+        jerk: the relative jerk, if limited: the rate is then averaged over the shortest sufficient window.
+        knots: initial number of grid points.
+        finest: maximum number of grid points.
 
     Raises:
-        TimingError: there is no timing, or it cannot be brought within the limits.
+        TimingError: no timing was found, or it cannot be slowed down to the limits.
     """
     if not (np.all(np.asarray(max_speed) > 0) and np.all(np.asarray(max_acceleration) > 0)):
         raise TimingError("every speed and acceleration limit must be positive")
+
+    def derivatives(s: Array) -> tuple[Array, Array]:
+        own = path(s, 1), path(s, 2)
+        if beside is None:
+            return own
+        first, second = (np.column_stack(pair) for pair in zip(own, beside(s), strict=True))
+        return first, second
+
     judge = load or _plain_load(derivatives, max_speed, max_acceleration)
     while True:
         grid = np.linspace(0.0, 1.0, knots)
@@ -121,7 +132,7 @@ def time_path(
     slower = max(1.0, speed, np.sqrt(acceleration))
 
     def paced(window: int, slower: float) -> tuple[Samples, float]:
-        """Return the samples, slowed down until they keep the limits, and their jerk relative to its limit."""
+        """Return (samples slowed down until they keep the limits, their jerk relative to its limit)."""
         steps = 1
         for _ in range(_TRIES):
             # One step more at least: of few steps, rounding up takes the slowing down back.
@@ -141,7 +152,7 @@ def time_path(
 
 
 def _averaged(paced: Callable[[int, float], tuple[Samples, float]], slower: float, steps: float) -> Samples:
-    """Return the samples with the shortest window that keeps the jerk; slower where the bends alone are too much."""
+    """Return the samples with the shortest window that keeps the jerk; slower if curvature alone exceeds it."""
     while slower < _SLOWEST:
         low, high, least = 0, 1, np.inf
         while high <= 2 * slower * steps:
@@ -168,7 +179,7 @@ def _plain_load(derivatives: Derivatives, max_speed: Array, max_acceleration: Ar
 
 
 def _peaks(grid: Array, rates: Array, load: Load, inside: int = 5) -> tuple[float, float]:
-    """Return the largest relative speed and acceleration, looking into every grid interval."""
+    """Return the largest relative speed and acceleration, also inside every grid interval."""
     f = np.linspace(0.0, 1.0, inside)  # both ends: the path acceleration jumps at grid points
     s = (grid[:-1, None] + np.diff(grid)[:, None] * f).ravel()
     squares = rates**2
@@ -179,10 +190,10 @@ def _peaks(grid: Array, rates: Array, load: Load, inside: int = 5) -> tuple[floa
 
 
 def _rates(grid: Array, first: Array, second: Array, speed: Array, acceleration: Array) -> tuple[Array, Solver]:
-    """Return ds/dt (k,) at the grid points, and what found it.
+    """Return (ds/dt (k,) at the grid points, name of the solver).
 
     Raises:
-        TimingError: there is none.
+        TimingError: no timing was found.
     """
     if not (np.all(np.isfinite(first)) and np.all(np.isfinite(second))):
         raise TimingError("the path has no finite derivatives")
@@ -209,12 +220,12 @@ def _rates(grid: Array, first: Array, second: Array, speed: Array, acceleration:
             continue
         if np.all(rates[1:] + rates[:-1] > 0):
             return rates / unit, solver
-        why.append(f"{solver}: the timing stands still on the way")
+        why.append(f"{solver}: the timing stops on the way")
     raise TimingError(f"no timing was found within the limits ({'; '.join(why)})")
 
 
 class _Path:
-    """What TOPP-RA asks of a path; it only ever looks at the grid points."""
+    """The path interface of TOPP-RA, which evaluates grid points only."""
 
     def __init__(self, grid: Array, first: Array, second: Array) -> None:
         self.path_interval = np.array([grid[0], grid[-1]])
@@ -223,15 +234,15 @@ class _Path:
 
     def __call__(self, s: Array, order: int = 0) -> Array:
         if len(s) != len(self._tables[order]):
-            raise TimingError("TOPP-RA asked for the path away from its grid points")
+            raise TimingError("TOPP-RA evaluated the path away from its grid points")
         return self._tables[order]
 
 
 def by_toppra(grid: Array, first: Array, second: Array, speed: Array) -> Array:
-    """Return what `topp.fastest` returns, of the same arguments, from the package toppra.
+    """Return the result of `topp.fastest` for the same arguments, computed by the package toppra.
 
     Raises:
-        TimingError: it finds none.
+        TimingError: toppra finds no timing.
     """
     algorithm, constraint = _toppra()
     with _quiet():
@@ -259,7 +270,7 @@ def by_toppra(grid: Array, first: Array, second: Array, speed: Array) -> Array:
 def _toppra() -> tuple[Any, Any]:
     """Import TOPP-RA, only when something is to be timed: with scipy it takes seconds.
 
-    It also loads pyplot, for figures that nobody asks it for; an empty module in its place saves two seconds.
+    It also loads pyplot, for figures that are not used; replacing it by an empty module saves two seconds.
     """
     name = "matplotlib.pyplot"
     absent = name not in sys.modules
@@ -276,7 +287,7 @@ def _toppra() -> tuple[Any, Any]:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep TOPP-RA's warnings to itself: what it cannot do is raised as an error, the rest is re-checked."""
+    """Suppress TOPP-RA's warnings: failures are raised as errors, results are re-checked."""
     logger = logging.getLogger("toppra")
     level = logger.level
     logger.setLevel(logging.CRITICAL)

@@ -1,10 +1,10 @@
 """Time-optimal motion along a path: TOPP-RA by one pass backwards and one forwards, its small problems solved exactly.
 
 At each grid point the unknowns are the squared rate x = (ds/dt)^2 and that of the next one, y. A limited acceleration
-gives two rows |p x + q y| <= 1 an interval, one for either end. Read as bounds on y they leave an interval whose width
-is concave and piecewise linear in x, so that Newton's method from above finds the largest x in a few steps, exactly.
-The pass backwards does so for the largest y from which the end can be reached at rest; the pass forwards takes the
-largest y there is. Limits are symmetric, hence standing still is always allowed and the smallest x is always 0.
+gives two rows (inequalities) |p x + q y| <= 1 for each grid interval, one for either end. As bounds on y they leave a
+range whose width is concave and piecewise linear in x, so that Newton's method from above finds the largest x in a few
+steps, exactly. The backward pass finds the largest rates from which the end can be reached at rest; the forward pass
+takes the largest possible y. Limits are symmetric, so rest is always allowed and the smallest x is always 0.
 
 Method: H. Pham, Q.-C. Pham, A new approach to time-optimal path parameterization based on reachability analysis,
 IEEE Trans. Robotics 34 (2018) 645-659; the two rows are their interpolation scheme.
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
     from twin.codegen import Kernel
 
 _FREE = 1e12
-"""Squared rate that stands for none: that of a path parameter a million times as fast as on the mean."""
+"""Squared rate that stands for no limit: a million times the mean rate, squared."""
 
 _FLAT = 1e-24
-"""Least coefficient of y: with `_FREE` it changes a row by 1e-12 at most."""
+"""Minimum coefficient of y: with `_FREE` it changes a row by 1e-12 at most."""
 
 _SHRINK = 1e-12
-"""Fraction taken off each largest x, so that rounding cannot leave it beyond the root."""
+"""Fraction subtracted from each largest x, so that rounding cannot exceed the root."""
 
 _SLACK = 1e-9
-"""Fraction of the limits that the pass backwards leaves alone, so that rounding cannot stop the one forwards."""
+"""Fraction of the limits that the backward pass leaves unused, so that rounding cannot stop the forward pass."""
 
 _EXCESS = 1e-6
 """Fraction by which a row of the result may exceed its limit; more is a failure."""
@@ -61,13 +61,13 @@ def fastest(grid: Array, first: Array, second: Array, speed: Array) -> Array:
     most = backward(*arrays, carry=np.append(0.0, 1 / speed))[0]  # largest x from which the end can be reached
     x, excess = forward(*arrays, np.append(most[:, 1:], [[0.0]], axis=1), carry=np.zeros(1))
     if not np.max(excess) <= _EXCESS:  # also if it is NaN
-        raise TimingError(f"no rate keeps the accelerations at s = {grid[np.argmax(excess)]:.4g}")
+        raise TimingError(f"the acceleration limits cannot be met at s = {grid[np.argmax(excess)]:.4g}")
     return np.sqrt(np.append(0.0, x[0]))
 
 
 @cache
 def _passes(m: int) -> tuple[Kernel, Kernel]:
-    """Return the pass backwards and the pass forwards, for m coordinates."""
+    """Return (backward pass, forward pass) as functions, for m coordinates."""
     import casadi as ca
 
     from twin.codegen import Kernel, Stage
@@ -115,7 +115,7 @@ def _passes(m: int) -> tuple[Kernel, Kernel]:
 
 
 def _least(lines: list[tuple]) -> tuple:
-    """Return the least value and the slope that belongs to it, found in pairs, then in pairs of these."""
+    """Return (minimum value, its slope), found by comparing pairs, then pairs of these."""
     import casadi as ca
 
     while len(lines) > 1:

@@ -1,4 +1,4 @@
-"""A trajectory as a table for any other program."""
+"""A trajectory as a CSV table for other programs."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from twin.planning.trajectory import Trajectory
 
 
 def write_csv(trajectory: Trajectory, path: Path, revolute: Sequence[bool] = ()) -> None:
-    """Write one row a sample, units in the header: joints, their rates, and the tool as position and quaternion.
+    """Write one row for each sample, with units in the header: joints, their rates, tool position and quaternion.
 
     Args:
-        trajectory: what to write.
+        trajectory: the trajectory.
         path: the file.
         revolute: (n,) which joints are in rad; empty: none.
     """

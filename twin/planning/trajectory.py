@@ -1,4 +1,4 @@
-"""What planning needs to know of a robot, and what it returns."""
+"""Inputs and outputs of planning."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
-from twin.planning.protocol import PhaseType, RcmMode
+from twin.planning.protocol import RcmMode
+from twin.planning.space import Space
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Gap:
 
 
 class Carrier(Interface):
-    """The mechanism as far as it can be led along a path; states (nq,) are its own, to continue from.
+    """The mechanism as needed to follow a path; states (nq,) are opaque, to continue from.
 
     Every method raises `AssemblyError` where the mechanism cannot follow.
     """
@@ -98,9 +99,13 @@ def motors_of(mechanism: Mechanism) -> Motors:
     )
 
 
+Keep = Callable[[Array, Array], np.ndarray]
+"""T_base_tool (k, 4, 4), q (k, n) -> which of these are allowed (k,)."""
+
+
 @dataclass(frozen=True)
 class PathKinematics:
-    """A robot as far as planning needs it; k poses in, k rows out; nothing here raises for a bad pose.
+    """A robot as far as planning needs it; k poses in, k rows out; no function raises for an unreachable pose.
 
     Attributes:
         joint_names: n active joints in the order of q.
@@ -116,10 +121,12 @@ class PathKinematics:
         motors: actuators of transmissions.
         revolute: (n,) which joints are in rad; empty: none.
         why: pose (4, 4) -> where and why the equations have no value there, or ""; None: they cannot tell.
-        carrier: the mechanism, for phases that it leads; None: there are none.
+        carrier: the mechanism, for phases that it decides; None: there are none.
+        space: scene ("" for none), clearance in m, what else must hold -> the space of the driven joints in which a
+            free phase searches; None: there is none.
         auxiliary: values of the auxiliary joints as drawn, by name; the inverse gives these.
-        takes: (k, 4, 4) -> whether all are poses of this robot beyond doubt; None: every pose is. Where it is in doubt
-            (fewer than six freedoms, no equations) the mechanism is asked, see `following`.
+        takes: (k, 4, 4) -> whether all are certainly poses of this robot; None: every pose is. If uncertain (fewer
+            than six freedoms, no equations) the mechanism decides, see `following`.
     """
 
     joint_names: tuple[str, ...]
@@ -139,6 +146,7 @@ class PathKinematics:
     revolute: tuple[bool, ...] = ()
     why: Callable[[Array], str] | None = None
     carrier: Carrier | None = None
+    space: Callable[[str, float, Keep], Space] | None = None
     auxiliary: Mapping[str, float] = field(default_factory=dict)
     takes: Callable[[Array], bool] | None = None
 
@@ -152,8 +160,13 @@ class PathKinematics:
         return self.singularity_alarm[max(found, key=len)] if found else 0.0
 
 
-def without_equations(mechanism: Mechanism, carrier: Carrier, gaps: Sequence[tuple[str, str, float]]) -> PathKinematics:
-    """Return what planning knows of a robot before its equations are asked: joints, limits and the mechanism itself."""
+def without_equations(
+    mechanism: Mechanism,
+    carrier: Carrier,
+    gaps: Sequence[tuple[str, str, float]],
+    space: Callable[[str, float, Keep], Space] | None = None,
+) -> PathKinematics:
+    """Return the planning data of a robot without equations: joints, limits and the mechanism itself."""
     active = mechanism.active
     hard = mechanism.limits
     soft = np.array([j.soft_limits or j.limits or (-np.inf, np.inf) for j in active]).reshape(-1, 2)
@@ -174,6 +187,7 @@ def without_equations(mechanism: Mechanism, carrier: Carrier, gaps: Sequence[tup
         motors=motors_of(mechanism),
         revolute=tuple(j.is_angle for j in active),
         carrier=carrier,
+        space=space,
         auxiliary={name: value for _, name, _, value in mechanism.beside(())},
         takes=lambda Ts: False,
     )
@@ -192,11 +206,11 @@ class PhaseSpan:
         rcm_mode: "enforced", "monitored" or None.
         depth0, depth1: depths at both ends in m; NaN without RCM.
         optimal: s, duration before slowing down for limits between grid points and for whole ms.
-        overshoot: of TOPP-RA's own result over the limits, as a fraction; taken out by slowing down.
+        overshoot: of TOPP-RA's own result over the limits, as a fraction; removed by slowing down.
     """
 
     name: str
-    type: PhaseType
+    type: str
     start: int
     stop: int
     t0: float
@@ -228,8 +242,8 @@ class Trajectory:
         depth: (k,) m, NaN likewise.
         limit_margin: (k, n) distance to the nearer hard limit, >= 0 inside.
         reach: (k,) margins in m by limb. singularity: (k,) measures by name.
-        findings: what the check of every sample had to say.
-        followed: whether joints and poses are the mechanism's own (see `following`), not of the equations.
+        findings: of the check of every sample.
+        followed: whether joints and poses come from the mechanism (see `following`), not from the equations.
     """
 
     protocol: str
@@ -298,7 +312,9 @@ class Trajectory:
         raise ProtocolError(f"time {which:g} s is outside 0..{self.duration:g} s")
 
     def sample(self, t: float) -> tuple[Array, Array]:
-        """Return q (n,) and T_base_tool (4, 4) at any time in s, held at both ends.
+        """Return q (n,) and T_base_tool (4, 4) at any time in s.
+
+        Before the start and after the end they are those of the first and last sample.
 
         Between samples q follows a cubic (exact in q and qd at the samples), the pose a screw-free
         blend: line for the position, constant rate for the rotation.
@@ -316,7 +332,7 @@ class Trajectory:
     def on(self, model: Any, times: Array) -> Any:
         """Return what a `ReferenceModel` does at times (k,) in s: a `Run` at the poses, or by the joints if followed.
 
-        Between samples a blended pose is beside the freedoms of a robot with fewer than six; its joint values are not.
+        Between samples a blended pose may violate the freedoms of a robot with fewer than six; joint values do not.
         """
         q = self.joints(times)
         return model.run(q) if self.followed else model.run_poses(self.poses(times), near=q)
@@ -360,7 +376,7 @@ def _plain(value: Any) -> Any:
 
 
 Cause = Literal["reach", "inverse", "lower", "upper", "motor", "gap", "singularity", "branch"]
-"""Why a pose cannot be taken."""
+"""Why a pose is unreachable."""
 
 
 def key_times(duration: float, rate: float) -> Array:

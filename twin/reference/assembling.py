@@ -1,4 +1,4 @@
-"""Closing the loops of a mechanism that was not drawn closed: from many starts, with and without the driven joints."""
+"""Close loops that are open in the rest poses (of the CAD): from many starts, with and without the driven joints."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ CLOSED = (1e-9, 1e-8)
 """Gap in m and rad up to which a loop counts as closed."""
 
 _SPREADS = (0.1, 0.3, 1.0, 2.0)
-"""Standard deviations in rad of turns (in LENGTH_SCALE m of slides) of the starts around the given state."""
+"""Standard deviations of the starts around the given state: in rad for rotations, in LENGTH_SCALE m for slides."""
 
 _TRIES = 3
-"""Starts for each spread."""
+"""Number of starts for each standard deviation."""
 
 
 def assemble(model: ReferenceModel) -> Assembly:
-    """Return the mechanism with its loops closed as well as can be found, as near as possible to how it was drawn.
+    """Return the mechanism with its loops closed as well as possible, near the rest poses.
 
-    The driven joints keep their values if the loops close by the others alone; else they move too. Starts are always
-    the same ones.
+    The driven joints keep their values if the loops close by the passive joints alone; else they move too. The random
+    starts are the same in every call.
     """
     best = model.home()
     drawn = model.tree.start(model.mechanism.rest)
@@ -41,7 +41,7 @@ def assemble(model: ReferenceModel) -> Assembly:
 
 
 def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
-    """Return the least gap (m, rad) of one loop found with all others open and every joint free, driven ones too."""
+    """Return the smallest gap (m, rad) found for one loop with all other loops open and all joints free."""
     others = {j.name for j in mechanism.loops} - {loop}
     alone = replace(mechanism, joints=tuple(j for j in mechanism.joints if j.name not in others), couplings=())
     model = ReferenceModel(alone)
@@ -52,7 +52,7 @@ def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
 
 
 def settle(model: ReferenceModel, values: Mapping[str, float]) -> Assembly | None:
-    """Return the closed state nearest to values of the tree's joints, by name; None if the loops do not close there."""
+    """Return the closed state nearest to given values of the tree's joints, by name; None if the loops do not close."""
     start = model.tree.start(model.mechanism.rest)
     for name, value in values.items():
         if name in model.tree.configuration:
@@ -74,7 +74,7 @@ def _misfit(state: Assembly) -> float:
 
 
 def _nearest(model: ReferenceModel, starts: Array, columns: Index, drawn: Array) -> Assembly:
-    """Return the best assembly reached from the starts; of those that close, the nearest to the drawn state."""
+    """Return the best assembly reached from the starts; of those that close, the nearest to the rest poses."""
 
     def residual(X: Array, _: Index) -> tuple[Array, Array]:
         return model.tree.loops.evaluate(X, *model.tree.update(X, closing_only=True))

@@ -1,8 +1,8 @@
-"""Judging margins by the mechanism: where a margin of reach or a measure of singularity vanishes, it degenerates.
+"""Check reach margins and singularity measures: where one vanishes, the mechanism must be at its reach or singular.
 
-A margin of reach is zero at the end of what the mechanism can do and positive before it; a measure is zero where the
-mechanism is singular. Neither can be held against a number of the mechanism. Its zeros can: the mechanism is walked
-along its motions to where each row vanishes, and its Jacobians say whether it degenerates there.
+A reach margin is zero at the end of the workspace and positive inside; a measure is zero where the mechanism is
+singular. Their values cannot be compared with the mechanism, but their zeros can: the mechanism is moved to where each
+number (row) vanishes, and its Jacobians show whether it is degenerate there.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from typing import Literal, Protocol
 import numpy as np
 
 from twin.core import spatial
-from twin.core.findings import Finding
+from twin.core.findings import Finding, disagreement
+from twin.core.quantity import Quantity
 from twin.core.spatial import Array, Index
 from twin.core.units import DEG, MM
 from twin.reference.degeneracy import Degeneracy
@@ -22,31 +23,33 @@ from twin.reference.seeking import NEARLY, Mask, Valid, Walks, seek, wander
 from twin.reference.states import Run
 
 _DEGENERATE = 1e-2
-"""Part of its usual value below which a mechanism's singular value has vanished: walks end within 1e-5 of it."""
+"""Relative singular value below which the mechanism counts as degenerate: walks end within 1e-5 of the zero."""
 
 _STARTS = 12
-"""States that walks begin around."""
+"""Number of states around which walks begin."""
 
 _LARGER = 1.25
 
 _FLAT = 1e-2
-"""Slope of a margin, in parts of its size a radian, below which it has come to its least."""
+"""Relative slope of a margin per radian below which it is at its minimum."""
 
 _ENDS = 0.05
-"""Part of its usual size below which another row tells why the mechanism goes no further."""
+"""Relative size of another row below which it explains why the mechanism stops."""
 
 _MOSTLY = 0.3
-"""Sum of an aspect's values of the preferred sign, as a part of the others', from which it counts as preferred: some
-states may lie in another assembly, or about a singularity."""
+"""Ratio of the sums of an aspect's values of preferred and other sign from which the sign is confirmed.
+
+Some states may be in another assembly, or near a singularity.
+"""
 
 _NEGATIVE = 1e-9
-"""Margin in m below which a state is called out of reach."""
+"""Margin in m below which a state is out of reach."""
 
 Status = Literal["agrees", "disagrees", "not judged"]
 
 
 class Stated(Protocol):
-    """Rows of a formula as numbers of the mechanism's states; see `twin.kinematics.margins.Margins`."""
+    """Margins and measures (rows) of a formula at states of the mechanism; see `twin.kinematics.margins.Margins`."""
 
     names: tuple[str, ...]
     symbols: tuple[str, ...]
@@ -55,7 +58,7 @@ class Stated(Protocol):
     preferred: tuple[int, ...]
 
     def values(self, s: Run, larger: float = 1.0) -> Array:
-        """Return the rows (k, names) at states, or at those of a robot that is larger by a factor."""
+        """Return the rows (k, names) at states, or at the states of a robot that is larger by a factor."""
         ...
 
     def valid(self, s: Run, passive: bool) -> Mask:
@@ -63,11 +66,11 @@ class Stated(Protocol):
         ...
 
     def refuses(self, Ts_base_tool: Array) -> Array:
-        """Return the margins of reach (k, reach) by the equations alone."""
+        """Return the reach margins (k, reach) from the equations alone."""
         ...
 
     def fails(self, s: Run) -> Array:
-        """Return how fast (k,) the formula's joints turn with the pose."""
+        """Return the rate (k,) of the formula's joints with respect to the pose."""
         ...
 
     def homogeneous(self, s: Run, by: float) -> bool:
@@ -77,15 +80,15 @@ class Stated(Protocol):
 
 @dataclass(frozen=True)
 class Judged:
-    """One margin, judged by the mechanism.
+    """The result for one margin, measure or aspect, checked by the mechanism.
 
     Attributes:
-        name, symbol, equation: of the row.
+        name, symbol, equation: name, symbol and equation of the row.
         kind: "reach", "type1", "type2" or "aspect".
         status: see `Status`.
-        why: one sentence without its subject: what the mechanism does there, or why it cannot tell.
-        at: active joints of the state that shows it, in mm and degrees, or "".
-        size, unit: of the disagreement.
+        why: one sentence about the row ("it vanishes where ..."), or the reason why it is undecided.
+        at: active joints, in mm and degrees, of a state that shows it, or "".
+        size, unit: size of the disagreement and its unit.
     """
 
     name: str
@@ -100,10 +103,10 @@ class Judged:
 
 
 class Boundary:
-    """The rows of a formula held against the zeros of the mechanism."""
+    """Checks that the mechanism is singular, or at its reach, where a margin or measure of the formula is zero."""
 
     def __init__(self, model: ReferenceModel, stated: Stated, states: Array) -> None:
-        """Take the mechanism, the rows, and states (k, nq) around which the mechanism works."""
+        """Take the mechanism, the rows, and states (k, nq) around which the search begins."""
         self.model, self.stated = model, stated
         some = states[np.unique(np.linspace(0, len(states) - 1, _STARTS).astype(int))]
         run = model.collect(some)
@@ -112,7 +115,7 @@ class Boundary:
         self._whole = bool(stated.valid(run, True).any())  # else a row of the passive joints is off, says its own check
         good = stated.valid(run, self._whole)
         self._drawn = some[good]
-        self._why = "" if good.any() else "the equations do not give the mechanism's joints at any state"
+        self._why = "" if good.any() else "the equations never give the mechanism's joints"
         if not self._why:
             far = wander(self.motions, self._valid, self._drawn)
             self._pool = np.concatenate([self._drawn, far])
@@ -137,23 +140,23 @@ class Boundary:
     # -- without a walk -------------------------------------------------------------------------------
 
     def _plain(self, i: int) -> Judged | None:
-        """Judge a row by what it says at the states that are known: value, sign, dimension."""
+        """Check a row at the known states: value, sign, dimension."""
         s, v = self.stated, self._values[:, i]
         unit, scale = ("mm", MM) if s.kinds[i] == "reach" else ("", 1.0)
         if not np.isfinite(v).all():
             k = int(np.argmin(np.isfinite(v)))
-            return self._row(i, "disagrees", "it has no value at a state that the mechanism takes", self._pool[k])
+            return self._row(i, "disagrees", "it is undefined at a state that the mechanism can reach", self._pool[k])
         drawn = v[: len(self._drawn)]
         if s.kinds[i] == "aspect":
             signed = drawn * s.preferred[i]
             if np.sum(np.maximum(signed, 0)) >= _MOSTLY * np.sum(np.maximum(-signed, 0)):
-                return self._row(i, "agrees", "it has the preferred sign where the robot works")
+                return self._row(i, "agrees", "it has the preferred sign in the working range")
             k = int(np.argmin(signed))
-            text = f"it has not the preferred sign where the robot works: {drawn[k]:.4g} for {s.preferred[i]:+d}"
+            text = f"it is {drawn[k]:.4g} in the working range; the preferred sign is {s.preferred[i]:+d}"
             return self._row(i, "disagrees", text, self._pool[k], float(abs(drawn[k])))
         if s.kinds[i] == "reach" and v.min() < -_NEGATIVE:
             k = int(np.argmin(v))
-            text = f"it is {v[k] / MM:.4g} mm, out of reach, at a state that the mechanism is assembled in"
+            text = f"it is {v[k] / MM:.4g} mm, out of reach, at a state that the mechanism can reach"
             return self._row(i, "disagrees", text, self._pool[k], float(-v[k] / MM), "mm")
         if np.ptp(v) <= 1e-6 * np.abs(v).max():
             return self._constant(i, float(v[0]))
@@ -161,29 +164,31 @@ class Boundary:
         off = np.abs(large - v * (_LARGER if s.kinds[i] == "reach" else 1.0))
         k = int(np.argmax(off))
         if off[k] > 1e-6 * np.abs(v).max() and s.homogeneous(self._given, _LARGER):
-            what = "length" if s.kinds[i] == "reach" else "number without a dimension"
+            what = "length" if s.kinds[i] == "reach" else "dimensionless number"
             much, usual = (f"{x / scale:.4g} {unit}".rstrip() for x in (large[k], v[k]))
-            text = f"it is no {what}: with all lengths {_LARGER:g} times as long it is {much} for {usual}"
+            text = f"it is not a {what}: with all lengths {_LARGER:g} times as long it is {much} instead of {usual}"
             return self._row(i, "disagrees", text, self._pool[k], float(off[k] / scale), unit)
         return None
 
     def _constant(self, i: int, value: float) -> Judged:
         s = self.stated
         if s.kinds[i] != "reach":
-            text = f"it is {value:.4g} wherever the mechanism is: it vanishes at no singularity, or at none alone"
+            text = f"it is {value:.4g} at all states: it does not mark a singularity"
             return self._row(i, "disagrees", text, size=abs(value))
         poses = self._beyond()
         if not len(poses):
-            text = f"it is {value / MM:.4g} mm wherever the mechanism is: it tells nothing of its reach"
+            text = f"it is {value / MM:.4g} mm at all states: it does not measure reach"
             return self._row(i, "disagrees", text, size=value / MM, unit="mm")
         accepted = s.refuses(poses)[:, i] >= 0
         if accepted.any():
-            text = f"it accepts {int(accepted.sum())} of {len(poses)} poses that ask for a freedom the mechanism lacks"
+            text = f"it accepts {int(accepted.sum())} of {len(poses)} poses outside the mechanism's freedoms"
             return self._row(i, "disagrees", text, size=float(accepted.sum()))
-        return self._row(i, "agrees", f"it refuses all {len(poses)} poses that ask for a freedom the mechanism lacks")
+        return self._row(
+            i, "agrees", f"it refuses all {len(poses)} poses that need a degree of freedom the mechanism does not have"
+        )
 
     def _beyond(self) -> Array:
-        """Return poses (k, 4, 4) just outside what a mechanism with fewer than six freedoms can take."""
+        """Return poses (k, 4, 4) just outside the freedoms of a mechanism with fewer than six."""
         X = self._drawn
         if self.motions.freedom >= 6:
             return np.zeros((0, 4, 4))
@@ -222,7 +227,7 @@ class Boundary:
         return seek(self.motions, self._at, valid, starts, row, np.array(aside * len(rows)), self._size, seed)
 
     def _zeros(self, i: int, walks: list[Walks]) -> Array:
-        """Return the states at which a row vanishes, whichever row led there."""
+        """Return all states found at which a row vanishes."""
         ends = np.concatenate([w.states[w.ended == "zero"] for w in walks])
         return ends[np.abs(self._at(ends)[:, i]) <= NEARLY * self._size[i]] if len(ends) else ends
 
@@ -242,17 +247,17 @@ class Boundary:
         k = int(np.argmax(left))
         if s.kinds[i] != "reach" and self._own(zeros[regular]):
             text = (
-                "it vanishes where the mechanism is regular and the formula's own inverse has no single answer: that "
-                "is no property of the mechanism"
+                "it vanishes where the mechanism is regular and the formula's own inverse has no single answer: so "
+                "it is not a property of the mechanism"
             )
             return self._row(i, "not judged", text, zeros[k])
-        what = "the mechanism goes on" if s.kinds[i] == "reach" else "the mechanism is regular"
-        kept = f"its Jacobians keep {100 * min(left[k], 1):.2g} % of their smallest singular value"
+        what = "the mechanism can move on" if s.kinds[i] == "reach" else "the mechanism is regular"
+        kept = f"its Jacobians have {100 * min(left[k], 1):.2g} % of their usual smallest singular value"
         text = f"it vanishes at a state where {what}: {kept}"
         return self._row(i, "disagrees", text, zeros[k], float(left[k]))
 
     def _own(self, states: Array) -> bool:
-        """Whether the formula's own inverse turns ever faster towards all of some states."""
+        """Return whether the rate of the formula's own inverse grows without bound towards all given states."""
         usual = float(np.median(self.stated.fails(self._given)))
         return bool((self.stated.fails(self.model.collect(states)) > 30 * usual).all())
 
@@ -267,9 +272,9 @@ class Boundary:
             others = [j for j, kind in enumerate(s.kinds) if kind == "reach" and j != i]
             near = np.abs(self._at(x[None])[0]) < _ENDS * self._size
             if not near[others].any():
-                text = f"the mechanism's reach ends where it leaves {least}, and no other margin does"
+                text = f"the mechanism's reach ends where this margin is {least} and no margin is zero"
                 return self._row(i, "disagrees", text, x, value / MM, "mm")
-        text = f"it vanishes nowhere that the mechanism was led to; its least size was {least}"
+        text = f"it did not vanish at any tested state; its minimum was {least}"
         return self._row(i, "not judged", text, x)
 
     # -- small ----------------------------------------------------------------------------------------
@@ -295,7 +300,7 @@ class Boundary:
 
 
 def summary(rows: list[Judged]) -> str:
-    """Return how many rows were judged, and which were not, because of what."""
+    """Return as text how many rows were checked, and which were not, with the reason."""
     left = [r for r in rows if r.status == "not judged"]
     text = f"{len(rows) - len(left)} of {len(rows)}"
     return text + (f"; not judged: {'; '.join(f'{r.name}: {r.why}' for r in left)}" if left else "")
@@ -307,15 +312,14 @@ _WHAT = {"reach": "margin of reach", "aspect": "aspect"}
 def disagreements(rows: list[Judged]) -> list[Finding]:
     """Return a finding for each row that the mechanism contradicts."""
     return [
-        Finding(
+        disagreement(
             f"margin.{r.kind if r.kind in _WHAT else 'singularity'}",
-            "disagreement",
+            f"{r.equation}.{r.symbol}" if r.equation else r.symbol,
             f"{_WHAT.get(r.kind, 'singularity measure')} '{r.name}' (row {r.symbol}): {r.why}",
-            where=f"{r.equation}.{r.symbol}" if r.equation else r.symbol,
+            None if r.size is None else Quantity(r.size, r.unit),
+            suggestion="`twin explain` shows the line of this row",
             when=r.at,
-            size=r.size,
-            unit=r.unit,
-            suggestion="see where the row is written with `twin explain`",
+            word="",
         )
         for r in rows
         if r.status == "disagrees"

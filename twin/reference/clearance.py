@@ -1,9 +1,10 @@
-"""Do parts run through each other? Minimum clearances between the CAD's own meshes along a motion (coal)."""
+"""Collision check: minimum clearances between the CAD's own meshes along a motion (coal)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations, product
 
 import coal  # pyright: ignore[reportMissingImports] - installed beside site-packages
@@ -15,7 +16,7 @@ from twin.core.units import MM
 from twin.model.mechanism import Mechanism, Mesh
 
 TOUCHING = 0.05 * MM
-"""Parts of two jointed bodies that are nearer than this as drawn are mating (pin and bore, washer and eye)."""
+"""Distance in m in the CAD up to which two parts of jointed bodies count as mating (pin and bore, washer and eye)."""
 
 
 @dataclass(frozen=True)
@@ -23,9 +24,9 @@ class Clearance:
     """Minimum clearances along samples.
 
     Attributes:
-        distance: (k,) m, between bodies that no joint connects; 0 where parts run through each other.
+        distance: (k,) m, between bodies that no joint connects; 0 where parts collide.
         pair: (k,) the two bodies that are nearest.
-        contacts: samples and parts of jointed bodies that run through each other though they do not mate.
+        contacts: samples and non-mating parts of jointed bodies that collide.
     """
 
     distance: Array
@@ -33,12 +34,12 @@ class Clearance:
     contacts: tuple[tuple[int, str, str], ...]
 
 
-class _Shape:
+class Shape:
     """A triangle mesh for coal, with the corners of its box to bound how far it moves."""
 
     def __init__(self, name: str, body: str, meshes: Sequence[Mesh]) -> None:
         self.name, self.body = name, body
-        vertices = np.concatenate([m.vertices for m in meshes])
+        self._vertices = vertices = np.concatenate([m.vertices for m in meshes])
         offsets = np.cumsum([0, *(len(m.vertices) for m in meshes)])
         triangles = np.concatenate([m.triangles + o for m, o in zip(meshes, offsets, strict=False)])
         self.model = coal.BVHModelOBBRSS()
@@ -48,6 +49,22 @@ class _Shape:
         self.model.endModel()
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         self.corners = np.array(list(product(*zip(low, high, strict=True))))
+
+    @cached_property
+    def hull(self) -> coal.Convex:
+        """Its convex hull."""
+        from scipy.spatial import ConvexHull
+
+        hull = ConvexHull(self._vertices)
+        place = {int(k): i for i, k in enumerate(hull.vertices)}
+        points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+        for k in hull.vertices:
+            points.append(self._vertices[k])
+        for (a, b, c), outwards in zip(hull.simplices, hull.equations[:, :3], strict=True):
+            p, q, r = self._vertices[[a, b, c]]
+            b, c = (b, c) if np.cross(q - p, r - p) @ outwards > 0 else (c, b)
+            triangles.append(coal.Triangle(place[int(a)], place[int(b)], place[int(c)]))
+        return coal.Convex(points, triangles)
 
     def corners_in(self, Ts_base_body: Array) -> Array:
         """Return the box corners (k, 8, 3) in base along poses (k, 4, 4)."""
@@ -59,20 +76,27 @@ def clearance(
 ) -> Clearance:
     """Return minimum clearances between the meshes of a mechanism.
 
-    A distance found once bounds later ones from below by how far the two have moved since, so a pair is
-    measured again only when it may have become the nearest.
+    A measured distance minus the motion of both bodies since is a lower bound of later distances: a pair is measured
+    again only when it may be the nearest.
 
     Args:
         mechanism: its bodies' meshes and joints.
         link_poses: T_base_body (k, 4, 4) by body.
         progress: called with the fraction done.
     """
-    bodies = [b for b in mechanism.bodies if b.meshes]
-    whole = [_Shape(b.name, b.name, b.meshes) for b in bodies]
-    jointed = {frozenset((j.parent, j.child)) for j in mechanism.joints}
-    free = [(a, b) for a, b in combinations(whole, 2) if frozenset((a.body, b.body)) not in jointed]
-    distance, pair = _track(free, link_poses, progress)
-    return Clearance(distance, pair, _contacts(mechanism, jointed, link_poses))
+    distance, pair = _track(apart(mechanism), link_poses, progress)
+    return Clearance(distance, pair, _contacts(mechanism, _jointed(mechanism), link_poses))
+
+
+def apart(mechanism: Mechanism) -> list[tuple[Shape, Shape]]:
+    """Return the pairs of bodies that no joint connects."""
+    whole = [Shape(b.name, b.name, b.meshes) for b in mechanism.bodies if b.meshes]
+    jointed = _jointed(mechanism)
+    return [(a, b) for a, b in combinations(whole, 2) if frozenset((a.body, b.body)) not in jointed]
+
+
+def _jointed(mechanism: Mechanism) -> set[frozenset[str]]:
+    return {frozenset((j.parent, j.child)) for j in mechanism.joints}
 
 
 def between(
@@ -83,12 +107,12 @@ def between(
     """Return minimum clearances between the bodies of each two owners; bodies are named "owner/body".
 
     Args:
-        mechanisms: by owner.
+        mechanisms: mechanisms by owner.
         link_poses: T_world_body (k, 4, 4) by owner and body.
         touching: pairs of "owner/body" that touch by design.
     """
     shapes = {
-        n: [_Shape(f"{n}/{b.name}", f"{n}/{b.name}", b.meshes) for b in m.bodies if b.meshes]
+        n: [Shape(f"{n}/{b.name}", f"{n}/{b.name}", b.meshes) for b in m.bodies if b.meshes]
         for n, m in mechanisms.items()
     }
     poses = {f"{n}/{b}": T for n, links in link_poses.items() for b, T in links.items()}
@@ -102,30 +126,30 @@ def between(
 def _contacts(
     mechanism: Mechanism, jointed: set[frozenset[str]], link_poses: Mapping[str, Array]
 ) -> tuple[tuple[int, str, str], ...]:
-    """Return where parts of jointed bodies touch that neither mate nor touch as drawn."""
+    """Return the contacts between parts of jointed bodies that neither mate nor touch in the CAD."""
     mating = {frozenset(p) for j in mechanism.joints for p in combinations(j.mating, 2)}
     found = []
     for a, b in (tuple(sorted(p)) for p in sorted(jointed, key=sorted)):
         # All seen from a: what moves is b.
         T_a_b = (spatial.inverse(link_poses[a]) @ link_poses[b])[::_EVERY]
         T_drawn = spatial.inverse(mechanism.rest.get(a, link_poses[a][0])) @ mechanism.rest.get(b, link_poses[b][0])
-        here = [_Shape(m.name, a, [m]) for m in mechanism.body(a).meshes]
-        there = [_Shape(m.name, b, [m]) for m in mechanism.body(b).meshes]
+        here = [Shape(m.name, a, [m]) for m in mechanism.body(a).meshes]
+        there = [Shape(m.name, b, [m]) for m in mechanism.body(b).meshes]
         for q in there:
             corners, drawn = q.corners_in(T_a_b), q.corners_in(T_drawn[None])
             way = np.linalg.norm(corners - drawn, axis=-1).max(axis=-1)
             for p in here:
                 own = p.corners_in(np.eye(4)[None])[0]
-                apart = _box_gap(own.min(axis=0), own.max(axis=0), drawn[0].min(axis=0), drawn[0].max(axis=0))
+                apart = box_gap(own.min(axis=0), own.max(axis=0), drawn[0].min(axis=0), drawn[0].max(axis=0))
                 if way.max() < apart or frozenset((p.name, q.name)) in mating:
                     continue
-                apart = _distance(p, q, np.eye(4), T_drawn)
+                apart = distance_between(p, q, np.eye(4), T_drawn)
                 if apart <= TOUCHING:
                     continue
                 k = 0
                 while way[k:].max() >= apart > 0:
                     k += int(np.argmax(way[k:] >= apart))  # until here it cannot have come so far
-                    apart = _distance(p, q, np.eye(4), T_a_b[k])
+                    apart = distance_between(p, q, np.eye(4), T_a_b[k])
                     way = np.linalg.norm(corners - corners[k], axis=-1).max(axis=-1)
                 if apart <= 0:
                     found.append((k * _EVERY, p.name, q.name))
@@ -136,19 +160,19 @@ _EVERY = 5
 """Parts of jointed bodies are checked at every fifth sample only: they turn past each other slowly."""
 
 
-def _way(a: _Shape, b: _Shape, link_poses: Mapping[str, Array], since: int = 0) -> Array:
+def _way(a: Shape, b: Shape, link_poses: Mapping[str, Array], since: int = 0) -> Array:
     """Return how far (k,) in m b has moved at most, seen from a, since a sample: its box corner that moved furthest."""
     corners = b.corners_in(spatial.inverse(link_poses[a.body]) @ link_poses[b.body])
     return np.linalg.norm(corners - corners[since], axis=-1).max(axis=-1)
 
 
-def _box_gap(low_a: Array, high_a: Array, low_b: Array, high_b: Array) -> Array:
+def box_gap(low_a: Array, high_a: Array, low_b: Array, high_b: Array) -> Array:
     """Return the distance (...) between boxes with corners (..., 3): a lower bound for what is inside."""
     return np.linalg.norm(np.maximum(np.maximum(low_a - high_b, low_b - high_a), 0), axis=-1)
 
 
 def _track(
-    pairs: list[tuple[_Shape, _Shape]],
+    pairs: list[tuple[Shape, Shape]],
     link_poses: Mapping[str, Array],
     progress: Callable[[float], None] | None,
 ) -> tuple[Array, tuple[tuple[str, str], ...]]:
@@ -165,7 +189,7 @@ def _track(
             if bounds[i, k] >= best:
                 break
             a, b = pairs[i]
-            found = _distance(a, b, link_poses[a.body][k], link_poses[b.body][k])
+            found = distance_between(a, b, link_poses[a.body][k], link_poses[b.body][k])
             bounds[i] = found - _way(a, b, link_poses, since=k)
             if found < best:
                 best, best_pair = found, (a, b)
@@ -176,16 +200,18 @@ def _track(
     return distance, tuple(nearest)
 
 
-def _first_bound(a: _Shape, b: _Shape, link_poses: Mapping[str, Array]) -> float:
+def _first_bound(a: Shape, b: Shape, link_poses: Mapping[str, Array]) -> float:
     """Return the distance between the two boxes at the first sample."""
     ca, cb = a.corners_in(link_poses[a.body][:1])[0], b.corners_in(link_poses[b.body][:1])[0]
-    return float(_box_gap(ca.min(axis=0), ca.max(axis=0), cb.min(axis=0), cb.max(axis=0)))
+    return float(box_gap(ca.min(axis=0), ca.max(axis=0), cb.min(axis=0), cb.max(axis=0)))
 
 
-def _distance(a: _Shape, b: _Shape, Ta: Array, Tb: Array) -> float:
+def distance_between(a: Shape, b: Shape, Ta: Array, Tb: Array) -> float:
+    """Return the distance in m between two meshes at poses (4, 4); 0 where they collide."""
     request, result = coal.DistanceRequest(), coal.DistanceResult()
-    return max(0.0, float(coal.distance(a.model, _placed(Ta), b.model, _placed(Tb), request, result)))
+    return max(0.0, float(coal.distance(a.model, placed(Ta), b.model, placed(Tb), request, result)))
 
 
-def _placed(T: Array) -> coal.Transform3s:
+def placed(T: Array) -> coal.Transform3s:
+    """Return a pose (4, 4) as coal has it."""
     return coal.Transform3s(np.ascontiguousarray(T[:3, :3]), T[:3, 3])

@@ -1,4 +1,4 @@
-"""How far a state is from a singularity, by the mechanism itself: singular values of its own Jacobians."""
+"""Distance from singularities: singular values of the mechanism's Jacobians."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from twin.reference.model import ReferenceModel
 
 @dataclass(frozen=True)
 class Conditioning:
-    """Along k states, lengths divided by a length, so that turns and ways compare.
+    """Distances from singularities along k states, with lengths divided by a characteristic length.
 
     Attributes:
-        stands: (k,) smallest singular value of the tool's twist per rate of the active joints, divided by the largest:
-            where it vanishes the joints move and the tool stands (type 1).
-        moves: (k,) the inverse of the largest answer of any passive joint to the active ones: where it vanishes
-            the mechanism moves while all drives stand (type 2).
+        stands: (k,) smallest singular value of the tool's twist per rate of the active joints, divided by the largest
+            singular value; it vanishes where the joints move and the tool is at rest (type 1).
+        moves: (k,) the inverse of the largest rate of a passive joint per rate of the active joints; it vanishes where
+            the mechanism moves while all drives are at rest (type 2).
     """
 
     stands: Array
@@ -26,7 +26,7 @@ class Conditioning:
 
 
 def conditioning(model: ReferenceModel, states: Array, length: float) -> Conditioning:
-    """Return the conditioning of configurations (k, nq); `length` in m makes turns and ways comparable."""
+    """Return the conditioning of configurations (k, nq); `length` in m makes rotations and lengths comparable."""
     tree = model.tree
     gain = model.gains(states)
     poses, J = tree.update(states, closing_only=True)

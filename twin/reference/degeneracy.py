@@ -1,8 +1,8 @@
-"""Where a mechanism degenerates: its motions, and which of them leave the drives, the tool or the loops at rest.
+"""Degenerate states of a mechanism: motions that leave the drives or the tool at rest, or additional motions.
 
 A state moves along the null space of the loop Jacobian, drives and passive joints alike, so that singularities are
-crossed as smoothly as any other state. There some motion exists that rests in what it otherwise moves: the drives
-(type 2), the tool (type 1), or the loops are closed twice (the null space is larger).
+crossed as smoothly as any other state. At a degenerate state some motion leaves the drives (type 2) or the tool (type
+1) at rest, or the null space is larger.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
 
 _RANK = 1e-6
-"""Singular value relative to the largest above which a rank counts at regular states."""
+"""Singular value relative to the largest above which it counts for the rank at regular states."""
 
 _PATIENCE = 8
-"""Iterations for closing the loops after a step: one that needs more was too long."""
+"""Maximum iterations to close the loops after a step: a step that needs more is too long."""
 
 KINDS = ("loops", "drives", "tool")
-"""What a degenerate state leaves at rest; the columns of `Degeneracy.of`."""
+"""Kinds of degeneracy; the columns of `Degeneracy.of`."""
 
 
 class Degeneracy:
@@ -32,14 +32,19 @@ class Degeneracy:
     A redundant mechanism (more freedoms than a pose takes) always moves with its tool at rest; there the named points
     of its bodies must rest as well.
 
+    Where the position of the tool has as many directions as the mechanism has freedoms (an arm of two bars in a plane,
+    three joints that carry a point), the position is what the tool is for: it may not rest, though the tool turns on.
+    A planar arm that is stretched can still turn its hand, and is at the end of its reach all the same.
+
     Attributes:
         freedom: of the mechanism, at regular states.
+        positional: whether its positions have as many directions.
         length: what a slide counts as much as a turn by 1 rad, in m.
         scale: (nv,) what counts as much as a turn by 1 rad: that, or a slide by `LENGTH_SCALE`.
     """
 
     def __init__(self, model: ReferenceModel, states: Array) -> None:
-        """Take the model; regular ranks are the largest at the given states (k, nq)."""
+        """Find the regular rank of each Jacobian of the model: its largest rank at the given states (k, nq)."""
         self.model, tree = model, model.tree
         self.length = LENGTH_SCALE
         self.scale = np.ones(tree.model.nv)
@@ -52,12 +57,13 @@ class Degeneracy:
         A, _, _ = self._jacobians(states)
         rank = int(np.max(_ranks(_values(A), 1e-9), initial=0))
         self.freedom = tree.model.nv - rank
+        self.positional = bool(np.max(_ranks(_values(self.tool(states)[:, :3]), _RANK), initial=0) == self.freedom)
         values = self._raw(states)[1]
         self._at = [max(int(np.max(_ranks(v, _RANK), initial=0)) - 1, 0) for v in values]
         self._usual = [float(np.median(v[:, i])) if v.size else 1.0 for v, i in zip(values, self._at, strict=True)]
 
     def of(self, states: Array) -> Array:
-        """Return (k, 3): how far from degenerate, 1 at usual states and 0 where loops, drives or tool rest."""
+        """Return (k, 3): distance from each kind of degeneracy, 1 at usual states, 0 at a degenerate one."""
         values = self._raw(states)[1]
         columns = [
             v[:, i] / u if v.size else np.ones(len(states))
@@ -74,7 +80,7 @@ class Degeneracy:
         return self._jacobians(states)[1][:, :6] @ (self.motions(states) / self.scale[:, None])
 
     def moved(self, states: Array, steps: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return states (k, nq) after tangent steps (k, nv), their loops closed again, and which could be."""
+        """Return (states (k, nq) after tangent steps (k, nv) with loops closed again, whether (k,) they closed)."""
         tree = self.model.tree
 
         def residual(X: Array, _: Index) -> tuple[Array, Array]:
@@ -109,7 +115,8 @@ class Degeneracy:
         steps = self.scale[:, None] * N
         if motions_only:
             return steps, []
-        return steps, [loops, _values(N[:, self.model.tree.active]), _values(output @ N)]
+        tool = output[:, :3] if self.positional else output
+        return steps, [loops, _values(N[:, self.model.tree.active]), _values(tool @ N)]
 
 
 def _values(A: Array) -> Array:

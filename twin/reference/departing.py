@@ -1,6 +1,6 @@
-"""Leaving a singular state, where assemblies meet and no way leads straight ahead: by kicks of the passive joints.
+"""Leave a singular state, where assemblies meet and Newton steps fail, by random kicks of the passive joints.
 
-Of the closed states that are reached so, one within the limits of all joints is taken, and the nearest of these.
+The result is the nearest closed state within all joint limits.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ from twin.core.spatial import Array, Index
 from twin.reference.tree import Tree
 
 _KICKS = (0.003, 0.01, 0.03, 0.1, 0.3)
-"""Standard deviations in rad of the kicks of turns; those of slides are a tenth, in m."""
+"""Standard deviations of the kicks in rad; for slides a tenth of the number, in m."""
 
 _TRIES = 4
-"""Kicks of each size."""
+"""Number of kicks of each size."""
 
 
 def depart(tree: Tree, x: Array, move: Callable[[Array], Array], way: Callable[[Array], float]) -> Array | None:
-    """Return a state near configuration x (nq,) that a move reaches from a kick, or None; always the same one.
+    """Return a state near configuration x (nq,) that a move reaches from a kick, or None; deterministic.
 
     Args:
-        tree: of the mechanism.
-        x: where it is stuck.
+        tree: tree of the mechanism.
+        x: the configuration (nq,) at which a walk is stuck.
         move: starts (k, nq) -> states (k, nq).
-        way: how far a state is from x; infinite if it is none.
+        way: distance of a state from x; infinite if the state is invalid.
     """
     if not len(tree.passive) or not tree.loops.names:
         return None
@@ -37,7 +37,7 @@ def depart(tree: Tree, x: Array, move: Callable[[Array], Array], way: Callable[[
 
 
 def scattered(tree: Tree, x: Array, columns: Index, spreads: Sequence[float], tries: int) -> Array:
-    """Return configurations (k, nq) around one, moved by so much in rad in some velocities; slides by a tenth, in m."""
+    """Return configurations (k, nq) scattered around one in some velocities; `spreads` in rad, or tenths of m."""
     rng = np.random.default_rng(0)
     spread = np.repeat(np.asarray(spreads, np.float64), tries)[:, None]
     steps = np.zeros((len(spread), tree.model.nv))
@@ -47,7 +47,7 @@ def scattered(tree: Tree, x: Array, columns: Index, spreads: Sequence[float], tr
 
 
 def breach(tree: Tree, x: Array) -> float:
-    """Return how far (rad, m) a configuration is beyond the limits of the joints of the tree, all together."""
+    """Return the total excess (rad, m) of a configuration over the limits of the tree's joints."""
     total = 0.0
     for joint in tree.mechanism.tree:
         if joint.limits is not None and joint.name in tree.configuration:

@@ -1,4 +1,4 @@
-"""Joint values as callers give them, checked."""
+"""Checks of joint values given by callers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the drives must bear for the mechanism to stay where it is: its weight, through the closed loops."""
+"""Static efforts of the drives that hold the weight, through the closed loops."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from twin.reference.model import ReferenceModel
 from twin.reference.states import Assembly
 
 GRAVITY = 9.81
-"""m/s2, along -z of base."""
+"""Gravity in m/s2, along -z of base."""
 
 _STEP = 1e-5
-"""m or rad to either side of the state: by virtual work the effort is the slope of the potential energy."""
+"""Difference step in m or rad to either side: by virtual work the effort is the slope of the potential energy."""
 
 
 def holding_efforts(model: ReferenceModel, state: Assembly) -> dict[str, float]:
-    """Return by which effort in N or N m each active joint holds a state at rest; bodies without mass weigh nothing.
+    """Return the effort in N or N m of each active joint that holds a state at rest; unknown inertias count as zero.
 
     Raises:
-        AssemblyError: the mechanism cannot be moved a little from there.
+        AssemblyError: the loops cannot be closed a small step away.
     """
     efforts = {}
     for i, joint in enumerate(model.mechanism.active):

@@ -1,6 +1,6 @@
-"""The mechanism led along a path: by its driven joints, or by some directions of a frame while the rest follows.
+"""Move the mechanism along a path: by its driven joints, or by some directions of the tool while the others follow.
 
-What a mechanism with fewer than six freedoms does in the directions that nobody leads, it does by itself.
+A mechanism with fewer than six freedoms determines the remaining directions itself.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from twin.reference.newton import minimise
 from twin.reference.posing import posed
 
 _JUMP = 0.5
-"""Largest change (m, rad) of any coordinate between samples; more is another branch."""
+"""Largest change (m, rad) of a coordinate between samples; a larger change means another branch."""
 
 _HALVINGS = 8
-"""How often the way between two samples is halved before it counts as blocked."""
+"""Maximum number of halvings of the way between two samples; then the way counts as blocked."""
 
 _NEARBY = {True: 0.05, False: 0.005}
-"""How far (rad, m) a driven joint is moved to see what it does beside a state that may be singular."""
+"""Displacement (rad, m) of a driven joint for Jacobians beside a state that may be singular."""
 
 
 class Leader:
-    """A mechanism that is led; made of a function, so that nothing is built before it is needed.
+    """A mechanism that follows a path; a function builds its model when first needed.
 
-    States are configurations (nq,) of the reference model: what to continue from.
+    States are configurations (nq,) of the reference model, from which the next call continues.
     """
 
     def __init__(self, make: Callable[[], ReferenceModel]) -> None:
@@ -43,7 +43,7 @@ class Leader:
         return self._make()
 
     def drawn(self) -> tuple[Array, Array]:
-        """Return the state as drawn, and the values (n,) of the driven joints there."""
+        """Return (state, q): the rest state (as in the CAD) and the values (n,) of the driven joints there."""
         home = self.model.home()
         return home.x, home.q
 
@@ -60,9 +60,9 @@ class Leader:
         """Return states (k, nq), driven joints (k, n) and T_base_tool (k, 4, 4) that follow poses from `start`.
 
         Args:
-            Ts: (k, 4, 4) T_base_tool along a path that begins near the start.
-            led: (6,) bool, the directions in which they are followed; see `posing.posed`.
-            p_tool: (3,) the point of the tool whose place is followed.
+            Ts: (k, 4, 4) T_base_tool along a path that begins near `start`.
+            led: (6,) bool, the directions in which the poses are followed; see `posing.posed`.
+            p_tool: (3,) in m, the point of the tool whose position is followed.
             start: state.
 
         Raises:
@@ -81,7 +81,7 @@ class Leader:
                 step /= 2
                 if step < 0.5**_HALVINGS:
                     best = self.model.state(x)
-                    text = "the mechanism does not follow: its loops open, it is stretched, or another branch begins"
+                    text = "the mechanism cannot follow: its loops open, it is stretched, or another branch begins"
                     raise AssemblyError(f"at sample {k}: {text}", best, best.worst_gap)
             states.append(x)
             before = T
@@ -91,7 +91,8 @@ class Leader:
     def jacobians(self, state: Array, p_tool: Array) -> Array:
         """Return (k, 6, n) rates of a point of the tool per rate of the driven joints, linear first.
 
-        At a state and beside it, with each driven joint moved a little both ways: a state may be singular.
+        k states: the given one, and for each driven joint one displaced to either side, because the given one may be
+        singular.
         """
         model = self.model
         states, q = [state], model.collect(state[None]).q[0]
@@ -123,6 +124,6 @@ class Leader:
 
 
 def missed(T: Array, goal: Array, p_tool: Array) -> Array:
-    """Return (6,) how far a pose is from another: a point of the tool in m, rotation vector in rad, both in base."""
+    """Return (6,) the difference of two poses in base: of a point of the tool in m, rotation vector in rad."""
     way = (T[:3, 3] + T[:3, :3] @ p_tool) - (goal[:3, 3] + goal[:3, :3] @ p_tool)
     return np.concatenate([way, spatial.log_so3(T[:3, :3] @ goal[:3, :3].T)])

@@ -12,15 +12,15 @@ from twin.core.spatial import Array, Index
 from twin.model.mechanism import Joint
 
 LENGTH_SCALE = 0.1
-"""Metres of misfit that weigh as much as one radian of it."""
+"""Length in m by which radians are multiplied in residuals."""
 
 AXES = ("offset x", "offset y", "offset z", "turn x", "turn y", "turn z", "sum")
-"""What a row of the residual locks, along and about the axes of the loop joint's frame on its parent."""
+"""Directions that a row of the residual locks: along and about the axes of the loop joint's frame on its parent."""
 
 
 @dataclass(frozen=True)
 class Coupled:
-    """A coupling in terms of the tree: `places` in the configuration, `columns` in the velocity."""
+    """A coupling in terms of the tree: `places` are indices in the configuration, `columns` in the velocity."""
 
     name: str
     places: Index
@@ -31,14 +31,16 @@ class Coupled:
 
 
 class Loops:
-    """Loop closures: the relative pose of a loop joint's two frames must be free motion only; and couplings.
+    """Loop closures: the relative pose of a loop joint's two frames may only differ in the free directions.
+
+    Couplings are included.
 
     Rows of the residual, in file order of the loops: offset in m along the locked translations, then the
     locked rotations in rad times `LENGTH_SCALE`. Last one row for each coupling.
 
     Attributes:
         joints: the loop joints.
-        names: of loop joints and couplings, as numbered in `row_loop`.
+        names: names of loop joints and couplings, as numbered in `row_loop`.
         row_loop: number of the loop of each row (m,).
         row_axis: which of `AXES` each row locks (m,).
         joint_numbers: Pinocchio's numbers of the joints that carry the ends.
@@ -68,7 +70,7 @@ class Loops:
         self.row_axis = np.concatenate([np.tile(np.arange(6), len(joints))[self._locked], np.full(len(extra), 6)])
 
     def relative(self, poses: Array) -> tuple[Array, Array]:
-        """Return the parent joint frames in base and the child joint frames in them, each (k, loops, 4, 4)."""
+        """Return (T_base_parent, T_parent_child) of the joint frames, each (k, loops, 4, 4)."""
         T_base_0 = poses[:, self._ids[:, 0]] @ self._T0
         return T_base_0, spatial.inverse(T_base_0) @ (poses[:, self._ids[:, 1]] @ self._T1)
 
@@ -93,17 +95,48 @@ class Loops:
         scale = np.array([LENGTH_SCALE if c.angle else 1.0 for c in self.couplings])
         return np.concatenate([r, self._sums(X) * scale], axis=1), np.concatenate([A, rows], axis=1)
 
+    def drift(self, poses: Array, twists: Array, biases: Array) -> Array:
+        """Return (k, m): the second time derivative of the residual at constant velocities, with loops closed.
+
+        Of offset o = R0' (p1 - p0) and rotation R = R0' R1 in the axes of the parent's joint frame, which turn with w0:
+        o'' and R'' = (hat(w') + hat(w)^2) R, with w the angular velocity of one frame to the other in those axes.
+
+        Args:
+            poses: (k, joints, 4, 4) as returned by `Tree.update`.
+            twists: (k, joints, 6) of the tree's joints in base at the base origin, linear first.
+            biases: (k, joints, 6) their spatial accelerations likewise.
+        """
+        T0, T = self.relative(poses)
+        (a, b), R0t = (self._ids[:, 0], self._ids[:, 1]), np.swapaxes(T0[..., :3, :3], -1, -2)
+        p0 = T0[..., :3, 3]
+        p1 = p0 + np.einsum("...ji,...j->...i", R0t, T[..., :3, 3])
+        w0, w, d = twists[:, a, 3:], twists[:, b, 3:] - twists[:, a, 3:], p1 - p0
+        speed = twists[:, b, :3] + _cross(twists[:, b, 3:], p1) - twists[:, a, :3] - _cross(w0, p0)
+        gain = point_acceleration(twists[:, b], biases[:, b], p1)
+        gain = gain - point_acceleration(twists[:, a], biases[:, a], p0)
+        # Seen in axes that turn with w0: less Euler's, Coriolis' and centrifugal acceleration.
+        gain -= _cross(biases[:, a, 3:], d) + 2 * _cross(w0, speed) - _cross(w0, _cross(w0, d))
+        change = biases[:, b, 3:] - biases[:, a, 3:] - _cross(w0, w)
+        gain, w, change = (np.einsum("...ij,...j->...i", R0t, v) for v in (gain, w, change))
+        spin = spatial.hat(w)
+        R = (spatial.hat(change) + spin @ spin) @ T[..., :3, :3]
+        turn = np.stack([-R[..., 1, 2], R[..., 0, 2], np.zeros(R.shape[:2])], axis=-1)
+        turn[:, self._full] = sine_of_rotation(R[:, self._full])[0]
+        rows = np.concatenate([gain, LENGTH_SCALE * turn], axis=-1).reshape(len(poses), -1)[:, self._locked]
+        return np.concatenate([rows, np.zeros((len(rows), len(self.couplings)))], axis=1)
+
     def _sums(self, X: Array) -> Array:
-        """Return how far the sums of the couplings are off, (k, couplings), in rad or m."""
+        """Return the errors (k, couplings) of the sums of the couplings, in rad or m."""
         off = [X[:, c.places] @ c.ratios - c.total for c in self.couplings]
         return np.stack(off, axis=1) if off else np.zeros((len(X), 0))
 
     def _residual(self, T: Array) -> tuple[Array, Array]:
-        """Return residuals (k, loops, 6) and the derivative (k, loops, 3, 3) of the locked rotations.
+        """Return (residuals (k, loops, 6), derivatives (k, loops, 3, 3) of the locked rotations).
 
-        Two axes must be parallel: the tilt of z is the residual, whatever the turn about it. A fixed or
-        prismatic joint locks all three: half the antisymmetric part of R, the sine of the angle. Beyond 90° the
-        sine falls again; there the residual grows on, so that no joint rests inverted.
+        If a joint only keeps its two z axes parallel, the residual of rotation is their tilt, independent of the
+        rotation about z. For a fixed or prismatic joint, which locks all three rotations, it is half the antisymmetric
+        part of R: axis times sine of the angle. Beyond 90° the sine falls again; the residual is made to grow further
+        there, so that no joint converges inverted.
         """
         R = T[..., :3, :3]
         residual = np.zeros((*T.shape[:2], 6))
@@ -154,7 +187,7 @@ class Loops:
 
 
 def sine_of_rotation(R: Array) -> tuple[Array, Array]:
-    """Return axis times sine of the angle (..., 3) of R, and its derivative (..., 3, 3) by the rotation."""
+    """Return (axis times sine of the angle (..., 3) of R, its derivative (..., 3, 3) by the rotation)."""
     sine = 0.5 * np.stack(
         [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1
     )
@@ -163,12 +196,12 @@ def sine_of_rotation(R: Array) -> tuple[Array, Array]:
 
 
 def _grown(sine: Array, turn: Array, cosine: Array) -> tuple[Array, Array]:
-    """Return axis times (2 - sine) for angles beyond 90°, and its derivative by the rotation.
+    """Return axis times (2 - sine) for angles beyond 90°, and its derivative with respect to the rotation.
 
     Args:
         sine: axis times sine (n, 3).
         turn: its derivative (n, 3, 3).
-        cosine: of the angle (n,).
+        cosine: cosine of the angle (n,).
     """
     size = np.linalg.norm(sine, axis=-1)
     # Half a turn has no axis to go back by: any will do.
@@ -176,6 +209,22 @@ def _grown(sine: Array, turn: Array, cosine: Array) -> tuple[Array, Array]:
     along = cosine[:, None, None] * axis[:, :, None] * axis[:, None, :]
     swing = (turn - along) / np.maximum(size, 1e-3)[:, None, None]
     return axis * (2 - size)[:, None], (2 - size)[:, None, None] * swing - along
+
+
+def point_acceleration(twists: Array, biases: Array, p: Array) -> Array:
+    """Return the acceleration (..., 3) of points p (..., 3) fixed to bodies.
+
+    Twists and spatial accelerations (..., 6) are in the frame of p, at its origin, linear first. Source: Featherstone,
+    Rigid Body Dynamics Algorithms (2008), section 2.11.
+    """
+    w = twists[..., 3:]
+    velocity = twists[..., :3] + _cross(w, p)
+    return np.asarray(biases[..., :3] + _cross(biases[..., 3:], p) + _cross(w, velocity), float)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return the cross products (..., 3); numpy's own takes several times as long for a few vectors."""
+    return (spatial.hat(a) @ b[..., None])[..., 0]
 
 
 def _stack(poses: list[Array]) -> Array:

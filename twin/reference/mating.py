@@ -1,4 +1,4 @@
-"""Do the parts of a joint touch as drawn? A pin that is not in its bore belongs to another scale, or another place."""
+"""Check that the mating parts of each joint touch in the rest poses: if not, scale or placement is wrong."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.mechanism import Joint, Mechanism, Mesh
-from twin.reference.clearance import _distance, _Shape
+from twin.reference.clearance import Shape, distance_between
 
 LOOSE = 0.5 * MM
-"""More play than any joint has whose parts carry each other."""
+"""Distance in m that is larger than the play of any real joint."""
 
 
 @dataclass(frozen=True)
 class Mate:
-    """Two parts that mate in a joint, and how far they are apart as drawn, in m (0: they touch or overlap)."""
+    """Two parts that mate in a joint, and their distance in m in the rest poses (0: they touch or overlap)."""
 
     joint: str
     parts: tuple[str, str]
@@ -26,7 +26,7 @@ class Mate:
 
 
 def mates(mechanism: Mechanism) -> list[Mate]:
-    """Return the nearest two mating parts of every joint that names parts on both of its bodies, as drawn."""
+    """Return the nearest two mating parts of every joint that names parts on both of its bodies, in the rest poses."""
     out = []
     for joint in mechanism.joints:
         here, there = (_named(mechanism, joint, body) for body in (joint.parent, joint.child))
@@ -44,7 +44,7 @@ def mates(mechanism: Mechanism) -> list[Mate]:
 
 def _nearest(joint: str, here: list[Mesh], there: list[Mesh], T: Array) -> Mate:
     pairs = [(a, b) for a in here for b in there]
-    found = [_distance(_Shape(a.name, "", [a]), _Shape(b.name, "", [b]), np.eye(4), T) for a, b in pairs]
+    found = [distance_between(Shape(a.name, "", [a]), Shape(b.name, "", [b]), np.eye(4), T) for a, b in pairs]
     k = int(np.argmin(found))
     return Mate(joint, (pairs[k][0].name, pairs[k][1].name), found[k])
 

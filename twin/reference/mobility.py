@@ -1,4 +1,4 @@
-"""Degrees of freedom, and which constraints are there more than once, by the rank of the constraint Jacobian."""
+"""Degrees of freedom and redundant constraints, by the rank of the constraint Jacobian."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from twin.core.spatial import Array, Index
 from twin.reference.loops import AXES, Loops
 
 _FLAT = 1e-9
-"""Relative size of singular values that count as zero."""
+"""Relative size below which a singular value counts as zero."""
 
 _SHARE = 1e-6
-"""Part that a row must have in a dependency between constraints to count as repeated."""
+"""Minimum coefficient of a row in a dependency between constraints, above which it counts as repeated."""
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,10 @@ class Mobility:
 
     Attributes:
         freedom: degrees of freedom of the whole mechanism.
-        redundancy: constraint rows that add nothing.
-        redundant: rows that add nothing, by loop, counted in file order.
-        repeated: by loop, the directions that other constraints lock as well: any one of them could be left
-            out. "offset z" and "turn x" are along and about the axes of the joint's frame on its parent.
+        redundancy: number of redundant constraint rows.
+        redundant: number of redundant rows by loop, counted in file order.
+        repeated: by loop, the directions that other constraints lock as well; one of them could be omitted. "offset z"
+            and "turn x" are along and about the axes of the joint's frame on its parent.
         internal: freedoms that remain when all active joints are held (a rod that spins between two balls).
     """
 
@@ -36,7 +36,7 @@ class Mobility:
     internal: int
 
     def describe(self) -> str:
-        """Return which constraints are redundant, in words; "" if none is."""
+        """Return the redundant constraints as text; "" if there are none."""
         return "; ".join(
             f"{name}: {count} of {', '.join(self.repeated[name])}" if self.repeated[name] else f"{name}: {count}"
             for name, count in self.redundant.items()
@@ -48,8 +48,8 @@ def count(A: Array, loops: Loops, passive: Index) -> Mobility:
     """Return the mobility at one state from the Jacobian (m, nv) of the loop residuals.
 
     Args:
-        A: rows as in `Loops.evaluate`.
-        loops: which loop and direction each row belongs to.
+        A: Jacobian with rows as in `Loops.evaluate`.
+        loops: give the loop and the direction of each row.
         passive: the velocities that are not driven.
     """
     redundant: dict[str, int] = {}

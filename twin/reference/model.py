@@ -1,8 +1,8 @@
 """Solving the mechanism: from joint values to poses, and from a tool pose to joint values.
 
-Gauss-Newton on the loop closures, in the least-squares sense: redundant rows are harmless, inconsistent
-ones leave a gap that is reported joint by joint. Far targets are reached by continuation in small steps,
-so that the assembly stays on the branch it was drawn on.
+Gauss-Newton on the loop closures, in the least-squares sense: redundant constraints are harmless, inconsistent ones
+leave a gap that is reported for each joint. Far targets are reached by continuation in small steps, so that the
+assembly stays on the branch of the rest poses (the state as drawn in the CAD).
 """
 
 from __future__ import annotations
@@ -30,40 +30,40 @@ _STRIDE = 0.02
 """Largest change (m, rad) of a target in one step of continuation."""
 
 _BLOCK = 1000
-"""States that are solved at once: enough to be fast, few enough to be small."""
+"""Number of states that are solved at once: a compromise between speed and memory."""
 
 _JUMP = 0.5
-"""Largest change (m, rad) of any coordinate in one step; more is another branch."""
+"""Largest change (m, rad) of a coordinate in one step; a larger change means another branch."""
 
 _AT_ONCE = 32
-"""Samples of the coarse walk that are solved together where the motion lets itself be foreseen."""
+"""Number of coarse samples that are solved together if the motion is predictable."""
 
 _SURPRISE = 0.2
-"""How far, relative to the way there, a state may lie from where the tangent led; beyond, the walk goes one by one."""
+"""Maximum prediction error relative to the step; above it, samples are solved one by one."""
 
 _DEPARTURES = 2
-"""How often a walk may leave a state where it is stuck by another way than straight ahead."""
+"""Maximum number of restarts (see `departing`) from states where a walk is stuck."""
 
 _THERE = 1e-6
-"""Misfit (m, rad) up to which a state counts as reached after a departure."""
+"""Misfit (m, rad) up to which a state counts as reached after a restart."""
 
 _RANK = 1e-6
-"""Singular value of a Jacobian, relative to the largest, below which a direction is none."""
+"""Relative singular value of a Jacobian below which a direction is ignored."""
 
 _FLAT = 1e-9
-"""Relative size of singular values that count as zero."""
+"""Relative size below which a singular value counts as zero."""
 
 _STRIDES = (0.01, 0.1)
 """Largest change (m of a slide, rad of a turn) in one step when independent states are solved together."""
 
 GAP_TOLERANCE = 1e-3
-"""Loop gap in metres above which an assembly is not closed at all, but out of reach."""
+"""Loop gap in metres above which a target counts as out of reach."""
 
 Progress = Callable[[float], None]
-"""Called with the fraction done."""
+"""Progress callback: called with the fraction done."""
 
 Move = Callable[[Array, Array], tuple[Array, Array]]
-"""(start (k, nq), targets (k, ...)) -> states (k, nq), which converged (k,)."""
+"""A move: (start (k, nq), targets (k, ...)) -> (states (k, nq), which converged (k,))."""
 
 
 class ReferenceModel:
@@ -80,11 +80,11 @@ class ReferenceModel:
         """Return the assembly with active joints q (n,) in m or rad.
 
         Args:
-            q: in the order of `mechanism.active`.
-            seed: an assembly to continue from; without it, the state as drawn.
+            q: joint values in the order of `mechanism.active`.
+            seed: an assembly to continue from; default: the rest poses (as drawn in the CAD).
 
         Raises:
-            AssemblyError: the loops cannot be closed there; the best assembly is attached.
+            AssemblyError: the loops cannot be closed at q; the best assembly is attached.
             MechanismError: q has the wrong length or is not finite.
         """
         q = given.one(self.mechanism, q)
@@ -94,7 +94,7 @@ class ReferenceModel:
         """Return the assembly whose tool is at a pose (4, 4); the active joints follow.
 
         Raises:
-            AssemblyError: no assembly has its tool there; the best one is attached.
+            AssemblyError: no assembly has its tool at this pose; the best assembly is attached.
             MechanismError: the pose is not rigid.
         """
         if np.ndim(T_base_tool) != 2 or not spatial.is_pose(T_base_tool, 1e-6):
@@ -102,7 +102,7 @@ class ReferenceModel:
         return self.state(self._reach(self._start(seed), np.asarray(T_base_tool, float), self._move_posed))
 
     def home(self) -> Assembly:
-        """Return the assembly as drawn, its loops closed."""
+        """Return the assembly at the rest poses, with its loops closed."""
         return self.state(self._start(None))
 
     def state(self, x: Array) -> Assembly:
@@ -132,7 +132,7 @@ class ReferenceModel:
         return self._closed(self.collect(self._along(q, self._move_driven, seed, progress)))
 
     def solve_many(self, q: Array, seed: Assembly | None = None) -> Run:
-        """Solve for active joints q (k, n) that have nothing to do with one another, all walked from one state.
+        """Solve for unrelated active joints q (k, n), all starting from one state.
 
         Raises:
             AssemblyError: as `solve`; the message gives the row.
@@ -168,8 +168,8 @@ class ReferenceModel:
     ) -> Run:
         """Solve for tool poses (k, 4, 4) along a motion; see `run`.
 
-        `near` (k, n) are active joints: a mechanism that is `redundant` or has auxiliary joints takes each pose in many
-        ways; it then takes it by the smallest motion from there.
+        `near` (k, n) are active joints: if the mechanism is `redundant` or has auxiliary joints, a pose has many
+        solutions, and the solution with the smallest motion from `near` is taken.
         """
         Ts = np.asarray(Ts_base_tool, float)
         if Ts.ndim != 3 or not len(Ts) or not spatial.is_pose(Ts, 1e-6):
@@ -183,9 +183,10 @@ class ReferenceModel:
 
     @cached_property
     def freedoms(self) -> int:
-        """In how many independent directions the driven joints move the tool.
+        """Number of independent directions in which the driven joints move the tool.
 
-        The rank of the tool's Jacobian, the largest at home and at states near it: home itself may be singular.
+        It is the largest rank of the tool's Jacobian at home and at states near home, because home itself may be
+        singular.
         """
         active = self.mechanism.active
         if not active:
@@ -202,11 +203,11 @@ class ReferenceModel:
 
     @property
     def redundant(self) -> bool:
-        """Whether more joints move the tool than it has directions to move in: a pose is taken in many ways."""
+        """Whether more joints move the tool than it has independent directions: a pose then has many solutions."""
         return self.freedoms < len(self.mechanism.active) - len(self.mechanism.auxiliary)
 
     def collect(self, states: Array) -> Run:
-        """Return what the configurations (k, nq) mean."""
+        """Return the `Run` of configurations (k, nq)."""
         poses, _ = self.tree.update(states, closing_only=True)
         passive = {}
         loop_values = self.tree.loops.coordinates(poses)
@@ -224,29 +225,29 @@ class ReferenceModel:
         poses, _ = self.tree.update(states)
         return {b.name: self._link(poses, b.name) for b in self.mechanism.bodies}
 
-    def rates(self, states: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
-        """Return the tool's twists and accelerations in base at its origin, each (k, 6), linear first.
+    def motion(self, states: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
+        """Return (V, dV/dt, G): velocities and accelerations of the tree (k, nv), loops closed; gains G (k, nv, n).
 
-        From the constraint Jacobian: passive rates by least squares, and the velocity product by a central
-        difference of the Jacobians along the motion.
+        V = G qd and dV/dt = G qdd - A_p^+ (dA/dt V), where A is the Jacobian of the loops, solved in the least-squares
+        sense for the passive joints.
 
         Args:
             states: configurations (k, nq).
             qd: rates (k, n) of the active joints.
-            qdd: their rates.
+            qdd: accelerations (k, n) of the active joints.
         """
-        tree = self.tree
-        A, J = self._jacobians(states)
-        gain, give = self.gains(states, A), self._give(A)
-        V = np.einsum("kij,kj->ki", gain, qd)
-        h = 1e-4 / np.maximum(1.0, np.abs(V).max(axis=1, keepdims=True))
-        A1, J1 = self._jacobians(tree.integrate(states, h * V))
-        A0, J0 = self._jacobians(tree.integrate(states, -h * V))
-        v, step = V[..., None], h[..., None]
-        acceleration = np.einsum("kij,kj->ki", gain, qdd)
-        acceleration[:, tree.passive] -= (give @ ((A1 - A0) @ v / (2 * step)))[..., 0]
-        twist = (J @ v)[..., 0]
-        return twist, (J @ acceleration[..., None] + (J1 - J0) @ v / (2 * step))[..., 0]
+        A, _ = self._jacobians(states)
+        gain = self.gains(states, A)
+        V, change = (np.einsum("kij,kj->ki", gain, rates) for rates in (qd, qdd))
+        if self.tree.loops.names:
+            change[:, self.tree.passive] -= np.einsum("kij,kj->ki", self._give(A), self.tree.drift(states, V)[0])
+        return V, change, gain
+
+    def rates(self, states: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
+        """Return the tool's twists and accelerations in base at its origin, each (k, 6), linear first; see `motion`."""
+        V, change, _ = self.motion(states, qd, qdd)
+        _, J = self._jacobians(states)
+        return np.einsum("kij,kj->ki", J, V), np.einsum("kij,kj->ki", J, change) + self.tree.drift(states, V)[1]
 
     def loop_jacobian(self, x: Array) -> Array:
         """Return the Jacobian (m, nv) of the loops at configuration x (nq,)."""
@@ -268,12 +269,12 @@ class ReferenceModel:
         if not (misfit < GAP_TOLERANCE).all():
             k = int(np.argmin(misfit < GAP_TOLERANCE))
             best = self.state(run.x[k])
-            gap = f"best gap {best.worst_gap / MM:.3g} mm"
+            gap = f"smallest gap of the loops {best.worst_gap / MM:.3g} mm"
             raise AssemblyError(f"at sample {k}: {self.mechanism.name}: out of reach, {gap}", best, best.worst_gap)
         return run
 
     def _start(self, seed: Assembly | None) -> Array:
-        """Return the configuration of the seed, or the drawn one with its loops closed."""
+        """Return the configuration of the seed, or that of the rest poses with loops closed."""
         return seed.x if seed is not None else self._home
 
     @cached_property
@@ -286,13 +287,13 @@ class ReferenceModel:
         return self.tree.loops.evaluate(X, *self.tree.update(X, closing_only=True))
 
     def _move_driven(self, X: Array, q: Array) -> tuple[Array, Array]:
-        """Return states near X (k, nq) whose active joints have values q (k, n), and which converged."""
+        """Return states near X (k, nq) whose active joints have values q (k, n), and (k,) which converged."""
         X = X.copy()
         X[:, self._active_q] = q
         return minimise(self.tree, X, self.loops_only, self.tree.passive)
 
     def _move_posed(self, X: Array, Ts: Array) -> tuple[Array, Array]:
-        """Return states near X (k, nq) whose tool is at poses Ts (k, 4, 4), and which converged."""
+        """Return states near X (k, nq) whose tool is at poses Ts (k, 4, 4), and (k,) which converged."""
         return minimise(self.tree, X, posed(self.tree, Ts), np.arange(self.tree.model.nv))
 
     def _reach(self, x: Array, target: Array, move: Move) -> Array:
@@ -317,8 +318,8 @@ class ReferenceModel:
                     continue
                 best = self.state(X[0] if converged[0] else x)
                 raise AssemblyError(
-                    f"{self.mechanism.name}: the mechanism cannot be assembled there: from the start it follows "
-                    f"for {100 * s:.0f} % of the way, then its loops open (best gap {best.worst_gap / MM:.3g} mm) "
+                    f"{self.mechanism.name}: the mechanism cannot be assembled at the target: from the start it "
+                    f"follows for {100 * s:.0f} % of the way, then loops open (best gap {best.worst_gap / MM:.3g} mm) "
                     f"or another branch begins",
                     best,
                     best.worst_gap,
@@ -328,7 +329,7 @@ class ReferenceModel:
         return x if away is None else away
 
     def _depart(self, x: Array, target: Array, move: Move) -> Array | None:
-        """Return a state at a target near configuration x, where no way leads straight ahead; None if there is none."""
+        """Return a state at the target, found from kicks around configuration x where Newton steps fail; or None."""
 
         def way(new: Array) -> float:
             far = self.jumps(x[None], new[None])[0]
@@ -337,7 +338,7 @@ class ReferenceModel:
         return departing.depart(self.tree, x, lambda X: move(X, np.array([target] * len(X)))[0], way)
 
     def _misfits(self, X: Array, targets: Array) -> Array:
-        """Return the largest loop gap (k,) in m or, for tool poses, also how far the tool is from them."""
+        """Return the largest loop gap (k,) in m or, for tool poses, also the distance of the tool from its pose."""
         poses, _ = self.tree.update(X, closing_only=True)
         gap = self.tree.loops.gaps(X, poses)[..., 0].max(axis=1, initial=0.0)
         if targets.ndim == 3:
@@ -350,10 +351,10 @@ class ReferenceModel:
         return np.abs(np.array(moved).reshape(len(X0), -1)).max(axis=1, initial=0.0)
 
     def _along(self, targets: Array, move: Move, seed: Assembly | None, progress: Progress | None) -> Array:
-        """Solve every sample: some (`walk.knots`) one from the other, those between from their interpolation.
+        """Solve every sample: a few (`walk.knots`) each from the one before, the others from interpolated guesses.
 
-        The coarse walk keeps the branch; the rest start so near that one or two iterations finish them, and
-        all of them are solved together.
+        The knots keep the branch; the guesses are so near that one or two iterations are enough, and all are solved
+        together.
         """
         coarse = walk.knots(targets)
         knots = self._knots(coarse, targets, move, seed, progress or (lambda fraction: None))
@@ -370,7 +371,7 @@ class ReferenceModel:
         return states
 
     def _knots(self, coarse: Index, targets: Array, move: Move, seed: Assembly | None, progress: Progress) -> Array:
-        """Solve the samples `coarse`: several at once where the first of them foretells the others, else one by one."""
+        """Solve the samples `coarse` in order: several at once where prediction works, else one by one."""
         knots = np.zeros((len(coarse), self.tree.model.nq))
         x, i, many = self._start(seed), 0, 1
         while i < len(coarse):
@@ -401,17 +402,16 @@ class ReferenceModel:
         return self.tree.integrate(np.tile(x, (len(q), 1)), (q - x[self._active_q]) @ gain.T)
 
     def _surprise(self, x: Array, guess: Array, X: Array) -> Array:
-        """Return how far states X (k, nq) are from their guesses, relative to how far they are from x."""
+        """Return the distance of states X (k, nq) from their guesses, relative to their distance from x."""
         off, way = self.jumps(guess, X), self.jumps(np.tile(x, (len(X), 1)), X)
         return off / np.maximum(way, 1e-9)
 
     def _between(self, at: Index, knots: Array, targets: Array) -> Array:
-        """Return first guesses (k, nq) for all samples from those solved (j, nq) at samples `at`.
+        """Return first guesses (k, nq) for all samples from the solved states (j, nq) at samples `at`.
 
-        Along driven motions the slopes of all joints follow from those of the active ones by the constraint
-        Jacobian, and what interpolation misses in the active joints (at the switches of a bang-bang
-        acceleration) is added to the passive ones in the same way. The guesses are then so near that one
-        iteration finishes nearly all of them.
+        Along driven motions the slopes of all joints follow from those of the active ones by the constraint Jacobian,
+        and the interpolation error of the active joints (where a bang-bang acceleration switches) is converted to
+        passive joints in the same way. The guesses are then so near that one iteration finishes nearly all of them.
         """
         if targets.ndim == 3 or len(at) < 2:
             slopes = np.gradient(knots, at.astype(float), axis=0) if len(at) > 1 else np.zeros_like(knots)
@@ -427,7 +427,7 @@ class ReferenceModel:
         return self.tree.integrate(states, np.einsum("kij,kj->ki", gain[nearest], missed))
 
     def gains(self, states: Array, A: Array | None = None) -> Array:
-        """Return the rates of the tree (k, nv, n) per rate of each active joint, least squares for the passive."""
+        """Return the rates of the tree (k, nv, n) per rate of each active joint; least squares for passive joints."""
         A = self._jacobians(states)[0] if A is None else A
         active = self.tree.active
         gain = np.zeros((len(A), self.tree.model.nv, len(active)))
@@ -436,7 +436,7 @@ class ReferenceModel:
         return gain
 
     def _give(self, A: Array) -> Array:
-        """Return how the passive joints (k, np, m) answer to a change of the loop residual."""
+        """Return the change of the passive joints per change of the loop residual, (k, np, m)."""
         if not A.shape[1] or not len(self.tree.passive):
             return np.zeros((len(A), len(self.tree.passive), A.shape[1]))
         return np.asarray(np.linalg.pinv(A[:, :, self.tree.passive], rcond=_FLAT), float)

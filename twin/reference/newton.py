@@ -10,35 +10,37 @@ from twin.core.spatial import Array, Index
 from twin.reference.tree import Tree
 
 _STEP_LAST = 1e-9
-"""A step (m, rad) below this is the last: convergence is quadratic, so what remains is below rounding."""
+"""Step size (m, rad) below which the iteration ends: convergence is quadratic, the remaining error is rounding."""
 
 _COST_DONE = 1e-29
-"""A sum of squares below this is rounding."""
+"""Sum of squares below which a residual is rounding."""
 
 _MAX_ITERATIONS = 40
 
 _FLOOR = 1e-13
-"""Damping relative to the mean diagonal that is always there: it picks the short step where a freedom is
-internal (a rod that spins between two balls), and costs nothing elsewhere."""
+"""Minimum damping relative to the mean diagonal.
+
+It selects the shortest step if a freedom is internal (a rod that spins between two balls), and has no effect otherwise.
+"""
 
 _FLOOR_REACHED = 1e-9
-"""Damping relative to the mean diagonal that no longer shortens a step noticeably."""
+"""Damping relative to the mean diagonal below which it no longer shortens a step noticeably."""
 
 Residual = Callable[[Array, Index], tuple[Array, Array]]
-"""(X (k, nq), sample numbers (k,)) -> residuals (k, m), Jacobians (k, m, nv)."""
+"""A residual: (X (k, nq), sample numbers (k,)) -> (residuals (k, m), Jacobians (k, m, nv))."""
 
 
 def minimise(
     tree: Tree, X: Array, residual: Residual, columns: Index, iterations: int = _MAX_ITERATIONS
 ) -> tuple[Array, Array]:
-    """Return configurations near X (k, nq) that minimise the residual, and which of them converged (k,).
+    """Return (configurations (k, nq) near X that minimise the residual, which of them converged (k,)).
 
     Args:
         tree: the tree, for its integration rule.
-        X: start, one row a sample.
+        X: start, one row for each sample.
         residual: see `Residual`.
         columns: the velocities that may move.
-        iterations: after which a sample is given up.
+        iterations: maximum number, after which a sample is given up.
     """
     X = X.copy()
     todo = np.arange(len(X))
@@ -55,11 +57,11 @@ def minimise(
         normal = At @ A
         size = np.trace(normal, axis1=1, axis2=2) / len(columns)
         steps = np.zeros((len(todo), tree.model.nv))
-        # Where nothing that may move has any part in the residual, `size` is 0, and so shall the step be.
+        # If no moving velocity has a part in the residual, `size` is 0, and the step must be 0.
         weight = np.maximum(damping[todo] + _FLOOR * size, np.finfo(float).tiny)[:, None, None]
         steps[:, columns] = -np.linalg.solve(normal + weight * eye, At @ r[..., None])[..., 0]
         new = tree.integrate(X[todo], steps)
-        # A damped step is short for another reason: it says nothing about what is left.
+        # A step shortened by damping does not show that the residual is small.
         free = damping[todo] <= _FLOOR_REACHED * size
         last = (np.abs(steps).max(axis=1) < _STEP_LAST) & free
         X[todo[last]], done[todo[last]] = new[last], True
@@ -78,7 +80,7 @@ def minimise(
         todo = todo[~finished]
         if not len(todo):
             break
-        if worse.any():  # back where they were: their residual must be evaluated again
+        if worse.any():  # back at the old states: their residual must be evaluated again
             r, A = residual(X[todo], todo)
         else:
             r, A = new_r[~finished], new_A[~finished]

@@ -1,4 +1,4 @@
-"""The tool at a pose as a residual over the tree, loops closed: the whole pose, or some directions of it."""
+"""Residual of the tool's pose together with the loops: of the whole pose, or of some directions."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from twin.reference.newton import Residual
 from twin.reference.tree import Tree
 
 ALL = np.ones(6, bool)
-"""Every direction."""
+"""All six directions."""
 
 
 def posed(tree: Tree, Ts: Array, led: np.ndarray = ALL, p_tool: Array | None = None) -> Residual:
     """Return loops and tool poses as one residual.
 
     Args:
-        tree: of the mechanism.
-        Ts: (k, 4, 4) T_base_tool, one a sample.
-        led: (6,) bool, the directions that count, along and about the axes of base, linear first.
-        p_tool: (3,) the point of the tool whose place counts; default its origin.
+        tree: tree of the mechanism.
+        Ts: (k, 4, 4) T_base_tool, one for each sample.
+        led: (6,) bool, the directions to reach, along and about the axes of base, linear first.
+        p_tool: (3,) in m, the point of the tool whose position is compared; default: its origin.
     """
     Rt = np.swapaxes(Ts[:, :3, :3], 1, 2)
     lever = np.zeros(3) if p_tool is None else p_tool

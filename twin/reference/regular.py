@@ -1,7 +1,7 @@
-"""How regular a closed state is: the rank of its loops in the passive joints, against that of states beside it.
+"""Regularity of a closed state: the rank of its loops in the passive joints, compared with nearby states.
 
-Where the rank is lost, assemblies meet (knees stretched, cranks in line): the passive joints may go either way,
-Newton's method has no direction to go in, and small moves of the driven joints fail.
+Where the rank is lower, assemblies meet (stretched links, cranks in line): the passive joints can take either branch,
+Newton's method has no unique direction, and small moves of the driven joints fail.
 """
 
 from __future__ import annotations
@@ -11,32 +11,33 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.core.findings import Finding
+from twin.core.findings import Finding, warning
+from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.reference.departing import scattered
 from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
 
 SINGULAR = 1e-4
-"""Smallest singular value of the loops in the passive joints, by the largest, below which a state is singular."""
+"""Ratio of smallest to largest singular value of the loops in the passive joints below which a state is singular."""
 
 _RANK = 1e-6
-"""... and below which it is none, whatever the state: a constraint that is there twice."""
+"""The same ratio below which a singular value counts as zero at any state: a redundant constraint."""
 
 _BESIDE = (0.03, 0.1, 0.3)
-"""Standard deviations in rad of turns (a tenth in m of slides) of the states beside one."""
+"""Standard deviations of the nearby states: in rad for rotations, a tenth of it in m for slides."""
 
 _TRIES = 6
-"""States for each of them."""
+"""Number of nearby states for each standard deviation."""
 
 
 @dataclass(frozen=True)
 class Regularity:
-    """The rank of the loops in the passive joints at a state, the usual one beside it, and what is left of that.
+    """The rank of the loops in the passive joints at a state, compared with nearby states.
 
     Attributes:
-        rank, usual: see above.
-        margin: smallest of the usual singular values at the state, by the largest: 0 where rank is lost.
+        rank, usual: rank at the state, and at nearby states.
+        margin: the singular value number `usual` at the state, divided by the largest: 0 where the rank is lower.
     """
 
     rank: int
@@ -45,12 +46,12 @@ class Regularity:
 
     @property
     def singular(self) -> bool:
-        """Whether rank is lost, or as good as lost."""
+        """Whether the rank is lower than usual, or nearly so."""
         return self.margin < SINGULAR
 
 
 def regularity(model: ReferenceModel, states: Sequence[Array]) -> list[Regularity]:
-    """Return the regularity of closed states (nq,), with the usual rank of the first and of those beside it."""
+    """Return the regularity of closed states (nq,), with the usual rank taken at the first state and near it."""
     beside = closed_beside(model, states[0])
     every = [_values(model, x) for x in (*states, *beside)]
     ranks = [int((s > _RANK * max(s[0], 1e-12)).sum()) if len(s) else 0 for s in every]
@@ -62,18 +63,18 @@ def regularity(model: ReferenceModel, states: Sequence[Array]) -> list[Regularit
 
 
 def singular_home(model: ReferenceModel, home: Array) -> list[Finding]:
-    """Return the warning for a mechanism that is singular where it rests (nq,), if it is."""
+    """Return a warning if the mechanism is singular in its rest state (nq,), else None."""
     r = regularity(model, [home])[0]
     if not r.singular:
         return []
-    text = f"as drawn the mechanism is singular: its loops have rank {r.rank} there and {r.usual} beside it"
-    hint = "small moves may fail or go either way: draw it elsewhere, as with knees bent"
+    text = f"the mechanism is singular in its rest poses: its loops have rank {r.rank} there and {r.usual} nearby"
+    hint = "small moves may fail or take either branch: draw it in another pose, away from stretched links"
     name = model.mechanism.name
-    return [Finding("home.singular", "warning", text, name, size=r.margin, limit=SINGULAR, suggestion=hint)]
+    return [warning("home.singular", name, text, Quantity(r.margin), SINGULAR, hint)]
 
 
 def closed_beside(model: ReferenceModel, x: Array) -> list[Array]:
-    """Return closed states beside a configuration (nq,), driven joints moved as well; always the same ones."""
+    """Return closed states near a configuration (nq,), driven joints moved as well; the same ones in every call."""
     if not model.mechanism.loops and not model.mechanism.couplings:
         return []
     columns = np.arange(model.tree.model.nv)

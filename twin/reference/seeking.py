@@ -1,4 +1,4 @@
-"""Moving a mechanism to where a number vanishes: Newton's method along its motions, many walks at once."""
+"""Find states where a function of a mechanism vanishes: Newton's method along its motions, many walks at once."""
 
 from __future__ import annotations
 
@@ -12,43 +12,43 @@ from twin.core.spatial import Array, Index
 from twin.reference.degeneracy import Degeneracy
 
 Values = Callable[[Array], Array]
-"""States (k, nq) -> numbers (k, rows)."""
+"""Functions to follow: states (k, nq) -> numbers (k, rows)."""
 
 Mask = NDArray[np.bool_]
 
 Valid = Callable[[Array], Mask]
-"""States (k, nq) -> whether (k,) the numbers mean anything there."""
+"""Validity: states (k, nq) -> whether (k,) the numbers are valid there."""
 
 _ITERATIONS = 40
 _STRIDE, _STRIDE_LONGEST = 0.1, 0.5
 """First and largest tangent step (rad, tenths of a metre)."""
 
 _NEAR = 0.2
-"""Degeneracy, 1 at usual states, below which a walk that leads elsewhere turns aside."""
+"""Degeneracy, 1 at usual states, below which a walk avoids the singularity."""
 
 _SHORTEST = 1e-5
-"""Stride below which a walk goes no further."""
+"""Step length below which a walk ends."""
 
 _DIFFERENCE = 1e-5
 """Tangent step for the slopes."""
 
 _ZERO = 1e-10
-"""Part of its usual size at which a number has vanished."""
+"""Fraction of its usual size below which a number counts as zero."""
 
 NEARLY = 1e-4
-"""Part of its usual size below which a number that goes no lower touches zero: roots of squares end there."""
+"""Fraction of its usual size below which a minimum of a number counts as touching zero (as a root of squares does)."""
 
 
 @dataclass(frozen=True)
 class Walks:
-    """Where walks ended.
+    """The ends of w walks.
 
     Attributes:
-        row: (w,) which number each followed.
+        row: (w,) index of the number that each walk followed.
         states: (w, nq).
         value: (w,) the number at the end.
-        slope: (w,) length of its gradient there; before it was small.
-        ended: (w,) "zero", "least" (it goes no lower) or "far" (the walk was too long, or could not go on).
+        slope: (w,) length of the gradient of the number, from before it became small.
+        ended: (w,) "zero", "least" (a minimum) or "far" (too long, or stuck).
     """
 
     row: Index
@@ -70,18 +70,18 @@ def seek(
 ) -> Walks:
     """Walk from states (w, nq) to where number `row` (w,) vanishes.
 
-    Each walk has a metric of its own, drawn by `seed` (the first of a row: none), so that they take different ways and
-    one is not stopped where another is.
+    Each walk has its own random metric from `seed` (except the first walk of a row), so that the walks take different
+    ways and are not all stopped at one place.
 
     Args:
-        motions: of the mechanism.
-        values: the numbers.
-        valid: where they mean anything; a walk stays there, except for its last steps.
+        motions: motions of the mechanism.
+        values: the functions.
+        valid: where the numbers are valid; a walk stays in this region, except for its last steps.
         starts: states (w, nq).
         row: the number that each walk follows.
-        aside: walks (w,) that turn aside from singularities where their number does not vanish.
-        size: (rows,) what each number usually is.
-        seed: of the metrics.
+        aside: (w,) bool, walks that avoid singularities at which their number does not vanish.
+        size: (rows,) usual size of each number.
+        seed: seed of the metrics.
     """
     rng = np.random.default_rng(seed)
     X = starts.copy()
@@ -93,7 +93,7 @@ def seek(
     ended = np.full(len(X), "far", dtype="<U5")
     ended[np.abs(m) <= _ZERO * unit] = "zero"
     todo = np.flatnonzero((ended == "far") & np.isfinite(m))
-    ways = np.zeros((len(X), nv))  # the tangent step to where a number vanishes, as far as its slope tells
+    ways = np.zeros((len(X), nv))  # the tangent step to where the number vanishes, predicted by its slope
     fresh = np.ones(len(X), bool)
     for _ in range(_ITERATIONS):
         if not len(todo):
@@ -135,14 +135,14 @@ def seek(
 
 
 def _around(motions: Degeneracy, X: Array, N: Array, slopes: Array, steps: Array) -> Array:
-    """Return steps (w, freedom) that do not run into singularities where the number does not vanish itself.
+    """Return steps (w, freedom) changed so that they avoid singularities at which the number does not vanish.
 
     Args:
-        motions: of the mechanism.
+        motions: motions of the mechanism.
         X: states (w, nq).
         N: their motions (w, nv, freedom).
-        slopes: of the number's logarithm (w, freedom).
-        steps: where it would go (w, freedom).
+        slopes: slopes of the number's logarithm (w, freedom).
+        steps: the unchanged steps (w, freedom).
     """
     near = np.flatnonzero(motions.of(X).min(axis=1) < _NEAR)
     if not len(near):
@@ -174,7 +174,7 @@ def gradient(motions: Degeneracy, values: Values, X: Array, N: Array, row: Index
 
 
 def wander(motions: Degeneracy, valid: Valid, starts: Array, steps: int = 10, seed: int = 0) -> Array:
-    """Return states far around: from each start straight on in a direction drawn by `seed`, another where it ends."""
+    """Return states in a wide range: walk from each start in a random direction, and in a new one where blocked."""
     rng = np.random.default_rng(seed)
     X = starts.copy()
     nv = motions.model.tree.model.nv

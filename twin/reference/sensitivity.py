@@ -1,4 +1,4 @@
-"""What rounding of joint frames costs at the tool: UsdPhysics stores them in single precision."""
+"""Tool error caused by rounding of joint frames: UsdPhysics stores them in single precision."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Sensitivity:
     """Tool error in m and rad to expect when each joint frame is rounded.
 
     Attributes:
-        expected: (2,) standard deviation: each rounding is anything up to its worst.
-        bound: (2,) sum of all roundings, each at its worst.
-        worst_joint: the joint whose rounding matters most.
+        expected: (2,) standard deviation if each rounding error is uniform up to its maximum.
+        bound: (2,) sum of all rounding errors, each at its maximum.
+        worst_joint: the joint whose rounding contributes most.
     """
 
     expected: tuple[float, float]
@@ -31,8 +31,8 @@ class Sensitivity:
 def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> Sensitivity:
     """Return the tool error at configuration x (nq,) when joint frames are stored to relative precision epsilon.
 
-    Each coordinate of a frame's position and each number of its unit quaternion errs by up to half a unit in
-    its own last place; all propagate to first order through the loop closures.
+    Each coordinate of a frame's position and each number of its unit quaternion has an error of up to half a unit in
+    its last place; the errors propagate to first order through the loop closures.
     """
     tree = model.tree
     poses, J = tree.update(x[None])
@@ -40,7 +40,7 @@ def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> S
     J_tool = tree.tool_jacobian(poses, J)[0]
     T_tool = tree.tool(poses)[0]
     links = {b.name: poses[0, i] @ T for b in model.mechanism.bodies for i, T in [tree.body(b.name)]}
-    # Passive joints give way: d(passive) = -pinv(A_passive) d(residual).
+    # Passive joints follow: d(passive) = -pinv(A_passive) d(residual).
     give = J_tool[:, tree.passive] @ np.linalg.pinv(A[:, tree.passive], rcond=1e-9)
 
     effects: dict[str, list[Array]] = {}
@@ -58,7 +58,7 @@ def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> S
 
 
 def _roundings(T: Array, epsilon: float) -> Array:
-    """Return the twists (7, 6), in the frame itself, of rounding each number of a stored pose by half a last place."""
+    """Return the twists (7, 6), in the frame itself, of half a last place in each number of a stored pose."""
 
     def half_ulp(values: Array) -> Array:
         return np.where(values == 0, 0.0, epsilon * 2.0 ** np.floor(np.log2(np.maximum(np.abs(values), 1e-300))))
@@ -99,7 +99,7 @@ def _effect(
         offset, turn = R0t @ (v + np.cross(w, p1 - frame[:3, 3])), R0t @ w
         row = sign * np.concatenate([offset, LENGTH_SCALE * turn])
         rows.append(row[[axis for axis in range(6) if axis not in loop.free_axes]])
-    return direct - give @ np.concatenate([*rows, np.zeros(len(loops.couplings))])  # a belt knows no frames
+    return direct - give @ np.concatenate([*rows, np.zeros(len(loops.couplings))])  # a coupling has no frames
 
 
 def _outboard(model: ReferenceModel, joint: Joint) -> set[str]:

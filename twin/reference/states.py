@@ -1,4 +1,4 @@
-"""What the independent model answers: one state, or states along samples."""
+"""Results of the independent model: one state, or states along samples."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Assembly:
         q_full: coordinate in m or rad of each joint that has a single one, tree and loop alike.
         link_poses: T_base_body (4, 4) by body.
         points: named points in base (3,).
-        gap: by loop, offset in m and misalignment in rad in the directions the joint locks.
+        gap: by loop, offset in m and misalignment in rad in the locked directions of the joint.
         x: the configuration in Pinocchio's coordinates, to start the next solution from.
     """
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed beside site-packages
@@ -11,7 +11,7 @@ from twin.core import spatial
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.model.mechanism import Joint, Mechanism
-from twin.reference.loops import Coupled, Loops
+from twin.reference.loops import Coupled, Loops, point_acceleration
 
 _JOINT_MODELS = {
     "revolute": pin.JointModelRZ,
@@ -21,11 +21,23 @@ _JOINT_MODELS = {
 }
 
 
+def _depth_first(mechanism: Mechanism) -> Iterator[Joint]:
+    """Yield the joints of the tree branch by branch: Pinocchio's mass matrix assumes that a subtree is consecutive."""
+    beyond: dict[str, list[Joint]] = {}
+    for joint in mechanism.tree:
+        beyond.setdefault(joint.parent, []).append(joint)
+    pending = beyond.get(mechanism.base, [])[::-1]
+    while pending:
+        joint = pending.pop()
+        yield joint
+        pending += beyond.get(joint.child, [])[::-1]
+
+
 class Tree:
     """The spanning tree of a mechanism.
 
     Attributes:
-        mechanism: what it was built from.
+        mechanism: the mechanism it was built from.
         model, data: Pinocchio's.
         joint_id: Pinocchio's joint number by joint name (fixed joints have none).
         coordinate: index in the velocity vector of each joint with one coordinate, by name.
@@ -37,8 +49,14 @@ class Tree:
         self.model = pin.Model()
         self.joint_id: dict[str, int] = {}
         self._body: dict[str, tuple[int, Array]] = {mechanism.base: (0, np.eye(4))}
-        for joint in mechanism.tree:
+        for joint in _depth_first(mechanism):
             self._add(joint)
+        for body in mechanism.bodies:
+            number, T_joint_body = self._body.get(body.name, (0, np.eye(4)))
+            if body.inertia is not None and number:
+                inertia = body.inertia.seen_from(T_joint_body)
+                own = pin.Inertia(inertia.mass, inertia.p_body_com, inertia.I_com)
+                self.model.appendBodyToJoint(number, own, pin.SE3.Identity())
         self.data = self.model.createData()
         self.coordinate = {
             j.name: self.model.joints[self.joint_id[j.name]].idx_v for j in mechanism.tree if len(j.free_axes) == 1
@@ -81,7 +99,7 @@ class Tree:
             for name in coupling.joints:
                 if name not in self.coordinate:
                     raise MechanismError(
-                        f"coupling '{coupling.name}': joint '{name}' closes a loop and has no coordinate of its own; "
+                        f"coupling '{coupling.name}': joint '{name}' closes a loop and therefore has no coordinate; "
                         "list it before the joint that should close the loop"
                     )
             columns = np.array([self.coordinate[n] for n in coupling.joints], int)
@@ -112,7 +130,7 @@ class Tree:
 
         Args:
             X: configurations.
-            closing_only: fill in only the poses that loops, named points and tool need; half the time.
+            closing_only: compute only the poses that loops, named points and tool need (half the time).
 
         Returns:
             poses (k, joints, 4, 4) of the moving joint frames in base, and Jacobians (k, 6, nv) whose columns
@@ -129,12 +147,33 @@ class Tree:
                 poses[k, i] = placements[i].homogeneous
         return poses, J
 
+    def drift(self, X: Array, V: Array) -> tuple[Array, Array]:
+        """Return the accelerations caused by constant velocities V (k, nv) at configurations X (k, nq).
+
+        Returns:
+            (k, m) the second derivatives of the loops' residuals, dA/dt V, valid where loops are closed; and (k, 6)
+            the tool's acceleration in base at its origin, linear first, dJ/dt V.
+        """
+        k, n = len(X), self.model.njoints
+        poses = np.broadcast_to(np.eye(4), (k, n, 4, 4)).copy()
+        twists, biases = np.zeros((k, n, 6)), np.zeros((k, n, 6))
+        zero = np.zeros(self.model.nv)
+        for row, (x, v) in enumerate(zip(X, V, strict=True)):
+            pin.forwardKinematics(self.model, self.data, x, v, zero)
+            for i in self._closing:
+                place = self.data.oMi[i]
+                poses[row, i] = place.homogeneous
+                twists[row, i], biases[row, i] = place.act(self.data.v[i]).vector, place.act(self.data.a[i]).vector
+        tool = self.tool_joint
+        linear = point_acceleration(twists[:, tool], biases[:, tool], self.tool(poses)[:, :3, 3])
+        return self.loops.drift(poses, twists, biases), np.concatenate([linear, biases[:, tool, 3:]], axis=1)
+
     def integrate(self, X: Array, steps: Array) -> Array:
         """Return configurations (k, nq) after tangent steps (k, nv)."""
         return np.array([pin.integrate(self.model, x, v) for x, v in zip(X, steps, strict=True)])
 
     def normalise(self, X: Array) -> Array:
-        """Return configurations (k, nq) with quaternions of length 1, which interpolation shortens."""
+        """Return configurations (k, nq) with quaternions of length 1, because interpolation shortens them."""
         return np.array([pin.normalize(self.model, x) for x in X])
 
     def tool(self, poses: Array) -> Array:

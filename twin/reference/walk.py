@@ -1,4 +1,4 @@
-"""How to walk along targets (joint values or tool poses): where to stop, and what to guess between."""
+"""Continuation along targets (joint values or tool poses): which samples to solve, and guesses between them."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from twin.core import spatial
 from twin.core.spatial import Array, Index
 
 _EVERY = 32
-"""Of a dense motion, each such sample is solved from the one before ..."""
+"""Interval of the samples of a dense motion that are solved each from the one before (knots)."""
 
 _TRAVEL = 0.1
-"""... and each after which the target has moved by this much (m, rad): interpolation must not leave the branch."""
+"""Motion (m, rad) of the target after which another sample is a knot: interpolation must not leave the branch."""
 
 
 def knots(targets: Array) -> Index:
-    """Return the samples to solve one from the other: the first, the last, and enough between."""
+    """Return the samples (knots) to solve each from the one before: the first, the last, and enough between."""
     if len(targets) < 2:
         return np.zeros(len(targets), np.intp)
     moved = np.abs(np.diff(targets, axis=0)).reshape(len(targets) - 1, -1).max(axis=1, initial=0.0)
@@ -29,7 +29,7 @@ def knots(targets: Array) -> Index:
 
 
 def distance(a: Array, b: Array) -> float:
-    """Return how far two targets are apart: joint values, or poses (the larger of metres and radians)."""
+    """Return the distance of two targets: joint values, or poses (the larger of metres and radians)."""
     if a.ndim == 1:
         return float(np.abs(a - b).max(initial=0.0))
     turn = float(spatial.rotation_angle(a[:3, :3].T @ b[:3, :3]))
@@ -37,7 +37,7 @@ def distance(a: Array, b: Array) -> float:
 
 
 def between(a: Array, b: Array, s: float) -> Array:
-    """Return the target a fraction s of the way from a to b: joint values, or poses along the screw-free line."""
+    """Return the target a fraction s of the way from a to b: joint values, or poses (position and rotation apart)."""
     if s == 1:
         return b
     if a.ndim == 1:
@@ -47,7 +47,7 @@ def between(a: Array, b: Array, s: float) -> Array:
 
 
 def interpolate(at: Index, knots: Array, slopes: Array, count: int) -> Array:
-    """Return rows for 0..count-1 through knots at integer places with given slopes: cubic Hermite."""
+    """Interpolate rows 0..count-1 by cubic Hermite polynomials through knots at integer positions with given slopes."""
     if len(at) < 2:
         return np.tile(knots, (count, 1))
     where = np.arange(count)

@@ -5,48 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
-from typing import ClassVar, Literal
+from typing import Literal
 
 from twin.core.errors import ProtocolError
 from twin.core.findings import Finding
 from twin.core.provenance import Parameter, Provenance
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-
-PhaseType = Literal["positioning", "joints", "auxiliary", "insertion", "pivot", "circle", "retraction", "home"]
-RcmMode = Literal["enforced", "monitored"]
-RotationOrder = Literal["zyx", "xyz"]
-"""Axes about which a frame is turned one after the other, each time its own: "zyx" is Rz Ry Rx."""
+from twin.planning.protocol.course import RotationOrder
+from twin.planning.protocol.phase import Phase, trocar_of
+from twin.planning.protocol.waypoint import Waypoint
 
 Direction = Literal["x", "y", "z", "turn_x", "turn_y", "turn_z"]
 """A direction in which a frame moves, along or about an axis of base."""
 
 DIRECTIONS: tuple[Direction, ...] = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
 """In the order of the rows of a twist."""
-
-
-@dataclass(frozen=True)
-class Waypoint:
-    """A pose, an attitude, or values of driven joints.
-
-    Attributes:
-        name: identifier.
-        angles: (3,) in rad about `Protocol.rotation`; zero where `joints` are given.
-        position: (3,) in m, of a pose. depth: m, of an attitude about the RCM.
-        label, provenance, note: for people.
-        joints: value by driven joint, in m or rad; one that is not named is as drawn. None: no joint values.
-        angle_joints: those of them that were given in degrees.
-    """
-
-    name: str
-    angles: Array
-    position: Array | None
-    depth: float | None
-    label: str
-    provenance: Provenance
-    note: str
-    joints: Mapping[str, float] | None = None
-    angle_joints: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -77,103 +51,8 @@ class Tolerances:
 
 
 @dataclass(frozen=True)
-class Positioning:
-    """Straight to the waypoint `to`."""
-
-    name: str
-    to: str
-    type: ClassVar[PhaseType] = "positioning"
-
-
-@dataclass(frozen=True)
-class Joints:
-    """The driven joints, each at the same share of its way, to the joint values of the waypoint `to`."""
-
-    name: str
-    to: str
-    type: ClassVar[PhaseType] = "joints"
-
-
-@dataclass(frozen=True)
-class Auxiliary:
-    """Auxiliary joints (a jaw) to `joints`, values by name in m or rad, each at the same share of its way.
-
-    The tool stands still. `angle_joints` are those that were given in degrees.
-    """
-
-    name: str
-    joints: Mapping[str, float]
-    angle_joints: frozenset[str]
-    type: ClassVar[PhaseType] = "auxiliary"
-
-
-@dataclass(frozen=True)
-class Insertion:
-    """Along the shaft by `depth` in m; registers the RCM at its start, which a `trocar` named here must be at."""
-
-    name: str
-    depth: float
-    to: str | None = None
-    trocar: str = ""
-    type: ClassVar[PhaseType] = "insertion"
-
-
-@dataclass(frozen=True)
-class Pivot:
-    """About the RCM, or the `trocar` named here, to the waypoint `to`."""
-
-    name: str
-    to: str
-    rcm: RcmMode
-    trocar: str = ""
-    type: ClassVar[PhaseType] = "pivot"
-
-
-@dataclass(frozen=True)
-class Circle:
-    """A full circle of the tip about the axis `normal` (3,) through `centre` (3,) in m, counter-clockwise.
-
-    With an RCM, or the `trocar` named here, the shaft stays on it, without spin; without one the attitude stays.
-    """
-
-    name: str
-    centre: Array
-    normal: Array
-    turns: int = 1
-    trocar: str = ""
-    type: ClassVar[PhaseType] = "circle"
-
-
-@dataclass(frozen=True)
-class Retraction:
-    """Back along the shaft until `depth` in m is left of it beyond the RCM, or the `trocar` named here."""
-
-    name: str
-    depth: float = 0.0
-    trocar: str = ""
-    type: ClassVar[PhaseType] = "retraction"
-
-
-@dataclass(frozen=True)
-class Home:
-    """To the home waypoint `to`: straight, or by the joints if it holds joint values."""
-
-    name: str
-    to: str
-    type: ClassVar[PhaseType] = "home"
-
-
-Phase = Positioning | Joints | Auxiliary | Insertion | Pivot | Circle | Retraction | Home
-
-
-def trocar_of(phase: Phase) -> str:
-    """Return the name of the trocar that a phase keeps to; "" if it names none."""
-    return phase.trocar if isinstance(phase, Insertion | Pivot | Circle | Retraction) else ""
-
-
-@dataclass(frozen=True)
 class PatientPlace:
-    """Who lies at a protocol's RCM: `body` of cad/patients by its `port`, turned by `turn` in rad about z of the base.
+    """The patient at a protocol's RCM: `body` of cad/patients by its `port`, turned by `turn` rad about z of base.
 
     `replaces` names links that are not shown together with the patient; `trocar` the one at the port, if there are
     several.
@@ -204,12 +83,12 @@ class Protocol:
         tolerances: what the trajectory is judged with.
         rotation: axes of the waypoints' angles, in their order.
         trocars: (3,) in base in m, by name: where the mechanism has them, and where phases that name one go in; ""
-            stands for the only one of the mechanism. One that is not named is as drawn.
+            is the only one of the mechanism. One that is not named is as drawn.
         rcm: (3,) in base in m, if one is registered from the start: the instrument is in the patient already.
-        free: directions of the moved frame that no waypoint decides: they follow the mechanism. None: those that the
+        free: directions of the moved frame that waypoints leave open; the mechanism decides them. None: those that the
             robot's freedoms leave, and every waypoint is a pose that the robot takes.
-        patient: who lies there, or None; then `no_patient` may say why.
-        findings: what reading it had to say (warnings only).
+        patient: or None; then `no_patient` may give the reason.
+        findings: of reading it (warnings only).
     """
 
     name: str
@@ -221,7 +100,7 @@ class Protocol:
     start: str
     waypoints: Mapping[str, Waypoint]
     phases: tuple[Phase, ...]
-    limits: Mapping[PhaseType, Limits]
+    limits: Mapping[str, Limits]
     tolerances: Tolerances
     rotation: RotationOrder = "zyx"
     trocars: Mapping[str, Array] = field(default_factory=dict)
@@ -243,9 +122,9 @@ class Protocol:
         for p in self.phases:
             if trocar := trocar_of(p):
                 return self.trocars[trocar]
-            if isinstance(p, Insertion):
+            if p.registers:
                 return self.waypoints[here].position
-            here = p.to if isinstance(p, Positioning | Home) else here
+            here = getattr(p, "to", here) if p.places else here
         return None
 
     def places_of(self, trocars: Sequence[str]) -> dict[str, Array]:
@@ -255,12 +134,12 @@ class Protocol:
             trocars: names of the mechanism's trocars.
 
         Raises:
-            ProtocolError: a trocar is placed that neither the mechanism has nor a phase names.
+            ProtocolError: a placed trocar is not in the mechanism and not used by a phase.
         """
         held = ", ".join(trocars)
         if "" in self.trocars and len(trocars) != 1:
             text = f"trocars {held}: give their places by name, in [trocars_mm]" if trocars else "none"
-            way = "" if trocars else ": its RCM is where an insertion begins; leave trocar_mm out"
+            way = "" if trocars else ": its RCM is where an insertion begins; remove trocar_mm"
             raise ProtocolError(
                 f"protocol '{self.name}' places a trocar (trocar_mm), but the mechanism of {self.robot} has {text}{way}"
             )
@@ -269,7 +148,7 @@ class Protocol:
             if name and name not in trocars and name not in named:
                 raise ProtocolError(
                     f"protocol '{self.name}' places trocar '{name}' ([trocars_mm]), but no phase names it, and the "
-                    f"mechanism of {self.robot} has {held or 'none'}: correct the name, or take it out"
+                    f"mechanism of {self.robot} has {held or 'none'}: correct the name, or remove it"
                 )
         return {n or trocars[0]: p for n, p in self.trocars.items() if not n or n in trocars}
 
@@ -292,15 +171,13 @@ class Protocol:
                 add(f"{w.name}_{label}", float(p), "mm", MM, w.provenance, w.note)
             if w.depth is not None:
                 add(f"{w.name}_depth", w.depth, "mm", MM, w.provenance, w.note)
-        for c in (p for p in self.phases if isinstance(p, Circle)):
-            for label, p in zip("xyz", c.centre, strict=True):
-                add(f"{c.name}_centre_{label}", float(p), "mm", MM, "ASSUMED", "centre of the circle; see the file")
+        out += [parameter for phase in self.phases for parameter in phase.parameters()]
         for label, p in zip("xyz", self.rcm if self.rcm is not None else (), strict=False):
             add(f"rcm_{label}", float(p), "mm", MM, "ASSUMED", "RCM from the start; see the file")
         for name, place in self.trocars.items():
             for label, p in zip("xyz", place, strict=True):
                 shown = f"trocar_{name}_{label}" if name else f"trocar_{label}"
-                add(shown, float(p), "mm", MM, "ASSUMED", "where the patient is; see the file")
+                add(shown, float(p), "mm", MM, "ASSUMED", "place of the patient; see the file")
         for kind, l in self.limits.items():  # noqa: E741
             add(f"{kind}_tip_speed", l.tip_speed, "mm/s", MM, l.provenance, l.note)
             add(f"{kind}_tip_acceleration", l.tip_acceleration, "mm/s2", MM, l.provenance, l.note)

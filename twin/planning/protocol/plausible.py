@@ -1,6 +1,6 @@
 """Numbers of a protocol that look like another unit: metres for millimetres, radians for degrees.
 
-Each is possible, so each is a warning: a protocol is its author's word, and nothing else knows better.
+Each number is possible, so it only gives a warning.
 """
 
 from __future__ import annotations
@@ -9,20 +9,21 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from twin.core.findings import Finding
+from twin.core.findings import Finding, warning
+from twin.planning.protocol.phases.insertion import InsertionTable
 from twin.planning.protocol.tables import ProtocolTable
 
 _TIP, _TURN = (0.2, 2000.0), (1.0, 720.0)
-"""Speeds in mm/s and deg/s that are meant."""
+"""Ranges of plausible speeds in mm/s and deg/s."""
 
 _RAMP = (2e-3, 30.0)
-"""Seconds from rest to the largest speed that are meant, and from none to the largest acceleration (a tenth)."""
+"""Plausible range in s of the time from rest to maximum speed; a tenth of it for the time to maximum acceleration."""
 
 _DEPTH = 0.5
-"""mm; an insertion of less is one in metres."""
+"""Depth in mm below which an insertion depth looks like metres."""
 
 _NEAR, _FAR = 1.0, 100.0
-"""mm; a position within the first of the origin, where another is beyond the second, is one in metres."""
+"""Distances from the origin in mm: below the first a position looks like metres, if another exceeds the second."""
 
 
 def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
@@ -32,7 +33,7 @@ def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
             shown = ", ".join(f"{a:g}" for a in w.angles_deg)
             turned = ", ".join(f"{np.rad2deg(a):.4g}" for a in w.angles_deg)
             text = f"waypoint '{name}': angles ({shown}) deg look like radians: ({turned}) deg are round"
-            yield _warning(text, file, "degrees are meant here; multiply by 180/pi")
+            yield _warning(text, file, "degrees are expected; multiply by 180/pi")
     positions = {n: np.linalg.norm(w.position_mm) for n, w in table.waypoints.items() if w.position_mm is not None}
     far = max(positions.values(), default=0.0)
     for name, r in positions.items():
@@ -40,7 +41,7 @@ def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
             text = f"waypoint '{name}' lies {r:.3g} mm from the origin, another {far:.4g} mm: it looks like metres"
             yield _warning(text, file, "positions are in mm")
     depths = {f"waypoint '{n}'": w.depth_mm for n, w in table.waypoints.items() if w.depth_mm is not None}
-    depths |= {f"phase '{p.name}'": p.depth_mm for p in table.phases if p.type == "insertion"}
+    depths |= {f"phase '{p.name}'": p.depth_mm for p in table.phases if isinstance(p, InsertionTable)}
     for what, depth in depths.items():
         if 0 < abs(depth) < _DEPTH:
             yield _warning(f"{what}: a depth of {depth:g} mm looks like metres", file, "depths are in mm")
@@ -81,4 +82,4 @@ def _radians(angles: tuple[float, ...] | list[float]) -> bool:
 
 
 def _warning(text: str, file: str, suggestion: str) -> Finding:
-    return Finding("protocol.unit", "warning", text, where=file, suggestion=suggestion)
+    return warning("protocol.unit", file, text, suggestion=suggestion)

@@ -1,0 +1,389 @@
+"""Ways around obstacles: free by an exact check that shares nothing with the search, exact at their ends."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+
+import coal
+import numpy as np
+import pytest
+
+import twin
+from made.mechanisms import box, four_bar
+from twin.core import spatial
+from twin.core.errors import DescriptionError, ProtocolError
+from twin.core.units import MM
+from twin.model.mechanism import Body, Frame, Joint, Mechanism
+from twin.planning.around import around, rounded
+from twin.planning.plan import plan
+from twin.planning.protocol import load_protocol
+from twin.planning.smooth import line
+from twin.reference import ReferenceModel
+from twin.reference.leading import Leader
+from twin.reference.space import JointSpace, Still
+from twin.reference.travel import Reach
+
+CLEARANCE = 5 * MM
+DENSE = np.linspace(0.0, 1.0, 1001)
+ROOT = Path(__file__).parents[1]
+
+# -- a planar arm, whose exact check is written here ----------------------------------------------------------------
+
+LINK, SIZE = 0.2, np.array([0.18, 0.03, 0.03])
+
+
+def arm(count=3):
+    """Return a planar arm of boxes that turn about z, each at the end of the one before."""
+    bodies = [Body("base")]
+    joints = []
+    for i in range(count):
+        bodies.append(Body(f"link{i}", (box(f"box{i}", [LINK / 2, 0, 0], SIZE),)))
+        at = spatial.pose(p=[LINK if i else 0.0, 0, 0])
+        joints.append(Joint(f"q{i}", "revolute", bodies[-2].name, f"link{i}", at, active=True, limits=(-2.6, 2.6)))
+    tool = Frame("tool", bodies[-1].name, spatial.pose(p=[LINK, 0, 0]))
+    rest = {b.name: spatial.pose(p=[LINK * max(i - 1, 0), 0, 0]) for i, b in enumerate(bodies)}
+    return Mechanism("arm", "base", tuple(bodies), tuple(joints), (tool,), rest=rest)
+
+
+def post(x, y, size=0.06, touches=frozenset()):
+    """Return a square post."""
+    return Still(
+        "room/post", Body("post", (box("post", [0, 0, 0], [size, size, 0.2]),)), spatial.pose(p=[x, y, 0]), touches
+    )
+
+
+def space_of(mechanism, *stills, clearance=CLEARANCE, **more):
+    return JointSpace(lambda: ReferenceModel(mechanism), clearance, around=lambda: stills, **more)
+
+
+def clearances(q, stills):
+    """Return the minimum distance (k,) along q (k, n) of the arm: trigonometry and boxes, no mesh and no tree."""
+    ends = np.cumsum(q, axis=1)
+    out = []
+    for angles in ends:
+        start, boxes = np.zeros(3), []
+        for a in angles:
+            along = np.array([np.cos(a), np.sin(a), 0.0])
+            R = np.array([[along[0], -along[1], 0], [along[1], along[0], 0], [0, 0, 1.0]])
+            boxes.append((coal.Box(*SIZE), coal.Transform3s(R, start + LINK / 2 * along)))
+            start = start + LINK * along
+        others = [(coal.Box(*np.ptp(s.body.meshes[0].vertices, axis=0)), s.T_base_body) for s in stills]
+        posts = [(b, coal.Transform3s(T[:3, :3], T[:3, 3])) for b, T in others]
+        pairs = [*((boxes[i], boxes[j]) for i, j in combinations(range(len(boxes)), 2) if j > i + 1)]
+        pairs += [(b, p) for b in boxes for p in posts]
+        out.append(min(coal.distance(*a, *b, coal.DistanceRequest(), coal.DistanceResult()) for a, b in pairs))
+    return np.array(out)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_every_way_of_an_arm_is_free_and_its_ends_are_exact(seed):
+    rng = np.random.default_rng(seed)
+    r, a = rng.uniform(0.48, 0.58), rng.uniform(-0.3, 0.3)
+    stills = [post(r * np.cos(a), r * np.sin(a))]
+    space = space_of(arm(), *stills)
+    start, goal = np.array([a - 1.1, 0.2, 0.1]), np.array([a + 1.1, -0.2, -0.1])
+    assert not space.free_between(start, goal)
+    assert clearances(line(start, goal)(DENSE), stills).min() <= 0, "the straight way must run through the post"
+    path = around(space, start, goal, seed=seed)
+    np.testing.assert_allclose(path(np.array([0.0, 1.0])), [start, goal], atol=1e-14)
+    assert clearances(path(DENSE), stills).min() >= CLEARANCE / 2
+    assert np.all((path(DENSE) >= space.limits[:, 0]) & (path(DENSE) <= space.limits[:, 1]))
+
+
+def test_the_same_seed_gives_the_same_way_and_another_seed_another():
+    start, goal = np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1])
+    a, b, c = (around(space_of(arm(), post(0.52, 0)), start, goal, seed=s).coefficients for s in (3, 3, 4))
+    assert np.array_equal(a, b)
+    assert not np.array_equal(a, c)
+
+
+def test_progress_is_told_and_a_straight_way_needs_no_search():
+    seen = []
+    around(
+        space_of(arm(), post(0.52, 0)), np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1]), progress=seen.append
+    )
+    assert len(seen) > 3
+    assert 0 <= min(seen) <= max(seen) <= 1
+    straight = around(space_of(arm()), np.zeros(3), np.ones(3), progress=lambda f: pytest.fail("it searched"))
+    assert len(straight.coefficients) == 2
+
+
+def test_free_agrees_with_the_exact_distance():
+    rng, stills = np.random.default_rng(0), [post(0.3, 0.1, 0.12)]
+    q = rng.uniform(-2.6, 2.6, (300, 3))
+    exact = clearances(q, stills)
+    clear = np.abs(exact - CLEARANCE) > 1e-6
+    found = space_of(arm(), *stills).free(q)
+    assert np.array_equal(found[clear], exact[clear] >= CLEARANCE)
+    assert 0.1 < found.mean() < 0.9
+
+
+def test_a_path_that_only_touches_between_any_samples_is_not_free():
+    """A thin wire is crossed in 1e-3 of the path: steps would jump over it, a bound cannot."""
+    wire = post(0.55, 0.0, size=1e-4)
+    space = space_of(arm(), wire, clearance=0.2 * MM)
+    start, goal = np.array([-1.3, 0.0, 0.0]), np.array([1.3, 0.0, 0.0])
+    assert space.free(np.array([start, goal])).all()
+    assert not space.free_between(start, goal)
+    assert space.free_between(start, np.array([-0.1, 0.0, 0.0]))
+
+
+def test_bodies_never_move_further_than_the_bound():
+    model = ReferenceModel(arm(4))
+    corners = {b.name: b.meshes[0].vertices for b in model.mechanism.bodies if b.meshes}
+    names = list(combinations(corners, 2))
+    at = {n: (model.tree.body(n)[0], corners[n] @ (T := model.tree.body(n)[1])[:3, :3].T + T[:3, 3]) for n in corners}
+    bounds = Reach(model.tree, [(at[a], at[b]) for a, b in names]).bounds(np.zeros((1, 4)), np.zeros(4))
+    rng = np.random.default_rng(1)
+    tightest = 1.0
+    for _ in range(200):
+        q = rng.uniform(-2, 2, 4)
+        step = rng.normal(size=4) * 10 ** rng.uniform(-4, -1)
+        links = model.link_poses(np.array([q, q + step]))
+        for (a, b), most in zip(names, bounds @ np.abs(step), strict=True):
+            seen = spatial.inverse(links[a]) @ links[b]
+            moved = seen[:, :3, :3] @ corners[b].T + seen[:, :3, 3:]
+            far = np.linalg.norm(moved[1] - moved[0], axis=0).max()
+            assert far <= most * (1 + 1e-9)
+            tightest = min(tightest, 1 - far / most)
+    assert tightest < 0.3, "a bound that is never nearly reached only costs time"
+
+
+# -- loops -----------------------------------------------------------------------------------------------------------
+
+
+def limited_four_bar():
+    made = four_bar()
+    joints = tuple(replace(j, limits=(-0.5, 2.5)) if j.active else j for j in made.joints)
+    return replace(made, joints=joints)
+
+
+def test_a_closed_loop_meets_what_stands_in_the_way_of_a_passive_body():
+    mechanism = limited_four_bar()
+    model = ReferenceModel(mechanism)
+    q = np.linspace(-0.6, 0.6, 61)[:, None] + model.home().q
+    links = model.link_poses(model.run(q).x)
+    driven = {j.child for j in mechanism.active}
+    passive = next(
+        b for b in mechanism.bodies if b.meshes and b.name not in driven and np.ptp(links[b.name], axis=0).max() > 1e-3
+    )
+    middle = links[passive.name][30]
+    centre = np.concatenate([m.vertices for m in passive.meshes]).mean(axis=0)
+    free = space_of(mechanism, clearance=MM)
+    assert free.free_between(q[0], q[-1]) or not free.free(q).all()
+    ball = Still("room/ball", Body("ball", (box("ball", [0, 0, 0], [0.03] * 3),)), middle @ spatial.pose(p=centre))
+    blocked = space_of(mechanism, ball, clearance=MM)
+    assert passive.name in blocked.why(q[30])
+    assert not blocked.free_between(q[0], q[-1])
+
+
+def test_loops_that_cannot_close_are_not_free():
+    made = limited_four_bar()
+    wide = replace(made, joints=tuple(replace(j, limits=(-9.0, 9.0)) if j.active else j for j in made.joints))
+    model = ReferenceModel(wide)
+    reached = []
+    for x in np.linspace(-4, 4, 17):
+        try:
+            model.solve(np.array([x]))
+            reached.append(True)
+        except twin.TwinError:
+            reached.append(False)
+    found = space_of(wide, clearance=1e-6).free(np.linspace(-4, 4, 17)[:, None])
+    assert not np.any(found & ~np.array(reached))
+
+
+# -- what is said ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "words"),
+    [
+        ([0.0, 0, 0], [1.5, 0, 0], "its start is not free: link1 and room/post collide"),
+        ([1.5, 0, 0], [0.0, 0, 0], "its goal is not free: link1 and room/post collide"),
+        ([1.5, 0, 0], [2.7, 0, 0], r"its goal is not free: joint q0 = 154.699 deg is 5.73 deg beyond its limits"),
+        ([1.5, 0, 0], [0.0, 2.5, 2.5], "mm apart \\(required: 5 mm\\)|collide"),
+    ],
+)
+def test_an_end_that_is_not_free_is_named_with_its_size(start, goal, words):
+    with pytest.raises(ProtocolError, match=words):
+        around(space_of(arm(), post(0.3, 0)), np.array(start), np.array(goal))
+
+
+def test_no_way_says_what_was_tried(monkeypatch):
+    monkeypatch.setattr("twin.planning.around._ROUNDS", ((0.2, 20), (1.0, 30)))
+    space = space_of(arm(1), *[replace(post(0.15, 0.0), name="room/wall")])
+    with pytest.raises(
+        ProtocolError, match=r"no way was found .* 20 within 20 % of the limits, 30 within 100 % .* waypoint"
+    ):
+        around(space, np.array([-1.5]), np.array([1.5]))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_rounded_way_is_smooth_keeps_its_ends_and_comes_near_its_corners(seed):
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-1, 1, (6, 3))
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    sharp = np.column_stack([np.interp(DENSE * along[-1], along, column) for column in corners.T])
+    off = []
+    for width in (0.1, 0.05, 0.025, 0.0125):
+        curve = rounded(corners, np.ones(3), width)
+        q = curve(DENSE)
+        np.testing.assert_allclose(q[[0, -1]], corners[[0, -1]], atol=1e-12)
+        np.testing.assert_allclose(curve(DENSE[1:-1], 1), (q[2:] - q[:-2]) / 2e-3, atol=0.05 / width)
+        assert curve.tail.max() < 1e-6
+        off.append(np.abs(q - sharp).max())
+    assert off == sorted(off, reverse=True)
+    assert off[-1] < 0.2 * off[0]
+
+
+# -- in a protocol ---------------------------------------------------------------------------------------------------
+
+PROTOCOL = """name = "over"
+title = "Over an obstacle"
+source = "made for a test"
+robot = "{robot}"
+frame = "{frame}"
+shaft_axis = {shaft}
+rotation = "zyx"
+start = "a"
+no_patient = "made for a test"
+
+[tolerances]
+rcm_mm = 0.1
+rcm_alarm_mm = 1
+straightness_mm = 0.05
+waypoint_mm = 0.01
+waypoint_deg = 0.01
+provenance = "ASSUMED"
+note = "made for a test"
+
+[limits.free]
+tip_speed_mm_s = 300
+tip_acceleration_mm_s2 = 900
+rotation_speed_deg_s = 90
+rotation_acceleration_deg_s2 = 300
+provenance = "ASSUMED"
+note = "made for a test"
+
+[waypoints.a]
+position_mm = {a}
+angles_deg = {angles}
+provenance = "ASSUMED"
+note = "made for a test"
+
+[waypoints.b]
+position_mm = {b}
+angles_deg = {angles}
+provenance = "ASSUMED"
+note = "made for a test"
+
+[[phases]]
+name = "across"
+type = "free"
+to = "b"
+{more}
+"""
+
+PLACES = {
+    "pa10": {
+        "frame": "instrument_tip",
+        "shaft": [0, 0, 1],
+        "a": [310, 480, 160],
+        "b": [-310, 480, 160],
+        "angles": [0, 180, 0],
+    },
+    "sils": {
+        "frame": "endoscope_tip",
+        "shaft": [0, 0, 1],
+        "a": [478, 320, 10],
+        "b": [528, 318, 15],
+        "angles": [0, 0, 0],
+    },
+}
+
+
+POSTS = {"pa10": 20 * MM, "sils": 4 * MM}
+"""Edge of the obstacle: the shaft of sils is thick, and it moves by 50 mm only."""
+
+
+def written(folder, robot, more=""):
+    path = folder / "over.toml"
+    path.write_text(PROTOCOL.format(robot=robot, more=more, **PLACES[robot]), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ("clearance_mm = 0", "clearance_mm = 0: out of range"),
+        ("seed = -1", "seed = -1: out of range"),
+        ("samples = 9", "samples: unknown key"),
+    ],
+)
+def test_wrong_keys_of_a_free_phase_are_refused(tmp_path, more, words):
+    with pytest.raises(DescriptionError, match=words):
+        load_protocol(written(tmp_path, "pa10", more))
+
+
+def test_a_free_phase_needs_a_mechanism_and_a_scene_that_is_there(tmp_path):
+    robot = twin.load("pa10")
+    protocol = load_protocol(written(tmp_path, "pa10"))
+    T, bare = robot.mechanism.frame_in_tool("instrument_tip"), replace(robot.path_kinematics(), space=None)
+    with pytest.raises(ProtocolError, match=r"phase 'across' \(free\): a free motion needs the mechanism"):
+        plan(protocol, bare, T_tool_frame=T)
+    with pytest.raises(ProtocolError, match=r"there is no scene 'vrs'\. Did you mean 'vsrs'"):
+        twin.plan(robot, written(tmp_path, "pa10", 'scene = "vrs"'))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PLACES if "TWIN_WAYS" in os.environ else ["pa10"])  # one of SILS takes 100 s
+def test_free_phases_of_robots_go_around_a_post_and_are_judged_right(tmp_path, name):
+    """TWIN_WAYS plans of each (default 1), the obstacle in the middle of the straight way; collisions: none."""
+    robot = twin.load(name)
+    leader = Leader(robot.reference)
+    for seed in range(int(os.environ.get("TWIN_WAYS", "1"))):
+        path = written(tmp_path, name, f"seed = {seed}")
+        protocol = robot.protocol(path)
+        kinematics = robot.path_kinematics()
+        T = robot.mechanism.frame_in_tool(protocol.frame)
+        straight = plan(protocol, kinematics, T_tool_frame=T)
+        middle = straight.q[len(straight.t) // 2]
+        tip = ReferenceModel(robot.mechanism).run(np.array([straight.q[0], middle])).Ts_base_tool[-1] @ T
+        size = POSTS[name]
+        still = Still("room/post", Body("post", (box("post", [0, 0, 0], [size] * 3),)), spatial.pose(p=tip[:3, 3]))
+
+        def space(scene, clearance, keep, still=still):
+            return JointSpace(lambda: leader.model, clearance, keep=keep, around=lambda: [still])
+
+        found = plan(protocol, replace(kinematics, space=space), T_tool_frame=T)
+        assert [f for f in found.findings if f.severity in ("error", "disagreement")] == []
+        times = np.linspace(0.0, found.duration, 400)
+        model = ReferenceModel(robot.mechanism)
+        links = model.link_poses(model.run(found.joints(times)).x)
+        assert nearest(robot.mechanism, links, still) >= CLEARANCE / 2
+        assert nearest(robot.mechanism, model.link_poses(model.run(straight.joints(times)).x), still) < CLEARANCE / 2
+        report = twin.validate(robot, found, protocol=path)
+        assert [str(f) for f in report.findings if f.severity in ("error", "disagreement")] == []
+
+
+def nearest(mechanism, links, still):
+    """Return the minimum distance in m of a robot's bodies from a box along link poses, by vertices in the box's frame.
+
+    Vertices of a mesh with chords of 0.1 mm are within a fraction of a millimetre of its nearest point if its triangles
+    are small; long ones are halved first.
+    """
+    import trimesh
+
+    half = np.ptp(still.body.meshes[0].vertices, axis=0) / 2
+    least = np.inf
+    for body in mechanism.bodies:
+        for mesh in body.meshes:
+            vertices, _ = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.triangles, 10 * MM, max_iter=20)
+            for T in np.broadcast_to(links[body.name], (len(next(iter(links.values()))), 4, 4))[::4]:
+                p = vertices @ T[:3, :3].T + T[:3, 3] - still.T_base_body[:3, 3]
+                out = np.maximum(np.abs(p) - half, 0)
+                least = min(least, float(np.sqrt((out**2).sum(axis=1).min())))
+    return least

@@ -1,0 +1,177 @@
+"""A protocol as paths: phase after phase, each beginning where the last one ended, with exact derivatives in s."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol as Interface
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.errors import ProtocolError
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.planning.path import Path
+from twin.planning.protocol import Phase, Protocol, trocar_of
+from twin.planning.protocol.course import Course, Motion, rotation
+from twin.planning.protocol.phase import Begin, pose_of
+from twin.planning.smooth import fit
+from twin.planning.trajectory import PathKinematics
+
+_NO_LENGTH = 1e-9
+"""Metres and rad below which a phase has no length."""
+
+_ROUGH = 1e-6
+"""Maximum truncation error (m, rad) of a joint's series on a smooth path."""
+
+
+@dataclass(frozen=True)
+class PhasePath(Course):
+    """One phase as a path.
+
+    Attributes:
+        phase: what it was built from.
+        waypoint: name of the waypoint it should end at, if any.
+        beside: auxiliary joints: place in q, value in m or rad at both ends.
+    """
+
+    phase: Phase
+    waypoint: str | None
+    beside: tuple[tuple[int, float, float], ...]
+
+    def joints(self, s: Array, kinematics: PathKinematics) -> Array:
+        """Return the driven joints (k, n) at s (k,), NaN where there are none."""
+        q = kinematics.inverse(self.motion(s).Ts_base_tool)
+        for i, start, end in self.beside:
+            q[:, i] = start + s * (end - start)
+        return q
+
+    def driven(self, kinematics: PathKinematics, where: str) -> Path:
+        """Return the path of the driven joints.
+
+        Raises:
+            ProtocolError: it has a kink or jump; `where` begins the message.
+        """
+        series = fit(lambda s: self.joints(s, kinematics))
+        if np.max(series.tail) > _ROUGH:
+            j = int(np.argmax(series.tail))
+            raise ProtocolError(
+                f"{where}: joint {kinematics.joint_names[j]} is not a smooth function of the path (a kink or "
+                f"jump of about {series.tail[j]:.2g} m or rad): it passes close to a singularity, or the inverse "
+                "changes its branch"
+            )
+        return series
+
+    def motion(self, s: Array) -> Motion:
+        """Return the motion at s (k,)."""
+        return self.phase.motion(self, np.asarray(s, float))
+
+    def angles(self, s: float) -> Array:
+        """Return the angles (3,) in rad at s, about the axes of `order`."""
+        return self.angles0 + s * (self.angles1 - self.angles0)
+
+    def depth(self, s: float) -> float:
+        """Return the depth in m at s (NaN without RCM)."""
+        return self.phase.depth_at(self, s)
+
+
+class Guide(Interface):
+    """Replaces paths by those that the mechanism follows; see `following.Follower`."""
+
+    def start(self, T_tool_frame: Array) -> tuple[Array, Array]:
+        """Return angles (3,) and place (3,) of the moved frame where the protocol starts."""
+        ...
+
+    def along(self, path: PhasePath) -> PhasePath:
+        """Return a phase as the mechanism follows it."""
+        ...
+
+
+def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -> tuple[PhasePath, ...]:
+    """Return the phases of a protocol as paths, each beginning where the last one ended.
+
+    Args:
+        protocol: what to do.
+        T_tool_frame: (4, 4) pose of `protocol.frame` in the tool.
+        guide: moves the mechanism along each; None: every phase is followed exactly in all directions.
+
+    Raises:
+        ProtocolError: a phase has no length, retracts to more than its depth, or goes by joints without a guide.
+    """
+    n_tool = T_tool_frame[:3, :3] @ protocol.shaft_axis
+    angles, tip = (
+        pose_of(protocol.waypoints, protocol.start, protocol.name) if guide is None else guide.start(T_tool_frame)
+    )
+    rcm = protocol.rcm
+    if rcm is not None:
+        missed = spatial.point_to_line(rcm, tip, rotation(angles, protocol.rotation) @ n_tool)
+        if missed > protocol.tolerances.rcm:
+            raise ProtocolError(
+                f"{protocol.name}: rcm_mm is registered from the start, but the shaft of '{protocol.start}' passes it "
+                f"at {missed / MM:.3f} mm (allowed: {protocol.tolerances.rcm / MM:g} mm)"
+            )
+    paths: list[PhasePath] = []
+    for phase in protocol.phases:
+        shaft = rotation(angles, protocol.rotation) @ n_tool
+        rcm = _in_trocar(protocol, phase, rcm, tip, shaft)
+        begin = Begin(
+            where=_where(protocol, phase),
+            waypoints=protocol.waypoints,
+            order=protocol.rotation,
+            n_tool_shaft=n_tool,
+            tolerance=protocol.tolerances.rcm,
+            by_mechanism=guide is not None,
+            angles=angles,
+            tip=tip,
+            shaft=shaft,
+            rcm=rcm,
+            depth=float((tip - rcm) @ shaft) if rcm is not None else np.nan,
+            mode=paths[-1].rcm_mode if paths else None,
+        )
+        end = phase.lead(begin)
+        elsewhere = end.waypoint is not None and protocol.waypoints[end.waypoint].joints is not None
+        still = phase.has_length and not elsewhere and np.linalg.norm(end.tip - tip) < _NO_LENGTH
+        if still and np.linalg.norm(end.angles - angles) < _NO_LENGTH:
+            at = ", ".join(f"{x / MM:.3f}" for x in tip)
+            turn = ", ".join(f"{x / DEG:.3f}" for x in angles)
+            raise begin.refuse(f"it has no length: it begins and ends at ({at}) mm, ({turn}) deg; remove it")
+        path = PhasePath(
+            T_tool_frame=np.asarray(T_tool_frame, float),
+            n_tool_shaft=n_tool,
+            order=protocol.rotation,
+            angles0=angles,
+            angles1=end.angles,
+            tip0=tip,
+            tip1=end.tip,
+            rcm=end.rcm,
+            rcm_mode=end.mode,
+            depth0=begin.depth if end.depth0 is None else end.depth0,
+            depth1=end.depth1,
+            phase=phase,
+            waypoint=end.waypoint,
+            beside=(),
+        )
+        paths.append(path if guide is None else guide.along(path))
+        angles, tip = paths[-1].angles1, paths[-1].tip1
+        rcm = None if phase.leaves() else end.rcm
+    return tuple(paths)
+
+
+def _in_trocar(protocol: Protocol, phase: Phase, rcm: Array | None, tip: Array, shaft: Array) -> Array | None:
+    """Return the RCM (3,) that a phase begins with: that of the phases before, or the trocar that it names.
+
+    An insertion starts at the tip, which must be at the trocar, so that its shaft keeps the RCM exactly.
+    """
+    if not (name := trocar_of(phase)):
+        return rcm
+    place, allowed = protocol.trocars[name], protocol.tolerances.rcm
+    inserts = phase.registers
+    missed = float(np.linalg.norm(place - tip) if inserts else spatial.point_to_line(place, tip, shaft))
+    if missed > allowed:
+        what = f"begins {missed / MM:.3f} mm from" if inserts else f"begins with its shaft {missed / MM:.3f} mm beside"
+        raise ProtocolError(f"{_where(protocol, phase)}: it {what} trocar '{name}' (allowed: {allowed / MM:g} mm)")
+    return rcm if rcm is not None and np.linalg.norm(rcm - place) <= allowed else place
+
+
+def _where(protocol: Protocol, phase: Phase) -> str:
+    return f"{protocol.name}: phase '{phase.name}' ({phase.type})"

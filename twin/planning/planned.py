@@ -1,0 +1,54 @@
+"""A planned protocol as an answer: its phases, what the check found, and the files of its samples."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from twin.core.findings import Finding, by_severity
+from twin.core.result import Part, Result, Table, as_json
+from twin.planning.tracks import write_csv
+from twin.planning.trajectory import Trajectory
+
+FILES = ("trajectory.csv", "trajectory.json")
+
+
+@dataclass(frozen=True)
+class Planned(Result):
+    """A trajectory, checked.
+
+    Attributes:
+        trajectory: as planned.
+        angles: whether each driven joint is an angle.
+    """
+
+    kind: ClassVar[str] = "plan"
+    trajectory: Trajectory
+    angles: Sequence[bool]
+
+    @property
+    def findings(self) -> Sequence[Finding]:
+        """What the check of every sample found."""
+        return self.trajectory.findings
+
+    def content(self) -> Mapping[str, Any]:
+        """Return the trajectory without its samples."""
+        return self.trajectory.as_dict(arrays=False)
+
+    def text(self) -> Iterator[Part]:
+        """Yield the phases and the findings."""
+        t = self.trajectory
+        yield f"{t.robot} · {t.protocol} · {t.duration:.3f} s, {len(t.t)} samples\n"
+        rows = [(p.name, p.type, f"{p.t0:.3f}", f"{p.t1:.3f}", p.waypoint or "", p.rcm_mode or "") for p in t.phases]
+        yield Table(("phase", "type", "from s", "to s", "ends at", "RCM"), rows)
+        yield ""
+        yield from by_severity(self.findings)
+        yield ""
+
+    def write(self, folder: Path) -> None:
+        """Write every sample as CSV, the rest as JSON."""
+        table, rest = (folder / name for name in FILES)
+        write_csv(self.trajectory, table, self.angles)
+        rest.write_text(as_json(self.content()), encoding="utf-8")

@@ -1,0 +1,278 @@
+"""Base classes of phase types: the table in the file, the conditions on earlier phases, and the path.
+
+Each type is one file in `phases` with its table and its phase. There is no other list of the types.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from twin.core.errors import DescriptionError, ProtocolError, unknown
+from twin.core.provenance import Parameter
+from twin.core.spatial import Array
+from twin.planning.protocol.course import Course, Motion, RcmMode, RotationOrder
+from twin.planning.protocol.waypoint import Waypoint
+from twin.schema import Identifier, Key, Table, error_at
+
+Positive = Annotated[float, Field(gt=0)]
+Depth = Annotated[float, Field(ge=0)]
+Trocar = Annotated[
+    Identifier | None,
+    Field(description="the entry of [trocars_mm] that the shaft passes through; required if there are several"),
+]
+JointValue = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*_(deg|mm)$")]
+
+
+# -- in the file ----------------------------------------------------------------------------------------------------
+
+
+class Walk:
+    """The state while walking through a protocol's phases.
+
+    Attributes:
+        trocars: names of [trocars_mm].
+        home: waypoint that `home` leads to.
+        inside: whether an RCM is registered.
+        here: waypoint at which the robot is, None if it is at none.
+        goal: waypoint at which the phase ends, None if it ends at none.
+        stays: whether the phase ends where it began.
+        used: waypoints that phases have used so far.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        waypoints: Mapping[str, Any],
+        trocars: Sequence[str],
+        start: str,
+        home: str,
+        inside: bool,
+    ) -> None:
+        """Begin at waypoint `start` of the file at `path`; `inside`: an RCM is registered already."""
+        self._path, self._waypoints, self.trocars, self.home = path, waypoints, trocars, home
+        self.inside, self.here, self.used = inside, start, {start, home}
+        self._keys: tuple[Key, ...] = ()
+        self.goal: str | None = None
+        self.stays = False
+
+    def follow(self, place: int, phase: PhaseTable) -> None:
+        """Check the next phase.
+
+        Raises:
+            DescriptionError: the phase cannot follow the phases before it.
+        """
+        self._keys, self.goal, self.stays = ("phases", place), None, False
+        phase.follow(self)
+        self.here = self.here if self.stays else self.goal
+
+    def wrong(self, key: Key | None, message: str) -> DescriptionError:
+        """Return an error at a key of the phase."""
+        return error_at(self._path, self._keys if key is None else (*self._keys, key), message)
+
+    def outside(self, kind: str) -> None:
+        """Require that no RCM is registered."""
+        if self.inside:
+            raise self.wrong(
+                "type", f"the instrument is still in the patient: put a retraction to depth 0 before this {kind}"
+            )
+
+    def registered(self, kind: str) -> None:
+        """Require that an RCM is registered."""
+        if not self.inside:
+            raise self.wrong("type", f"no RCM is registered yet: put an insertion before this {kind}")
+
+    def through(self, trocar: str | None) -> None:
+        """Use the trocar that the phase names as the RCM."""
+        if trocar is not None and trocar not in self.trocars:
+            raise self.wrong("trocar", f"{unknown('trocar', trocar, self.trocars)}: [trocars_mm] gives the places")
+        self.inside = self.inside or trocar is not None
+
+    def go(self, goal: str, why: str, *needs: Literal["position_mm", "depth_mm", "joints"], key: Key = "to") -> None:
+        """Set the waypoint at which the phase ends; it must have one of the needed keys."""
+        self.target(goal, (*self._keys, key), why, *needs)
+        self.goal = goal
+        self.used.add(goal)
+        if goal == self.here:
+            raise self.wrong(key, f"the phase has no length: it begins at '{goal}' already; remove it")
+
+    def target(self, name: str, keys: tuple[Key, ...], why: str, *needs: str) -> None:
+        """Require a waypoint with one of the needed keys, if any are needed."""
+        if name not in self._waypoints:
+            raise error_at(self._path, keys, unknown("waypoint", name, self._waypoints))
+        if needs and all(getattr(self._waypoints[name], n) is None for n in needs):
+            raise error_at(self._path, keys, f"waypoint '{name}' has no {' or '.join(needs)}, which {why} needs")
+
+    def once(self, joints: Iterable[str], keys: tuple[Key, ...] | None = None) -> None:
+        """Require that no joint is given twice."""
+        moved = [key.rsplit("_", 1)[0] for key in joints]
+        for joint in moved:
+            if moved.count(joint) > 1:
+                text = f"joint '{joint}' is given twice, in deg and in mm"
+                raise error_at(self._path, keys or (*self._keys, "joints"), text)
+
+
+class PhaseTable(Table):
+    """A table of a phase in the file; a phase type is a subclass with `type: Literal["..."]`."""
+
+    name: Identifier
+
+    rank: ClassVar[int]
+    """Position of the type in lists of the types."""
+
+    in_patient: ClassVar[bool] = False
+    """Whether the instrument is in the patient during the phase."""
+
+    def follow(self, walk: Walk) -> None:
+        """Check the phase against the phases before it, and set its end in `walk`."""
+        raise NotImplementedError
+
+    def phase(self, walk: Walk) -> Phase:
+        """Return the phase in SI."""
+        raise NotImplementedError
+
+    def leaves(self) -> bool:
+        """Return whether the instrument is out of the patient after the phase."""
+        return False
+
+    def kind(self) -> str:
+        """Return the type of the phase."""
+        return type(self).kind_of()
+
+    @classmethod
+    def kind_of(cls) -> str:
+        """Return the type of the phases of this class, as `type` in the file."""
+        return cls.model_fields["type"].annotation.__args__[0]  # type: ignore[union-attr]
+
+
+# -- as a path ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Begin:
+    """The state at the start of a phase.
+
+    Attributes:
+        where: protocol and phase, for messages.
+        waypoints: those of the protocol, by name.
+        order: rotation axes of `angles`, in order.
+        n_tool_shaft: (3,) unit vector along the shaft, in the tool.
+        tolerance: in m, within which the shaft is on the RCM.
+        by_mechanism: True if the mechanism gives the tool path; if False, waypoints given by joint values have no
+            known tool pose.
+        angles, tip: (3,) orientation in rad and (3,) position in m of the frame that the phase moves.
+        shaft: (3,) in base.
+        rcm: (3,) in base, or None. depth: in m, NaN without RCM.
+        mode: of the phase before, None if there is none.
+    """
+
+    where: str
+    waypoints: Mapping[str, Waypoint]
+    order: RotationOrder
+    n_tool_shaft: Array
+    tolerance: float
+    by_mechanism: bool
+    angles: Array
+    tip: Array
+    shaft: Array
+    rcm: Array | None
+    depth: float
+    mode: RcmMode | None
+
+    def pose(self, name: str) -> tuple[Array, Array]:
+        """Return angles and place (3,) of a waypoint; for joint values: the present ones.
+
+        Raises:
+            ProtocolError: the waypoint has no place.
+        """
+        if self.by_mechanism and self.waypoints[name].joints is not None:
+            return self.angles, self.tip
+        return pose_of(self.waypoints, name, self.where.partition(":")[0])
+
+    def refuse(self, text: str) -> ProtocolError:
+        """Return an error that names the phase."""
+        return ProtocolError(f"{self.where}: {text}")
+
+
+def pose_of(waypoints: Mapping[str, Waypoint], name: str, protocol: str) -> tuple[Array, Array]:
+    """Return angles (3,) in rad and place (3,) in m of a waypoint.
+
+    Raises:
+        ProtocolError: it has no place.
+    """
+    waypoint = waypoints[name]
+    if waypoint.position is None:
+        text = "joint values, which need the mechanism" if waypoint.joints is not None else "no position"
+        raise ProtocolError(f"{protocol}: waypoint '{name}' has {text}")
+    return waypoint.angles, waypoint.position
+
+
+@dataclass(frozen=True)
+class End:
+    """The state at the end of a phase: angles, position and RCM (3,), waypoint, mode, depths in m; see `Begin`.
+
+    `depth0` is the depth at its start if the phase registers an RCM there; None: unchanged.
+    """
+
+    angles: Array
+    tip: Array
+    rcm: Array | None
+    waypoint: str | None = None
+    mode: RcmMode | None = None
+    depth1: float = np.nan
+    depth0: float | None = None
+
+
+@dataclass(frozen=True)
+class Phase(ABC):
+    """A phase, in SI.
+
+    Attributes:
+        type: as in the file.
+        registers: whether it registers an RCM at its start.
+        places: whether it moves straight to a waypoint `to`, outside the patient.
+        by_joints: whether it moves the driven joints if its waypoint has joint values.
+        has_length: whether its end must differ from its start.
+    """
+
+    name: str
+    type: ClassVar[str]
+    registers: ClassVar[bool] = False
+    places: ClassVar[bool] = False
+    by_joints: ClassVar[bool] = False
+    has_length: ClassVar[bool] = True
+
+    @abstractmethod
+    def lead(self, at: Begin) -> End:
+        """Return the end of the phase.
+
+        Raises:
+            ProtocolError: the phase cannot be carried out.
+        """
+
+    def motion(self, course: Course, s: Array) -> Motion:
+        """Return the motion at s (k,): straight, unless the type says otherwise."""
+        return course.line(s)
+
+    def depth_at(self, course: Course, s: float) -> float:
+        """Return the depth in m at s (NaN without RCM)."""
+        return course.depth0 + s * (course.depth1 - course.depth0)
+
+    def leaves(self) -> bool:
+        """Return whether the RCM is released at the end of the phase."""
+        return False
+
+    def parameters(self) -> Iterable[Parameter]:
+        """Return the parameters of the phase."""
+        return ()
+
+
+def trocar_of(phase: Phase) -> str:
+    """Return the name of the trocar that a phase keeps; "" if it names none."""
+    return getattr(phase, "trocar", "")

@@ -1,0 +1,46 @@
+"""auxiliary: joints that do not move the tool (a jaw) to their values; the tool is at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from twin.planning.protocol.phase import Begin, End, JointValue, Phase, PhaseTable, Walk
+from twin.planning.protocol.waypoint import joint_values
+
+
+class AuxiliaryTable(PhaseTable):
+    """Move auxiliary joints, which do not move the tool (a jaw), to `joints`: NAME_deg or NAME_mm."""
+
+    type: Literal["auxiliary"]
+    joints: dict[JointValue, float]
+
+    rank: ClassVar[int] = 2
+
+    def follow(self, walk: Walk) -> None:
+        """End at the waypoint where the phase begins."""
+        walk.once(self.joints)
+        walk.stays = True
+
+    def phase(self, walk: Walk) -> Auxiliary:
+        """Return the phase in SI."""
+        return Auxiliary(self.name, *joint_values(self.joints))
+
+
+@dataclass(frozen=True)
+class Auxiliary(Phase):
+    """Move auxiliary joints (a jaw) synchronously to `joints`, values by name in m or rad. The tool is at rest.
+
+    `angle_joints` are the joints that were given in degrees.
+    """
+
+    joints: Mapping[str, float]
+    angle_joints: frozenset[str]
+    type: ClassVar[str] = "auxiliary"
+    has_length: ClassVar[bool] = False
+
+    def lead(self, at: Begin) -> End:
+        """Return the unchanged pose of the tool."""
+        mode = at.mode if at.rcm is not None else None
+        return End(at.angles, at.tip, at.rcm, None, mode, at.depth)

@@ -1,0 +1,120 @@
+"""circle: full circles of the tip; with an RCM the shaft turns about it without spin, else the attitude is constant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from twin.core import spatial
+from twin.core.provenance import Parameter
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.planning.protocol.course import Course, Motion, rotation
+from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Trocar, Walk
+from twin.schema import Vector, at
+
+_NO_RADIUS = 1e-9
+"""Tolerance in m of the radius."""
+
+
+class CircleTable(PhaseTable):
+    """Full circles of the tip; the shaft stays on the RCM if there is one."""
+
+    type: Literal["circle"]
+    centre_mm: Vector
+    normal: Vector = (0.0, 0.0, 1.0)
+    turns: Annotated[int, Field(ge=1)] = 1
+    trocar: Trocar = None
+
+    rank: ClassVar[int] = 5
+    in_patient: ClassVar[bool] = True
+
+    @model_validator(mode="after")
+    def _has_an_axis(self) -> CircleTable:
+        if not any(self.normal):
+            raise at("normal", "the axis of a circle must not be zero")
+        return self
+
+    def follow(self, walk: Walk) -> None:
+        """End at the waypoint where the phase begins."""
+        walk.through(self.trocar)
+        walk.stays = True
+
+    def phase(self, walk: Walk) -> Circle:
+        """Return the phase in SI."""
+        normal = np.array(self.normal, float)
+        centre = np.array(self.centre_mm) * MM
+        return Circle(self.name, centre, normal / np.linalg.norm(normal), self.turns, self.trocar or "")
+
+
+@dataclass(frozen=True)
+class Circle(Phase):
+    """A full circle of the tip about the axis `normal` (3,) through `centre` (3,) in m, counter-clockwise.
+
+    With an RCM, or the `trocar` named here, the shaft passes through it, without spin; without RCM the attitude is
+    constant.
+    """
+
+    centre: Array
+    normal: Array
+    turns: int = 1
+    trocar: str = ""
+    type: ClassVar[str] = "circle"
+    has_length: ClassVar[bool] = False
+
+    def lead(self, at: Begin) -> End:
+        """Return the end of the circle, which is its start."""
+        if np.linalg.norm(np.cross(at.tip - self.centre, self.normal)) < _NO_RADIUS:
+            raise at.refuse("it begins on the axis of the circle: the radius is 0")
+        if at.rcm is None:
+            return End(at.angles, at.tip, None)
+        missed = spatial.point_to_line(at.rcm, at.tip, at.shaft)
+        if missed > at.tolerance:
+            raise at.refuse(f"the shaft begins {missed / MM:.3f} mm beside the RCM")
+        return End(at.angles, at.tip, at.rcm, None, "enforced", at.depth)
+
+    def motion(self, course: Course, s: Array) -> Motion:
+        """Return the motion at s (k,): the shaft is turned from its first direction by the smallest rotation."""
+        R0 = rotation(course.angles0, course.order)
+        out = course.tip0 - self.centre
+        out, along = out - (out @ self.normal) * self.normal, (out @ self.normal) * self.normal
+        across = np.cross(self.normal, out)
+        full = 2 * np.pi * self.turns
+        c, sn = np.cos(full * s)[:, None], np.sin(full * s)[:, None]
+        p = self.centre + along + c * out + sn * across
+        p1, p2 = full * (c * across - sn * out), -(full**2) * (c * out + sn * across)
+        if course.rcm is None:
+            still = np.zeros((len(s), 3))
+            return course.moved(np.tile(R0, (len(s), 1, 1)), p, p1, p2, still, still)
+        # Direction n of the shaft from the RCM to the tip, and the smallest rotation from n0 to n.
+        w = p - course.rcm
+        l = np.linalg.norm(w, axis=1)[:, None]  # noqa: E741
+        n = w / l
+        l1 = np.sum(n * p1, axis=1)[:, None]
+        n1 = (p1 - l1 * n) / l
+        l2 = (np.sum(n1 * p1, axis=1) + np.sum(n * p2, axis=1))[:, None]
+        n2 = (p2 - l2 * n - 2 * l1 * n1) / l
+        n0 = R0 @ course.n_tool_shaft
+        v, share = np.cross(n0, n), 1 / (1 + n @ n0)
+        hat = spatial.hat(v)
+        R = (np.eye(3) + hat + share[:, None, None] * (hat @ hat)) @ R0
+        share = share[:, None]
+        w1 = np.cross(n0 + n, n1) * share
+        w2 = np.cross(n0 + n, n2) * share - w1 * (n1 @ n0)[:, None] * share
+        return course.moved(R, p, p1, p2, w1, w2)
+
+    def depth_at(self, course: Course, s: float) -> float:
+        """Return the depth in m at s (NaN without RCM)."""
+        if course.rcm is None:
+            return course.depth0
+        return float(np.linalg.norm(self.motion(course, np.array([s])).p[0] - course.rcm))
+
+    def parameters(self) -> Iterator[Parameter]:
+        """Yield the centre."""
+        for label, p in zip("xyz", self.centre, strict=True):
+            note = "centre of the circle; see the file"
+            yield Parameter(f"{self.name}_centre_{label}", float(p), "mm", float(p) / MM, "ASSUMED", note)

@@ -1,0 +1,64 @@
+"""free: by the driven joints to a waypoint around what is in the way, outside the patient."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from twin.core.provenance import Parameter
+from twin.core.units import MM
+from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Positive, Walk
+from twin.schema import Identifier
+
+
+class FreeTable(PhaseTable):
+    """By the driven joints to a waypoint around what is in the way, outside the patient."""
+
+    type: Literal["free"]
+    to: Identifier
+    clearance_mm: Annotated[
+        Positive, Field(description="minimum distance of the robot's bodies from each other and from the scene")
+    ] = 5.0
+    seed: Annotated[int, Field(ge=0, description="of the random search; the same seed gives the same path")] = 0
+    scene: Annotated[
+        str | None,
+        Field(min_length=1, description="a scene with this robot: props and other robots, as drawn, are in the way"),
+    ] = None
+
+    rank: ClassVar[int] = 8
+
+    def follow(self, walk: Walk) -> None:
+        """Go to a waypoint."""
+        walk.outside(self.type)
+        walk.go(self.to, "a free motion", "position_mm", "joints")
+
+    def phase(self, walk: Walk) -> Free:
+        """Return it in SI."""
+        return Free(self.name, self.to, self.clearance_mm * MM, self.seed, self.scene or "")
+
+
+@dataclass(frozen=True)
+class Free(Phase):
+    """By the driven joints to the waypoint `to`, with `clearance` in m around the robot itself and the `scene`.
+
+    `seed` is that of the search, `scene` a name, or a path, or "" for the robot alone.
+    """
+
+    to: str
+    clearance: float
+    seed: int = 0
+    scene: str = ""
+    type: ClassVar[str] = "free"
+    by_joints: ClassVar[bool] = True
+
+    def lead(self, at: Begin) -> End:
+        """Go to the waypoint."""
+        return End(*at.pose(self.to), at.rcm, self.to)
+
+    def parameters(self) -> Iterator[Parameter]:
+        """Yield the clearance."""
+        shown, note = self.clearance / MM, "minimum distance of the robot's bodies; see the file"
+        yield Parameter(f"{self.name}_clearance", self.clearance, "mm", shown, "ASSUMED", note)

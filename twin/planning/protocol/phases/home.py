@@ -1,0 +1,39 @@
+"""home: move to the home waypoint: straight, or by the joints if the waypoint has joint values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Walk
+
+
+class HomeTable(PhaseTable):
+    """Move back to the home waypoint."""
+
+    type: Literal["home"]
+
+    rank: ClassVar[int] = 7
+
+    def follow(self, walk: Walk) -> None:
+        """End at the home waypoint."""
+        walk.outside(self.type)
+        walk.go(walk.home, "home", key="type")
+
+    def phase(self, walk: Walk) -> Home:
+        """Return the phase with its waypoint."""
+        return Home(self.name, walk.home)
+
+
+@dataclass(frozen=True)
+class Home(Phase):
+    """Move to the home waypoint `to`: straight, or by the joints if the waypoint has joint values."""
+
+    to: str
+    type: ClassVar[str] = "home"
+    places: ClassVar[bool] = True
+    by_joints: ClassVar[bool] = True
+
+    def lead(self, at: Begin) -> End:
+        """Return the end: the waypoint."""
+        return End(*at.pose(self.to), at.rcm, self.to)

@@ -1,0 +1,40 @@
+"""joints: move the driven joints synchronously; the tool follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Walk
+from twin.schema import Identifier
+
+
+class JointsTable(PhaseTable):
+    """Move the driven joints to the joint values of a waypoint, outside the patient."""
+
+    type: Literal["joints"]
+    to: Identifier
+
+    rank: ClassVar[int] = 1
+
+    def follow(self, walk: Walk) -> None:
+        """End at a waypoint with joint values."""
+        walk.outside(self.type)
+        walk.go(self.to, "a motion by the joints", "joints")
+
+    def phase(self, walk: Walk) -> Joints:
+        """Return the phase in SI."""
+        return Joints(self.name, self.to)
+
+
+@dataclass(frozen=True)
+class Joints(Phase):
+    """Move the driven joints synchronously to the joint values of the waypoint `to`."""
+
+    to: str
+    type: ClassVar[str] = "joints"
+    by_joints: ClassVar[bool] = True
+
+    def lead(self, at: Begin) -> End:
+        """Return the end: the waypoint; the mechanism gives its pose."""
+        return End(*at.pose(self.to), at.rcm, self.to)

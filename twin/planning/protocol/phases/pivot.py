@@ -1,0 +1,71 @@
+"""pivot: move about the RCM.
+
+"enforced" goes to angles and a depth, and the tip follows from them; "monitored" goes exactly to a waypoint, and the
+RCM error is reported.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.planning.protocol.course import Course, Motion, RcmMode, rotation
+from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Trocar, Walk
+from twin.schema import Identifier
+
+
+class PivotTable(PhaseTable):
+    """Move about the RCM."""
+
+    type: Literal["pivot"]
+    to: Identifier
+    rcm: RcmMode
+    trocar: Trocar = None
+
+    rank: ClassVar[int] = 4
+    in_patient: ClassVar[bool] = True
+
+    def follow(self, walk: Walk) -> None:
+        """Require an RCM, and end at the waypoint."""
+        walk.through(self.trocar)
+        walk.registered(self.type)
+        need = "depth_mm" if self.rcm == "enforced" else "position_mm"
+        walk.go(self.to, f"a pivot with {'an' if self.rcm == 'enforced' else 'a'} {self.rcm} RCM", need)
+
+    def phase(self, walk: Walk) -> Pivot:
+        """Return the phase in SI."""
+        return Pivot(self.name, self.to, self.rcm, self.trocar or "")
+
+
+@dataclass(frozen=True)
+class Pivot(Phase):
+    """Move about the RCM, or the `trocar` named here, to the waypoint `to`."""
+
+    to: str
+    rcm: RcmMode
+    trocar: str = ""
+    type: ClassVar[str] = "pivot"
+
+    def lead(self, at: Begin) -> End:
+        """Return the end: the waypoint, or its angles and depth about the RCM."""
+        if at.rcm is None:
+            raise at.refuse("no RCM is registered yet")
+        if self.rcm == "monitored":
+            angles, tip = at.pose(self.to)
+            depth = float((tip - at.rcm) @ rotation(angles, at.order) @ at.n_tool_shaft)
+            return End(angles, tip, at.rcm, self.to, self.rcm, depth)
+        angles, depth = at.waypoints[self.to].angles, at.waypoints[self.to].depth
+        if depth is None:
+            raise at.refuse(f"waypoint '{self.to}' has no depth")
+        if at.mode == "monitored" and spatial.point_to_line(at.rcm, at.tip, at.shaft) > at.tolerance:
+            raise at.refuse("it must keep the RCM, but its shaft misses the RCM at the start, after a monitored pivot")
+        tip = at.rcm + depth * (rotation(angles, at.order) @ at.n_tool_shaft)
+        return End(angles, tip, at.rcm, self.to, self.rcm, depth)
+
+    def motion(self, course: Course, s: Array) -> Motion:
+        """Return the motion at s (k,): about the RCM if this is enforced."""
+        if course.rcm_mode == "enforced" and course.rcm is not None:
+            return course.about(course.rcm, s)
+        return course.line(s)

@@ -1,0 +1,40 @@
+"""positioning: move straight to a waypoint, position and angles linear in s; outside the patient."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Walk
+from twin.schema import Identifier
+
+
+class PositioningTable(PhaseTable):
+    """Move straight to a waypoint, outside the patient."""
+
+    type: Literal["positioning"]
+    to: Identifier
+
+    rank: ClassVar[int] = 0
+
+    def follow(self, walk: Walk) -> None:
+        """End at a waypoint with a position."""
+        walk.outside(self.type)
+        walk.go(self.to, "a positioning", "position_mm")
+
+    def phase(self, walk: Walk) -> Positioning:
+        """Return the phase in SI."""
+        return Positioning(self.name, self.to)
+
+
+@dataclass(frozen=True)
+class Positioning(Phase):
+    """Move straight to the waypoint `to`."""
+
+    to: str
+    type: ClassVar[str] = "positioning"
+    places: ClassVar[bool] = True
+
+    def lead(self, at: Begin) -> End:
+        """Return the end: the waypoint."""
+        return End(*at.pose(self.to), at.rcm, self.to)

@@ -1,0 +1,65 @@
+"""retraction: move straight back along the shaft to a depth; at depth 0 the RCM is released."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from twin.core import spatial
+from twin.core.units import MM
+from twin.planning.protocol.phase import Begin, Depth, End, Phase, PhaseTable, Trocar, Walk
+
+_DEEPER = 1e-9
+"""Tolerance in m by which a retraction may end deeper than it begins."""
+
+
+class RetractionTable(PhaseTable):
+    """Move straight back along the shaft until `depth_mm` remains inside."""
+
+    type: Literal["retraction"]
+    depth_mm: Depth = 0.0
+    trocar: Trocar = None
+
+    rank: ClassVar[int] = 6
+    in_patient: ClassVar[bool] = True
+
+    def follow(self, walk: Walk) -> None:
+        """Require an RCM, and end at no waypoint."""
+        walk.through(self.trocar)
+        walk.registered(self.type)
+        walk.inside = self.depth_mm > 0
+
+    def phase(self, walk: Walk) -> Retraction:
+        """Return the phase in SI."""
+        return Retraction(self.name, self.depth_mm * MM, self.trocar or "")
+
+    def leaves(self) -> bool:
+        """Return whether the instrument is fully retracted."""
+        return self.depth_mm == 0
+
+
+@dataclass(frozen=True)
+class Retraction(Phase):
+    """Move back along the shaft until the tip is `depth` in m beyond the RCM, or beyond the `trocar` named here."""
+
+    depth: float = 0.0
+    trocar: str = ""
+    type: ClassVar[str] = "retraction"
+
+    def lead(self, at: Begin) -> End:
+        """Return the end: the tip moved back.
+
+        After a pivot that missed the RCM, the RCM is still missed and monitored.
+        """
+        if at.rcm is None:
+            raise at.refuse("no RCM is registered yet")
+        if self.depth > at.depth + _DEEPER:
+            text = f"it should end at depth {self.depth / MM:.3f} mm, but begins at {at.depth / MM:.3f} mm"
+            raise at.refuse(f"{text}: that is an insertion")
+        kept = spatial.point_to_line(at.rcm, at.tip, at.shaft) <= at.tolerance
+        tip = at.tip + (self.depth - at.depth) * at.shaft
+        return End(at.angles, tip, at.rcm, None, "enforced" if kept else "monitored", self.depth)
+
+    def leaves(self) -> bool:
+        """Return whether the instrument is fully retracted."""
+        return self.depth == 0

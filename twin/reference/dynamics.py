@@ -1,0 +1,235 @@
+"""Equations of motion of any mechanism, in its active joints: inverse and forward dynamics.
+
+    M(q) qdd + C(q, qd) qd + g(q) + F qd = tau
+
+Pinocchio gives the equations of the spanning tree for its velocities V (composite rigid bodies, recursive
+Newton-Euler). Loops and couplings, A V = 0, are included by projection on the active joints: V = G qd, dV/dt = G qdd -
+A_p^+ (dA/dt V), and by virtual work tau = G' tau_tree; forces in the loops do no work. Rotors turn with the motors, m =
+T^-1 q; their inertia at the joints is T^-T J_m T^-1.
+
+Sources: R. Featherstone, Rigid Body Dynamics Algorithms, Springer 2008, chapters 5, 6 and 8; R. M. Murray, Z. Li,
+S. S. Sastry, A Mathematical Introduction to Robotic Manipulation, CRC Press 1994, sections 4.3 and 6.1; Y. Nakamura,
+M. Ghodoussi, Dynamics computation of closed-link robot mechanisms with nonredundant and redundant actuators, IEEE
+Trans. Robotics and Automation 5 (1989) 294-302. docs/derivations.md has the derivation.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed beside site-packages
+from numpy.typing import ArrayLike
+from scipy.linalg import null_space
+
+from twin.core.errors import MechanismError
+from twin.core.spatial import Array
+from twin.model.mechanism import Mechanism
+from twin.reference import given
+from twin.reference.holding import GRAVITY
+from twin.reference.model import ReferenceModel
+from twin.reference.states import Assembly
+
+_IDLE = 1e-12
+"""Inertia in kg m2 or kg below which it counts as zero: far below any part, far above rounding."""
+
+_FLAT = 1e-9
+"""Relative size below which a singular value counts as zero."""
+
+State = ArrayLike | Assembly
+"""A state: active joints q (n,) in m or rad or, where loops have several branches, a solved assembly."""
+
+
+class Dynamics:
+    """Equations of motion in the n active joints, in the order of `mechanism.active`.
+
+    Efforts are in N m for angles and in N for lengths; inertias in kg m2, kg m or kg accordingly. A state is q (n,),
+    with loops closed from home, or an `Assembly` of `model`, which saves closing the loops and keeps its branch.
+
+    Attributes:
+        mechanism: the mechanism with masses; a body without inertia is massless.
+        model: its independent model, with the tree.
+        rotor: (n, n) inertia of the rotors, converted to the joints.
+        friction: (n,) viscous, N m s/rad or N s/m.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism | ReferenceModel,
+        gravity: ArrayLike = (0.0, 0.0, -GRAVITY),
+        *,
+        rotor: ArrayLike = 0.0,
+        friction: ArrayLike = 0.0,
+    ) -> None:
+        """Set up with the masses of a mechanism and the rotors of its actuators.
+
+        Args:
+            mechanism: the mechanism, or its model, which is then shared.
+            gravity: (3,) in base, m/s2.
+            rotor: (n,) inertia at the joints, in kg m2 or kg, in addition to those of the actuators.
+            friction: (n,) viscous friction at the joints.
+
+        Raises:
+            MechanismError: rotor or friction is not n numbers that are finite and at least 0.
+        """
+        self.model = mechanism if isinstance(mechanism, ReferenceModel) else ReferenceModel(mechanism)
+        self.mechanism = m = self.model.mechanism
+        self._tree = self.model.tree
+        self._pin = pin.Model(self._tree.model)
+        self._pin.gravity.linear = np.asarray(gravity, float)
+        self._data = self._pin.createData()
+        self._places = np.array([self._tree.configuration[j.name] for j in m.active], int)
+        self._upper = np.triu(np.ones((self._pin.nv, self._pin.nv)), 1) + 0.5 * np.eye(self._pin.nv)
+        self._tied = bool(self._tree.loops.names)
+        self.friction = self._given("friction", friction)
+        known = {a.name: a.rotor_inertia or 0.0 for a in m.actuators}
+        motors = np.array([known.get(name, 0.0) for name in m.motor_names])
+        inward = m.motors(np.eye(self.n)).T
+        self.rotor = inward.T @ (motors[:, None] * inward) + np.diag(self._given("rotor", rotor))
+
+    @property
+    def n(self) -> int:
+        """Number of active joints."""
+        return len(self.mechanism.active)
+
+    def _given(self, name: str, values: ArrayLike) -> Array:
+        values = np.asarray(values, float)
+        if values.ndim == 0:
+            values = np.full(self.n, float(values))
+        if values.shape != (self.n,) or not (np.isfinite(values) & (values >= 0)).all():
+            raise MechanismError(f"{name}: {self.n} finite numbers of at least 0 are needed, not {values}")
+        return values
+
+    # -- the terms of the equations -------------------------------------------------------------------
+
+    def configuration(self, at: State) -> Array:
+        """Return the configuration (nq,) of the tree at a state.
+
+        Raises:
+            AssemblyError: the loops cannot be closed at q. MechanismError: q is not n finite numbers.
+        """
+        if isinstance(at, Assembly):
+            return at.x
+        q = given.one(self.mechanism, np.asarray(at, float))
+        if self._tied:
+            return self.model.solve(q).x
+        x = self._home.copy()
+        x[self._places] = q
+        return x
+
+    def near(self, q: ArrayLike, before: State | None = None) -> State:
+        """Return the state at q (n,); if loops must be closed, they are closed starting from the previous state."""
+        if not self._tied:
+            return np.asarray(q, float)
+        return self.model.solve(np.asarray(q, float), before if isinstance(before, Assembly) else None)
+
+    def tools(self, q: ArrayLike) -> Array:
+        """Return T_base_tool (k, 4, 4) along joints q (k, n)."""
+        q = given.along(self.mechanism, np.asarray(q, float))
+        if self._tied:
+            return self.model.run(q).Ts_base_tool
+        X = np.tile(self._home, (len(q), 1))
+        X[:, self._places] = q
+        return self._tree.tool(self._tree.update(X, closing_only=True)[0])
+
+    def mass_matrix(self, at: State) -> Array:
+        """Return M (n, n) at a state, rotors included.
+
+        Raises:
+            MechanismError: a body with mass is moved by a joint that is neither driven nor determined by a loop. The
+                methods below raise it too.
+        """
+        return self._mass(self._determined(at))
+
+    def gravity(self, at: State) -> Array:
+        """Return g (n,): the efforts that hold a state at rest; joints without drive and constraint are held fixed."""
+        x = self.configuration(at)
+        return self._gain(x).T @ np.array(pin.computeGeneralizedGravity(self._pin, self._data, x))
+
+    def coriolis(self, at: State, qd: ArrayLike) -> Array:
+        """Return C(q, qd) qd (n,): Coriolis and centrifugal efforts at rates qd (n,)."""
+        return self.bias(at, qd) - self.gravity(at)
+
+    def bias(self, at: State, qd: ArrayLike) -> Array:
+        """Return C(q, qd) qd + g(q) (n,): the efforts without acceleration and friction."""
+        return self._newton_euler(self._determined(at), np.asarray(qd, float), np.zeros(self.n))
+
+    def inverse(self, at: State, qd: ArrayLike, qdd: ArrayLike) -> Array:
+        """Return the joint efforts (n,) that give accelerations qdd (n,) at a state and rates qd (n,)."""
+        qd, qdd = np.asarray(qd, float), np.asarray(qdd, float)
+        return self._newton_euler(self._determined(at), qd, qdd) + self.rotor @ qdd + self.friction * qd
+
+    def motor_efforts(self, at: State, qd: ArrayLike, qdd: ArrayLike) -> Array:
+        """Return the motor efforts (n,), in the order of `mechanism.motor_names`, that give qdd (n,); see `inverse`."""
+        return self.mechanism.motor_efforts(self.inverse(at, qd, qdd))
+
+    def forward(self, at: State, qd: ArrayLike, efforts: ArrayLike) -> Array:
+        """Return the accelerations (n,) under joint efforts (n,) at a state and rates qd (n,)."""
+        x, qd = self._determined(at), np.asarray(qd, float)
+        free = np.asarray(efforts, float) - self._newton_euler(x, qd, np.zeros(self.n)) - self.friction * qd
+        return np.asarray(np.linalg.solve(self._mass(x), free), float)
+
+    def energy(self, at: State, qd: ArrayLike) -> tuple[float, float]:
+        """Return kinetic energy, rotors included, and potential energy in J, zero with all mass at base."""
+        x, qd = self.configuration(at), np.asarray(qd, float)
+        V = qd @ self._gain(x).T
+        kinetic = float(pin.computeKineticEnergy(self._pin, self._data, x, V)) + 0.5 * float(qd @ self.rotor @ qd)
+        return kinetic, float(pin.computePotentialEnergy(self._pin, self._data, x))
+
+    # -- inside ---------------------------------------------------------------------------------------
+
+    def _gain(self, x: Array) -> Array:
+        """Return G (nv, n): velocities of the tree per rate of the active joints."""
+        return self.model.gains(x[None])[0] if self._tied else self._scatter
+
+    def _mass(self, x: Array) -> Array:
+        M = self._tree_mass(x)
+        if not self._tied:
+            return M[np.ix_(self._tree.active, self._tree.active)] + self.rotor
+        G = self._gain(x)
+        return G.T @ M @ G + self.rotor
+
+    def _tree_mass(self, x: Array) -> Array:
+        """Return the mass matrix (nv, nv) of the tree, completed from Pinocchio's upper half."""
+        upper = self._upper * np.asarray(pin.crba(self._pin, self._data, x), float).reshape(self._upper.shape)
+        return upper + upper.T
+
+    def _newton_euler(self, x: Array, qd: Array, qdd: Array) -> Array:
+        if not self._tied:
+            V, change = self._scatter @ qd, self._scatter @ qdd
+            return np.array(pin.rnea(self._pin, self._data, x, V, change))[self._tree.active]
+        V, change, G = (rows[0] for rows in self.model.motion(x[None], qd[None], qdd[None]))
+        return G.T @ np.array(pin.rnea(self._pin, self._data, x, V, change))
+
+    def _determined(self, at: State) -> Array:
+        """Return the configuration of a state; raise if the active joints do not determine the motion of every mass."""
+        if self._idle:
+            raise MechanismError(
+                f"{self.mechanism.name}: no drive and no loop determines the motion of {self._idle}, which moves a "
+                "mass: drive the joint, fix it, or add the missing loop"
+            )
+        return self.configuration(at)
+
+    @cached_property
+    def _home(self) -> Array:
+        return self.model.home().x
+
+    @cached_property
+    def _scatter(self) -> Array:
+        """Return G without loops and couplings: passive joints are at rest."""
+        return np.eye(self._pin.nv)[:, self._tree.active]
+
+    @cached_property
+    def _idle(self) -> str:
+        """A passive joint that moves a mass while all active joints are held, checked at home; "" if there is none."""
+        passive = self._tree.passive
+        if not len(passive):
+            return ""
+        A = self.model.loop_jacobian(self._home)[:, passive]
+        N = null_space(A, rcond=_FLAT) if len(A) else np.eye(len(passive))
+        M = self._tree_mass(self._home)[np.ix_(passive, passive)]
+        if np.trace(N.T @ M @ N) <= _IDLE:
+            return ""
+        most = passive[int(np.argmax(np.abs(N).sum(axis=1) * np.diag(M)))]
+        ids = (j for j in range(1, self._pin.njoints) if self._pin.joints[j].idx_v <= most)
+        return f"joint '{self._pin.names[max(ids)]}'"

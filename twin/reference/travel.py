@@ -1,0 +1,89 @@
+"""How far two bodies can move, one seen from the other, while the joints between them move: an upper bound.
+
+Only the coordinates that move exactly one of the two count. A slide by dx moves a body by dx. A turn by dx moves a
+point of it by rho dx at most, rho being the largest distance of the body from the axis at any values of the joints
+between: the radial part of the first offset behind the axis, the lengths of the others, the extent of the body, and
+how far the slides between are out. So along q(s), with L(s0, s1) the path length of each coordinate,
+no two points of the pair approach by more than the sum of rho L(s0, s1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed beside site-packages
+
+from twin.core.spatial import Array
+from twin.reference.tree import Tree
+
+Placed = tuple[int, Array]
+"""Number of the Pinocchio joint that carries a body (0: it is at rest), and its vertices (m, 3) in that frame."""
+
+
+class Reach:
+    """Bounds of `pairs` of bodies, from the tree's offsets alone."""
+
+    def __init__(self, tree: Tree, pairs: Sequence[tuple[Placed, Placed]]) -> None:
+        self._tree = tree
+        model = tree.model
+        self._fixed = np.zeros((len(pairs), model.nv))
+        self._slides: list[tuple[int, Array]] = []  # configuration index of a slide; (pairs, nv) where its length adds
+        sliding = [n for n in range(1, model.njoints) if model.joints[n].nq == 1 and _slides(model, n)]
+        adds = {n: np.zeros_like(self._fixed) for n in sliding}
+        for row, (a, b) in enumerate(pairs):
+            for (number, vertices), other in ((a, b[0]), (b, a[0])):
+                for j in self._above(number):
+                    if tree.moves(other)[model.joints[j].idx_v] if other else False:
+                        continue  # it moves both
+                    self._fill(row, j, number, vertices, adds)
+        self._slides = [(model.joints[n].idx_q, where) for n, where in adds.items() if where.any()]
+
+    def _above(self, number: int) -> list[int]:
+        """Return a joint and all that carry it, up to the base."""
+        out = []
+        while number:
+            out.append(number)
+            number = self._tree.model.parents[number]
+        return out
+
+    def _fill(self, row: int, j: int, number: int, vertices: Array, adds: dict[int, Array]) -> None:
+        model = self._tree.model
+        joint = model.joints[j]
+        columns = slice(joint.idx_v, joint.idx_v + joint.nv)
+        if _slides(model, j) and joint.nv == 1:
+            self._fixed[row, columns] += 1.0
+            return
+        between = self._above(number)
+        between = between[: between.index(j)][::-1]  # from j outwards
+        if not between:
+            across = np.linalg.norm(vertices[:, :2] if joint.nv == 1 else vertices, axis=1).max(initial=0.0)
+        else:
+            first = model.jointPlacements[between[0]].translation
+            across = np.linalg.norm(first[:2] if joint.nv == 1 else first)
+            across += sum(np.linalg.norm(model.jointPlacements[k].translation) for k in between[1:])
+            across += np.linalg.norm(vertices, axis=1).max(initial=0.0)
+        size = np.full(joint.nv, across)
+        if joint.nv == 6:
+            size[:3] = 1.0
+        self._fixed[row, columns] += size
+        for k in between:
+            if k in adds:
+                adds[k][row, columns] += 1.0
+
+    def bounds(self, X: Array, ahead: Array) -> Array:
+        """Return m (pairs, nv) by which a pair moves at most for each m or rad of a coordinate.
+
+        Args:
+            X: configurations (k, nq) along the motion.
+            ahead: (nv,) by how much a coordinate may leave these.
+        """
+        out = self._fixed.copy()
+        for place, where in self._slides:
+            column = int(np.flatnonzero([j.idx_q == place for j in self._tree.model.joints])[-1])
+            out += where * (np.abs(X[:, place]).max() + ahead[self._tree.model.joints[column].idx_v])
+        return out
+
+
+def _slides(model: pin.Model, number: int) -> bool:
+    return model.joints[number].shortname() == "JointModelPZ"
