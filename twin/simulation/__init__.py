@@ -1,1 +1,1 @@
-"""What happens in time: an arm under a controller, an operator at the console, robots at one patient."""
+"""Simulation: an arm under a controller, an operator at the console, robots at one patient."""

@@ -1,14 +1,20 @@
-"""All robots of a scene at once: where their links are, how near they come, whether each stays in its port."""
+"""A scene in a World: every robot plays its protocol; minimum clearances, and whether each keeps its port."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from twin.core import assets
 from twin.core.errors import TwinError
-from twin.core.findings import Finding
+from twin.core.findings import Finding, by_severity, disagreement
+from twin.core.quantity import mm
+from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.mechanism import Mechanism
@@ -16,17 +22,22 @@ from twin.model.scene import Place, Scene
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Clearance, between
+from twin.simulation.controllers.protocol import ProtocolPlayer
+from twin.simulation.limits import Limits
+from twin.simulation.plants.kinematic import Kinematic
+from twin.simulation.scene_stage import write_scene
+from twin.simulation.world import Placed, World
 
 RATE = 10.0
-"""Hz at which distances are measured."""
+"""Frequency in Hz at which distances are measured."""
 
 PORT_TOLERANCE = 0.1e-3
-"""How far in m a robot's RCM may lie from the port that it is said to work through."""
+"""Maximum distance in m of a robot's RCM from its port."""
 
 
 @dataclass(frozen=True)
 class Actor:
-    """A robot of the scene with what it is and does; `trocars` (3,) in its base, by name as in its `place`."""
+    """A robot of the scene with its model and motion; `trocars` (3,) in its base, by name as in its `place`."""
 
     place: Place
     mechanism: Mechanism
@@ -35,56 +46,147 @@ class Actor:
 
 
 @dataclass(frozen=True)
-class Played:
-    """What playing a scene gave.
+class Played(Result):
+    """The result of playing a scene.
 
     Attributes:
+        scene, actors, props: the scene, its robots and its props.
         t: (k,) s.
         by_pair: minimum clearances of each pair of owners.
-        findings: collisions, and ports that are missed.
+        findings: collisions, and robots that miss their port.
     """
 
+    scene: Scene
+    actors: Sequence[Actor]
+    props: Mechanism | None
     t: Array
     by_pair: Mapping[tuple[str, str], Clearance]
     findings: tuple[Finding, ...]
 
+    kind = "scene"
+
+    @property
+    def duration(self) -> float:
+        """Duration in s, until the last robot is done."""
+        return _duration(self.actors)
+
+    def content(self) -> dict[str, Any]:
+        """Return minimum clearances by pair; keys end in their units."""
+        pairs = {}
+        for (a, b), c in self.by_pair.items():
+            k = int(np.argmin(c.distance))
+            pairs[f"{a}-{b}"] = {"least_mm": c.distance[k] / MM, "between": list(c.pair[k]), "t_s": float(self.t[k])}
+        return {
+            "scene": self.scene.name,
+            "robots": [
+                {
+                    "name": a.place.name,
+                    "protocol": a.place.protocol,
+                    "port": a.place.port,
+                    "duration_s": a.trajectory.duration,
+                }
+                for a in self.actors
+            ],
+            "clearance_mm": self.scene.clearance / MM,
+            "pairs": pairs,
+            "parameters": [
+                {"name": p.name, "value": p.shown, "unit": p.unit, "provenance": p.provenance}
+                for p in self.scene.parameters
+            ],
+        }
+
+    def text(self) -> Iterator[Part]:
+        """Yield a line for each robot, minimum clearances by pair, and findings."""
+        yield f"{self.scene.name} · {self.scene.title}\n"
+        rows = [(a.place.name, a.place.protocol, a.place.port, f"{a.trajectory.duration:.1f} s") for a in self.actors]
+        yield Table(("robot", "protocol", "port", "takes"), rows)
+        yield ""
+        lines = []
+        for (a, b), c in self.by_pair.items():
+            k = int(np.argmin(c.distance))
+            near = " - ".join(name.split("/")[1] for name in c.pair[k])
+            lines.append((f"{a} - {b}", f"{c.distance[k] / MM:.1f} mm", near, f"t = {self.t[k]:.1f} s"))
+        yield Table(("pair", "minimum clearance", "between", ""), lines)
+        yield ""
+        yield from by_severity(self.findings)
+        if self.by_pair and not self.findings:
+            least = min(float(c.distance.min()) for c in self.by_pair.values())
+            yield f"  no collision: minimum clearance {least / MM:.1f} mm (required {self.scene.clearance / MM:g} mm)"
+
+    def write(self, folder: Path) -> None:
+        """Write scene.csv, the distance of each pair over time, and usd/, one stage with all robots in motion.
+
+        Raises:
+            TwinError: a robot has no stage with its motion.
+        """
+        head = ",".join(["t_s", *(f"{a}_{b}_mm" for a, b in self.by_pair)])
+        body = np.column_stack([self.t, *(c.distance / MM for c in self.by_pair.values())])
+        np.savetxt(folder / "scene.csv", body, "%.6g", ",", header=head, comments="")
+        stages = {}
+        for place in self.scene.places:
+            own, motion = assets.files(place.robot).usd, f"{place.robot}_{place.protocol}.usda"
+            if not (own / motion).is_file():
+                raise TwinError(f"{place.name} has no stage with this motion: `twin build {place.robot}` first")
+            shutil.copytree(own, folder / "usd" / place.name)
+            stages[place.name] = Path("..") / place.name / motion
+        mechanisms = {a.place.name: a.mechanism for a in self.actors}
+        write_scene(self.scene, folder / "usd" / self.scene.name, stages, mechanisms, self.props, self.duration)
+
+
+def _duration(actors: Sequence[Actor]) -> float:
+    return max(a.trajectory.duration for a in actors)
+
 
 def trocars_of(place: Place, mechanism: Mechanism, trajectory: Trajectory) -> dict[str, Array]:
-    """Return where a robot's trocars are, (3,) in its base: the mechanism's, else the first RCM of its motion.
+    """Return the trocars of a robot, (3,) in m in its base: of the mechanism, else the first RCM of its motion.
 
     Raises:
-        TwinError: the robot has not the trocars that its place gives ports for.
+        TwinError: the robot lacks a trocar for which its place gives a port.
     """
     if mechanism.trocars:
         at = {n: mechanism.trocar_at(n) for n in place.ports}
         if lacking := [n for n in mechanism.trocars if "" not in at and n not in at]:
-            raise TwinError(f"{place.name}: ports gives no port for trocar {', '.join(lacking)}")
+            raise TwinError(f"{place.name}: `ports` has no entry for trocar {', '.join(lacking)}")
         return at
     rcm = next((p.rcm for p in trajectory.phases if p.rcm is not None), None)
     if rcm is None:
-        raise TwinError(f"{place.name}: protocol '{place.protocol}' registers no RCM: it works through no port")
+        raise TwinError(f"{place.name}: protocol '{place.protocol}' registers no RCM, so it uses no port")
     if unheld := [n for n in place.ports if n]:
-        raise TwinError(f"{place.name} has no trocar '{unheld[0]}': give its port as port, not in ports")
+        raise TwinError(f"{place.name} has no trocar '{unheld[0]}': give its port by the key port, not ports")
     return {"": rcm}
+
+
+def world(actors: Sequence[Actor], props: Mechanism | None = None, dt: float = 1e-3) -> World:
+    """Return a World in which every robot plays its protocol from t = 0 and is at rest afterwards."""
+    return World(
+        robots=[Placed(a.place.name, a.mechanism, a.place.T_world_base) for a in actors],
+        props=() if props is None else [Placed(props.name, props)],
+        controllers=[ProtocolPlayer(a.place.name, a.trajectory) for a in actors],
+        plants=[Kinematic(a.place.name, a.trajectory.q[0], Limits.of(a.mechanism)) for a in actors],
+        dt=dt,
+    )
 
 
 def play(
     scene: Scene,
-    actors: list[Actor],
+    actors: Sequence[Actor],
     props: Mechanism | None,
     progress: Callable[[str, float], None] = lambda label, fraction: None,
 ) -> Played:
-    """Move all robots at once from t = 0, each resting when it is done, and measure."""
-    duration = max(a.trajectory.duration for a in actors)
-    t = np.linspace(0.0, duration, int(duration * RATE) + 1)
+    """Move all robots together until the last one is done, and measure clearances and ports."""
+    duration = _duration(actors)
+    ticks = int(duration * RATE)
+    moving = world(actors, props, duration / ticks)
+    moving.step(ticks + 1)
+    recording = moving.recording()
+    t = recording.t
     mechanisms: dict[str, Mechanism] = {}
     poses: dict[str, dict[str, Array]] = {}
     findings = []
     for i, a in enumerate(actors):
         progress(f"move {a.place.name}", i / (len(actors) + 2))
-        at = np.minimum(t, a.trajectory.duration)
         model = ReferenceModel(a.mechanism)
-        run = a.trajectory.on(model, at)
+        run = model.run(recording[f"{a.place.name}.q"])
         mechanisms[a.place.name] = a.mechanism
         poses[a.place.name] = {n: a.place.T_world_base @ T for n, T in model.link_poses(run.x).items()}
         findings += _port(a)
@@ -98,37 +200,37 @@ def play(
         k = int(np.argmin(found.distance))
         if found.distance[k] < scene.clearance:
             findings.append(too_near(found, k, t, scene.clearance))
-    return Played(t, by_pair, tuple(findings))
+    return Played(scene, actors, props, t, by_pair, tuple(findings))
 
 
 def too_near(found: Clearance, k: int, t: Array, clearance: float) -> Finding:
-    """Say where a pair comes nearest; of one that starts in collision, from when on it is free."""
+    """Return a finding for a pair that is too near: its closest sample, or from when on it is free."""
     a, b = found.pair[k]
     least, start = float(found.distance[k]), float(found.distance[0])
-    what, code = f"come within {least / MM:.1f} mm", "scene.near"
+    what, code = "come too close", "scene.near"
     way_out = "move a base in scene.toml, or change a protocol"
     if least <= 0:
-        what, code = "run through each other", "scene.collision"
+        what, code = "collide", "scene.collision"
     if start <= 0:
         a, b = found.pair[0]
-        k, least, what, code = 0, start, "stand in each other at the start", "scene.start"
+        k, least, what, code = 0, start, "overlap at the start", "scene.start"
         free = np.flatnonzero(found.distance >= clearance)
-        way_out = f"nowhere along the protocols are they {clearance / MM:g} mm apart: move a base in scene.toml"
+        way_out = f"their distance is below {mm(clearance)} along the whole protocols: move a base in scene.toml"
         if len(free):
             way_out = (
-                f"the nearest start that keeps {clearance / MM:g} mm is where the protocols are at t = "
-                f"{t[free[0]]:.1f} s: begin there, or move a base in scene.toml"
+                f"start where the protocols are at t = {t[free[0]]:.1f} s, the first time they are {mm(clearance)} "
+                "apart, "
+                "or move a base in scene.toml"
             )
-    return Finding(
+    return disagreement(
         code,
-        "disagreement",
-        f"{a} and {b} {what}; {clearance / MM:g} mm must be kept",
-        where=f"{a}, {b}",
+        f"{a}, {b}",
+        f"{a} and {b} {what}: minimum clearance",
+        mm(least),
+        mm(clearance),
+        way_out,
         when=f"t = {t[k]:.1f} s",
-        size=least / MM,
-        unit="mm",
-        limit=clearance / MM,
-        suggestion=way_out,
+        word="required",
     )
 
 
@@ -141,15 +243,14 @@ def _port(a: Actor) -> list[Finding]:
             continue
         through = f" with trocar '{trocar}'" if trocar else ""
         out.append(
-            Finding(
+            disagreement(
                 "scene.port",
-                "disagreement",
-                f"{a.place.name} works{through} {missed / MM:.1f} mm beside its port '{a.place.ports[trocar]}'",
-                where=a.place.name,
-                size=missed / MM,
-                unit="mm",
-                limit=PORT_TOLERANCE / MM,
-                suggestion="move its base by (" + ", ".join(f"{x / MM:.2f}" for x in shift) + ") mm",
+                a.place.name,
+                f"{a.place.name}{through} misses its port '{a.place.ports[trocar]}'",
+                mm(missed),
+                mm(PORT_TOLERANCE),
+                "move its base by (" + ", ".join(f"{x / MM:.2f}" for x in shift) + ") mm",
+                word="tolerance",
             )
         )
     return out

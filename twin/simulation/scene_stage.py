@@ -23,7 +23,7 @@ APERTURE_MM = 20.955
 """Width of the picture in a USD camera, its default; the focal length follows from the angle of view."""
 
 LOOK = spatial.pose(np.diag([1.0, -1.0, -1.0]))
-"""USD cameras look along -z with +y up; a scope looks along z."""
+"""Rotation from a scope's frame to a USD camera: cameras look along -z with +y up, a scope looks along z."""
 
 
 def write_scene(
@@ -34,15 +34,15 @@ def write_scene(
     props: Mechanism | None,
     duration: float,
 ) -> Path:
-    """Write the scene's root layer, and what stands around beside it; return the root.
+    """Write the scene's root layer, and the props next to it; return the root.
 
     Args:
-        scene: who stands where.
+        scene: the scene.
         folder: made if missing.
-        stages: by robot, the layer to reference (with its motion); as the layer is to name it.
-        mechanisms: by robot, to find the bodies that carry cameras.
-        props: what stands around, or None.
-        duration: of the longest motion in s.
+        stages: by robot, the layer to reference (with its motion), as written into the scene's layer.
+        mechanisms: by robot; used to find the bodies that carry cameras.
+        props: their mechanism, or None.
+        duration: duration of the longest motion in s.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{scene.name}.usda"
@@ -63,7 +63,7 @@ def write_scene(
         _pose(out, place.T_world_base)
     for name, camera in scene.cameras.items():
         _camera(stage, scene, name, camera, mechanisms[camera.robot])
-    del stage  # it would look for the references before the layer has a place
+    del stage  # the references can be resolved only after the layer has a path
     for prim, asset in references.items():
         layer.GetPrimAtPath(prim).referenceList.Prepend(Sdf.Reference(asset))
     return save(layer, path)
@@ -78,7 +78,7 @@ def _pose(prim: UsdGeom.Xform | UsdGeom.Camera, T: Array) -> None:
 def _camera(stage: Usd.Stage, scene: Scene, name: str, camera: CameraTable, mechanism: Mechanism) -> None:
     frame = mechanism.frame(camera.frame)
     out = UsdGeom.Camera.Define(stage, f"/{scene.name}/{camera.robot}/{frame.body}/{name}")
-    _pose(out, frame.T_body_frame @ LOOK)
+    _pose(out, frame.T_body_frame @ camera.in_frame @ LOOK)
     out.CreateHorizontalApertureAttr(APERTURE_MM)
     out.CreateVerticalApertureAttr(APERTURE_MM)
     out.CreateFocalLengthAttr(float(APERTURE_MM / 2 / np.tan(camera.view_deg * DEG / 2)))

@@ -1,1 +1,1 @@
-"""The equations of motion of a serial arm, a plant in MuJoCo, and a controller between them."""
+"""Dynamics of a robot: its masses, plants that move it under efforts, and a computed-torque controller."""

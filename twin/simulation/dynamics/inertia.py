@@ -1,35 +1,43 @@
-"""Masses, inertias and drives of a serial arm from TOML, each number with its origin.
+"""Masses, inertias and drives of a robot from TOML, each number with its origin.
 
-The file gives every link in the frame of Khalil and Kleinfinger's modified Denavit-Hartenberg form,
+A link is the part that one joint moves. Its mass centre and tensor are given in its frame by Khalil and Kleinfinger's
+modified Denavit-Hartenberg form. This frame is found on the mechanism with all joints at zero: z is along the joint's
+axis, x along the x of the base, and the origin is the point of the axis that is nearest to the axis of the next link in
+the file. For the last link, and for an axis parallel to the next one, it is the point nearest to the origin of the link
+before.
 
-    T_previous_link = Rx(alpha) Tx(d) Rz(theta) Tz(r),
-
-after the shift r. Rz and Tz commute, so that frame turns with its joint about its own z axis. `arm` takes those
-frames as joint frames; a mechanism whose joint frames lie elsewhere on the same axes (or are turned about them
-while all joints are zero) passes its placements, and the links are expressed in its frames.
+Source: W. Khalil, J.-F. Kleinfinger, A new geometric notation for open and closed-loop robots, Proc. IEEE Int. Conf.
+Robotics and Automation (1986) 1174-1179: T_previous_link = Rx(alpha) Tx(d) Rz(theta) Tz(r), so that all x are parallel
+where every theta is zero.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from twin.core import spatial
-from twin.core.errors import DescriptionError, MechanismError
+from twin.core.errors import DescriptionError, MechanismError, unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG
-from twin.model.mechanism import Inertia
+from twin.model.mechanism import Inertia, Mechanism
+from twin.reference import ReferenceModel
 from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_toml
 
-_BESIDE = 1e-6
-"""Metres, and radians, by which two axes that should be one may differ: far above rounding, far below any part."""
+NAME = "inertia.toml"
+"""Name of the file in a robot's CAD folder."""
+
+_ALONG = 1e-6
+"""Tolerance in rad of perpendicular and parallel axes: far above rounding."""
+
+_UNITS = {"rotor": ("kg m2", "kg"), "friction": ("N m s/rad", "N s/m"), "torque": ("N m", "N")}
+"""Allowed units of each quantity, for revolute and prismatic joints."""
 
 _Positive = Annotated[float, Field(gt=0)]
 _NotNegative = Annotated[float, Field(ge=0)]
@@ -40,15 +48,8 @@ class _Cited(Table):
     note: str = Field(min_length=1)
 
 
-class Length(_Cited):
-    """A length."""
-
-    value: float
-    unit: Literal["m"]
-
-
 class Mass(_Cited):
-    """A mass."""
+    """A mass with its unit and origin."""
 
     value: _Positive
     unit: Literal["kg"]
@@ -69,24 +70,24 @@ class Tensor(_Cited):
 
 
 class Rotor(_Cited):
-    """Inertia of the motor's rotor as the link feels it: times the square of the gear ratio."""
+    """Inertia of the motor's rotor at the link: multiplied by the square of the gear ratio."""
 
     value: _NotNegative
-    unit: Literal["kg m2"]
+    unit: Literal["kg m2", "kg"]
 
 
 class Friction(_Cited):
     """Viscous friction."""
 
     value: _NotNegative
-    unit: Literal["N m s/rad"]
+    unit: Literal["N m s/rad", "N s/m"]
 
 
-class Torque(_Cited):
-    """Largest torque at the link."""
+class Effort(_Cited):
+    """Largest torque or force at the link."""
 
     value: _Positive
-    unit: Literal["N m"]
+    unit: Literal["N m", "N"]
 
 
 class _Solid(Table):
@@ -103,23 +104,20 @@ class _Solid(Table):
 
 
 class Link(_Solid):
-    """One link with the joint that moves it and that joint's drive."""
+    """One link with its joint and the joint's drive (no drive if motors of the mechanism move the joint)."""
 
     joint: Identifier
-    alpha_deg: float
-    d_m: float
-    r: Length
-    rotor: Rotor
-    friction: Friction
-    torque: Torque
+    rotor: Rotor | None = None
+    friction: Friction | None = None
+    torque: Effort | None = None
 
 
 class Instrument(_Solid):
-    """What the last link carries, in its frame."""
+    """Payload of the last link, in its frame."""
 
 
 class Inertias(Table):
-    """The whole file; links in the order of the chain."""
+    """The inertia file; links in the order of the chain."""
 
     title: str
     source: str
@@ -127,34 +125,11 @@ class Inertias(Table):
     instrument: Instrument | None = None
 
 
-@dataclass(frozen=True)
-class Arm:
-    """A serial arm of n revolute joints as the engines take it. Joint j turns link j about z of joint frame j.
-
-    Attributes:
-        joints: names, from the base outwards.
-        placements: (n, 4, 4) joint frame j in joint frame j-1 (the first: in base) with joint j at zero.
-        links: mass, mass centre in m and tensor about it, in joint frame j; the last one holds the instrument.
-        rotor: (n,) kg m2 at the link.
-        friction: (n,) N m s/rad.
-        torque: (n,) largest, N m.
-        parameters: every number with its origin.
-    """
-
-    joints: tuple[str, ...]
-    placements: Array
-    links: tuple[Inertia, ...]
-    rotor: Array
-    friction: Array
-    torque: Array
-    parameters: tuple[Parameter, ...] = ()
-
-
 def load(path: Path) -> Inertias:
     """Read an inertia file.
 
     Raises:
-        DescriptionError: file, line, key, value and what would be right; also a tensor that no body has.
+        DescriptionError: file, line, key, value and the allowed values; also for an impossible tensor.
     """
     table = load_toml(path, Inertias)
     names = [link.joint for link in table.link]
@@ -168,92 +143,77 @@ def of_robot(folder: Path) -> Inertias:
     """Read `inertia.toml` of a robot's CAD folder.
 
     Raises:
-        DescriptionError: there is none: masses of the robot are not known, and nothing can be said of its torques.
+        DescriptionError: the file does not exist: without masses, torques cannot be computed.
     """
-    path = Path(folder) / "inertia.toml"
+    path = Path(folder) / NAME
     if not path.is_file():
-        raise DescriptionError(f"{path}: there is no such file: no masses are known, hence no dynamics")
+        raise DescriptionError(f"{path}: the file does not exist: without masses, torques cannot be computed")
     return load(path)
 
 
-def chain(table: Inertias) -> Array:
-    """Return (n, 4, 4): link frame j in link frame j-1 with all joints zero, Rx(alpha) Tx(d) Tz(r)."""
-    out = []
-    for link in table.link:
-        R = spatial.exp_so3([link.alpha_deg * DEG, 0.0, 0.0])
-        out.append(spatial.pose(R, R @ [link.d_m, 0.0, link.r.value]))
-    return np.array(out)
-
-
-def arm(
-    table: Inertias,
-    placements: ArrayLike | None = None,
-    T_base_zero: ArrayLike | None = None,
-    *,
-    instrument: bool = True,
-) -> Arm:
-    """Return the arm in the joint frames of the file, or in those of a mechanism.
+def weighed(table: Inertias, mechanism: Mechanism, *, instrument: bool = True) -> Mechanism:
+    """Return a mechanism with only the masses of the file: each link's mass is on the body that its joint moves.
 
     Args:
         table: the file.
-        placements: (n, 4, 4) as `Arm.placements`, of a mechanism whose joints are zero where the file's are.
-        T_base_zero: (4, 4) frame 0 of the file in that mechanism's base; default the same.
-        instrument: whether the last link carries it.
+        mechanism: bodies that are fixed to a link's body have no mass of their own.
+        instrument: whether the last link carries its instrument.
 
     Raises:
-        MechanismError: the mechanism has another number of joints, or its axes are not those of the file.
+        MechanismError: the file names a joint that the mechanism does not have, or a joint whose frame is ambiguous.
+            AssemblyError: the mechanism cannot be assembled with all joints at zero.
     """
-    ours = chain(table)
     links = [_inertia(link) for link in table.link]
     if instrument and table.instrument is not None:
         links[-1] = links[-1] + _inertia(table.instrument)
-    if placements is not None:
-        theirs = np.asarray(placements, float)
-        if theirs.shape != ours.shape:
-            raise MechanismError(f"the file has {len(ours)} links, the mechanism {len(theirs)} joints in a row")
-        start = np.eye(4) if T_base_zero is None else np.asarray(T_base_zero, float)
-        Ts_link, Ts_joint = start @ _along(ours), _along(theirs)
-        for i, (a, b) in enumerate(zip(Ts_link, Ts_joint, strict=True)):
-            T = spatial.inverse(b) @ a
-            tilt, aside = np.hypot(*T[:2, 2]) + (T[2, 2] < 0) * np.pi, np.hypot(*T[:2, 3])
-            if tilt > _BESIDE or aside > _BESIDE:
-                raise MechanismError(
-                    f"joint {table.link[i].joint}: the axis of the mechanism is {aside * 1e3:.3g} mm beside that of "
-                    f"the inertia file and {tilt / DEG:.3g} deg off: which link is meant cannot be told"
-                )
-            links[i] = links[i].seen_from(T)
-        ours = theirs
-    return Arm(
-        tuple(link.joint for link in table.link),
-        ours,
-        tuple(links),
-        np.array([link.rotor.value for link in table.link]),
-        np.array([link.friction.value for link in table.link]),
-        np.array([link.torque.value for link in table.link]),
-        tuple(_parameters(table)),
-    )
+    poses = ReferenceModel(mechanism).solve(np.zeros(len(mechanism.active))).link_poses
+    moved = {j.name: j.child for j in mechanism.tree}
+    masses = {
+        moved[link.joint]: inertia.seen_from(spatial.inverse(poses[moved[link.joint]]) @ T)
+        for link, inertia, T in zip(table.link, links, _frames(table, mechanism, poses), strict=True)
+    }
+    return replace(mechanism, bodies=tuple(replace(b, inertia=masses.get(b.name)) for b in mechanism.bodies))
 
 
-def scaled(links: tuple[Inertia, ...], factors: ArrayLike) -> tuple[Inertia, ...]:
-    """Return links with mass and tensor times a factor (n,) each; mass centres stay."""
-    factors = np.broadcast_to(np.asarray(factors, float), len(links))
-    return tuple(replace(b, mass=b.mass * float(f), I_com=b.I_com * f) for b, f in zip(links, factors, strict=True))
+def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> list[Array]:
+    """Return T_base_link (4, 4) of each link, all joints at zero; see the docstring of this file."""
+    known = {j.name: j for j in mechanism.tree if len(j.free_axes) == 1}
+    lines = []
+    for link in table.link:
+        if link.joint not in known:
+            raise MechanismError(f"inertia.toml: {unknown('joint of one coordinate', link.joint, known)}")
+        joint = known[link.joint]
+        for key, units in _UNITS.items():
+            entry = getattr(link, key)
+            if entry is not None and entry.unit != units[not joint.is_angle]:
+                raise MechanismError(f"inertia.toml, {joint.name}: {key} in {entry.unit}, but it is {joint.type}")
+        T = poses[joint.parent] @ joint.T_parent_joint
+        if abs(T[0, 2]) > _ALONG:
+            raise MechanismError(
+                f"joint {joint.name}: its axis is {np.arcsin(abs(T[0, 2])) / DEG:.3g} deg away from perpendicular "
+                "to the x axis of the base, with all joints at zero; the link frame of inertia.toml is ambiguous"
+            )
+        lines.append((T[:3, 3], T[:3, 2]))
+    out, before = [], poses[mechanism.base][:3, 3]
+    for i, (p, z) in enumerate(lines):
+        toward, along = lines[i + 1] if i + 1 < len(lines) else (before, z)
+        across = along - (along @ z) * z
+        step = (toward - p) @ z
+        if np.linalg.norm(across) > _ALONG:  # the foot of the common normal
+            step -= (along @ z) * ((toward - p) @ across) / (across @ across)
+        else:
+            step = (before - p) @ z
+        before = p + step * z
+        out.append(spatial.pose(spatial.frame_from_axes(z, [1.0, 0.0, 0.0]), before))
+    return out
 
 
 def _inertia(solid: _Solid) -> Inertia:
     return Inertia(solid.mass.value, np.array(solid.centre.value), np.diag(solid.tensor.value))
 
 
-def _along(placements: Array) -> Array:
-    """Return the frames (n, 4, 4) in base, all joints zero."""
-    out, T = [], np.eye(4)
-    for step in placements:
-        T = T @ step
-        out.append(T)
-    return np.array(out)
-
-
-def _parameters(table: Inertias) -> Iterator[Parameter]:
+def parameters(table: Inertias) -> Iterator[Parameter]:
+    """Yield every number of the file with its origin."""
     for owner, solid in (*((link.joint, link) for link in table.link), ("instrument", table.instrument)):
         if solid is None:
             continue

@@ -1,131 +1,172 @@
-"""The arm in MuJoCo: what the torques really do, by an engine that shares nothing with the controller's model.
-
-It gets placements, inertias, rotors and friction as they are in the file and computes the rest itself. Torques are
-held between two ticks of the controller; Runge-Kutta of fourth order, gravity along -z of base.
-"""
+"""Plants under joint efforts: MuJoCo with a given MJCF, or the controller's own equations."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twin.core import spatial
 from twin.core.errors import MechanismError, TwinError
 from twin.core.spatial import Array
-from twin.model.mechanism import Inertia
+from twin.reference.dynamics import Dynamics, State
 
 STEP = 0.25e-3
-"""Seconds of one integration step: four for each tick at 1 kHz."""
+"""Integration step in s: four steps for each tick at 1 kHz."""
 
-_GRAVITY = (0.0, 0.0, -9.81)
+_STRIDES = (0.02, 0.1)
+"""Largest step (m, rad) of an active joint while loops are closed from home."""
+
+
+class Plant(Protocol):
+    """A plant driven by efforts in its n active joints."""
+
+    @property
+    def q(self) -> Array:
+        """Joints (n,) in rad or m."""
+        ...
+
+    @property
+    def qd(self) -> Array:
+        """Rates (n,) in rad/s or m/s."""
+        ...
+
+    def reset(self, q: ArrayLike, qd: ArrayLike) -> None:
+        """Set the state q (n,), qd (n,)."""
+        ...
+
+    def advance(self, efforts: Array, duration: float) -> None:
+        """Advance by a duration in s, a multiple of the step, under constant joint efforts (n,) in N m or N."""
+        ...
+
+
+class ModelPlant:
+    """A mechanism that moves by the equations of `Dynamics`, integrated by Runge-Kutta of fourth order.
+
+    It is not independent of the controller's model: it shows only the errors of the control.
+    """
+
+    def __init__(self, dynamics: Dynamics, step: float = STEP) -> None:
+        self._dynamics, self._step = dynamics, step
+        self._state: State | None = None
+        self.q = self.qd = np.zeros(dynamics.n)
+
+    def reset(self, q: ArrayLike, qd: ArrayLike) -> None:
+        """Set the state q (n,), qd (n,)."""
+        self.q, self.qd, self._state = np.array(q, float), np.array(qd, float), None
+
+    def advance(self, efforts: Array, duration: float) -> None:
+        """Advance by a duration in s, a multiple of the step, under constant joint efforts (n,) in N m or N."""
+
+        def f(q: Array, v: Array) -> Array:
+            self._state = self._dynamics.near(q, self._state)
+            return self._dynamics.forward(self._state, v, efforts)
+
+        h = self._step
+        for _ in range(round(duration / h)):
+            q, v = self.q, self.qd
+            a1 = f(q, v)
+            a2 = f(q + h / 2 * v, v + h / 2 * a1)
+            a3 = f(q + h / 2 * v + h * h / 4 * a1, v + h / 2 * a2)
+            a4 = f(q + h * v + h * h / 2 * a2, v + h * a3)
+            self.q = q + h * v + h * h / 6 * (a1 + a2 + a3)
+            self.qd = v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
 
 
 class MujocoPlant:
-    """n links in a row, hinged about z of their joint frames.
+    """A mechanism in MuJoCo: an engine independent of the controller's model.
+
+    Its drives, stops and contacts are switched off; loops are closed by the constraints of the MJCF. Efforts are
+    constant between two ticks of the controller; integration is Runge-Kutta of fourth order; gravity is that of the
+    MJCF.
 
     Attributes:
-        q: (n,) present joints in rad. qd: (n,) rad/s.
+        model, data: MuJoCo's.
     """
 
     def __init__(
-        self,
-        placements: ArrayLike,
-        links: Sequence[Inertia],
-        rotor: ArrayLike,
-        friction: ArrayLike,
-        step: float = STEP,
-        p_last_tip: ArrayLike = (0.0, 0.0, 0.0),
+        self, mjcf: str, joints: Sequence[str], rotor: ArrayLike, friction: ArrayLike, step: float = STEP
     ) -> None:
-        """Build the model.
+        """Compile the model.
 
         Args:
-            placements: (n, 4, 4) joint frame j in joint frame j-1 (the first: in base) with joint j at zero.
-            links: in joint frames.
-            rotor: (n,) kg m2 at the link.
-            friction: (n,) N m s/rad, viscous.
-            step: of the integration, s.
-            p_last_tip: (3,) m, a point of the last link that `tip` speaks of.
+            mjcf: text of an MJCF without meshes, with a keyframe named home.
+            joints: names of its n active joints, in the order of q.
+            rotor: (n,) inertia in kg m2 or kg at the joints, in addition to that of the MJCF.
+            friction: (n,) viscous, N m s/rad or N s/m.
+            step: integration step in s.
 
         Raises:
-            TwinError: MuJoCo is not installed.
-            MechanismError: MuJoCo refuses the links.
+            TwinError: MuJoCo is not installed. MechanismError: MuJoCo rejects the file.
         """
-        self._mujoco = _engine()
-        mujoco = self._mujoco
-        spec = mujoco.MjSpec()
-        spec.option.timestep = step
-        spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
-        spec.option.gravity = list(_GRAVITY)
-        spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # it would start again in silence
-        spec.compiler.degree = False
-        body = spec.worldbody
-        parts = zip(np.asarray(placements, float), links, np.asarray(rotor), np.asarray(friction), strict=True)
-        for j, (T, link, armature, damping) in enumerate(parts):
-            moments, axes = link.principal()
-            body = body.add_body(
-                name=f"link{j + 1}",
-                pos=T[:3, 3],
-                quat=spatial.quat_from_matrix_wxyz(T[:3, :3]),
-                mass=link.mass,
-                ipos=np.asarray(link.p_body_com, float),
-                iquat=spatial.quat_from_matrix_wxyz(axes),
-                inertia=moments,
-                explicitinertial=True,
-            )
-            joint = body.add_joint(name=f"q{j + 1}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0])
-            joint.armature, joint.damping = _as_field(joint.armature, armature), _as_field(joint.damping, damping)
-        body.add_site(name="tip", pos=np.asarray(p_last_tip, float))
+        self._mujoco = mujoco = _engine()
         try:
-            self._model = spec.compile()
+            self.model = model = mujoco.MjModel.from_xml_string(mjcf)
         except ValueError as error:
-            raise MechanismError(f"MuJoCo refuses the links: {error}") from error
-        self._data = mujoco.MjData(self._model)
+            raise MechanismError(f"MuJoCo rejects the masses or joints: {error}") from error
+        model.opt.timestep, model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_RK4
+        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+        bits = mujoco.mjtDisableBit  # MuJoCo would restart the simulation without an error
+        model.opt.disableflags |= int(bits.mjDSBL_AUTORESET | bits.mjDSBL_ACTUATION | bits.mjDSBL_LIMIT)
+        model.opt.disableflags |= int(bits.mjDSBL_CONTACT)
+        ids = [model.joint(name).id for name in joints]
+        self._places, self._rates = model.jnt_qposadr[ids], model.jnt_dofadr[ids]
+        self._free = np.setdiff1d(np.arange(model.nv), self._rates)
+        model.dof_armature[self._rates] += np.asarray(rotor, float)
+        damping = model.dof_damping  # newer versions keep polynomials, of which the first term is the linear one
+        (damping if damping.ndim == 1 else damping[:, 0])[self._rates] = friction
+        self._angles = model.jnt_type[ids] == mujoco.mjtJoint.mjJNT_HINGE
+        self.data = mujoco.MjData(model)
+        mujoco.mj_setConst(model, self.data)
         self._step = step
 
     @property
     def q(self) -> Array:
-        """Present joints (n,) in rad."""
-        return self._data.qpos.copy()
+        """Present joints (n,) in rad or m."""
+        return self.data.qpos[self._places]
 
     @property
     def qd(self) -> Array:
-        """Present rates (n,) in rad/s."""
-        return self._data.qvel.copy()
-
-    @property
-    def tip(self) -> Array:
-        """Where the tip is, (3,) in base, m."""
-        self._mujoco.mj_kinematics(self._model, self._data)
-        return self._data.site("tip").xpos.copy()
+        """Present rates (n,) in rad/s or m/s."""
+        return self.data.qvel[self._rates]
 
     def reset(self, q: ArrayLike, qd: ArrayLike) -> None:
-        """Put the arm at q (n,) in rad with qd (n,) in rad/s."""
-        self._mujoco.mj_resetData(self._model, self._data)
-        self._data.qpos[:], self._data.qvel[:] = q, qd
+        """Set the state q (n,), qd (n,), with loops closed from home.
 
-    def advance(self, torque: Array, duration: float) -> None:
-        """Move on for a duration in s, a multiple of the step, under constant torques (n,) in N m."""
-        self._data.qfrc_applied[:] = torque
-        self._mujoco.mj_step(self._model, self._data, round(duration / self._step))
+        Raises:
+            MechanismError: the loops do not close there.
+        """
+        data, q, qd = self.data, np.asarray(q, float), np.asarray(qd, float)
+        self._mujoco.mj_resetDataKeyframe(self.model, data, self.model.key("home").id)
+        if not self.model.neq:
+            data.qpos[self._places], data.qvel[self._rates] = q, qd
+            return
+        start = self.q.copy()
+        steps = max(1, int(np.ceil(np.max(np.abs(q - start) / np.where(self._angles, *_STRIDES[::-1])))))
+        for s in np.linspace(0, 1, steps + 1)[1:]:
+            data.qpos[self._places] = start + s * (q - start)
+            J = self._close()
+        data.qvel[self._rates] = qd
+        data.qvel[self._free] = -np.linalg.pinv(J[:, self._free], rcond=1e-9) @ (J[:, self._rates] @ qd)
 
-    def forward(self, q: ArrayLike, qd: ArrayLike, torque: ArrayLike) -> Array:
-        """Return qdd (n,) in rad/s2 under torques (n,) in N m, friction included."""
-        self.reset(q, qd)
-        self._data.qfrc_applied[:] = torque
-        self._mujoco.mj_forward(self._model, self._data)
-        return self._data.qacc.copy()
+    def _close(self) -> Array:
+        """Close the loops by Gauss-Newton on the engine's constraints, active joints held; return their Jacobian."""
+        mujoco, model, data = self._mujoco, self.model, self.data
+        for _ in range(20):
+            mujoco.mj_fwdPosition(model, data)
+            r, J = data.efc_pos.copy(), data.efc_J.reshape(-1, model.nv).copy()
+            if np.abs(r).max() < 1e-12:
+                return J
+            step = np.zeros(model.nv)
+            step[self._free] = -np.linalg.pinv(J[:, self._free], rcond=1e-9) @ r
+            mujoco.mj_integratePos(model, data.qpos, step, 1.0)
+        raise MechanismError(f"the loops of the plant do not close at the start: {np.abs(r).max():.1e} m or rad remain")
 
-    def mass_matrix(self, q: ArrayLike) -> Array:
-        """Return M (n, n) at q (n,), kg m2, rotors included."""
-        self.reset(q, np.zeros(self._model.nv))
-        self._mujoco.mj_forward(self._model, self._data)
-        out = np.zeros((self._model.nv, self._model.nv))
-        for row, unit in zip(out, np.eye(self._model.nv), strict=True):
-            self._mujoco.mj_mulM(self._model, self._data, row, unit)
-        return out
+    def advance(self, efforts: Array, duration: float) -> None:
+        """Advance by a duration in s, a multiple of the step, under constant joint efforts (n,) in N m or N."""
+        self.data.qfrc_applied[self._rates] = efforts
+        self._mujoco.mj_step(self.model, self.data, round(duration / self._step))
 
 
 def _engine() -> Any:
@@ -133,14 +174,7 @@ def _engine() -> Any:
         import mujoco
     except ImportError:
         raise TwinError(
-            "MuJoCo is not installed: pip install mujoco, or let the controller's own equations move the arm "
-            "(--plant pinocchio)"
+            "MuJoCo is not installed: pip install mujoco, or use --plant pinocchio, which integrates the "
+            "controller's equations"
         ) from None
     return mujoco
-
-
-def _as_field(present: Any, value: float) -> Any:
-    """Return a value as MjSpec holds it: newer ones keep polynomials, of which the first term is the linear one."""
-    if np.ndim(present) == 0:
-        return float(value)
-    return [float(value), *([0.0] * (len(present) - 1))]

@@ -1,58 +1,68 @@
-"""Computed torque control of an arm along a motion, and what a wrong model costs at the tip.
+"""Computed-torque control of a robot along a motion, and the tip error caused by model mismatch.
 
-    torque = M(q) [qdd_d + Kv (qd_d - qd) + Kp (q_d - q)] + C(q, qd) qd + g(q) + F qd,   Kp = w^2, Kv = 2 w
+    effort = M(q) [qdd_d + Kv (qd_d - qd) + Kp (q_d - q)] + C(q, qd) qd + g(q) + F qd,   Kp = w^2, Kv = 2 w
 
-Model and plant are two things. The plant is the arm of the file; the controller's model may be wrong in masses and
-tensors (rotors are taken as known) and in friction. The controller sees the joints once a tick, whole or in encoder
-steps, and its torque is held until the next tick. With an exact model that hold is what limits it: a torque that is
-right when the tick begins is half a tick old on average, and friction, gravity and acceleration have moved on. So
-the equations are evaluated where the arm will be in the middle of the tick (`Conditions.middle`); what is measured
-and fed back is not changed by that. Errors are those of the true joints at the ticks.
+Model and plant are different. The plant is the robot as stated; the controller's model may be wrong in masses and
+tensors (rotors are taken as known) and in friction. The controller reads the joints once a tick, exactly or in encoder
+steps, and its efforts are held until the next tick. With an exact model, this hold causes the only error: an effort
+that is correct when the tick begins is half a tick old on average, while friction, gravity and acceleration change. So
+the equations are evaluated at the predicted state in the middle of the tick (`Conditions.middle`); measurement and
+feedback are unchanged. Efforts are commanded to the motors, which saturate at their limits. Errors are those of the
+true joints at the ticks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
-from twin.simulation.dynamics.inertia import Arm
-from twin.simulation.dynamics.model import Dynamics, ModelPlant, poses, signs
-from twin.simulation.dynamics.plant import STEP, MujocoPlant
+from twin.reference.dynamics import Dynamics, State
+from twin.reference.loops import LENGTH_SCALE
+from twin.simulation.dynamics.arm import Arm
+from twin.simulation.dynamics.plant import STEP, ModelPlant, MujocoPlant, Plant
 
 ENCODER = 2 * np.pi / (4096 * 4 * 50)
-"""rad at the link of one encoder step: 4096 lines, read fourfold, gear of 50. ASSUMED: the encoders of the PA-10 are
-not published; the gear follows from the rotors at motor and link."""
+"""Angle in rad at the link of one encoder step: 4096 lines, read fourfold, gear ratio 50.
+
+ASSUMED: the encoders of the PA-10 are
+
+not published; the gear follows from the rotors at motor and link. A prismatic joint has steps of this number times
+`LENGTH_SCALE` m.
+"""
 
 EXACT_LIMIT, TIP_LIMIT = 10e-6, 1e-3
-"""Metres of tip error: with an exact model, where only the hold of one tick is left; and as the paper reports."""
+"""Limits of the tip error in m: with an exact model (only the hold of one tick), and as the paper reports."""
 
 _LOST = 1.0
-"""rad of joint error beyond which nothing follows anything."""
+"""Joint error in rad (times `LENGTH_SCALE` in m) beyond which control is lost."""
+
+_OFTEN = 200
+"""Number of ticks between two reports of progress."""
 
 PlantName = Literal["mujoco", "pinocchio"]
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """All that a tracking error depends on besides the motion.
+    """Conditions of a run besides the motion.
 
     Attributes:
         rate: ticks of the controller per second.
         w: rad/s, Kp = w^2, Kv = 2 w for each joint.
         inertia_error: masses and tensors of the controller's model are wrong by this fraction.
-        signs: None: all links too heavy (for a positive error). Otherwise the seed of a sign for each link.
+        signs: None: all parts are too heavy (for a positive error); a number: seed of a random sign for each part.
         friction_known: the model has the plant's friction.
-        friction_error: by which fraction the model's friction is wrong if it is not known; with `signs` by chance.
-        quantisation: encoder step in rad; 0: true positions and true velocities.
-        velocity_cutoff: Hz, of the first-order low-pass on differences of quantised positions.
-        saturation: torques stop at the limits of the drives.
+        friction_error: fraction by which the model's friction is wrong if it is not known; with `signs`, of random
+            sign.
+        quantisation: encoder step in rad, `LENGTH_SCALE` times it in m; 0: exact positions and velocities.
+        velocity_cutoff: in Hz, of the first-order low-pass on differences of quantised positions.
+        saturation: efforts stop at the limits of the motors.
         middle: the equations are evaluated for the middle of the tick rather than for its beginning.
         plant: "mujoco" (independent of the model), or "pinocchio" (the model's own equations).
     """
@@ -70,27 +80,27 @@ class Conditions:
     plant: PlantName = "mujoco"
 
     def realistic(self, inertia_error: float, signs: int | None = None) -> Conditions:
-        """Return the same with a wrong model: inertia by a fraction, friction not known, joints in encoder steps."""
+        """Return these conditions with a wrong model: inertia by a fraction, friction unknown, encoder steps."""
         return replace(self, inertia_error=inertia_error, signs=signs, friction_known=False, quantisation=ENCODER)
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What the arm shall do, one row a tick.
+    """The desired motion, one row per tick.
 
     Attributes:
         t: (k,) s, equally spaced.
-        q, qd, qdd: (k, n) in rad, rad/s, rad/s2.
-        T_last_tip: (4, 4) tip in the last joint frame.
+        q, qd, qdd: (k, n) in rad or m, per s, per s2.
+        T_tool_tip: (4, 4) tip in the tool frame.
         shaft: (3,) direction of the instrument in the tip frame.
-        rcm: (k, 3) in base in m, the point that the shaft shall keep to; NaN where there is none. Or None.
+        rcm: (k, 3) in base in m, the point through which the shaft must pass (NaN: no RCM at that time), or None.
     """
 
     t: Array
     q: Array
     qd: Array
     qdd: Array
-    T_last_tip: Array
+    T_tool_tip: Array = field(default_factory=lambda: np.eye(4))
     shaft: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     rcm: Array | None = None
 
@@ -100,13 +110,13 @@ class Run:
     """One motion under control.
 
     Attributes:
-        conditions: under which.
+        conditions: conditions of the run.
         t: (k,) s.
-        tip_error: (k,) m, between the tip and where it should be.
-        joint_error: (k, n) rad, desired less true.
+        tip_error: (k,) m, distance of the tip from its desired position.
+        joint_error: (k, n) rad or m, desired minus true.
         rcm_error: (k,) m, from the RCM to the true shaft; NaN where there is none.
-        torque: (k, n) N m, as applied from this tick on.
-        saturated: (k, n) bool, where the drive's limit cut the torque.
+        effort: (k, n) N m or N of the motors, as applied from this tick to the next.
+        saturated: (k, n) bool, where the motor's limit cut the effort.
     """
 
     conditions: Conditions
@@ -114,7 +124,7 @@ class Run:
     tip_error: Array
     joint_error: Array
     rcm_error: Array
-    torque: Array
+    effort: Array
     saturated: np.ndarray
 
     @property
@@ -145,96 +155,95 @@ class Run:
 
 
 @dataclass(frozen=True)
-class TorqueRow:
-    """Torques of one joint in N m; `margin` is what is left of the limit at the peak, as a part of it."""
+class EffortRow:
+    """Efforts of one motor in N m or N; a joint that is driven directly is its own motor. `limit` None: unknown."""
 
     joint: str
+    unit: str
     peak: float
     rms: float
-    limit: float
+    limit: float | None
 
     @property
-    def margin(self) -> float:
-        """1 where nothing is needed, 0 at the limit, negative beyond it."""
-        return 1.0 - self.peak / self.limit
+    def margin(self) -> float | None:
+        """Margin to the limit at the peak: 1 for zero effort, 0 at the limit, negative beyond the limit."""
+        return None if self.limit is None else 1.0 - self.peak / self.limit
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data."""
-        return {"joint": self.joint, "peak": self.peak, "rms": self.rms, "limit": self.limit, "margin": self.margin}
-
-
-class Plant(Protocol):
-    """What moves under torques."""
-
-    @property
-    def q(self) -> Array:
-        """Joints (n,) in rad."""
-        ...
-
-    @property
-    def qd(self) -> Array:
-        """Rates (n,) in rad/s."""
-        ...
-
-    def reset(self, q: ArrayLike, qd: ArrayLike) -> None:
-        """Put it at q (n,) with qd (n,)."""
-        ...
-
-    def advance(self, torque: Array, duration: float) -> None:
-        """Move on for a duration in s under constant torques (n,) in N m."""
-        ...
+        return {**vars(self), "margin": self.margin}
 
 
 def model_of(arm: Arm, conditions: Conditions = Conditions()) -> Dynamics:
-    """Return the controller's model of the arm under these conditions."""
-    n, c = len(arm.links), conditions
-    true = Dynamics(arm.placements, arm.links, arm.rotor, arm.friction)
-    # Links and frictions are wrong by separate chances.
-    drawn = signs(2 * n, c.signs)
+    """Return the controller's model of the robot under these conditions."""
+    c, parts, n = conditions, len(arm.masses), len(arm.friction)
+    # Masses and frictions have independent random errors.
+    drawn = signs(parts + n, c.signs)
     off = 0.0 if c.friction_known else c.friction_error
-    return true.altered(1.0 + c.inertia_error * drawn[:n], arm.friction * (1.0 + off * drawn[n:]))
+    return arm.dynamics(1.0 + c.inertia_error * drawn[:parts], arm.friction * (1.0 + off * drawn[parts:]))
+
+
+def signs(n: int, seed: int | None) -> Array:
+    """Return n signs +1 or -1: all +1 without a seed, random with one."""
+    return np.ones(n) if seed is None else np.random.default_rng(seed).choice([-1.0, 1.0], n)
 
 
 def plant_of(arm: Arm, conditions: Conditions = Conditions()) -> Plant:
-    """Return the arm as it is, in the engine that the conditions name.
+    """Return the true robot in the engine of the conditions.
 
     Raises:
-        TwinError: there is no such engine, or it is not installed.
+        TwinError: there is no such engine, it is not installed, or the robot has no MJCF.
     """
     if conditions.plant == "mujoco":
-        return MujocoPlant(arm.placements, arm.links, arm.rotor, arm.friction)
+        if not arm.mjcf:
+            raise TwinError(f"{arm.mechanism.name}: MuJoCo needs the robot as MJCF; or use the plant 'pinocchio'")
+        return MujocoPlant(arm.mjcf, [j.name for j in arm.mechanism.active], arm.rotor, arm.friction)
     if conditions.plant == "pinocchio":
-        return ModelPlant(Dynamics(arm.placements, arm.links, arm.rotor, arm.friction), STEP)
+        return ModelPlant(arm.dynamics())
     raise TwinError(f"there is no plant '{conditions.plant}'. Known: mujoco, pinocchio.")
 
 
-def run(arm: Arm, motion: Motion, conditions: Conditions = Conditions()) -> Run:
-    """Return what the arm does under computed torque control; it starts where it should be.
+def run(
+    arm: Arm,
+    motion: Motion,
+    conditions: Conditions = Conditions(),
+    progress: Callable[[float], None] = lambda part: None,
+) -> Run:
+    """Simulate the robot under computed-torque control, and return its tracking errors.
+
+    The robot starts on the motion, at rest or with the motion's speed.
+
+    `progress` is called with the fraction done.
 
     Raises:
-        TwinError: the motion does not fit the arm or the rate, or the arm is lost on the way.
+        TwinError: the motion is of another robot, its samples do not match the control rate, or the robot diverges.
     """
     c, tick = conditions, 1.0 / conditions.rate
     k, n = _checked(arm, motion, c)
     if not (c.w > 0 and c.velocity_cutoff > 0 and c.quantisation >= 0):
         raise TwinError(f"w = {c.w:g} rad/s and the cut-off of {c.velocity_cutoff:g} Hz must be above 0")
     if abs(tick / STEP - round(tick / STEP)) > 1e-9:
-        raise TwinError(f"a rate of {c.rate:g} Hz is no whole number of steps of {STEP * 1e3:g} ms")
+        raise TwinError(f"a rate of {c.rate:g} Hz is not a whole number of steps of {STEP * 1e3:g} ms")
     model, plant, half = model_of(arm, c), plant_of(arm, c), 0.5 * tick * c.middle
-    limit = arm.torque if c.saturation else np.full(n, np.inf)
+    limit = arm.limit if c.saturation else np.full(n, np.inf)
+    unit = np.where([j.is_angle for j in arm.mechanism.active], 1.0, LENGTH_SCALE)
     ahead = 0.5 * (motion.qdd + np.vstack([motion.qdd[1:], motion.qdd[-1:]])) if c.middle else motion.qdd
     Kp, Kv, blend = c.w**2, 2 * c.w, 1.0 - np.exp(-2 * np.pi * c.velocity_cutoff * tick)
+    step = c.quantisation * unit
     plant.reset(motion.q[0], motion.qd[0])
-    qs, torques, cut = np.zeros((k, n)), np.zeros((k, n)), np.zeros((k, n), bool)
-    before, rate = _measured(motion.q[0], c.quantisation), motion.qd[0]
+    qs, efforts, cut = np.zeros((k, n)), np.zeros((k, n)), np.zeros((k, n), bool)
+    before, rate, state = _measured(motion.q[0], step), motion.qd[0], None
     for i in range(k):
+        if i % _OFTEN == 0:
+            progress(i / k)
         qs[i] = plant.q
-        if not np.abs(motion.q[i] - qs[i]).max() < _LOST:  # also what is not finite
+        if not np.abs((motion.q[i] - qs[i]) / unit).max() < _LOST:  # true also for NaN
             raise TwinError(
-                f"at {motion.t[i]:.3f} s a joint is more than {_LOST:g} rad from where it should be: the drives are "
-                f"too weak for this motion, or w = {c.w:g} rad/s is unstable at {c.rate:g} Hz"
+                f"at {motion.t[i]:.3f} s a joint is more than {_LOST:g} rad or {_LOST * LENGTH_SCALE:g} m from its "
+                f"target: the drives are too weak for this motion, or w = {c.w:g} rad/s is unstable at "
+                f"{c.rate:g} Hz"
             )
-        seen = _measured(qs[i], c.quantisation)
+        seen = _measured(qs[i], step)
         if c.quantisation:
             if i:
                 rate = rate + blend * ((seen - before) / tick - rate)
@@ -242,16 +251,17 @@ def run(arm: Arm, motion: Motion, conditions: Conditions = Conditions()) -> Run:
         else:
             rate = plant.qd
         wish = ahead[i] + Kv * (motion.qd[i] - rate) + Kp * (motion.q[i] - seen)
-        asked = model.inverse(seen + half * rate, rate + half * ahead[i], wish)
-        torques[i] = np.clip(asked, -limit, limit)
-        cut[i] = torques[i] != asked
-        plant.advance(torques[i], tick)
-    tip, wanted = (poses(arm.placements, q, motion.T_last_tip) for q in (qs, motion.q))
+        state: State | None = model.near(seen + half * rate, state)
+        asked = model.motor_efforts(state, rate + half * ahead[i], wish)
+        efforts[i] = np.clip(asked, -limit, limit)
+        cut[i] = efforts[i] != asked
+        plant.advance(arm.joint_efforts(efforts[i]), tick)
+    tip, wanted = (model.tools(q) @ motion.T_tool_tip for q in (qs, motion.q))
     error = np.linalg.norm(tip[:, :3, 3] - wanted[:, :3, 3], axis=1)
     beside = np.full(k, np.nan)
     if motion.rcm is not None:
         beside = spatial.point_to_line(motion.rcm, tip[:, :3, 3], tip[:, :3, :3] @ motion.shaft)
-    return Run(c, motion.t, error, motion.q - qs, beside, torques, cut)
+    return Run(c, motion.t, error, motion.q - qs, beside, efforts, cut)
 
 
 def curve(
@@ -269,24 +279,24 @@ def curve(
     return out
 
 
-def torque_table(arm: Arm, *runs: Run) -> list[TorqueRow]:
-    """Return peak and root mean square torque of each joint over all runs, against its limit."""
-    torque = np.vstack([r.torque for r in runs])
-    peak, rms = np.abs(torque).max(axis=0), np.sqrt(np.mean(torque**2, axis=0))
+def effort_table(arm: Arm, *runs: Run) -> list[EffortRow]:
+    """Return peak and root mean square effort of each motor over all runs, against its limit."""
+    effort = np.vstack([r.effort for r in runs])
+    peak, rms = np.abs(effort).max(axis=0), np.sqrt(np.mean(effort**2, axis=0))
     return [
-        TorqueRow(name, float(p), float(r), float(limit))
-        for name, p, r, limit in zip(arm.joints, peak, rms, arm.torque, strict=True)
+        EffortRow(name, unit, float(p), float(r), float(limit) if np.isfinite(limit) else None)
+        for name, unit, p, r, limit in zip(arm.motors, arm.effort_units, peak, rms, arm.limit, strict=True)
     ]
 
 
-def _measured(q: Array, step: float) -> Array:
-    """Return joints as the encoder gives them."""
-    return step * np.round(q / step) if step else q
+def _measured(q: Array, step: Array) -> Array:
+    """Return joints as the encoders measure them."""
+    return step * np.round(q / step) if step.all() else q
 
 
 def _checked(arm: Arm, motion: Motion, c: Conditions) -> tuple[int, int]:
-    """Return the shape (k, n) of a motion that fits the arm and the rate."""
-    k, n = len(motion.t), len(arm.links)
+    """Return the shape (k, n) of a motion; raise if it does not fit the robot and the rate."""
+    k, n = len(motion.t), len(arm.friction)
     for name, values in (("q", motion.q), ("qd", motion.qd), ("qdd", motion.qdd)):
         if values.shape != (k, n) or not np.isfinite(values).all():
             raise TwinError(f"motion: {name} must be {k} rows of {n} finite numbers, not {values.shape}")

@@ -1,9 +1,9 @@
 """Joint steps towards a desired pose, from the Jacobian, within joint and rate limits.
 
 Algorithm 2.1 of the SHER 3.0 simulation paper minimises C = J(q) qd - (X_des - X_curr) by sequential least
-squares programming. As printed C is a vector, and a rate less a displacement. What can be meant, and what both
-solvers here minimise, is |J dq - gain (X_des - X_curr)|^2 for a joint step dq = qd dt, with the rotation of
-X_des - X_curr as a rotation vector in base, and a radian weighed as much as the characteristic length.
+squares programming. As printed C is a vector, and subtracts a displacement from a rate. The plausible meaning, which
+both solvers here minimise, is |J dq - gain (X_des - X_curr)|^2 for a joint step dq = qd dt, with the rotation of X_des
+- X_curr as a rotation vector in base, and a radian counts as much as the characteristic length.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from twin.core import spatial
 from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
 from twin.kinematics import Kinematics
+from twin.simulation.limits import Limits
+from twin.simulation.world import Block, Signals
 
 Solver = Literal["slsqp", "damped"]
 
@@ -25,23 +27,14 @@ _DAMPING = 1e-4
 
 
 @dataclass(frozen=True)
-class Limits:
-    """Joint limits: lower, upper (n,) in m or rad, max_speed (n,) in m/s or rad/s; infinite where there is none."""
-
-    lower: Array
-    upper: Array
-    max_speed: Array
-
-
-@dataclass(frozen=True)
 class Step:
-    """One tick.
+    """Result of one tick.
 
     Attributes:
         q: (n,) joints after it.
         dq: (n,) the step.
-        residual: what of the pose error is left to first order, in m (rotations by the characteristic length).
-        saturated: (n,) bool, which joints stand at a limit of theirs.
+        residual: remaining pose error to first order, in m (rotations by the characteristic length).
+        saturated: (n,) bool, which joints are at a limit.
     """
 
     q: Array
@@ -73,31 +66,60 @@ def step(
         q: (n,) present joints in m or rad.
         T_desired: (4, 4).
         dt: length of the tick in s.
-        limits: what the joints may do.
-        solver: "slsqp" as the paper, or "damped" least squares.
-        gain: part of the error to take back in this tick, (0, 1].
-        seed: (4, 4) a pose near the present one: a thousand times faster where forward equations are iterated.
+        limits: limits of the joints.
+        solver: "slsqp" as in the paper, or "damped" least squares.
+        gain: fraction of the error to correct in this tick, (0, 1].
+        seed: (4, 4) a pose near the present one; iterated forward equations are then a thousand times faster.
 
     Raises:
         KinematicsError: a value is not finite, or no Jacobian exists there.
     """
     q = np.asarray(q, float)
     if not (np.isfinite(q).all() and np.isfinite(T_desired).all() and dt > 0):
-        raise KinematicsError(f"joints, desired pose and dt = {dt} must be finite numbers, dt above 0")
+        raise KinematicsError(f"joints, desired pose and dt = {dt} must be finite numbers, and dt above 0")
     weight = np.array([1.0, 1.0, 1.0, *3 * [kin.characteristic_length]])
     T = kin.forward(q, seed)
     J = weight[:, None] * (kin.jacobian(q=q) if kin.closed_forward else kin.jacobian(T))
     e = gain * weight * pose_error(T, T_desired)
-    reach = limits.max_speed * dt
-    # A joint that stands outside its limits may only come back.
-    lower = np.clip(limits.lower - q, -reach, reach)
-    upper = np.clip(limits.upper - q, -reach, reach)
+    lower, upper = limits.steps(q, dt)
     # Columns in metres of tool motion, so that slides and turns are damped alike.
     scale = np.where(kin.revolute, 1.0 / kin.characteristic_length, 1.0)
     solve = _slsqp if solver == "slsqp" else _damped
     dq = np.clip(scale * solve(J * scale, e, lower / scale, upper / scale), lower, upper)
     at_limit = (dq <= lower) | (dq >= upper)
     return Step(q + dq, dq, float(np.linalg.norm(J @ dq - e)), at_limit)
+
+
+class ToolToJoints(Block):
+    """Reads `<robot>.rate` (n,) of the tool's coordinates and `<robot>.encoder`, writes `<robot>.command`, the joints.
+
+    Each rate is applied for `ticks` steps along a straight line from the tool's pose at its arrival; zero keeps the
+    command.
+    """
+
+    def __init__(
+        self, robot: str, kin: Kinematics, q: Array, limits: Limits, ticks: int, solver: Solver = "damped"
+    ) -> None:
+        """Begin at joints q (n,); a new rate arrives every `ticks` steps."""
+        self.robot, self.kin, self.limits, self.ticks = robot, kin, limits, ticks
+        self.solver: Solver = solver
+        self._T, self._start, self._count = kin.forward(q), np.zeros(0), 0
+        self.outputs = {f"{robot}.command": q}
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
+        """Do the next step along the line."""
+        done = self._count % self.ticks
+        self._count += 1
+        rate = signals[f"{self.robot}.rate"]
+        if not rate.any():
+            return {}
+        q, kin = signals[f"{self.robot}.encoder"], self.kin
+        if done == 0:
+            self._T = kin.forward(q, self._T)
+            self._start = kin.program.coordinates_of_pose.one(self._T.ravel())
+        way = rate * (self.ticks * dt) * (done + 1) / self.ticks
+        T = kin.program.pose_of_coordinates.one(self._start + way)
+        return {f"{self.robot}.command": step(kin, q, T, dt, self.limits, self.solver, seed=self._T).q}
 
 
 def _damped(J: Array, e: Array, lower: Array, upper: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What any teleoperation controller must keep, measured on an ideal tool that moves as it is told."""
+"""Requirements on any teleoperation controller, tested on an ideal tool."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.simulation.control.teleoperation import Teleoperation
+from twin.simulation.controllers.teleoperation import Teleoperation
 
 
 @dataclass(frozen=True)
 class ClutchReport:
-    """What the tool did when the pedal was pressed again with the handle elsewhere and at rest.
+    """Tool motion after the pedal is pressed again with the handle displaced and at rest.
 
     Attributes:
-        handle: how far the handle was moved while the pedal was up, in units of its coordinates.
-        jump: how far the tool went afterwards, likewise.
-        keeps: whether the tool stood still, to a billionth of the handle's way.
+        handle: displacement of the handle while the pedal was up, in units of its coordinates.
+        jump: distance that the tool moved afterwards, in the same units.
+        keeps: whether the tool moved less than a billionth of the handle's motion.
     """
 
     handle: float
@@ -37,7 +37,7 @@ def play(controller: Teleoperation, handle: Array, pedal: Array, tool: Array) ->
 def clutch(make: Callable[[], Teleoperation], distance: float = 0.03, hold: float = 4.0) -> ClutchReport:
     """Press, release, move the handle by `distance`, press again, and hold; each for `hold` seconds.
 
-    A controller keeps the contract if the tool then stands where it stood.
+    A controller passes if the tool does not move after the second press.
     """
     controller = make()
     n, ticks = len(controller.offset), round(hold / controller.dt)

@@ -1,7 +1,7 @@
 """The mid-level controller of the SHER 3.0 simulation paper: handle and pedal to rates of the tool, eqs (5)-(7).
 
-Coordinates are whatever the robot's equations use (SHER: x, y, z in m, psi, theta in rad), one scale for each.
-The paper's Ms is 5x5 while its poses have six freedoms; so it is read here.
+Coordinates are whatever the robot's equations use (SHER: x, y, z in m, psi, theta in rad), one scale for each. The
+paper's Ms is 5x5 while its poses have six freedoms; so this file uses six coordinates, or as many as the robot has.
 """
 
 from __future__ import annotations
@@ -13,23 +13,27 @@ import numpy as np
 
 from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
+from twin.kinematics import Kinematics
+from twin.simulation.world import Block, Signals
 
 Clutch = Literal["printed", "corrected"]
-"""Eq. (7). printed: the offset counts at the tick of the pedal's rising edge alone, and the tool jumps one tick
-later. corrected: it is kept until the next rising edge."""
+"""Eq. (7). printed: the offset acts only in the tick of the pedal's rising edge, and the tool jumps one tick later.
+
+corrected: the offset is kept until the next rising edge.
+"""
 
 
 @dataclass(frozen=True)
 class Gains:
     """Gains, each (n,) or a number for all coordinates.
 
-    No value is printed. ASSUMED defaults: scale 0.1 (a tenth of the hand's motion), 5 /s without integral and
-    derivative, so that nothing overshoots.
+    No value is printed. ASSUMED defaults: scale 0.1 (a tenth of the hand's motion), proportional gain 5 /s without
+    integral and derivative, so that the tool does not overshoot.
 
     Attributes:
         scale: Ms, tool motion for each handle motion.
-        kp, ki, kd: of eq. (5), in 1/s, 1/s^2 and 1.
-        limit: largest rate that may be asked of the tool, in m/s or rad/s.
+        kp, ki, kd: gains of eq. (5), in 1/s, 1/s^2 and 1.
+        limit: maximum rate of the tool, in m/s or rad/s.
     """
 
     scale: Array | float = 0.1
@@ -43,7 +47,7 @@ class Teleoperation:
     """Turns handle positions Xo, tool positions X and the pedal Mp into tool rates u, tick by tick.
 
     Attributes:
-        gains, dt, clutch: as given.
+        gains, dt, clutch: the arguments.
         offset: (n,) Mc, the clutch compensation in use.
     """
 
@@ -63,7 +67,7 @@ class Teleoperation:
         self._pressed = False
 
     def step(self, handle: Array, tool: Array, pedal: bool) -> Array:
-        """Return u (n,), the rate asked of the tool, in m/s or rad/s; zero while the pedal is up.
+        """Return u (n,), the commanded rate of the tool, in m/s or rad/s; zero while the pedal is up.
 
         Args:
             handle: Xo (n,) position of the handle.
@@ -78,10 +82,10 @@ class Teleoperation:
         elif self.clutch == "printed":
             self.offset = np.zeros_like(apart)
         self._pressed = bool(pedal)
-        if not pedal:  # in words only: the pedal gates the output
+        if not pedal:  # the paper says in words only: the pedal gates the output
             return np.zeros_like(apart)
         e = apart - self.offset  # eq. (6)
-        if rising:  # else integral and derivative would kick
+        if rising:  # otherwise integral and derivative would cause a jump
             self._sum, self._last = np.zeros_like(e), e
         total = self._sum + e * self.dt
         u = g.kp * e + g.ki * total + g.kd * (e - self._last) / self.dt  # eq. (5)
@@ -89,3 +93,19 @@ class Teleoperation:
         self._sum = np.where(bounded == u, total, self._sum)  # no wind-up while the output is held
         self._last = e
         return bounded
+
+
+class HandToTool(Block):
+    """Reads `<device>.handle` (n,), `<device>.pedal` and `<robot>.encoder`, writes `<robot>.rate` (n,) of the tool."""
+
+    def __init__(self, robot: str, device: str, kin: Kinematics, q: Array, law: Teleoperation) -> None:
+        """Begin at joints q (n,); the period of this block is the law's dt."""
+        self.robot, self.device, self.kin, self.law, self.period = robot, device, kin, law, law.dt
+        self._T, self.outputs = kin.forward(q), {f"{robot}.rate": np.zeros_like(law.offset)}
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
+        """Evaluate the control law."""
+        self._T = self.kin.forward(signals[f"{self.robot}.encoder"], self._T)
+        tool = self.kin.program.coordinates_of_pose.one(self._T.ravel())
+        handle, pedal = signals[f"{self.device}.handle"], signals[f"{self.device}.pedal"][0] > 0.5
+        return {f"{self.robot}.rate": self.law.step(handle, tool, bool(pedal))}

@@ -1,0 +1,132 @@
+"""The robots of a scene under a surgeon's console, in a World: two hands, pedals, a camera that both hands drag."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.errors import TwinError, unknown
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.kinematics import Kinematics
+from twin.model.mechanism import Mechanism
+from twin.model.scene import ConsoleTable, Place, Scene
+from twin.simulation.controllers.camera import Dragging, HandsToCamera, looking
+from twin.simulation.controllers.following import Arm, HandToPose
+from twin.simulation.controllers.jaw import GripToJaw, Jaw
+from twin.simulation.controllers.pedals import Pedals
+from twin.simulation.controllers.reaching import PoseToJoints
+from twin.simulation.limits import Limits
+from twin.simulation.plants.kinematic import Kinematic
+from twin.simulation.world import Block, Placed, World
+
+HANDS = ("right", "left")
+"""Names of the hands; the device of the pedals is called `pedals`."""
+
+PEDALS = "pedals"
+
+
+@dataclass(frozen=True)
+class Member:
+    """A robot of the scene: its mechanism and its equations."""
+
+    mechanism: Mechanism
+    kin: Kinematics
+
+
+def start(place: Place, member: Member) -> Array:
+    """Return the joints (n,) from which a console begins.
+
+    Raises:
+        TwinError: the robot has no such joint, or the joint is outside its limits.
+    """
+    active = member.mechanism.active
+    names = [j.name for j in active]
+    q = np.array(member.mechanism.posture("home"), float)
+    for name, shown in place.start.items():
+        if name not in names:
+            raise TwinError(f"{place.name}: start: {unknown('active joint', name, names)}")
+        joint = active[names.index(name)]
+        unit, text = (DEG, "deg") if joint.is_angle else (MM, "mm")
+        low, high = joint.limits or (-np.inf, np.inf)
+        if not low <= shown * unit <= high:
+            raise TwinError(
+                f"{place.name}: start: {name} is {shown:g} {text}, outside {low / unit:g} .. {high / unit:g} {text}"
+            )
+        q[names.index(name)] = shown * unit
+    return q
+
+
+def world(scene: Scene, members: Mapping[str, Member], device: Block, dt: float = 1e-3, records: bool = True) -> World:
+    """Return a World in which a device leads the robots of a scene.
+
+    The arm of the camera turns about its port: pan about y, tilt about x of its base. {H} of the hands is the frame of
+    the picture: x right, y up, z out of it.
+
+    Args:
+        scene: with a console.
+        members: by the names of its places.
+        device: writes poses and grippers of `HANDS`, and the pedals.
+        dt: s of one tick.
+        records: see `World`.
+
+    Raises:
+        TwinError: the scene has no console, the camera is not on its robot's tool, or a start is wrong.
+    """
+    table = scene.console
+    if table is None:
+        raise TwinError(f"scene '{scene.name}' has no console: add the table [console] to {scene.file.name}")
+    places = {p.name: p for p in scene.places}
+    led = [places[n] for n in (*table.right, *table.left, scene.cameras[table.camera].robot)]
+    q = {p.name: start(p, members[p.name]) for p in led}
+    limits = {p.name: Limits.of(members[p.name].mechanism) for p in led}
+    camera = _camera(scene, table, members, q, dt)
+    view = camera.camera
+    controllers: list[Block] = [Pedals(PEDALS), camera]
+    for hand in HANDS:
+        arms = [Arm(n, members[n].kin, places[n].T_world_base) for n in getattr(table, hand)]
+        at = [q[a.robot] for a in arms]
+        controllers.append(HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt))
+        for arm in arms:
+            for k in np.flatnonzero(arm.kin.auxiliary)[:1]:  # the jaw, if there is one
+                low, high = float(limits[arm.robot].lower[k]), float(limits[arm.robot].upper[k])
+                jaw = Jaw(max(low, 0.0), high, float(q[arm.robot][k]), dt)
+                controllers.append(GripToJaw(hand, arm.robot, jaw))
+    controllers += [PoseToJoints(n, members[n].kin, x, limits[n]) for n, x in q.items()]
+    return World(
+        robots=[Placed(p.name, members[p.name].mechanism, p.T_world_base) for p in led],
+        devices=[device],
+        controllers=controllers,
+        plants=[Kinematic(n, x, limits[n]) for n, x in q.items()],
+        dt=dt,
+        records=records,
+    )
+
+
+def _camera(
+    scene: Scene, table: ConsoleTable, members: Mapping[str, Member], q: Mapping[str, Array], dt: float
+) -> HandsToCamera:
+    camera = scene.cameras[table.camera]
+    place = next(p for p in scene.places if p.name == camera.robot)
+    member = members[camera.robot]
+    tool, frame = (member.mechanism.frame(n) for n in (member.mechanism.tool, camera.frame))
+    if tool.body != frame.body:
+        raise TwinError(
+            f"{scene.file}: camera '{table.camera}' is on {frame.body}; a console drags one on {tool.body}, "
+            f"the body of the tool of {place.name}"
+        )
+    T_tool_view = spatial.inverse(tool.T_body_frame) @ frame.T_body_frame @ camera.in_frame @ PICTURE
+    T_world_centre = spatial.pose(place.T_world_base[:3, :3], next(iter(place.p_world_ports.values())))
+    T_world_view = place.T_world_base @ member.kin.forward(q[place.name]) @ T_tool_view
+    law = Dragging(looking(spatial.inverse(T_world_centre) @ T_world_view), dt)
+    T_view_tool = spatial.inverse(T_tool_view)
+    return HandsToCamera(
+        place.name, *HANDS, law, np.eye(4), T_world_centre, place.T_world_base, T_view_tool=T_view_tool
+    )
+
+
+PICTURE = np.diag([1.0, -1.0, -1.0, 1.0])
+"""The frame of a picture, y up and z out of it, in that of its camera, which looks along z with -y up."""

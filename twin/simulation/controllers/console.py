@@ -1,0 +1,253 @@
+"""Equations (1) to (7) of the paper on an affordable console for robotic surgery training, and their readings.
+
+A hand (frame {H}) moves a tool (robot base {RB}). T is the pose of {H} in {RB}, W the pose of the handle in {H}, P the
+pose of the tool in {RB}, each (4, 4) in m; index 0 is before the motion, 1 after it. Two hands turn the camera: p_R,
+p_L (3,) in m, n (3,) the unit vector out of the picture. A reading is one interpretation of an equation: "paper" as
+printed; "conjugate" makes eq. (2) a change of frame; "decoupled", the correct one, moves the tool's point by the hand's
+point and rotates the tool about its own point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from numpy import arctan2, clip, cross
+
+from twin.core.errors import KinematicsError, unknown
+from twin.core.spatial import Array, inverse, pose
+from twin.formula.contract import Equation
+from twin.formula.equations import Equations
+
+PAPER = "A novel affordable user interface for robotic surgery training"
+
+STIFFNESS, DAMPING, LARGEST = 600.0, 10.0, 3.3
+"""Stiffness and damping of a surface in N/m and N s/m.
+
+The printed 0.6 and 0.01 have no unit and are read in N/mm and N s/mm (ASSUMED);
+
+largest force of the pen in N (ASSUMED: its maker's figure).
+"""
+
+equation = Equations(PAPER, variant="decoupled")
+
+
+@equation(
+    "forward",
+    "motion of the hand -> motion of the tool",
+    gives="dW",
+    source=f"{PAPER}, eq. (2)",
+    why="rotations change frame by R_T alone, translations by R_T and the scale; each body rotates about its own point",
+)
+def eq2(W_0, W_1, T, scale):
+    """Rotation and translation of the tool in {RB}, (4, 4); use it with eq. (1) of the same reading."""
+    R = T[:3, :3]
+    dW = pose(R @ W_1[:3, :3] @ W_0[:3, :3].T @ R.T, scale * R @ (W_1[:3, 3] - W_0[:3, 3]))
+    return dW
+
+
+@equation.variant("paper", of=eq2, why="as printed: T on the left only, not its inverse on the right; no scale")
+def eq2_paper(W_0, W_1, T):
+    """Motion of the tool by the printed equation."""
+    dW = T @ (W_1 @ inverse(W_0))
+    return dW
+
+
+@equation.variant("conjugate", of=eq2, why="a change of frame, but the tool turns about the hand's point, no scale")
+def eq2_conjugate(W_0, W_1, T):
+    """Return the motion of the tool (4, 4): the motion of the hand W_1 W_0^-1 in the frame that T leads to."""
+    dW = T @ (W_1 @ inverse(W_0)) @ inverse(T)
+    return dW
+
+
+@equation(
+    "forward",
+    "motion and pose of the tool -> its next pose",
+    gives="P_1",
+    source=f"{PAPER}, eq. (1)",
+    why="the tool turns about its own point",
+)
+def eq1(dW, P_0):
+    """Pose of the tool after the motion, (4, 4) in {RB}."""
+    P_1 = pose(dW[:3, :3] @ P_0[:3, :3], dW[:3, 3] + P_0[:3, 3])
+    return P_1
+
+
+@equation.variant("paper", of=eq1, why="as printed: one product: the tool rotates about the origin of {RB}")
+def eq1_paper(dW, P_0):
+    """Pose of the tool by the printed equation."""
+    P_1 = dW @ P_0
+    return P_1
+
+
+@equation.variant("conjugate", of=eq1, why="as printed")
+def eq1_conjugate(dW, P_0):
+    """Pose of the tool by the printed equation."""
+    P_1 = dW @ P_0
+    return P_1
+
+
+@equation(
+    "forward",
+    "positions of a hand -> its displacement",
+    gives="d_R d_L",
+    source=f"{PAPER}, eq. (3)",
+    variant="paper",
+)
+def eq3(p_R0, p_R1, p_L0, p_L1):
+    """Displacements of both hands, (3,) each."""
+    d_R = p_R1 - p_R0
+    d_L = p_L1 - p_L0
+    return d_R, d_L
+
+
+@equation(
+    "forward",
+    "positions of both hands -> camera roll, computed for each hand",
+    gives="turn_R turn_L",
+    source=f"{PAPER}, eq. (4)",
+    variant="corrected",
+    why="the angle of the line between the hands about the line of sight: it does not depend on the origin",
+)
+def eq4(p_R0, p_L0, d_R, d_L, n):
+    """Rotation about n in rad, counter-clockwise positive; corrected: the same for both hands."""
+    v = p_R0 - p_L0
+    w = v + d_R - d_L
+    turn_R = arctan2(cross(v, w) @ n, v @ w - (v @ n) * (w @ n))
+    turn_L = turn_R
+    return turn_R, turn_L
+
+
+@equation.variant("paper", of=eq4, why="as printed: p_1 x p_0 of each hand, in m^2, about the origin of the frame")
+def eq4_paper(p_R0, p_L0, d_R, d_L, n):
+    """Components of the cross products along n, as printed, for both hands."""
+    turn_R = cross(p_R0 + d_R, p_R0) @ n
+    turn_L = cross(p_L0 + d_L, p_L0) @ n
+    return turn_R, turn_L
+
+
+@equation(
+    "forward",
+    "depth in a surface and its rate -> force",
+    gives="F",
+    source=f"{PAPER}, eq. (5)",
+    variant="corrected",
+    why="SI units, zero outside the surface, never pulling inwards, limited to the device's maximum",
+)
+def eq5(x, v):
+    """Force in N along the inward direction of the surface; x in m, v in m/s, positive inwards."""
+    F = clip(-STIFFNESS * x - DAMPING * v, -LARGEST, 0.0) if x > 0 else 0.0
+    return F
+
+
+@equation.variant("paper", of=eq5, why="as printed: 0.6 and 0.01 without units; read as N/mm, the only plausible units")
+def eq5_paper(x, v):
+    """Force by the printed equation."""
+    F = -STIFFNESS * x - DAMPING * v
+    return F
+
+
+@equation(
+    "forward",
+    "motions of hand and tool -> error of the console",
+    gives="err",
+    source=f"{PAPER}, eqs (6), (7)",
+    why="displacements are compared with the motion of the hand, not with eq. (2)",
+)
+def eq7(P_0, P_1, W_0, W_1, T, scale):
+    """Error of the console: rotation and translation in m, (4, 4)."""
+    R = T[:3, :3]
+    wanted = R @ W_1[:3, :3] @ W_0[:3, :3].T @ R.T
+    off = P_1[:3, 3] - P_0[:3, 3] - scale * R @ (W_1[:3, 3] - W_0[:3, 3])
+    err = pose(P_1[:3, :3] @ P_0[:3, :3].T @ wanted.T, off)
+    return err
+
+
+@equation.variant("paper", of=eq7, why="as printed: the tool's motion is compared with eq. (2) itself")
+def eq7_paper(P_0, P_1, W_0, W_1, T):
+    """Error of the console by the printed equations."""
+    err = (P_1 @ inverse(P_0)) @ inverse(T @ (W_1 @ inverse(W_0)))
+    return err
+
+
+EQUATIONS: Mapping[str, Equation] = {e.name: e for e in equation}
+"""Equations by name, in the order of this file."""
+
+READINGS: Mapping[str, Mapping[str, str]] = {
+    "paper": {"eq1": "paper", "eq2": "paper", "eq4": "paper", "eq5": "paper", "eq7": "paper"},
+    "conjugate": {"eq1": "conjugate", "eq2": "conjugate"},
+    "decoupled": {},
+}
+"""Names of readings for all equations, with their differences from the correct reading."""
+
+
+@dataclass(frozen=True)
+class Console:
+    """The equations of a console, each in one reading.
+
+    Attributes:
+        name, title, source: name, title and source document of the console.
+        variants: the reading of each equation.
+        laws: the function of each equation; a test may replace it.
+        force_model: name of the force model of eq. (5).
+        force_units: units of stiffness and damping; "" if none is printed.
+        turn_unit: unit of the output of eq. (4).
+    """
+
+    name: str
+    title: str
+    source: str
+    variants: Mapping[str, str]
+    laws: Mapping[str, Callable[..., Any]]
+    force_model: str
+    force_units: str
+    turn_unit: str
+
+    def tool(self, P_0: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
+        """Return the next pose (4, 4) of the tool in {RB} by eqs (2) and (1)."""
+        dW = self.laws["eq2"](W_0, W_1, T, scale)
+        return self.laws["eq1"](dW, P_0)
+
+    def turns(self, p_R0: Array, p_R1: Array, p_L0: Array, p_L1: Array, n: Array) -> tuple[float, float]:
+        """Return the camera roll by eqs (3) and (4): (from the right hand, from the left hand)."""
+        d_R, d_L = self.laws["eq3"](p_R0, p_R1, p_L0, p_L1)
+        right, left = self.laws["eq4"](p_R0, p_L0, d_R, d_L, n)
+        return float(right), float(left)
+
+    def force(self, depth: float, rate: float) -> float:
+        """Return the force in N of a surface by eq. (5), negative outwards; depth in m, rate in m/s."""
+        return float(self.laws["eq5"](depth, rate))
+
+    def error(self, P_0: Array, P_1: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
+        """Return the error (4, 4) of a motion by eq. (7)."""
+        return self.laws["eq7"](P_0, P_1, W_0, W_1, T, scale)
+
+
+def console(variants: Mapping[str, str] | None = None) -> Console:
+    """Return the paper's console.
+
+    Args:
+        variants: reading by equation, for the equations that differ from the correct reading.
+
+    Raises:
+        KinematicsError: there is no such equation or reading.
+    """
+    chosen = {name: e.default for name, e in EQUATIONS.items()}
+    for name, reading in (variants or {}).items():
+        if name not in EQUATIONS:
+            raise KinematicsError(unknown("equation", name, EQUATIONS))
+        if reading not in EQUATIONS[name].variants:
+            raise KinematicsError(f"{name}: {unknown('variant', reading, EQUATIONS[name].variants)}")
+        chosen[name] = reading
+    printed = chosen["eq5"] == "paper"
+    return Console(
+        name="davinci",
+        title="Console with two haptic pens and two pedals for da Vinci instruments",
+        source=PAPER,
+        variants=chosen,
+        laws={name: EQUATIONS[name].variants[reading] for name, reading in chosen.items()},
+        force_model="mass-spring-damper" if printed else "spring-damper",
+        force_units="" if printed else "N/m, N s/m",
+        turn_unit="m^2" if chosen["eq4"] == "paper" else "rad",
+    )

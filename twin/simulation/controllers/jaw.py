@@ -1,0 +1,76 @@
+"""A gripper moves a jaw: its offset is calibrated, only the lower limit is clamped, and the clutch causes no jump.
+
+As in the da Vinci Research Kit, the jaw follows the gripper at up to 720 deg/s; after a clutch at up to 36 deg/s until
+it is within 2 deg of the gripper.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.core.units import DEG
+from twin.simulation.world import Block, Signals
+
+
+@dataclass(frozen=True)
+class Grip:
+    """Parameters by which a gripper moves a jaw, in rad and rad/s.
+
+    Attributes:
+        travel: travel of the gripper that moves the jaw from its lower to its upper end.
+        fast, slow: largest rates of the jaw: usually, and after a clutch.
+        near: difference to the gripper below which a slow jaw becomes fast again.
+    """
+
+    travel: float = 60 * DEG
+    fast: float = 720 * DEG
+    slow: float = 36 * DEG
+    near: float = 2 * DEG
+
+
+class Jaw:
+    """The jaw of one arm, tick by tick.
+
+    Attributes:
+        angle: of the jaw, in rad.
+        closed: smallest angle of the gripper in rad before it moved the jaw; there the gripper counts as closed.
+    """
+
+    def __init__(self, lower: float, upper: float, angle: float, dt: float, grip: Grip | None = None) -> None:
+        """Start at an angle (rad); `lower` is the clamped limit, `upper` the angle at the open gripper."""
+        self.lower, self.upper, self.angle, self.dt, self.grip = lower, upper, angle, dt, grip or Grip()
+        self.closed = np.inf
+        self._slow, self._led = True, False
+
+    def step(self, grip: float, follows: bool) -> float:
+        """Return the angle of the jaw in rad; it is constant while the arm does not follow."""
+        if not self._led:
+            self.closed = min(self.closed, grip)
+        if not follows:
+            self._slow = True
+            return self.angle
+        self._led = True
+        g = self.grip
+        wanted = max(self.lower, self.lower + (grip - self.closed) * (self.upper - self.lower) / g.travel)
+        off = wanted - self.angle
+        self._slow = self._slow and abs(off) >= g.near
+        most = (g.slow if self._slow else g.fast) * self.dt
+        self.angle = wanted if abs(off) <= most else self.angle + np.copysign(most, off)
+        return self.angle
+
+
+class GripToJaw(Block):
+    """Reads `<hand>.grip` and `<robot>.follows`, writes `<robot>.jaw` in rad."""
+
+    def __init__(self, hand: str, robot: str, jaw: Jaw) -> None:
+        """Connect a gripper to a jaw."""
+        self.hand, self.robot, self.jaw = hand, robot, jaw
+        self.outputs = {f"{robot}.jaw": jaw.angle}
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
+        """Move the jaw towards the gripper."""
+        follows = signals[f"{self.robot}.follows"][0] > 0.5
+        return {f"{self.robot}.jaw": float(self.jaw.step(float(signals[f"{self.hand}.grip"][0]), bool(follows)))}

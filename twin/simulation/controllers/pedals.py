@@ -1,0 +1,46 @@
+"""Two pedals of a console: they select what the hands control; quick taps change arms."""
+
+from __future__ import annotations
+
+import math
+
+from twin.core.spatial import Array
+from twin.simulation.world import Block, Signals
+
+TOOLS, FREE, CAMERA = 0.0, 1.0, 2.0
+"""Modes: the hands control the instruments; nothing (clutch); the camera."""
+
+TAP = 0.25
+"""Longest duration in s of a quick tap of the clutch (ASSUMED)."""
+
+
+class Pedals(Block):
+    """Reads `<device>.clutch` and `<device>.camera`, writes `console.mode` and `console.taps` (count of taps).
+
+    The clutch has priority: with both pedals down, the hands control nothing. The same holds while the device is silent
+    (`<device>.silent` is 1, if it writes this signal); silence is not a tap.
+    """
+
+    def __init__(self, device: str, tap: float = TAP) -> None:
+        """Connect to the pedals of a device; both start released."""
+        self.device, self.tap = device, tap
+        self._taps = 0
+        self._since: float | None = None  # time at which the clutch went down; infinity: unknown
+        self.outputs = {"console.mode": TOOLS, "console.taps": 0.0}
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, float | Array]:
+        """Read both pedals."""
+        clutch = signals[f"{self.device}.clutch"][0] > 0.5
+        camera = signals[f"{self.device}.camera"][0] > 0.5
+        silent = f"{self.device}.silent" in signals and signals[f"{self.device}.silent"][0] > 0.5
+        if silent:
+            self._since = math.inf if clutch else None
+        elif clutch:
+            self._since = t if self._since is None else self._since
+        elif self._since is not None:
+            self._taps += 0 <= t - self._since <= self.tap + 1e-9
+            self._since = None
+        return {
+            "console.mode": FREE if clutch or silent else CAMERA if camera else TOOLS,
+            "console.taps": float(self._taps),
+        }

@@ -1,0 +1,1 @@
+"""Devices: each writes the state of its handle, pedals and buttons."""

@@ -1,0 +1,180 @@
+"""A simulated operator with a random seed, who does a task with handle and clutch pedal.
+
+The hand moves by minimum jerk (Flash and Hogan, J. Neurosci. 5(7), 1985) towards the remaining error, has tremor in
+the physiological band, and clutches when the handle leaves its comfortable range: pedal up, handle back to the middle,
+pedal down. Speeds, pauses and tremor are ASSUMED: the paper gives results of its users, but no hand motions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.core.errors import KinematicsError
+from twin.core.spatial import Array
+from twin.kinematics import Kinematics
+from twin.simulation.world import Block, Signals
+
+_STALLED = 12
+"""Number of strokes without progress after which the operator gives up."""
+
+
+@dataclass(frozen=True)
+class Hand:
+    """Parameters of the hand motion, SI; all ASSUMED.
+
+    Attributes:
+        reach: comfortable range of the handle about its middle, in m and rad.
+        speed: mean speed of a stroke, in m/s and rad/s.
+        pause: rest in s after a stroke, until the tool's motion is seen.
+        tremor: rms amplitude in m; tremor_band in Hz.
+        misjudge: standard deviation of each stroke as a fraction of its length.
+    """
+
+    reach: tuple[float, float] = (0.05, 0.9)
+    speed: tuple[float, float] = (0.06, 0.4)
+    pause: float = 0.6
+    tremor: float = 50e-6
+    tremor_band: tuple[float, float] = (8.0, 12.0)
+    misjudge: float = 0.03
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A goal for the tool: name, pose T_base_tool (4, 4), tolerance in m, and whether it is an insertion."""
+
+    name: str
+    T_base_tool: Array
+    tolerance: float
+    inserts: bool = False
+
+
+def minimum_jerk(s: Array) -> Array:
+    """Return the fraction of the way (k,) at fractions of the time s (k,) in [0, 1]: 10 s^3 - 15 s^4 + 6 s^5."""
+    return s**3 * (10 - 15 * s + 6 * s**2)
+
+
+def tremor(rng: np.random.Generator, hand: Hand, lines: int = 24) -> Callable[[float], Array]:
+    """Return tremor (3,) in m as a function of time: sines of random phase in the hand's band, with its amplitude."""
+    f = rng.uniform(*hand.tremor_band, (lines, 3))
+    phase = rng.uniform(0, 2 * np.pi, (lines, 3))
+    amplitude = hand.tremor * np.sqrt(2 / lines / 3)
+    return lambda t: amplitude * np.sin(2 * np.pi * f * t + phase).sum(axis=0)
+
+
+class ScriptedHand(Block):
+    """Writes `hand.handle` (n,), with tremor, `hand.pedal`, 0 or 1, and `hand.goal`, number of the goal or -1.
+
+    It sees the tool pose (`<robot>.q`) between two strokes, and ends when the last goal is reached or a goal is given
+    up.
+
+    Attributes:
+        missed: the goal that it gave up; "" if none.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        kin: Kinematics,
+        goals: Sequence[Goal],
+        scale: ArrayLike,
+        period: float,
+        seed: int = 0,
+        hand: Hand | None = None,
+        progress: Callable[[str, float], None] | None = None,
+    ) -> None:
+        """Connect to a robot.
+
+        Args:
+            robot: its name in the World.
+            kin: its equations, in whose coordinates the handle moves.
+            goals: the goals in order.
+            scale: tool motion per handle motion, as the operator assumes it: (n,) or a number.
+            period: time in s between two outputs.
+            seed: seed of tremor and errors.
+            hand: parameters of its motion.
+            progress: called with the name of each goal and the fraction of goals done.
+
+        Raises:
+            KinematicsError: a goal pose cannot be expressed in the robot's coordinates.
+        """
+        self.robot, self.kin, self.goals, self.period = robot, kin, goals, period
+        self.hand, self._rng = hand or Hand(), np.random.default_rng(seed)
+        self._shake = tremor(self._rng, self.hand)
+        self._progress = progress or (lambda name, part: None)
+        units = kin.formula.coordinates.units
+        self._angular, self._linear = np.array([u == "rad" for u in units]), np.flatnonzero([u == "m" for u in units])
+        self._scale = np.broadcast_to(np.asarray(scale, float), len(units))
+        self._wanted = [self._coordinates(goal) for goal in goals]
+        self._handle, self._goal, self._count = np.zeros(len(units)), -1, 0
+        self._T: Array | None = None
+        self.missed, self._pedals = "", self._work()
+        self.outputs = {"hand.handle": self._handle, "hand.pedal": 0.0, "hand.goal": -1.0}
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike] | None:
+        """Return the signals of the next tick."""
+        self._signals = signals
+        pedal = next(self._pedals, None)
+        if pedal is None:
+            return None
+        felt = self._handle.copy()
+        at = self._linear[:3]
+        felt[at] += self._shake(self._count * self.period)[: len(at)]
+        self._count += 1
+        return {"hand.handle": felt, "hand.pedal": float(pedal), "hand.goal": float(self._goal)}
+
+    def _coordinates(self, goal: Goal) -> Array:
+        program = self.kin.program
+        wanted = program.coordinates_of_pose.one(goal.T_base_tool.ravel())
+        if np.linalg.norm(program.pose_of_coordinates.one(wanted) - goal.T_base_tool) > 1e-6:
+            raise KinematicsError(f"{self.kin.formula.name}: goal '{goal.name}' is outside the robot's freedoms")
+        return wanted
+
+    def _tool(self) -> Array:
+        self._T = self.kin.forward(self._signals[f"{self.robot}.q"], self._T)
+        return self.kin.program.coordinates_of_pose.one(self._T.ravel())
+
+    def _work(self) -> Iterator[bool]:
+        """Yield the state of the pedal for each period."""
+        hand, angular, scale = self.hand, self._angular, self._scale
+        reach = np.where(angular, hand.reach[1], hand.reach[0])
+        yield from self._hold(0.2, False)
+        for i, goal in enumerate(self.goals):
+            self._progress(goal.name, i / len(self.goals))
+            self._goal, best, stalled = i, np.inf, 0
+            while stalled < _STALLED:
+                missing = (self._wanted[i] - self._tool()) / scale
+                left = float(np.linalg.norm(missing / reach))
+                best, stalled = (left, 0) if left < 0.98 * best else (best, stalled + 1)
+                near = np.abs(missing[angular]).max(initial=0.0) < 2e-3 / scale[angular].max(initial=1.0)
+                if near and np.linalg.norm((missing * scale)[~angular]) < goal.tolerance:
+                    break
+                room = np.where(missing > 0, reach - self._handle, reach + self._handle)
+                part = np.where(np.abs(missing) > 1e-12, room / np.maximum(np.abs(missing), 1e-12), 1.0).min()
+                if part < 0.05:  # the handle is at the end of its range
+                    yield from self._move(np.zeros_like(self._handle), 0.6, False)
+                    yield from self._hold(0.15, True)
+                    continue
+                stroke = min(part, 1.0) * missing * (1 + hand.misjudge * self._rng.normal())
+                way = float(np.linalg.norm(stroke[~angular])) / hand.speed[0]
+                turn = float(np.abs(stroke[angular]).max(initial=0.0)) / hand.speed[1]
+                yield from self._move(self._handle + stroke, max(0.35, way, turn), True)
+                yield from self._hold(hand.pause, True)
+            else:
+                self.missed = goal.name
+                return
+
+    def _move(self, to: Array, seconds: float, pedal: bool) -> Iterator[bool]:
+        """Move the handle by minimum jerk; yield for each period."""
+        start, k = self._handle.copy(), max(1, round(seconds / self.period))
+        for s in minimum_jerk(np.arange(1, k + 1) / k):
+            self._handle = start + s * (to - start)
+            yield pedal
+
+    def _hold(self, seconds: float, pedal: bool) -> Iterator[bool]:
+        """Hold the handle at rest; yield for each period."""
+        for _ in range(round(seconds / self.period)):
+            yield pedal

@@ -1,0 +1,190 @@
+"""Result of computed-torque control: errors with exact and wrong models, efforts, findings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from twin.core.findings import Finding, by_severity, disagreement, warning
+from twin.core.quantity import mm, um
+from twin.core.result import Part, Result, Table
+from twin.core.units import MM, UM
+from twin.simulation.dynamics.arm import Arm
+from twin.simulation.dynamics.track import (
+    ENCODER,
+    EXACT_LIMIT,
+    TIP_LIMIT,
+    EffortRow,
+    Motion,
+    Run,
+    effort_table,
+)
+
+EXACT = "exact model"
+"""Name of the run without mismatch."""
+
+SOURCES = {
+    "cited": "masses, mass centres and tensors as cited in inertia.toml",
+    "cad": "masses, mass centres and tensors from shapes and densities of the CAD (ASSUMED where marked)",
+}
+"""Sources of masses, as text."""
+
+
+@dataclass(frozen=True)
+class Tracking(Result):
+    """Runs under computed torque control along one protocol.
+
+    Attributes:
+        robot, protocol, title: names, and the title of the protocol.
+        inertia: source of the masses, a key of `SOURCES`.
+        arm: the robot model.
+        motion: the desired motion.
+        phases: (name, type, begin, end in s) of each phase of the protocol.
+        mismatch: fraction by which the masses of the wrong models differ.
+        runs: runs by name; the run with the exact model is first.
+        curves: runs over inertia errors, by name; empty if not requested.
+    """
+
+    kind: ClassVar[str] = "track"
+    robot: str
+    protocol: str
+    title: str
+    inertia: str
+    arm: Arm
+    motion: Motion
+    phases: tuple[tuple[str, str, float, float], ...]
+    mismatch: float
+    runs: Mapping[str, Run]
+    curves: Mapping[str, list[Run]]
+
+    @property
+    def worst(self) -> str:
+        """Name of the run with a wrong model that has the largest tip error."""
+        return max((n for n in self.runs if n != EXACT), key=lambda n: self.runs[n].tip_max)
+
+    @property
+    def duration(self) -> float:
+        """Seconds of the motion."""
+        return float(self.motion.t[-1] - self.motion.t[0])
+
+    @cached_property
+    def efforts(self) -> list[EffortRow]:
+        """Peak and rms efforts of the motors over all runs."""
+        return effort_table(self.arm, *self.runs.values())
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """Exceeded limits."""
+        return tuple(f for name, run in self.runs.items() for f in _judged(name, run, self.arm))
+
+    @property
+    def word(self) -> str:
+        """The verdict as text."""
+        return (
+            f"The tip error stays within {TIP_LIMIT / MM:g} mm"
+            if self.verdict == "agree"
+            else "The tip error exceeds the limit"
+        )
+
+    def content(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {
+            "robot": self.robot,
+            "protocol": self.protocol,
+            "inertia": SOURCES[self.inertia],
+            "masses_kg": {joint: round(mass, 6) for joint, mass in self.arm.masses.items()},
+            "duration_s": self.duration,
+            "assumed": "rate, gains, mismatch, encoders and instrument: the paper gives no values",
+            "runs": {n: r.as_dict() for n, r in self.runs.items()},
+            "worst": self.worst,
+            "torques": [row.as_dict() for row in self.efforts],
+            "curves": {n: [r.as_dict() for r in rs] for n, rs in self.curves.items()},
+        }
+
+    def text(self) -> Iterator[Part]:
+        """Yield the parts of the text."""
+        c = self.runs[EXACT].conditions
+        yield f"{self.robot} · {self.title} · {self.duration:.3f} s, moved by {c.plant}"
+        yield (
+            f"  Kp = w², Kv = 2 w, w = {c.w:g} rad/s, {c.rate:g} Hz, efforts held for a tick; with a wrong model:\n"
+            f"  masses {100 * self.mismatch:g} % off, friction {100 * c.friction_error:g} % off, joints in steps of "
+            f"{ENCODER * 1e6:.2f} µrad. All ASSUMED: the paper prints none.\n"
+            f"  Inertias: {SOURCES[self.inertia]}; {sum(self.arm.masses.values()):.2f} kg move.\n"
+        )
+        rows = [(n, *_lengths(r), _um(r.rcm_max)) for n, r in self.runs.items()]
+        yield Table(("model", "tip, largest µm", "tip, RMS µm", "shaft from RCM µm"), rows)
+        yield ""
+        for name, runs in self.curves.items():
+            yield Table(
+                (name, "largest µm", "RMS µm"),
+                [(f"{100 * r.conditions.inertia_error:+.0f} %", *_lengths(r)) for r in runs],
+            )
+            yield ""
+        yield Table(("all runs", "unit", "peak", "RMS", "limit", "margin"), [_effort(row) for row in self.efforts])
+        yield ""
+        yield from by_severity(self.findings)
+
+    def write(self, folder: Path) -> None:
+        """Write track.csv: time, tip and RCM errors of every run, then joint errors and efforts of the worst one."""
+        columns, head = [self.motion.t], ["t_s"]
+        for name, r in self.runs.items():
+            label = _label(name)
+            columns += [r.tip_error, r.rcm_error]
+            head += [f"tip_error_{label}_m", f"rcm_error_{label}_m"]
+        r = self.runs[self.worst]
+        columns += [*r.joint_error.T, *r.effort.T]
+        head += [f"error_{j.name}_{'rad' if j.is_angle else 'm'}" for j in self.arm.mechanism.active]
+        kinds = {"N m": "torque_{}_n_m", "N": "force_{}_n"}
+        head += [kinds[unit].format(m) for m, unit in zip(self.arm.motors, self.arm.effort_units, strict=True)]
+        np.savetxt(folder / "track.csv", np.column_stack(columns), "%.9g", ",", header=",".join(head), comments="")
+
+
+def _judged(name: str, r: Run, arm: Arm) -> Iterator[Finding]:
+    if name == EXACT and r.tip_max > EXACT_LIMIT:
+        yield warning(
+            "track.exact",
+            name,
+            "maximum tip error with an exact model, where the only error is that efforts are constant during a tick",
+            um(r.tip_max),
+            um(EXACT_LIMIT),
+        )
+    if r.tip_max > TIP_LIMIT:
+        yield disagreement(
+            "track.tip",
+            name,
+            f"{name}: maximum tip error exceeds the value in the paper on the PA-10",
+            mm(r.tip_max),
+            mm(TIP_LIMIT),
+            "use stiffer control (w) or a better friction model",
+            when=f"{r.t[int(r.tip_error.argmax())]:.3f} s",
+        )
+    cut = [motor for i, motor in enumerate(arm.motors) if r.saturated[:, i].any()]
+    if cut:
+        ticks = int(r.saturated.any(axis=1).sum())
+        text = f"{name}: the efforts of {', '.join(cut)} were at their limits for {ticks} ticks"
+        yield warning("track.saturated", cut[0], text)
+
+
+def _lengths(r: Run) -> tuple[str, str]:
+    return f"{r.tip_max / UM:.2f}", f"{r.tip_rms / UM:.2f}"
+
+
+def _um(value: float | None) -> str:
+    return "-" if value is None else f"{value / UM:.2f}"
+
+
+def _effort(row: EffortRow) -> tuple[str, ...]:
+    limit = ("-", "-") if row.margin is None else (f"{row.limit:g}", f"{100 * row.margin:.0f} %")
+    return row.joint, row.unit, f"{row.peak:.2f}", f"{row.rms:.2f}", *limit
+
+
+def _label(name: str) -> str:
+    """Return the name of a run as part of a column's name: "links -5 %" is links_minus_5_percent."""
+    for sign, word in (("±", " either "), ("+", " plus "), ("-", " minus "), ("%", " percent "), (",", " ")):
+        name = name.replace(sign, word)
+    return "_".join(name.replace(".", "p").split())

@@ -1,0 +1,1 @@
+"""Hazards: each changes one signal of a World when triggered."""

@@ -1,0 +1,22 @@
+"""A frozen signal: a pedal that sticks, a lost packet."""
+
+from __future__ import annotations
+
+from twin.core.spatial import Array
+from twin.simulation.world import Hazard
+
+
+class Frozen(Hazard):
+    """Keeps the last value before `start` until `stop`, both in s."""
+
+    def __init__(self, signal: str, start: float, stop: float) -> None:
+        """Freeze a signal."""
+        self.signal, self.start, self.stop = signal, start, stop
+        self._kept: Array | None = None
+
+    def change(self, t: float, value: Array) -> Array:
+        """Return the value that is read instead."""
+        if self.start <= t < self.stop and self._kept is not None:
+            return self._kept
+        self._kept = value
+        return value

@@ -1,0 +1,22 @@
+"""A deformable whose vertices are a given function of time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from twin.core.spatial import Array
+from twin.model.deformable import Deformable
+from twin.simulation.world import Block, Signals
+
+
+class Field(Block):
+    """Writes `<deformable>.vertices`, its n vertices one after another, in m, in the frame that it is pinned to."""
+
+    def __init__(self, deformable: Deformable, motion: Callable[[Array, float], Array]) -> None:
+        """Move vertices; `motion`: (vertices at rest (n, 3), time in s) -> vertices (n, 3) in m."""
+        self.name, self.rest, self.motion = f"{deformable.name}.vertices", deformable.mesh.vertices, motion
+        self.outputs = {self.name: self.rest}
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
+        """Return the vertices after the tick."""
+        return {self.name: self.motion(self.rest, t)}

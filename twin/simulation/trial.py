@@ -1,0 +1,195 @@
+"""A trial: a simulated operator moves a robot through goals in a World, with the measures of a user study."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.kinematics import Kinematics
+from twin.simulation.controllers.teleoperation import HandToTool, Teleoperation
+from twin.simulation.controllers.velocity import Solver, ToolToJoints, pose_error
+from twin.simulation.devices.hand import Goal, Hand, ScriptedHand
+from twin.simulation.limits import Limits
+from twin.simulation.plants.kinematic import Kinematic
+from twin.simulation.world import Block, Hazard, Placed, Recording, World
+
+INNER = 5
+"""Number of ticks of the joint velocity loop (1 kHz) per tick of the teleoperation (200 Hz); ASSUMED."""
+
+
+@dataclass
+class Record:
+    """The record of a trial, one row per tick of the teleoperation.
+
+    Attributes:
+        t: (k,) s.
+        handle: (k, n).
+        pedal: (k,) bool.
+        q: (k, n).
+        Ts_base_tool: (k, 4, 4).
+        spans: first and last row of each goal that was begun, by name.
+        missed: the goal at which the operator gave up, which ends the trial; "" if none.
+    """
+
+    t: Array
+    handle: Array
+    pedal: np.ndarray
+    q: Array
+    Ts_base_tool: Array
+    spans: dict[str, tuple[int, int]] = field(default_factory=dict)
+    missed: str = ""
+
+
+def world(
+    kin: Kinematics,
+    q: Array,
+    limits: Limits,
+    controller: Teleoperation,
+    device: Block,
+    solver: Solver = "damped",
+    hazards: Sequence[Hazard] = (),
+    robots: Sequence[Placed] = (),
+) -> World:
+    """Return a World with one robot at q (n,), named as in its equations, controlled by a hand or a recorded hand.
+
+    Args:
+        kin: its equations.
+        q: (n,) joints at the start.
+        limits: limits of the joints.
+        controller: its dt is `INNER` ticks.
+        device: the device that writes `hand.handle` and `hand.pedal`.
+        solver: solver of the joint step.
+        hazards: hazards of this World.
+        robots: the robot with its place, to display it.
+    """
+    name = kin.formula.name
+    controllers = (
+        HandToTool(name, "hand", kin, q, controller),
+        ToolToJoints(name, kin, q, limits, INNER, solver),
+    )
+    plants = (Kinematic(name, q, limits),)
+    return World(
+        robots=robots,
+        devices=(device,),
+        controllers=controllers,
+        plants=plants,
+        hazards=hazards,
+        dt=controller.dt / INNER,
+    )
+
+
+def operate(
+    kin: Kinematics,
+    q: Array,
+    limits: Limits,
+    controller: Teleoperation,
+    goals: Sequence[Goal],
+    seed: int = 0,
+    hand: Hand | None = None,
+    solver: Solver = "damped",
+    progress: Callable[[str, float], None] | None = None,
+) -> Record:
+    """Return the record of one trial from joints q (n,) through all goals.
+
+    Raises:
+        KinematicsError: a goal is not a pose that the robot's coordinates describe.
+    """
+    device = ScriptedHand(kin.formula.name, kin, goals, controller.gains.scale, controller.dt, seed, hand, progress)
+    recording = world(kin, np.asarray(q, float), limits, controller, device, solver).run()
+    if progress is not None:
+        progress("measure", 1.0)
+    return record_of(recording, kin, goals, device.missed)
+
+
+def record_of(recording: Recording, kin: Kinematics, goals: Sequence[Goal], missed: str = "") -> Record:
+    """Return the record of a World made by `world`: rows at the ends of the teleoperation's ticks."""
+    at = slice(INNER - 1, None, INNER)
+    goal = recording["hand.goal"][at, 0]
+    joints = recording[f"{kin.formula.name}.q"][at]
+    poses: list[Array] = []
+    for q in joints:
+        poses.append(kin.forward(q, poses[-1] if poses else None))
+    begun = {g.name: np.flatnonzero(goal == i) for i, g in enumerate(goals)}
+    return Record(
+        t=np.arange(len(goal), dtype=float) * (INNER * recording.dt),
+        handle=recording["hand.handle"][at],
+        pedal=recording["hand.pedal"][at, 0] > 0.5,
+        q=joints,
+        Ts_base_tool=np.array(poses),
+        spans={name: (int(rows[0]), int(rows[-1])) for name, rows in begun.items() if len(rows)},
+        missed=missed,
+    )
+
+
+@dataclass(frozen=True)
+class Measures:
+    """The paper's measures of one trial.
+
+    Attributes:
+        time: s, from the first press to the end.
+        presses: number of changes of the pedal from 0 to 1.
+        path: length in m of the path of the tip, tremor included.
+        contacts: by insertion, whether the tip touched: within `contact` of its axis and of its end.
+        nearest: by insertion, minimum distance of the tip to the end in m.
+        aside: by insertion, maximum distance of the tip from the axis in m.
+    """
+
+    time: float
+    presses: int
+    path: float
+    contacts: dict[str, bool]
+    nearest: dict[str, float]
+    aside: dict[str, float]
+
+    @property
+    def success(self) -> bool:
+        """Whether every insertion touched."""
+        return bool(self.contacts) and all(self.contacts.values())
+
+
+def measure(
+    record: Record, goals: Sequence[Goal], T_tool_tip: Array, shaft: Array, contact: float = 0.5e-3
+) -> Measures:
+    """Return the measures of a record.
+
+    Args:
+        record: record of the trial.
+        goals: the goals.
+        T_tool_tip: (4, 4) the tip in the tool.
+        shaft: (3,) unit vector along the shaft, out of the tip, in the frame of the tip.
+        contact: distance in m that counts as contact; ASSUMED: as for a hole of 1 mm with a foil behind it.
+    """
+    tip = (record.Ts_base_tool @ T_tool_tip)[:, :3, 3]
+    pressed = np.flatnonzero(np.diff(np.concatenate([[False], record.pedal]).astype(int)) == 1)
+    contacts, nearest, aside = {}, {}, {}
+    for goal in goals:
+        if not goal.inserts:
+            continue
+        if goal.name not in record.spans:
+            contacts[goal.name] = False
+            continue
+        first, last = record.spans[goal.name]
+        end = goal.T_base_tool @ T_tool_tip
+        off = tip[first : last + 1] - end[:3, 3]
+        axis = end[:3, :3] @ shaft
+        along = off @ axis
+        beside = np.linalg.norm(off - along[:, None] * axis, axis=1)
+        contacts[goal.name] = bool(((beside <= contact) & (along >= -contact)).any())
+        nearest[goal.name] = float(np.linalg.norm(off, axis=1).min())
+        aside[goal.name] = float(beside.max())
+    start = record.t[pressed[0]] if len(pressed) else record.t[0]
+    path = float(np.linalg.norm(np.diff(tip, axis=0), axis=1).sum())
+    return Measures(float(record.t[-1] - start), len(pressed), path, contacts, nearest, aside)
+
+
+def remaining(record: Record, goals: Sequence[Goal]) -> Array:
+    """Return the distance (k,) in m from the tool to its goal at that time."""
+    out = np.full(len(record.t), np.nan)
+    for goal in goals:
+        first, last = record.spans.get(goal.name, (0, -1))
+        for k in range(first, last + 1):
+            out[k] = np.linalg.norm(pose_error(record.Ts_base_tool[k], goal.T_base_tool)[:3])
+    return out

@@ -1,0 +1,213 @@
+"""The World: each tick runs devices, controllers and plants, with hazards between them, and records every signal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.core.errors import WorldError, unknown
+from twin.core.spatial import Array
+from twin.model.deformable import Deformable
+from twin.model.mechanism import Mechanism
+from twin.reference import ReferenceModel
+from twin.simulation.frame import Frame
+from twin.simulation.world.block import Block, Hazard
+from twin.simulation.world.recording import Recording
+from twin.simulation.world.signals import Signals
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A mechanism and its place T_world_base (4, 4); a robot has the signal `<name>.q`, its active joints (n,)."""
+
+    name: str
+    mechanism: Mechanism
+    T_world_base: Array = field(default_factory=lambda: np.eye(4))
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A block, the number of ticks between its steps, the signals that it writes, and the hazards of these signals."""
+
+    block: Block
+    every: int
+    writes: frozenset[str]
+    hazards: Mapping[str, Sequence[Hazard]]
+
+
+class World:
+    """Robots, props, deformables, and the blocks that move them.
+
+    The same blocks made with the same seeds give the same bytes, independent of the wall clock. Pacing, pictures and
+    network are outside of the World. A tick runs all devices, then controllers and plants in the given order; each
+    hazard acts after the block that writes its signal. Contact and tissue are plants after the robots.
+
+    Attributes:
+        dt: duration of one tick in s.
+        tick: number of ticks done.
+        signals: present signals.
+        ended: whether the input of a device has ended.
+    """
+
+    def __init__(
+        self,
+        *,
+        robots: Sequence[Placed] = (),
+        props: Sequence[Placed] = (),
+        deformables: Sequence[Deformable] = (),
+        devices: Sequence[Block] = (),
+        controllers: Sequence[Block] = (),
+        plants: Sequence[Block] = (),
+        hazards: Sequence[Hazard] = (),
+        dt: float = 1e-3,
+        records: bool = True,
+    ) -> None:
+        """Connect the blocks; without `records` no row is kept: a session of hours needs no memory.
+
+        Raises:
+            WorldError: two robots, props or deformables have one name, two blocks write one signal, a robot has no
+                plant, the signal of a hazard does not exist, or a period is not a multiple of dt.
+        """
+        if not dt > 0:
+            raise WorldError(f"dt is {dt:g} s; it must be above 0")
+        self.dt, self.tick, self.ended = dt, 0, False
+        self._robots, self._props, self._deformables = tuple(robots), tuple(props), tuple(deformables)
+        _once(p.name for p in (*robots, *props, *deformables))
+        initial: dict[str, ArrayLike] = {}
+        writers = _once(name for block in (*devices, *controllers, *plants) for name in block.outputs)
+        for block in (*devices, *controllers, *plants):
+            initial |= block.outputs
+        for hazard in hazards:
+            if hazard.signal not in writers:
+                raise WorldError(unknown("signal", hazard.signal, writers))
+            initial[f"{hazard.signal}.written"] = initial[hazard.signal]
+        self.signals = Signals(dict(sorted(initial.items())))  # the order of a row does not depend on the blocks
+        self._devices = [self._run(b, hazards) for b in devices]
+        self._moved = [self._run(b, hazards) for b in (*controllers, *plants)]
+        for robot in robots:
+            self._need(f"{robot.name}.q", len(robot.mechanism.active), f"robot '{robot.name}'")
+        for deformable in deformables:
+            self._need(f"{deformable.name}.vertices", deformable.mesh.vertices.size, f"'{deformable.name}'")
+            self._pinned(deformable)
+        self._log: list[Array] = []
+        self._records = records
+        self._assemblies = {}
+
+    def _run(self, block: Block, hazards: Iterable[Hazard]) -> _Run:
+        every = round(block.period / self.dt)
+        if abs(every * self.dt - block.period) > 1e-9 * self.dt or block.period < 0:
+            name = type(block).__name__
+            raise WorldError(f"{name} steps every {block.period:g} s, which is not a multiple of {self.dt:g} s")
+        hit = {name: [h for h in hazards if h.signal == name] for name in block.outputs}
+        return _Run(block, max(every, 1), frozenset(hit), {name: found for name, found in hit.items() if found})
+
+    def _need(self, signal: str, size: int, whose: str) -> None:
+        if signal not in self.signals:
+            raise WorldError(f"{whose} has no plant: no block writes '{signal}'")
+        if self.signals.sizes[signal] != size:
+            raise WorldError(f"{whose} needs {size} numbers in '{signal}'; its plant has {self.signals.sizes[signal]}")
+
+    def _pinned(self, deformable: Deformable) -> None:
+        owners = {p.name: p.mechanism for p in (*self._robots, *self._props)}
+        if not deformable.owner:
+            return
+        if deformable.owner not in owners:
+            raise WorldError(f"'{deformable.name}': {unknown('robot or prop', deformable.owner, owners)}")
+        bodies = [b.name for b in owners[deformable.owner].bodies]
+        if deformable.body not in bodies:
+            raise WorldError(f"'{deformable.name}': {unknown(f'body of {deformable.owner}', deformable.body, bodies)}")
+
+    @property
+    def t(self) -> float:
+        """Begin of the next tick in s."""
+        return self.tick * self.dt
+
+    def step(self, ticks: int = 1) -> bool:
+        """Run a number of ticks; return False if the input of a device ended before they were done.
+
+        Raises:
+            WorldError: a block reads a missing signal, writes a signal of another block, or writes a number that is not
+                finite.
+        """
+        for _ in range(ticks):
+            if self.ended:
+                return False
+            t = self.t
+            # No device sees what another writes in this tick; if one has ended, nothing has changed yet.
+            said = [(run, self._ask(run, t)) for run in self._devices]
+            if any(out is None for _, out in said):
+                self.ended = True
+                return False
+            for run, out in said:
+                self._write(run, out or {}, t)
+            for run in self._moved:
+                self._write(run, self._ask(run, t) or {}, t)
+            self.signals.check(t)
+            if self._records:
+                self._log.append(self.signals.row.copy())
+            self.tick += 1
+        return True
+
+    def run(self) -> Recording:
+        """Run until the input of a device ends, and return all ticks.
+
+        Raises:
+            WorldError: there is no device whose input can end.
+        """
+        if not self._devices:
+            raise WorldError("this World has no device whose input ends; go on with step(ticks)")
+        while self.step():
+            pass
+        return self.recording()
+
+    def recording(self) -> Recording:
+        """Return all ticks until now."""
+        sizes = self.signals.sizes
+        return Recording(self.dt, dict(sizes), np.array(self._log, float).reshape(-1, sum(sizes.values())))
+
+    def frame(self) -> Frame:
+        """Return a snapshot of the World at its current time (link poses, vertices); the World does not change."""
+        poses = {p.name: self._poses(p) for p in chain(self._robots, self._props)}
+        fields = {}
+        for d in self._deformables:
+            T = poses[d.owner][d.body] if d.owner else np.eye(4)
+            fields[d.name] = self.signals[f"{d.name}.vertices"].reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
+        return Frame(self.t, poses, fields)
+
+    def _poses(self, placed: Placed) -> dict[str, Array]:
+        model, last = self._assemblies.get(placed.name) or (ReferenceModel(placed.mechanism), None)
+        if f"{placed.name}.q" in self.signals:
+            q = self.signals[f"{placed.name}.q"]
+            last = last if last is not None and np.array_equal(last.q, q) else model.solve(q, last)
+        else:
+            last = last or model.home()
+        self._assemblies[placed.name] = model, last
+        return {name: placed.T_world_base @ T for name, T in last.link_poses.items()}
+
+    def _ask(self, run: _Run, t: float) -> Mapping[str, ArrayLike] | None:
+        return run.block.step(self.signals, t, run.every * self.dt) if self.tick % run.every == 0 else {}
+
+    def _write(self, run: _Run, out: Mapping[str, ArrayLike], t: float) -> None:
+        signals = self.signals
+        for name, value in out.items():
+            if name not in run.writes:
+                raise WorldError(f"{type(run.block).__name__} writes '{name}', which is not among its outputs")
+            signals.write(f"{name}.written" if name in run.hazards else name, value)
+        for name, hazards in run.hazards.items():
+            value = signals[f"{name}.written"]
+            for hazard in hazards:
+                value = np.asarray(hazard.change(t, value), float)
+            signals.write(name, value)
+
+
+def _once(names: Iterable[str]) -> set[str]:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise WorldError(f"'{name}' is used twice in one World; rename one")
+        seen.add(name)
+    return seen

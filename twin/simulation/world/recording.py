@@ -1,0 +1,128 @@
+"""Recordings of a World: one row with all signals for each tick, and their file.
+
+A `twin-world` file is one line of JSON, the `Head`, followed by the rows: float64, little-endian, row after row.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from twin.core import assets
+from twin.core.errors import WorldError, unknown
+from twin.core.spatial import Array
+from twin.schema import Table
+from twin.simulation.world.signals import NAME, columns
+
+_LONGEST_HEAD = 1_000_000
+"""Number of bytes."""
+
+_Name = Annotated[str, Field(pattern=f"^{NAME}$")]
+
+
+class SignalTable(Table):
+    """A signal: its name and its count of numbers."""
+
+    name: _Name
+    size: Annotated[int, Field(ge=1)]
+
+
+class Head(Table):
+    """First line of a `twin-world` file. All values are SI; a row holds the signals at the end of its tick."""
+
+    schema_: Annotated[Literal["twin-world"], Field(alias="schema")]
+    version: Literal[1]
+    dt: Annotated[float, Field(gt=0, description="s, of one tick; row k belongs to the tick that begins at k dt")]
+    ticks: Annotated[int, Field(ge=0, description="number of rows that follow")]
+    signals: Annotated[list[SignalTable], Field(description="names of the signals, in the order of a row")]
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$", description="of the rows")]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Signals over time.
+
+    Attributes:
+        dt: duration of one tick in s.
+        sizes: count of numbers of each signal by name, in the order of a row.
+        rows: (k, m), one for each tick.
+    """
+
+    dt: float
+    sizes: Mapping[str, int]
+    rows: Array
+
+    @property
+    def t(self) -> Array:
+        """Begin of each tick, (k,) in s."""
+        return np.arange(len(self.rows), dtype=float) * self.dt
+
+    def __getitem__(self, name: str) -> Array:
+        """Return a signal (k, n).
+
+        Raises:
+            WorldError: there is no such signal.
+        """
+        if name not in self.sizes:
+            raise WorldError(unknown("signal", name, self.sizes))
+        return self.rows[:, columns(self.sizes)[name]]
+
+    def to_bytes(self) -> bytes:
+        """Return the bytes of the file."""
+        body = self.rows.astype("<f8").tobytes()
+        head = {
+            "schema": "twin-world",
+            "version": 1,
+            "dt": self.dt,
+            "ticks": len(self.rows),
+            "signals": [{"name": n, "size": s} for n, s in self.sizes.items()],
+            "sha256": hashlib.sha256(body).hexdigest(),
+        }
+        return json.dumps(head).encode() + b"\n" + body
+
+    def write(self, path: Path) -> None:
+        """Write the file, all at once or not at all.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        with assets.atomic_folder(path.parent) as work:
+            (work / path.name).write_bytes(self.to_bytes())
+
+
+def read_recording(path: Path) -> Recording:
+    """Return the recording in a file.
+
+    Raises:
+        WorldError: the file is missing, truncated, changed since it was written, or not a `twin-world` file of version
+            1.
+    """
+    try:
+        with path.open("rb") as file:
+            line = file.readline(_LONGEST_HEAD)
+            left = os.fstat(file.fileno()).st_size - len(line)
+            head = Head.model_validate_json(line)
+            sizes = {s.name: s.size for s in head.signals}
+            wanted = 8 * head.ticks * sum(sizes.values())
+            if len(sizes) < len(head.signals):
+                raise WorldError(f"{path}: a signal is named twice")
+            if left != wanted:
+                raise WorldError(f"{path}: {left} bytes of rows; expected {wanted}: it is truncated or too long")
+            body = file.read()
+    except OSError as error:
+        raise WorldError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "first line"
+        raise WorldError(f"{path}: not a twin-world file of version 1: {where}: {first['msg']}") from None
+    if hashlib.sha256(body).hexdigest() != head.sha256:
+        raise WorldError(f"{path}: its rows have changed since they were written")
+    return Recording(head.dt, sizes, np.frombuffer(body, "<f8").reshape(head.ticks, -1).astype(float))
