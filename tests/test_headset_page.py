@@ -287,7 +287,9 @@ def test_ghost_workspace_and_surroundings_are_shown(desk):
 def test_the_patient_is_that_of_the_protocol_or_it_is_said_why_there_is_none(desk):
     desk.tab("Scene")
     desk.id("show-scenery").click()
-    desk.until("twin.app.overlays.sceneryText(twin.app.model).includes('RCM at the platform')", "why there is none")
+    desk.until(
+        "twin.app.overlays.sceneryText(twin.app.model.robot).includes('RCM at the platform')", "why there is none"
+    )
     assert not desk("twin.app.overlays.scenery.visible")
     desk("twin.app.ask('protocol', {name: 'lowered_patient'})")
     desk.until("twin.app.model.state.protocol === 'lowered_patient'", "the protocol with a patient")

@@ -17,7 +17,7 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.ui.door import limits
 from twin.ui.headset import protocol as wire
-from twin.ui.headset import server
+from twin.ui.headset import scene_frame, server
 from twin.ui.headset.client import STALL
 from twin.ui.headset.protocol import RefusedError, pack, pack_body, parse, unpack
 
@@ -64,11 +64,11 @@ def test_a_frame_lies_as_the_documentation_says():
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda d: d[:20], "a header alone has 32"),
+        (lambda d: d[:20], "the header needs 32"),
         (lambda d: b"XXXX" + d[4:], "begins with"),
-        (lambda d: d[:-1], "make 72"),
-        (lambda d: d + b"\0", "make 72"),
-        (lambda d: d[:28] + struct.pack("<I", wire.GHOST) + d[32:], "make 100"),
+        (lambda d: d[:-1], "need 72"),
+        (lambda d: d + b"\0", "need 72"),
+        (lambda d: d[:28] + struct.pack("<I", wire.GHOST) + d[32:], "need 100"),
     ],
 )
 def test_what_is_no_frame_is_refused(spoil, message):
@@ -102,16 +102,23 @@ def test_examples_of_the_documentation_are_understood(text):
 def test_the_documentation_shows_every_message_code_flag_and_limit():
     assert {json.loads(e)["type"] for e in EXAMPLES} == NAMES
     assert dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", DOCS, re.MULTILINE)) == wire.ERRORS
-    said = re.search(r"Flags: (.*?)\n\n", DOCS, re.DOTALL)[1]
+    said = re.search(r"^Flags: (.*?)\n\n", DOCS, re.DOTALL | re.MULTILINE)[1]
     assert [int(n) for n in re.findall(r"(?:^|, )\s*(\d+) ", said)] == [1, 2, 4, 8]
     assert (wire.GHOST, wire.PLAYING, wire.REFUSED, wire.HELD) == (1, 2, 4, 8)
     words = " ".join(DOCS.split())
     for number in (
         f"at most {wire.LONGEST} bytes", f"{limits.MESSAGES[0]:g} messages", f"{limits.BYTES[0] / 1e3:g} kB a second",
         f"{limits.CLIENTS} clients", f"{limits.SOCKETS} connections", f"after {server.SILENCE:g} s without",
-        f"{server.GRACE:g} s after its connection", f"takes nothing for {STALL:g} s",
+        f"{server.GRACE:g} s after its connection", f"reads nothing for {STALL:g} s",
     ):  # fmt: skip
         assert number in words, number
+    for number in (f"divided by {scene_frame.LEVELS}", f"at most {scene_frame.VERTICES} vertices"):
+        assert number in words, number
+    of_robot = re.search(r"`robot` may stand in (.*?)\. Where", words)[1]
+    assert set(re.findall(r"`(\w+)`", of_robot)) == {
+        m.model_fields["type"].annotation.__args__[0] for m in get_args(wire.OfRobot)
+    }
+    assert {m for m in get_args(wire.Message) if "robot" in m.model_fields} == set(get_args(wire.OfRobot))
     assert limits.SOCKETS_OF_ONE * 2 == limits.SOCKETS
 
 
@@ -132,8 +139,13 @@ BAD = [
     '{"type": "drag", "value": 1, "point": [0, 0, 0]}', '{"type": "drag", "pose": [0, 0, 0, 0, 0, 0, 0]}',
     '{"type": "drag", "pose": [0, 0, 0, 0, 0, 1]}', '{"type": "drag", "pose": [0, 0, 0, 1, 1, 0, 0]}',
     '{"type": "drag", "pose": [0, 0, null, 0, 0, 0, 1]}', '{"type": "drag", "value": 1e9}',
-    '{"type": "release", "on": true}', '{"type": "variant"}', '{"type": "variant", "name": 3}',
+    '{"type": "release", "on": true}', '{"type": "release", "robot": ""}', '{"type": "play", "on": true, "robot": "a"}',
+    '{"type": "grab", "target": "tool", "robot": ["a"]}',
+    '{"type": "drag", "value": 1, "robot": "' + 65 * "x" + '"}', '{"type": "variant"}',
+    '{"type": "variant", "name": 3}',
     '{"type": "workspace", "on": 0}', '{"type": "record"}', '{"type": "ping"}', '{"type": "ping", "t": true}',
+    '{"type": "hands"}', '{"type": "hands", "number": 1, "right": null, "left": null, "clutch": false}',
+    '{"type": "scale", "value": 0}', '{"type": "scale", "value": 1.5}',
     "[" * 2000, '{"type":' * 300, '{"type": "ping", "t": 1' + " " * 5000 + "}",
 ]  # fmt: skip
 

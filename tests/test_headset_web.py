@@ -44,7 +44,7 @@ def test_nothing_is_fetched_from_elsewhere():
         found = set(re.findall(r"(?:https?:)//[^\s\"'`)]+|(?<=[\"'`])//[\w.-]+", text(name)))
         assert found <= {"http://www.w3.org/1999/xhtml", "http://www.w3.org/2000/svg"}, name
     assert not re.search(r"@import|url\(", text("twin.css"))
-    assert set(re.findall(r"fetch\(\"([^\"]*)\"", text("twin.js"))) == {"robot.json"}
+    assert set(re.findall(r"fetch\(\"([^\"]*)\"", text("twin.js"))) == {"scene.json"}
 
 
 def test_the_page_keeps_to_its_policy():
@@ -53,7 +53,7 @@ def test_the_page_keeps_to_its_policy():
     page = text("index.html")
     assert not re.search(r"<style|\sstyle=|\son\w+=|<script(?![^>]*\ssrc=)", page)
     assert re.findall(r"(?:src|href)=\"([^\"]+)\"", page) == [
-        "icon.svg", "twin.css", "robot.glb", "robot.json", "twin.js",
+        "icon.svg", "twin.css", "scene.json", "twin.js",
     ]  # fmt: skip
     script = text("twin.js")
     assert not re.search(r"\beval\(|new Function\(|\.setAttribute\(\"style\"", script)

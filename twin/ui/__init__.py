@@ -1,1 +1,1 @@
-"""What people look at: the session behind a hand, the viewer, the headset, the reports, the door they share."""
+"""User interfaces: session, viewer, headset and reports, and the access control of viewer and headset."""

@@ -1,1 +1,1 @@
-"""The door of both servers: who may come in, and how much anybody may ask. Pages and messages are the servers' own."""
+"""Access control and rate limits of both servers; the servers themselves define pages and messages."""

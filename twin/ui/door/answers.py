@@ -1,4 +1,4 @@
-"""What a server answers to GET: a file that is held in memory, or why not, with the headers that keep a page alone."""
+"""Make responses to GET requests: a file in memory or an error, with security headers."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from websockets.datastructures import Headers
 from websockets.http11 import Response
 
 _PACKED = ("image/png", "font/woff2")
-"""Types that gzip does not make smaller."""
+"""Content types that are already compressed."""
 
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; font-src 'self'; "
     "connect-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""Content-Security-Policy of everything that has none of its own: nothing from anywhere else."""
+"""Default Content-Security-Policy: it forbids content from other origins."""
 
 
 @dataclass(frozen=True)
 class File:
-    """One answer: its content, type, the tag that changes with it, and what its page may load and run."""
+    """One response: content, content type, entity tag and Content-Security-Policy."""
 
     content: bytes
     type: str
@@ -33,13 +33,13 @@ class File:
 
     @cached_property
     def etag(self) -> str:
-        """Entity tag: of the content, after the one that was given."""
+        """Entity tag: the given tag followed by a hash of the content."""
         digest = hashlib.sha256(self.content).hexdigest()[:16]
         return f'"{self.tag}-{digest}"' if self.tag else f'"{digest}"'
 
     @cached_property
     def gzipped(self) -> bytes | None:
-        """The content in gzip, if that is smaller."""
+        """The content compressed by gzip, if that is smaller; else None."""
         if self.type in _PACKED or len(self.content) < 512:
             return None
         packed = gzip.compress(self.content, 6, mtime=0)
@@ -70,7 +70,7 @@ def _all(headers: Headers, name: str) -> str:
 
 
 def refusal(status: HTTPStatus, text: str, head_only: bool = False) -> Response:
-    """Return a response that says why not."""
+    """Return an error response."""
     body = (text + "\n").encode()
     fields = _fields("text/plain; charset=utf-8")
     fields["Cache-Control"] = "no-store"

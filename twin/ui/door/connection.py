@@ -1,7 +1,7 @@
-"""One TCP connection: what `websockets` leaves to its users, so that no peer can take more than its share.
+"""One TCP connection, with limits that the library `websockets` does not enforce.
 
-It reads the request head itself (methods, lengths, a deadline), counts bytes and frames of what follows, and never
-lets more than one frame wait in this process.
+The connection parses the request head itself (methods, lengths, a deadline), counts the bytes and frames that follow,
+and keeps at most one frame queued in this process.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from websockets.http11 import Response
 from twin.ui.door.limits import BYTES, FRAMES, Bucket, Doorman, household
 
 HEAD_SECONDS = 5.0
-"""A request head must have come by then."""
+"""Deadline in s for the request head."""
 
 _HEAD_BYTES, _TARGET_BYTES = 16_384, 2048
 _SLICE = 1024
-"""Bytes that are parsed before the count of frames is looked at: ten thousand tiny ones fit into one read."""
+"""Maximum bytes that are parsed before frames are counted, because one read may contain ten thousand small frames."""
 
 _UNSENT = 4096
-"""Bytes that may wait in the kernel before this process holds back: newest wins only if the old ones are not queued."""
+"""Maximum bytes queued in the kernel, so that old frames do not delay the newest frame."""
 
 _REQUEST = re.compile(rb"([A-Z]{1,20}) (\S+) HTTP/1\.(\d)")
 
 
 class Connection(ServerConnection):
-    """A connection that is counted; `doorman`, and where they are others `bytes` and `frames`, are its server's.
+    """A connection that is counted and limited; a server sets `doorman`, and may set `bytes` and `frames`.
 
     Attributes:
-        household: what its address is counted as.
-        head_only: whether the request was HEAD.
+        household: the address or network that it is counted for.
+        head_only: whether the request method was HEAD.
     """
 
     doorman: ClassVar[Doorman]
@@ -57,7 +57,7 @@ class Connection(ServerConnection):
     # -- the transport --------------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Let the peer in, if there is room."""
+        """Accept the connection if it is within the limits, else close it."""
         assert isinstance(transport, asyncio.Transport)
         peer = transport.get_extra_info("peername")
         self.household = household(peer[0] if peer else "")
@@ -70,7 +70,7 @@ class Connection(ServerConnection):
         super().connection_made(transport)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Give back what was counted."""
+        """Release the counted resources."""
         if self._deadline is not None:
             self._deadline.cancel()
         if self._admitted:
@@ -79,7 +79,7 @@ class Connection(ServerConnection):
             super().connection_lost(exc)
 
     def eof_received(self) -> None:
-        """Pass the end on; one before any request leaves nothing to answer."""
+        """Handle the end of the input; before a request there is nothing to answer."""
         if self.request is None:
             if self._admitted:
                 self.transport.abort()
@@ -87,7 +87,7 @@ class Connection(ServerConnection):
         super().eof_received()
 
     def data_received(self, data: bytes) -> None:
-        """Read the request head; later count, and cut whoever sends too much."""
+        """Read the request head, then count bytes; disconnect clients that send too much."""
         if self._refused:
             return
         if self.request is None:
@@ -102,24 +102,21 @@ class Connection(ServerConnection):
                 return
 
     def process_event(self, event: Any) -> None:
-        """Count a frame, whatever it is."""
+        """Count a frame of any type."""
         if self.request is not None and not self._frames.take(time.monotonic()):
             self.cut()
             return
         super().process_event(event)
 
     def cut(self) -> None:
-        """End the connection at once, without a word."""
+        """Abort the connection."""
         self._refused = True
         self.transport.abort()
 
     # -- what is sent ---------------------------------------------------------------------------------
 
     def send_data(self) -> None:
-        """Write what waits at once, and nothing to a peer that is gone.
-
-        A thousand pongs to somebody who has hung up would be a thousand lines of asyncio's log.
-        """
+        """Write queued data at once; skip writes to a closed peer, each of which asyncio would log."""
         parts = self.protocol.data_to_send()
         if self.transport.is_closing():
             return
@@ -130,7 +127,7 @@ class Connection(ServerConnection):
                 self.transport.write_eof() if self.transport.can_write_eof() else self.transport.close()
 
     def keep_little(self) -> None:
-        """Let little wait in the kernel from now on (Linux, macOS); elsewhere its own buffer is the limit."""
+        """Limit the kernel's send queue from now on (Linux, macOS)."""
         sock = self.transport.get_extra_info("socket")
         option = getattr(socket, "TCP_NOTSENT_LOWAT", None)
         if sock is not None and option is not None:
@@ -138,8 +135,8 @@ class Connection(ServerConnection):
 
     @property
     def waiting(self) -> int:
-        """Bytes that wait in this process."""
-        # Under TLS the encrypted bytes wait in a transport of their own, which asyncio shows to nobody.
+        """Number of bytes queued in this process."""
+        # Under TLS the encrypted bytes wait in a separate transport, which asyncio does not expose.
         inner = getattr(getattr(self.transport, "_ssl_protocol", None), "_transport", None)
         return self.transport.get_write_buffer_size() + (0 if inner is None else inner.get_write_buffer_size())
 
@@ -169,7 +166,7 @@ class Connection(ServerConnection):
             return self._refuse(HTTPStatus.METHOD_NOT_ALLOWED, Allow="GET, HEAD")
         if minor != b"1":
             return self._refuse(HTTPStatus.HTTP_VERSION_NOT_SUPPORTED)
-        if rest:  # a body, or a frame before the handshake: nothing of ours sends either
+        if rest:  # a body, or a frame before the handshake: no valid client sends these
             return self._refuse(HTTPStatus.BAD_REQUEST)
         if self._deadline is not None:
             self._deadline.cancel()
@@ -178,12 +175,12 @@ class Connection(ServerConnection):
         return super().data_received(b"GET" + head[len(method) :] + b"\r\n\r\n")
 
     def _refuse(self, status: HTTPStatus, **headers: str) -> None:
-        """Answer a request that `websockets` would not."""
+        """Answer a request that `websockets` would not answer."""
         self._refused = True
         body = f"{status.value} {status.phrase}\n".encode()
         fields = Headers({"Connection": "close", "Content-Type": "text/plain", "Content-Length": str(len(body))})
         fields.update(headers)
         self.transport.write(Response(status.value, status.phrase, fields, body).serialize())
         self.transport.close()
-        # Whoever does not read that is cut: closing waits until it is written.
+        # A client that does not read the answer is disconnected, because closing waits until it is written.
         self.loop.call_later(1.0, self.transport.abort)

@@ -1,4 +1,4 @@
-"""Every request of both servers goes through here, and every WebSocket is counted: there is no other way in."""
+"""Entry point of both servers: checks every request and counts every WebSocket."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from twin.ui.door.gate import Gate
 from twin.ui.door.limits import BYTES, FRAMES, Doorman
 
 CLOSED = 1013
-"""Close code of WebSockets for which there is no place."""
+"""Close code for WebSockets beyond the maximum number."""
 
 
 @dataclass(frozen=True)
 class Visit:
-    """A request by a right name from a right page.
+    """A request with an accepted Host and Origin.
 
     Attributes:
-        path, query: of its target; the first of each name.
-        head, upgrade: whether it is HEAD; whether it asks for a WebSocket.
-        known: whether it may come in without a token.
+        path, query: of the request target; of a repeated parameter the first value.
+        head, upgrade: whether the method is HEAD; whether a WebSocket is requested.
+        known: whether the client needs no token.
         headers: of the request.
     """
 
@@ -43,16 +43,16 @@ class Visit:
 
 
 def visit(gate: Gate, connection: ServerConnection, request: Request) -> Visit | Response:
-    """Return who asks for what, or the refusal of a foreign name (421), a foreign page (403), a double header (400)."""
+    """Return the visit, or an error response: wrong Host (421), wrong Origin (403), repeated header (400)."""
     assert isinstance(connection, Connection)
     head, headers = connection.head_only, request.headers
     try:
         host, origin, cookies = headers.get("Host"), headers.get("Origin"), "; ".join(headers.get_all("Cookie"))
         upgrade = "websocket" in headers.get("Upgrade", "").lower()
-    except LookupError:  # a header that is there twice
-        return refusal(HTTPStatus.BAD_REQUEST, "a header is there twice", head)
+    except LookupError:  # a repeated header
+        return refusal(HTTPStatus.BAD_REQUEST, "a header is repeated", head)
     if not gate.answers_to(host, connection.local_address[0]):
-        return refusal(HTTPStatus.MISDIRECTED_REQUEST, "this server is not known by that name", head)
+        return refusal(HTTPStatus.MISDIRECTED_REQUEST, "the Host header does not match this server", head)
     if not gate.same_origin(origin, host):
         return refusal(HTTPStatus.FORBIDDEN, "another page's origin", head)
     known = not gate.open or gate.known(cookies)
@@ -60,23 +60,23 @@ def visit(gate: Gate, connection: ServerConnection, request: Request) -> Visit |
 
 
 def page(gate: Gate, seen: Visit, files: Mapping[str, File]) -> Response:
-    """Return a file by its exact path; who is not known comes in by the token, at "/" alone, and gets its session."""
+    """Return the response for a file by its exact path; a new client must give the token at "/" and gets a session."""
     cookie = None
     if not seen.known:
         if seen.path == "/" and not seen.head:
             cookie = gate.enter(seen.query.get("token", ""))
         if cookie is None:
-            text = "This address opens once, for one device. Take the newest one from the terminal."
+            text = "This address works once, for one device. Use the newest address that the terminal shows."
             return refusal(HTTPStatus.FORBIDDEN, text, seen.head)
     file = files.get(seen.path)
     if file is None:
-        return refusal(HTTPStatus.NOT_FOUND, "there is nothing here", seen.head)
+        return refusal(HTTPStatus.NOT_FOUND, "not found", seen.head)
     return answer(file, seen.headers, seen.head, cookie)
 
 
 def stranger() -> Response:
-    """Return the refusal of a WebSocket without a session."""
-    return refusal(HTTPStatus.FORBIDDEN, "open the page first, by the address that the terminal shows")
+    """Return the error response to a WebSocket request without a session."""
+    return refusal(HTTPStatus.FORBIDDEN, "open the page first, at the address that the terminal shows")
 
 
 def listen(
@@ -94,21 +94,21 @@ def listen(
     context: ssl.SSLContext | None = None,
     **more: Any,
 ) -> serve:
-    """Return a server of `websockets` behind the door: await it, or enter it.
+    """Return a server of `websockets` with access control, to be awaited or used with `async with`.
 
     Args:
-        handler: called with each WebSocket for which there is a place.
-        host: to listen on.
-        port: to listen on.
-        request: says what is answered to a request; None lets a WebSocket come in. It begins with `visit`.
+        handler: called with each accepted WebSocket.
+        host: address to listen on.
+        port: port to listen on.
+        request: function that returns the response to a request, or None to accept a WebSocket; it calls `visit` first.
         doorman: counts connections and WebSockets.
-        kind: of the connections.
-        longest: message in bytes.
-        bytes: of one connection: a second, and at once.
-        frames: of one connection: a second, and at once.
-        patience: in s with a peer that does not answer a ping.
-        context: of TLS.
-        more: for `websockets.serve`.
+        kind: class of the connections.
+        longest: maximum length of a message in bytes.
+        bytes: limit of one connection: per second, and burst.
+        frames: limit of one connection: per second, and burst.
+        patience: time in s to wait for the answer to a ping.
+        context: TLS context.
+        more: further arguments of `websockets.serve`.
     """
 
     async def counted(connection: ServerConnection) -> None:
@@ -122,7 +122,7 @@ def listen(
             doorman.part(connection.household)
 
     logger = logging.getLogger("twin.ui.door.websockets")
-    logger.setLevel(logging.CRITICAL)  # whatever peers do wrong is theirs
+    logger.setLevel(logging.CRITICAL)  # errors of clients are not logged
     return serve(
         counted,
         host,
@@ -145,7 +145,7 @@ def listen(
 
 
 def query_of(target: str) -> dict[str, str]:
-    """Return the query of a request target, the first of each name."""
+    """Return the query parameters of a request target; of a repeated parameter the first value."""
     try:
         return {k: v[0] for k, v in parse_qs(target.partition("?")[2], max_num_fields=8).items()}
     except ValueError:

@@ -1,4 +1,4 @@
-"""Who may come in: names that the server answers to, origins, one-time tokens and the sessions they become."""
+"""Access rules: accepted hosts and origins, one-time tokens, and sessions."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
 SESSIONS = 64
-"""Devices that are remembered; the oldest is forgotten."""
+"""Maximum number of remembered devices; the oldest is forgotten."""
 
 _LOCAL = ("127.0.0.1", "localhost", "::1")
 
 
 def is_local(host: str) -> bool:
-    """Return whether a server on this host is reached from this machine alone."""
+    """Return whether a server on this host can be reached only from this machine."""
     if host == "localhost":
         return True
     try:
@@ -31,8 +31,8 @@ class Gate:
     """The rules of one server.
 
     Attributes:
-        open: whether it is open to the network: then nobody comes in without a token or a session.
-        token: the one that opens next, once; empty if the server is not open.
+        open: whether the server is open to the network; a token or a session is then required.
+        token: the next valid one-time token; empty if the server is not open.
     """
 
     def __init__(self, host: str, port: int, secure: bool, announce: Callable[[str], object]) -> None:
@@ -52,9 +52,9 @@ class Gate:
         self._announce(self.token)
 
     def answers_to(self, host: str | None, own: str) -> bool:
-        """Return whether a Host header names this server; `own` is the address that was connected to.
+        """Return whether a Host header names this server; `own` is the local address of the connection.
 
-        A page of somebody else whose name resolves to this machine (DNS rebinding) names itself here.
+        This prevents DNS rebinding: a page of another site whose host name resolves to this machine.
         """
         try:
             name = urlsplit(f"//{host or ''}").hostname
@@ -64,7 +64,7 @@ class Gate:
 
     @staticmethod
     def same_origin(origin: str | None, host: str | None) -> bool:
-        """Return whether a request comes from this server's own page, or from no page at all.
+        """Return whether a request comes from this server's own page, or not from a web page.
 
         Browsers always send an Origin with a WebSocket; other programs send none.
         """
@@ -77,7 +77,7 @@ class Gate:
         return parts.scheme in ("http", "https") and bool(host) and origin == f"{parts.scheme}://{host}"
 
     def known(self, cookies: str | None) -> bool:
-        """Return whether a Cookie header holds a session."""
+        """Return whether a Cookie header contains a valid session."""
         try:
             morsel = SimpleCookie(cookies or "").get(self._cookie)
         except CookieError:
@@ -85,7 +85,7 @@ class Gate:
         return morsel is not None and morsel.value in self._sessions
 
     def enter(self, token: str) -> str | None:
-        """Exchange the token for a Set-Cookie header; None if it is not the one. The next token is announced."""
+        """Return a Set-Cookie header for a valid token, and announce the next token; else return None."""
         if not self.spend(token):
             return None
         session = secrets.token_urlsafe(24)
@@ -96,7 +96,7 @@ class Gate:
         return f"{self._cookie}={session}; Path=/; HttpOnly; SameSite=Strict{secure}"
 
     def spend(self, token: str) -> bool:
-        """Use the token up; return whether it was the one."""
+        """Invalidate the token; return whether it was valid."""
         if not self.token or not hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode()):
             return False
         self._renew()

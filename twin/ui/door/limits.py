@@ -1,4 +1,4 @@
-"""How much anybody may ask of the server: buckets that fill with time, and places that are taken and given back."""
+"""Rate limits of the server: token buckets and connection counts."""
 
 from __future__ import annotations
 
@@ -6,38 +6,38 @@ import ipaddress
 from collections import OrderedDict
 
 SOCKETS, SOCKETS_OF_ONE = 128, 64
-"""Connections of any kind at once, in all and from one address."""
+"""Maximum number of simultaneous connections: in total, and from one address."""
 
 CLIENTS, CLIENTS_OF_ONE = 48, 32
-"""WebSockets at once, in all and from one address."""
+"""Maximum number of simultaneous WebSockets: in total, and from one address."""
 
 OPENINGS = (40.0, 160.0)
-"""New connections of one address: a second, and at once. A page is a handful of files."""
+"""Limit of new connections from one address: per second, and burst; a page consists of few files."""
 
 MESSAGES = (200.0, 400.0)
-"""Messages of one client: a second, and at once. A hand that drags says 60 to 120."""
+"""Limit of messages from one client: per second, and burst; dragging sends 60 to 120 per second."""
 
 FRAMES = (300.0, 600.0)
-"""WebSocket frames of one client, pings and fragments too."""
+"""Limit of WebSocket frames from one client, including pings and fragments: per second, and burst."""
 
 BYTES = (100_000.0, 200_000.0)
-"""Bytes of one client after its handshake."""
+"""Limit of bytes from one client after the handshake: per second, and burst."""
 
 GARBAGE = (0.1, 5.0)
-"""Messages of one client that make no sense."""
+"""Limit of malformed messages from one client: per second, and burst."""
 
 ADDRESSES = 4096
-"""Addresses that are remembered."""
+"""Maximum number of addresses that are remembered."""
 
 
 class Bucket:
-    """Holds `size` at most, gains `rate` a second; `take` says whether there was enough."""
+    """Token bucket: holds at most `size`, refills by `rate` per second; `take` returns whether enough was available."""
 
     def __init__(self, rate: float, size: float, now: float) -> None:
         self.rate, self.size, self.level, self.last = rate, size, size, now
 
     def take(self, now: float, amount: float = 1.0) -> bool:
-        """Take an amount if it is there."""
+        """Take an amount if it is available; return whether it was."""
         self.level = min(self.size, self.level + self.rate * max(0.0, now - self.last))
         self.last = now
         if self.level < amount:
@@ -47,10 +47,10 @@ class Bucket:
 
 
 class Doorman:
-    """Counts connections by address: an IPv4 address, or an IPv6 network of 64 bits, which is one household.
+    """Counts connections by address: an IPv4 address, or an IPv6 /64 network (one "household").
 
     Args:
-        clients, of_one: WebSockets at once, in all and from one address.
+        clients, of_one: maximum number of simultaneous WebSockets in total, and from one address.
     """
 
     def __init__(self, clients: int = CLIENTS, of_one: int = CLIENTS_OF_ONE) -> None:
@@ -60,7 +60,7 @@ class Doorman:
         self._openings: OrderedDict[str, Bucket] = OrderedDict()
 
     def admit(self, address: str, now: float) -> bool:
-        """Count a new connection, or say no."""
+        """Count a new connection; return whether it is allowed."""
         bucket = self._openings.pop(address, None) or Bucket(*OPENINGS, now)
         self._openings[address] = bucket
         while len(self._openings) > ADDRESSES:
@@ -71,18 +71,18 @@ class Doorman:
         return True
 
     def leave(self, address: str) -> None:
-        """Forget a connection that was admitted."""
+        """Uncount an admitted connection that was closed."""
         _give_back(self._sockets, address)
 
     def join(self, address: str) -> bool:
-        """Count a new WebSocket, or say no."""
+        """Count a new WebSocket; return whether it is allowed."""
         if not _room(self._clients, address, self._most, self._of_one):
             return False
         self._clients[address] = self._clients.get(address, 0) + 1
         return True
 
     def part(self, address: str) -> None:
-        """Forget a WebSocket that was counted."""
+        """Uncount a WebSocket that was closed."""
         _give_back(self._clients, address)
 
 
@@ -99,7 +99,7 @@ def _give_back(counts: dict[str, int], address: str) -> None:
 
 
 def household(peer: str) -> str:
-    """Return what an address is counted as."""
+    """Return the address or network that a client address is counted for."""
     try:
         address = ipaddress.ip_address(peer.partition("%")[0])
     except ValueError:

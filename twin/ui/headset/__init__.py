@@ -1,1 +1,1 @@
-"""The robot in a headset: a WebXR page, the stream that moves it, and the server of both."""
+"""Show robots in a headset: a WebXR page, the stream of poses, and the server of both."""

@@ -1,4 +1,4 @@
-"""What a server streams from, and whom it streams to."""
+"""Interface of the source of a stream, and one client of a stream."""
 
 from __future__ import annotations
 
@@ -14,31 +14,38 @@ from twin.ui.door.limits import Bucket
 from twin.ui.headset import protocol as wire
 
 STALL = 10.0
-"""Seconds after which a client that takes nothing is cut."""
+"""Time in s after which a client that reads nothing is disconnected."""
 
 WAITING = 64
-"""Documents that may wait for one client."""
+"""Maximum number of queued documents for one client."""
 
 
 class Source(Protocol):
-    """What is streamed: a robot live, or a recorded session."""
+    """Source of a stream: live robots or a recorded session.
+
+    Attributes:
+        replays: whether it is a recorded session.
+        version: version of the stream protocol.
+        send: function called with every document for all clients.
+    """
 
     replays: bool
     send: Callable[[dict[str, Any]], object]
 
+    @property
+    def version(self) -> int: ...  # noqa: D102
     def frame(self, tick: int, server_time: float) -> bytes | None: ...  # noqa: D102
     def state(self) -> dict[str, Any]: ...  # noqa: D102
     def welcome(self) -> list[dict[str, Any]]: ...  # noqa: D102
     def ask(self, client: str, message: wire.Message) -> None: ...  # noqa: D102
     def release(self, client: str) -> None: ...  # noqa: D102
-    @property
-    def holder(self) -> str | None: ...  # noqa: D102
+    def holds(self, client: str) -> bool: ...  # noqa: D102
     def close(self) -> None: ...  # noqa: D102
 
 
 @dataclass(eq=False)
 class Client:
-    """One WebSocket: `id` is known to all, `token` to itself and lets it come back as the same."""
+    """A connected client: `id` is public; `token` is secret and lets the client reconnect."""
 
     id: str
     token: str
@@ -52,7 +59,7 @@ class Client:
     told_rate: float = -1.0
 
     def queue(self, kind: str, text: str) -> None:
-        """Let a document wait; a state replaces one that waits already."""
+        """Queue a document; a document `state` replaces a queued `state`."""
         if kind == "state":
             for i, (waiting, _) in enumerate(self.documents):
                 if waiting == "state":
@@ -61,7 +68,7 @@ class Client:
         self.documents.append((kind, text))
 
     def flush(self, frame: bytes | None, now: float) -> None:
-        """Send what waits and the newest frame, as long as nothing waits below; cut whoever takes nothing."""
+        """Send queued documents and the newest frame while the kernel accepts them; disconnect a stalled client."""
         ws = self.ws
         while self.documents and not ws.waiting:
             broadcast([ws], self.documents.popleft()[1])

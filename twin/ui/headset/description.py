@@ -1,4 +1,4 @@
-"""What `/robot.json` tells of a robot before anything moves: names, joints, frames, protocols, surroundings."""
+"""Content of the file `/robot.json`: names, joints, frames, protocols, surroundings."""
 
 from __future__ import annotations
 
@@ -13,47 +13,56 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.model.mechanism import Frame, Joint
+from twin.model.scene import Place
 from twin.ui.headset.protocol import sevens
 from twin.ui.session.desk import Desk
 from twin.ui.session.patient import Patient, floor_of, none_there, patient_of
 
 
-def describe(robot: Robot, desk: Desk, protocols: Mapping[str, str], patients: Mapping[str, Patient]) -> dict[str, Any]:
+def describe(
+    robot: Robot,
+    desk: Desk,
+    protocols: Mapping[str, str],
+    patients: Mapping[str, Patient],
+    place: Place | None = None,
+) -> dict[str, Any]:
     """Return the description of a robot; lengths in m, angles in rad, poses as x y z and quaternion x y z w.
 
     Args:
-        robot: as loaded.
-        desk: where it stands.
-        protocols: what `Robot.protocol` takes, by name.
-        patients: of these protocols, see `patients_of`.
+        robot: the robot.
+        desk: its state.
+        protocols: arguments of `Robot.protocol`, by name of the protocol.
+        patients: patients of these protocols, see `patients_of`.
+        place: its place in a scene; None: a robot alone, with its own surroundings.
     """
     from twin.exchange.write.clip import model_hash
 
     m = desk.mechanism
     tool = m.frame(m.tool)
     default = "" if robot.files is None else robot.cad.description.default_protocol
+    default = default if place is None else place.protocol
     order = [j.name for j in m.active]
     return {
         "schema": "twin-robot",
         "version": 1,
-        "name": robot.name,
+        "name": robot.name if place is None else place.name,
         "title": "" if robot.files is None else robot.cad.description.title,
         "model_hash": model_hash(robot.mechanism),
         "frame": "z-up right-handed",
         "base": m.base,
         "links": [b.name for b in m.bodies],
         "joints": [_joint(j, order) for j in m.joints],
-        "tool": {"link": tool.body, "T_link_tool": _pose(tool.T_body_frame)},
+        "tool": {"link": tool.body, "T_link_tool": pose(tool.T_body_frame)},
         "frames": [_frame(f) for f in m.frames],
-        "points": [{"name": p.name, "link": p.body, "point": _numbers(p.p_body)} for p in m.points],
+        "points": [{"name": p.name, "link": p.body, "point": numbers(p.p_body)} for p in m.points],
         "protocols": [{"name": n, "title": _title(robot, p), "is_default": n == default} for n, p in protocols.items()],
         "postures": list(desk.postures),
         "variants": _variants(desk),
         "has_equations": desk.kin is not None,
         "has_workspace": desk.kin is not None and desk.kin.closed_inverse,
-        "scenery": _scenery(robot, desk, protocols, patients),
+        "scenery": None if place is not None else _scenery(robot, desk, protocols, patients),
         "assumed": [f"{p.name}: {p.note}" for p in m.parameters if p.provenance == "ASSUMED"],
-        "T_world_base": _pose(np.eye(4)),
+        "T_world_base": pose(np.eye(4) if place is None else place.T_world_base),
     }
 
 
@@ -70,23 +79,23 @@ def _joint(j: Joint, order: list[str]) -> dict[str, Any]:
         "index": order.index(j.name) if j.active else None,
         "parent": j.parent,
         "link": j.child,
-        "axis": {"origin": _numbers(j.T_parent_joint[:3, 3]), "direction": _numbers(j.T_parent_joint[:3, 2])},
+        "axis": {"origin": numbers(j.T_parent_joint[:3, 3]), "direction": numbers(j.T_parent_joint[:3, 2])},
     }
 
 
 def _frame(f: Frame) -> dict[str, Any]:
-    return {"name": f.name, "link": f.body, "T_link_frame": _pose(f.T_body_frame)}
+    return {"name": f.name, "link": f.body, "T_link_frame": pose(f.T_body_frame)}
 
 
 def _title(robot: Robot, protocol: str) -> str:
     try:
         return robot.protocol(protocol).title
-    except TwinError:  # a file that is wrong is told when it is asked for
+    except TwinError:  # an invalid file is reported when it is requested
         return protocol
 
 
 def _variants(desk: Desk) -> list[str]:
-    """Return what `variant` takes: every equation in each variant that is not its own, and names of them all."""
+    """Return the values that the message `variant` accepts: names, and "equation=variant" except the present."""
     if desk.kin is None:
         return []
     own = desk.kin.variants
@@ -95,18 +104,18 @@ def _variants(desk: Desk) -> list[str]:
 
 
 def patients_of(robot: Robot, desk: Desk, protocols: Mapping[str, str]) -> dict[str, Patient]:
-    """Return the patients of protocols by the protocols' names; a protocol that cannot be read has none here."""
+    """Return the patients of protocols, by name of the protocol; without protocols that cannot be read."""
     floor = floor_of(desk.mechanism, desk.assembly.link_poses)
     out = {}
     for name, source in protocols.items():
-        with contextlib.suppress(TwinError):  # told when it is asked for
+        with contextlib.suppress(TwinError):  # reported when it is requested
             if (patient := patient_of(robot, robot.protocol(source), floor)) is not None:
                 out[name] = patient
     return out
 
 
 def _scenery(robot: Robot, desk: Desk, protocols: Mapping[str, str], patients: Mapping[str, Patient]) -> dict[str, Any]:
-    """Return the floor, and for each protocol its patient with table or why there is none."""
+    """Return the height of the floor, and for each protocol its patient with table, or the reason why it has none."""
     none = {}
     for name, source in protocols.items():
         with contextlib.suppress(TwinError):
@@ -119,10 +128,12 @@ def _scenery(robot: Robot, desk: Desk, protocols: Mapping[str, str], patients: M
     }
 
 
-def _pose(T: Array) -> list[float]:
+def pose(T: Array) -> list[float]:
+    """Return a pose (4, 4) as seven numbers: x y z in m, quaternion x y z w."""
     assert spatial.is_pose(T, 1e-6)
-    return _numbers(sevens(T))
+    return numbers(sevens(T))
 
 
-def _numbers(values: Array) -> list[float]:
+def numbers(values: Array) -> list[float]:
+    """Return numbers as a list for JSON, rounded so that they do not depend on the processor."""
     return (np.round(values, 12) + 0.0).tolist()

@@ -1,12 +1,12 @@
-"""What the server answers to GET: the page and its assets, the robot's geometry and its description.
+"""Files of the server: the page and its assets, the robot's geometry and its description.
 
-All of it is held in memory by its exact path, so that no path can lead out of it.
+All files are held in memory and found by their exact path, so that a request cannot reach other files.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,25 +30,56 @@ _TYPES = {
     ".glb": "model/gltf-binary",
 }
 
+_PRELOAD = '<link rel="preload" href="{}" as="fetch" crossorigin="anonymous">\n'
 
-def page_files(folder: Path) -> dict[str, File]:
-    """Return every file of the page by its path; index.html is "/" as well. Empty if there is no page."""
+
+def page_files(folder: Path, preload: Sequence[str] = ()) -> dict[str, File]:
+    """Return every file of the page by its path; index.html is also "/". Empty if there is no page.
+
+    Args:
+        folder: folder of the page.
+        preload: paths that the page will request, which a browser then fetches in parallel with the script.
+    """
     out = {}
     for path in sorted(p for p in folder.rglob("*") if p.is_file() and not p.name.startswith(".")):
         kind = _TYPES.get(path.suffix.lower(), "application/octet-stream")
-        out["/" + path.relative_to(folder).as_posix()] = File(path.read_bytes(), kind)
+        content = path.read_bytes()
+        if path.name == "index.html":
+            links = "".join(_PRELOAD.format(p) for p in preload)
+            content = content.replace(b"<script", links.encode() + b"<script", 1)
+        out["/" + path.relative_to(folder).as_posix()] = File(content, kind)
     if "/index.html" in out:
         out["/"] = out["/index.html"]
     return out
 
 
-def robot_files(glb: bytes, description: dict[str, Any]) -> dict[str, File]:
-    """Return the robot's two files."""
-    text = json.dumps(description, allow_nan=False, separators=(",", ":"), ensure_ascii=False).encode()
-    tag = str(description["model_hash"]).partition(":")[2][:16]
-    return {"/robot.glb": File(glb, _TYPES[".glb"], tag), "/robot.json": File(text, _TYPES[".json"], tag)}
+def robot_files(glb: bytes, description: dict[str, Any], folder: str = "") -> dict[str, File]:
+    """Return the robot's two files (geometry and description) by path; `folder` ends with "/"."""
+    tag = _tag(description)
+    return {
+        f"/{folder}robot.glb": File(glb, _TYPES[".glb"], tag),
+        f"/{folder}robot.json": File(_json(description), _TYPES[".json"], tag),
+    }
+
+
+def scene_file(description: dict[str, Any]) -> dict[str, File]:
+    """Return the file /scene.json: the descriptions of all robots, and the props."""
+    return {"/scene.json": File(_json(description), _TYPES[".json"], _tag(description))}
+
+
+def glb_file(name: str, glb: bytes) -> dict[str, File]:
+    """Return the geometry file (GLB) by its path."""
+    return {f"/{name}": File(glb, _TYPES[".glb"])}
+
+
+def _json(description: dict[str, Any]) -> bytes:
+    return json.dumps(description, allow_nan=False, separators=(",", ":"), ensure_ascii=False).encode()
+
+
+def _tag(description: dict[str, Any]) -> str:
+    return str(description["model_hash"]).partition(":")[2][:16]
 
 
 def patient_files(glbs: Mapping[str, bytes]) -> dict[str, File]:
-    """Return the patients' geometry, /patient/<protocol>.glb, from the content by protocol."""
-    return {f"/patient/{name}.glb": File(glb, _TYPES[".glb"]) for name, glb in glbs.items()}
+    """Return the patients' geometry files /patient/<protocol>.glb by path, from their contents by protocol."""
+    return {k: v for name, glb in glbs.items() for k, v in glb_file(f"patient/{name}.glb", glb).items()}

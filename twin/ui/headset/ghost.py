@@ -1,4 +1,4 @@
-"""The tool where the equations put it, in a chosen variant: beside the mechanism it shows what a formula costs."""
+"""The ghost: the tool pose by the equations in a chosen variant, shown next to the mechanism's tool."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from twin.ui.session.desk import Desk
 from twin.ui.session.timeline import Playback
 
 _CHUNK = 8
-"""Samples that are solved between two other jobs."""
+"""Number of samples that are solved between two other jobs of the worker."""
 
 _PATIENCE = 10
-"""After a failure nothing is tried by hand for as many times what it took: a drag goes before a ghost."""
+"""After a failure, wait this multiple of its duration, because drags have priority over the ghost."""
 
 
 class Ghost:
-    """The tool by the equations at the joints of the mechanism.
+    """The tool pose by the equations at the joints of the mechanism.
 
-    `at` and `forget` are for the event loop; the rest is for the worker.
+    The event loop calls `at` and `forget`; the worker calls all other methods.
 
     Attributes:
         name: the variant, or None for no ghost.
@@ -40,11 +40,11 @@ class Ghost:
         self._next = 0.0
 
     def forget(self, name: str | None) -> None:
-        """Show nothing until `choose` has taken the variant."""
+        """Hide the ghost until `choose` has set a variant."""
         self.name, self._track, self._kin = name, None, None
 
     def choose(self, name: str | None) -> str:
-        """Take a variant; return why not, or an empty string."""
+        """Set a variant; return the reason why it cannot be used, or ""."""
         self._kin, self._chosen, self._track, self._solved = None, name, None, 0
         if name is None:
             return ""
@@ -57,7 +57,7 @@ class Ghost:
         return ""
 
     def follow(self, playback: Playback) -> None:
-        """Go along a protocol from now on; the desk is bound to it."""
+        """Use the samples of a protocol from now on, with the desk at the protocol's trocar positions."""
         self._playback = playback
         if self._chosen is not None:
             self.choose(self._chosen)
@@ -70,14 +70,14 @@ class Ghost:
 
     @property
     def wanting(self) -> bool:
-        """Whether samples of the protocol are still to be solved."""
+        """Whether samples of the protocol are still unsolved."""
         return self._track is not None and self._solved < len(self._track)
 
     def more(self) -> bool:
-        """Solve some samples; return whether there were any.
+        """Solve some samples; return whether any were left.
 
-        Where a variant has no solution, finding that out takes a hundred times as long: ever longer stretches are
-        left out then, without a ghost.
+        A sample without solution takes a hundred times as long; after such failures increasingly long parts are
+        skipped.
         """
         track, playback, kin = self._track, self._playback, self._kin
         if track is None or playback is None or kin is None or self._solved >= len(track):
@@ -95,18 +95,18 @@ class Ghost:
 
     @property
     def nowhere(self) -> bool:
-        """Whether the protocol is done and the variant has no tool pose anywhere in it."""
+        """Whether all samples are processed and the variant has no tool pose at any of them."""
         return self._track is not None and not self.wanting and not np.isfinite(self._track).any()
 
     def at(self, k: int) -> Array | None:
-        """Return the ghost (7,) at a sample of the protocol, or None."""
+        """Return the tool pose of the ghost (7,) at a sample of the protocol, or None."""
         track = self._track
         if self.name is None or track is None or not np.isfinite(track[k]).all():
             return None
         return track[k]
 
     def here(self) -> Array | None:
-        """Return the ghost (7,) where the desk stands, or None."""
+        """Return the tool pose of the ghost (7,) at the joints of the desk, or None."""
         if self.name is None or self._kin is None:
             return None
         now, start = self._desk.assembly, time.monotonic()

@@ -1,4 +1,4 @@
-"""What a client holds of the robot, and where a drag leads it."""
+"""Convert grabs and drags of a client to moves of a robot."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from twin.ui.session.desk import Desk, Moved
 
 @dataclass(frozen=True)
 class Hold:
-    """Who holds what: `joint` is its index; `body` and `point` (3,) in its frame are of a link."""
+    """A grab by a client: of joint number `joint`, of link `body` at `point` (3,) in its frame, or of the tool."""
 
     client: str
     target: str
@@ -25,10 +25,10 @@ class Hold:
 
 
 def hold_of(client: str, message: wire.Grab, desk: Desk) -> Hold:
-    """Return what a client takes hold of.
+    """Return the grab that a client requests.
 
     Raises:
-        RefusedError: there is no such joint or link, or it cannot be moved.
+        RefusedError: the joint or link does not exist, or cannot be moved.
     """
     joint, name = -1, message.name or ""
     if message.target == "joint":
@@ -41,15 +41,15 @@ def hold_of(client: str, message: wire.Grab, desk: Desk) -> Hold:
         if name not in links:
             raise RefusedError("unknown", unknown("link", name, links))
         if name == desk.mechanism.base:
-            raise RefusedError("refused", f"{name} is the base: it stands fast")
+            raise RefusedError("refused", f"{name} is the base and cannot move")
     return Hold(client, message.target, joint, name, message.point or ())
 
 
 def lead(hold: Hold, message: wire.Drag, desk: Desk) -> Callable[[], Moved]:
-    """Return the move of the desk that a drag asks for.
+    """Return the function that moves the desk as a drag requests.
 
     Raises:
-        RefusedError: the drag does not fit what is held.
+        RefusedError: the drag does not match the grab.
     """
     if hold.target == "tool" and message.pose is not None:
         T = wire.pose_of(message.pose)
@@ -61,4 +61,4 @@ def lead(hold: Hold, message: wire.Drag, desk: Desk) -> Callable[[], Moved]:
         p, target = np.array(hold.point), np.array(message.point)
         return lambda: desk.move_point(hold.body, p, target)
     wanted = {"tool": "pose", "joint": "value", "link": "point"}[hold.target]
-    raise RefusedError("not_held", f"the {hold.target} is held: drag its {wanted}")
+    raise RefusedError("not_held", f"the {hold.target} is grabbed: a drag must state its {wanted}")

@@ -1,12 +1,13 @@
-"""What goes over the wire between `twin serve` and a page, a headset or Unity; docs/stream.md is its description.
+"""Wire protocol between `twin serve` and a page, a headset or Unity; see docs/stream.md.
 
-Frames are binary and whole: the poses of all links at one time. Everything else is JSON text. What a client says is
-checked here against strict models before anything looks at it.
+A frame is a binary message with the poses of all links at one time. All other messages are JSON text. This module
+validates client messages by strict models.
 """
 
 from __future__ import annotations
 
 import base64
+import math
 import struct
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -19,29 +20,30 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 
-VERSION = 1
-"""Of the protocol, told in `hello`."""
+ALONE, VERSION = 1, 2
+"""Protocol version in `hello`: 1 for one robot; 2 for several robots, or with deformables (fields)."""
 
 MAGIC = 0x314E5754
 """First four bytes of a frame: "TWN1"."""
 
 GHOST, PLAYING, REFUSED, HELD = 1, 2, 4, 8
-"""Flags of a frame: a ghost follows, a protocol runs, the last request was refused, somebody holds the robot."""
+"""Flags of a frame: the frame contains a ghost; a protocol is playing; the last request was refused; a client holds the
+robot."""
 
 LONGEST = 4096
-"""Bytes of the longest message that a client may send."""
+"""Maximum length in bytes of a client's message."""
 
 ERRORS = {
-    "invalid": "the message is not one of this protocol, or a value is out of range",
+    "invalid": "the message is unknown, or a value is out of range",
     "unknown": "there is no protocol, posture, joint, link or variant of that name",
-    "held": "somebody else holds the robot",
-    "not_held": "a drag without a grab, or one that does not fit the grab",
-    "refused": "this robot, or this server as it was started, cannot do that",
-    "rate": "too many messages; what was too much is dropped",
-    "released": "the grab is lost: its holder was silent",
-    "failed": "something was tried and did not succeed; the message says what",
+    "held": "another client holds the robot",
+    "not_held": "a drag without a grab, or a drag that does not match the grab",
+    "refused": "not supported by this robot or with these server options",
+    "rate": "too many messages; the excess is dropped",
+    "released": "the grab was released, because its client sent nothing for too long",
+    "failed": "an action failed; see the message",
 }
-"""Codes of `error`."""
+"""Codes of the document `error`, with their meaning."""
 
 _HEADER = struct.Struct("<IIddHHI")
 
@@ -54,13 +56,13 @@ class Frame:
     """One whole frame.
 
     Attributes:
-        seq: counts frames from 0, modulo 2^32.
-        server_time: s of the server's monotonic clock, for which the poses were due.
-        clip_time: s in the protocol.
+        seq: number of the frame, from 0, modulo 2^32.
+        server_time: time of the poses in s on the server's monotonic clock.
+        clip_time: time in the protocol in s.
         poses: (links, 7) float32: x y z in m and quaternion x y z w, of every link in world, z up.
         q: (joints,) float32 in m or rad, of the active joints.
         flags: see `GHOST`, `PLAYING`, `REFUSED`, `HELD`.
-        ghost: (7,) float32, the tool in world by the equations; with the flag `GHOST`.
+        ghost: (7,) float32, pose of the tool in world by the equations; valid with the flag `GHOST`.
     """
 
     seq: int
@@ -73,51 +75,61 @@ class Frame:
 
 
 def pack(seq: int, server_time: float, clip_time: float, flags: int, body: bytes, links: int, joints: int) -> bytes:
-    """Return a frame of a body made by `pack_body`."""
+    """Return one message of the stream as bytes: the header, then the payload `body` from `pack_body`."""
     return _HEADER.pack(MAGIC, seq & 0xFFFFFFFF, server_time, clip_time, links, joints, flags) + body
 
 
 def pack_body(poses: np.ndarray, q: np.ndarray, ghost: np.ndarray | None) -> bytes:
-    """Return the part of a frame that speaks of the robot: poses (links, 7), q (joints,), ghost (7,) or None."""
+    """Return the body of a frame as bytes: poses (links, 7), q (joints,), ghost (7,) or None."""
     parts = (poses, q) if ghost is None else (poses, q, ghost)
     return b"".join(np.ascontiguousarray(p, "<f4").tobytes() for p in parts)
+
+
+def size_of(data: bytes) -> int:
+    """Return the length in bytes of the frame at the start of the data, from its header.
+
+    Raises:
+        TwinError: the data do not begin with a frame.
+    """
+    if len(data) < _HEADER.size:
+        raise TwinError(f"frame: {len(data)} bytes; the header needs {_HEADER.size}")
+    magic, *_, links, joints, flags = _HEADER.unpack_from(data)
+    if magic != MAGIC:
+        raise TwinError(f"frame: begins with {magic:#010x}, not with {MAGIC:#010x}")
+    return _HEADER.size + 4 * (7 * links + joints + (7 if flags & GHOST else 0))
 
 
 def unpack(data: bytes) -> Frame:
     """Return the frame in a binary message.
 
     Raises:
-        TwinError: it is no frame, or its length is not what its header says.
+        TwinError: the message is not a frame, or its length differs from that in its header.
     """
-    if len(data) < _HEADER.size:
-        raise TwinError(f"frame: {len(data)} bytes; a header alone has {_HEADER.size}")
-    magic, seq, server_time, clip_time, links, joints, flags = _HEADER.unpack_from(data)
-    if magic != MAGIC:
-        raise TwinError(f"frame: begins with {magic:#010x}, not with {MAGIC:#010x}")
-    counts = (7 * links, joints, 7 if flags & GHOST else 0)
-    size = _HEADER.size + 4 * sum(counts)
+    size = size_of(data)
+    _, seq, server_time, clip_time, links, joints, flags = _HEADER.unpack_from(data)
     if len(data) != size:
-        raise TwinError(f"frame: {len(data)} bytes; {links} links and {joints} joints make {size}")
+        raise TwinError(f"frame: {len(data)} bytes; {links} links and {joints} joints need {size}")
+    counts = (7 * links, joints, 7 if flags & GHOST else 0)
     values = np.frombuffer(data, "<f4", offset=_HEADER.size)
     poses, q, ghost = np.split(values, np.cumsum(counts)[:2])
     return Frame(seq, server_time, clip_time, poses.reshape(links, 7), q, flags, ghost if flags & GHOST else None)
 
 
 def sevens(Ts: Array) -> Array:
-    """Return poses (..., 4, 4) as (..., 7): x y z, and the quaternion x y z w with w >= 0."""
+    """Return poses (..., 4, 4) as (..., 7): x y z in m, and the quaternion x y z w with w >= 0."""
     q = spatial.quat_from_matrix_wxyz(Ts[..., :3, :3])
     return np.concatenate([Ts[..., :3, 3], np.roll(q, -1, axis=-1)], axis=-1)
 
 
 def pose_of(seven: Any) -> Array:
-    """Return the pose (4, 4) of x y z and a quaternion x y z w of any length but zero."""
+    """Return the pose (4, 4) of x y z in m and a quaternion x y z w of any nonzero length."""
     v = np.asarray(seven, float)
     q = np.roll(v[3:], 1)
     return spatial.pose(spatial.matrix_from_quat_wxyz(q / np.linalg.norm(q)), v[:3])
 
 
 def near_signs(sevens: Array, last: Array | None) -> Array:
-    """Return poses (n, 7) with each quaternion's sign as near to the last ones (n, 7) as can be."""
+    """Return poses (n, 7) with the sign of each quaternion chosen nearest to the previous poses (n, 7)."""
     if last is None or len(last) != len(sevens):
         return sevens
     out = sevens.copy()
@@ -126,7 +138,7 @@ def near_signs(sevens: Array, last: Array | None) -> Array:
 
 
 def floats(values: np.ndarray) -> str:
-    """Return float32 values, little endian, in base64: how clouds are sent."""
+    """Return float32 values, little endian, in base64, the format of point clouds."""
     return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
 
 
@@ -135,6 +147,8 @@ def floats(values: np.ndarray) -> str:
 _Coordinate = Annotated[float, Field(ge=-100, le=100)]
 _Name = Annotated[str, Field(min_length=1, max_length=64)]
 _Vector = tuple[_Coordinate, _Coordinate, _Coordinate]
+_Near = Annotated[float, Field(ge=-10, le=10)]
+_OPEN = 2 * math.pi
 _Part = Annotated[float, Field(ge=-1.01, le=1.01)]
 
 
@@ -144,50 +158,56 @@ class _Message(BaseModel):
     id: Annotated[int, Field(ge=0, le=2**53)] | Annotated[str, Field(max_length=40)] | None = None
 
 
+class _OfRobot(_Message):
+    """A message for one robot of a scene; the robot's name may be omitted if it is unambiguous."""
+
+    robot: _Name | None = None
+
+
 class Play(_Message):
-    """Let the protocol run, or hold it."""
+    """Play or pause the protocol."""
 
     type: Literal["play"]
     on: bool
 
 
 class Seek(_Message):
-    """Stand at a time of the protocol, in s."""
+    """Go to a time of the protocol, in s."""
 
     type: Literal["seek"]
     t: Annotated[float, Field(ge=0, le=1e6)]
 
 
 class Speed(_Message):
-    """Seconds played for each that passes."""
+    """Set the playback speed."""
 
     type: Literal["speed"]
     value: Annotated[float, Field(ge=0.05, le=8)]
 
 
 class Loop(_Message):
-    """Whether the protocol begins again at its end."""
+    """Set whether the protocol loops."""
 
     type: Literal["loop"]
     on: bool
 
 
-class Protocol(_Message):
-    """Take another protocol of the robot."""
+class Protocol(_OfRobot):
+    """Choose a protocol of the robot."""
 
     type: Literal["protocol"]
     name: _Name
 
 
-class Posture(_Message):
+class Posture(_OfRobot):
     """Go to a named posture."""
 
     type: Literal["posture"]
     name: _Name
 
 
-class Grab(_Message):
-    """Take hold of the tool, of a joint, or of a link at a point (3,) in the link's frame, in m."""
+class Grab(_OfRobot):
+    """Grab the tool, a joint, or a link at a point (3,) in m in the link's frame."""
 
     type: Literal["grab"]
     target: Literal["tool", "joint", "link"]
@@ -197,14 +217,14 @@ class Grab(_Message):
     @model_validator(mode="after")
     def _fits(self) -> Grab:
         if (self.name is None) != (self.target == "tool"):
-            raise ValueError("name: a joint or a link is grabbed by its name, the tool has none")
+            raise ValueError("name: required to grab a joint or a link, not allowed for the tool")
         if (self.point is None) != (self.target != "link"):
-            raise ValueError("point: a link, and nothing else, is grabbed at a point [x, y, z] in its frame")
+            raise ValueError("point: [x, y, z] in the link's frame; required to grab a link, not allowed otherwise")
         return self
 
 
-class Drag(_Message):
-    """Lead what is held: the tool to a pose, a joint to a value in m or rad, a point of a link to a place in world."""
+class Drag(_OfRobot):
+    """Drag what was grabbed: the tool to a pose, a joint to a value, a link's point to a position; m, rad, world."""
 
     type: Literal["drag"]
     pose: tuple[_Coordinate, _Coordinate, _Coordinate, _Part, _Part, _Part, _Part] | None = None
@@ -214,58 +234,110 @@ class Drag(_Message):
     @model_validator(mode="after")
     def _one(self) -> Drag:
         if sum(v is not None for v in (self.pose, self.value, self.point)) != 1:
-            raise ValueError("exactly one of pose, value and point")
+            raise ValueError("give exactly one of pose, value and point")
         if self.pose is not None and not 0.9 < sum(v * v for v in self.pose[3:]) < 1.1:
             raise ValueError("pose: the quaternion x y z w must have length 1")
         return self
 
 
-class Release(_Message):
-    """Let go."""
+class Release(_OfRobot):
+    """Release the grab."""
 
     type: Literal["release"]
 
 
-class Variant(_Message):
-    """Show the tool by the equations in a variant ("printed" or "eq1=printed"); null shows no ghost."""
+class Variant(_OfRobot):
+    """Show the ghost, the tool pose by the equations in a variant ("printed" or "eq1=printed"); null hides it."""
 
     type: Literal["variant"]
     name: _Name | None
 
 
-class Workspace(_Message):
-    """Find the positions that the tool reaches in its present orientation, or stop and forget them."""
+class Workspace(_OfRobot):
+    """Compute the reachable tool positions at the present orientation, or stop and clear them."""
 
     type: Literal["workspace"]
     on: bool
 
 
 class Record(_Message):
-    """Begin or end a recording; only where the server was started with --record."""
+    """Begin or end a recording; requires a server started with --record."""
 
     type: Literal["record"]
     on: bool
 
 
+class Hand(BaseModel):
+    """One hand: pose of its handle in {H}, m; angle of its gripper, rad."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+    pose: tuple[_Near, _Near, _Near, _Part, _Part, _Part, _Part]
+    grip: Annotated[float, Field(ge=-_OPEN, le=_OPEN)]
+
+    @model_validator(mode="after")
+    def _unit(self) -> Hand:
+        if not 0.999 < sum(v * v for v in self.pose[3:]) < 1.001:
+            raise ValueError("pose: the quaternion x y z w must have length 1")
+        return self
+
+
+class Hands(_Message):
+    """Both hands and the pedals of a console; `number` grows by one each time."""
+
+    type: Literal["hands"]
+    number: Annotated[int, Field(ge=0, lt=2**32)]
+    right: Hand
+    left: Hand
+    clutch: bool
+    camera: bool
+
+
+class Scale(_Message):
+    """The motion scale of a console."""
+
+    type: Literal["scale"]
+    value: Annotated[float, Field(ge=0.05, le=1)]
+
+
 class Ping(_Message):
-    """Ask for a `pong` with the same t and the server's clock; keeps a grab alive."""
+    """Request a `pong` with the same t and the server's clock; this also keeps a grab alive."""
 
     type: Literal["ping"]
     t: Annotated[float, Field(ge=-1e15, le=1e15)]
 
 
-Message = Play | Seek | Speed | Loop | Protocol | Posture | Grab | Drag | Release | Variant | Workspace | Record | Ping
-"""Everything that a client may say."""
+Message = (
+    Play
+    | Seek
+    | Speed
+    | Loop
+    | Protocol
+    | Posture
+    | Grab
+    | Drag
+    | Release
+    | Variant
+    | Workspace
+    | Hands
+    | Scale
+    | Record
+    | Ping
+)
+"""Classes of all client messages."""
+
+OfRobot = Protocol | Posture | Grab | Drag | Release | Variant | Workspace
+"""Classes of messages for one robot; the others concern clock, recording or connection."""
 
 _ADAPTER: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="type")])
 
 
 class RefusedError(TwinError):
-    """A message that is not followed.
+    """A refused message.
 
     Attributes:
-        code: one of `ERRORS`.
-        id: the message's own, or None.
+        code: a key of `ERRORS`.
+        id: the id of the refused message, or None.
     """
 
     def __init__(self, code: str, text: str, id: int | str | None = None) -> None:
@@ -277,7 +349,7 @@ def parse(text: str | bytes) -> Message:
     """Return the message in a text of at most `LONGEST` bytes.
 
     Raises:
-        RefusedError: "invalid"; the text says what is wrong, not what was sent.
+        RefusedError: with code "invalid"; its text names the mistake without repeating the content.
     """
     if isinstance(text, bytes):
         raise RefusedError("invalid", "clients send JSON text, not binary messages")

@@ -1,4 +1,4 @@
-"""The positions that the tool reaches, found in a process of its own and sent piece by piece."""
+"""Compute the reachable tool positions in a separate process, and send them in pieces."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from twin.ui.session.desk import Desk
 from twin.ui.session.workspace import Cloud, Job
 
 POSES = 100_000
-"""Poses that are tried."""
+"""Number of poses that are evaluated."""
 
 _MOST = 4000
-"""Points of one piece that are sent, at most: a headset draws them."""
+"""Maximum number of points in one piece, small enough for a headset to draw."""
 
 
 class Reach:
     """The workspace of a desk, on request.
 
     Attributes:
-        on: whether it is wanted.
-        sent: the documents so far, for clients that come later.
+        on: whether the workspace is shown.
+        sent: the documents sent so far, for clients that connect later.
     """
 
     def __init__(self, desk: Desk, source: str) -> None:
@@ -34,14 +34,14 @@ class Reach:
         self._size = max((float(np.linalg.norm(np.ptp(v, axis=0))) for v in boxes), default=0.5)
 
     def close(self) -> None:
-        """End the process."""
+        """End the process that computes the workspace."""
         self._cloud.close()
 
     def ask(self, on: bool) -> None:
-        """Begin, or stop and forget.
+        """Start the computation, or stop it and clear the points.
 
         Raises:
-            RefusedError: the robot has no equations that could be asked.
+            RefusedError: the robot has no closed-form inverse.
         """
         desk = self._desk
         self.sent = []
@@ -51,16 +51,19 @@ class Reach:
             self._new = [{"type": "cloud", "first": True, "points": "", "values": "", "done": True}]
             return
         if desk.kin is None or not desk.kin.closed_inverse:
-            raise RefusedError("refused", f"{desk.robot.name} has no closed inverse: its workspace takes too long")
+            raise RefusedError(
+                "refused", f"{desk.robot.name} has no closed-form inverse: computing its workspace takes too long"
+            )
         self.on = True
         parameters = {n: float(v) for n, v in desk.kin.parameters.items() if n.startswith("trocar_")}
         T = desk.assembly.T_base_tool.copy()
+        limits, half = desk.mechanism.limits, 0.5 * self._size
         self._cloud.start(
-            Job(self._source, dict(desk.kin.variants), parameters, desk.mechanism.limits, T, 0.5 * self._size, POSES)
+            Job(self._source, dict(desk.kin.variants), parameters, limits, T, half, POSES, desk.hand.bounds)
         )
 
     def poll(self) -> list[dict[str, Any]]:
-        """Return what is new, as documents."""
+        """Return new points as documents."""
         if self._new:
             new, self._new = self._new, []
             return new

@@ -1,4 +1,4 @@
-"""The server of `twin serve`: files and the stream on one port, for several clients who see the same robot."""
+"""The server of `twin serve`: files and the stream on one port, for several clients that see the same robots."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from twin.ui.headset.recording import Recording
 from twin.ui.session.timeline import RATE
 
 STATE = 6
-"""Ticks between two states."""
+"""Ticks between two documents `state`."""
 
 SILENCE, GRACE = 5.0, 3.0
-"""Seconds after which a grab is lost: its holder says nothing; its holder has gone and does not come back."""
+"""Time in s after which a grab is released: if its client sends nothing; if its client is disconnected."""
 
 REMEMBERED = 256
-"""Clients that can come back as themselves."""
+"""Maximum number of disconnected clients that can reconnect with their identity."""
 
 
 class StreamServer:
     """Serves one source until `stop`.
 
     Attributes:
-        port: it listens on, once `start` has returned.
-        stopping: set it to end.
+        port: port that it listens on, once `start` has returned.
+        stopping: event that ends the server.
     """
 
     def __init__(
@@ -73,14 +73,14 @@ class StreamServer:
     # -- life -----------------------------------------------------------------------------------------
 
     async def start(self, host: str, port: int, context: ssl.SSLContext | None = None) -> None:
-        """Listen."""
+        """Start to listen."""
         self._server: Server = await listen(
             self._client, host, port, self._request, self._doorman, longest=wire.LONGEST, context=context
         )
         self.port = int(next(iter(self._server.sockets)).getsockname()[1])
 
     async def run(self) -> None:
-        """Stream until `stopping` is set; late ticks are left out, never made up for."""
+        """Send frames until `stopping` is set; late ticks are skipped."""
         begin = time.monotonic()
         ends = asyncio.ensure_future(self.stopping.wait())
         try:
@@ -94,7 +94,7 @@ class StreamServer:
             await self.close()
 
     async def close(self) -> None:
-        """Tell the clients (1001) and end; one that does not close in time is disconnected."""
+        """Close all connections (code 1001) and end; a client that does not close in time is disconnected."""
         self._say_state()
         self._server.close(code=1001, reason="the server ends")
         try:
@@ -136,7 +136,7 @@ class StreamServer:
             self._tell(state)
 
     def _tell(self, document: dict[str, Any]) -> None:
-        """Let every client know."""
+        """Send a document to every client."""
         if self.recording is not None:
             self.recording.add_document(self._tick, document)
         text = to_json(document, inf_nan_mode="null").decode()
@@ -144,16 +144,15 @@ class StreamServer:
             client.queue(document["type"], text)
 
     def _watch(self, now: float) -> None:
-        """Take the grab from who is silent or gone."""
+        """Release grabs of silent or disconnected clients."""
         for name, left in list(self._left.items()):
             if now - left > GRACE:
                 del self._left[name]
                 self.source.release(name)
-        holder = self.source.holder
         for client in self.clients:
-            if client.id == holder and now - client.heard > SILENCE:
+            if now - client.heard > SILENCE and self.source.holds(client.id):
                 self.source.release(client.id)
-                self._error(client, "released", f"nothing was heard for {SILENCE:g} s: the grab is lost")
+                self._error(client, "released", f"no message for {SILENCE:g} s: the grab was released")
 
     # -- clients --------------------------------------------------------------------------------------
 
@@ -173,7 +172,7 @@ class StreamServer:
         now = time.monotonic()
         if token in self._known:
             name = self._known[token]
-            for other in [c for c in self.clients if c.token == token]:  # it is half gone: the new one is it
+            for other in [c for c in self.clients if c.token == token]:  # replaced by the new connection
                 self.clients.remove(other)
                 other.ws.cut()
         else:
@@ -186,7 +185,7 @@ class StreamServer:
         ws.keep_little()
         client = Client(name, token, ws, Bucket(*MESSAGES, now), Bucket(*GARBAGE, now), now)
         self.clients.append(client)
-        hello = {**self.hello, "type": "hello", "protocol": wire.VERSION, "client": name, "resume": token}
+        hello = {**self.hello, "type": "hello", "protocol": self.source.version, "client": name, "resume": token}
         for document in (hello, self._state or self.source.state(), *self.source.welcome()):
             client.queue(document["type"], to_json(document, inf_nan_mode="null").decode())
         self._dirty = True
@@ -196,7 +195,7 @@ class StreamServer:
     def _leave(self, client: Client) -> None:
         if client in self.clients:
             self.clients.remove(client)
-            if self.source.holder == client.id:
+            if self.source.holds(client.id):
                 self._left[client.id] = time.monotonic()
             self._dirty = True
 
@@ -205,14 +204,14 @@ class StreamServer:
         if not client.messages.take(now):
             if now - client.told_rate > 1.0:
                 client.told_rate = now
-                self._error(client, "rate", f"more than {MESSAGES[0]:g} messages a second: some were dropped")
+                self._error(client, "rate", f"more than {MESSAGES[0]:g} messages per second: some were dropped")
             return
         try:
             message = wire.parse(text)
         except RefusedError as error:
             self._error(client, error.code, str(error), error.id)
             if not client.garbage.take(now):
-                self._end(client, 1008, "too much that makes no sense")
+                self._end(client, 1008, "too many malformed messages")
             return
         client.heard = now
         if isinstance(message, wire.Ping):
@@ -246,7 +245,7 @@ class StreamServer:
                 self.recording.add_document(self._tick, document)
 
     def _write(self, write: Callable[[], None]) -> None:
-        """Write a recording in a thread; on failure every client is told."""
+        """Write a recording in a thread; on failure every client is notified."""
 
         async def work() -> None:
             try:
@@ -273,14 +272,14 @@ class StreamServer:
     # -- requests -------------------------------------------------------------------------------------
 
     def _request(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Answer a request for a file, or let a WebSocket come in (None)."""
+        """Return the response to a request for a file, or None to accept a WebSocket."""
         seen = visit(self.gate, connection, request)
         if isinstance(seen, Response):
             return seen
         if seen.path != "/ws":
             return page(self.gate, seen, self.files)
         if not seen.upgrade or seen.head:
-            out = refusal(HTTPStatus.UPGRADE_REQUIRED, "here is a WebSocket", seen.head)
+            out = refusal(HTTPStatus.UPGRADE_REQUIRED, "this address accepts only WebSockets", seen.head)
             out.headers["Upgrade"] = "websocket"
             return out
         if seen.known or seen.query.get("resume") in self._known or self.gate.spend(seen.query.get("token", "")):

@@ -1,4 +1,4 @@
-"""Samples as they are sent, and what a protocol is to a stream: link poses, the way of the tip, the trocars."""
+"""Convert samples and data of a protocol to the stream's format: link poses, tip path, trocars."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from twin.ui.session.timeline import Playback
 from twin.ui.session.trocars import in_trocars, rcm_at
 
 PATH_POINTS = 600
-"""Points of a tool path that is sent, at most."""
+"""Maximum number of points of a tool path that is sent."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """One sample: poses (links, 7) and q (joints,) in double, and the ghost (7,) or None."""
+    """One sample: poses (links, 7) and q (joints,) in double precision, and the ghost's tool pose (7,) or None."""
 
     poses: Array
     q: Array
@@ -33,14 +33,14 @@ class Shown:
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A playback with its link poses (k, links, 7), ready to be sent."""
+    """A playback with its link poses (k, links, 7) in the stream's format."""
 
     playback: Playback
     poses: Array
 
 
 def path(track: Track | None) -> dict[str, Any]:
-    """Return the document with the way of the tip along the protocol; empty if there is none."""
+    """Return the document with the tip path of the protocol; empty without a protocol."""
     if track is None:
         return {"type": "path", "protocol": None, "points": []}
     tip = track.playback.tip
@@ -49,12 +49,12 @@ def path(track: Track | None) -> dict[str, Any]:
 
 
 def number(value: float | None) -> float | None:
-    """Return a number as JSON has it: none that is not finite."""
+    """Return a number for JSON; None if it is not finite."""
     return float(f"{value:.9g}") if value is not None and np.isfinite(value) else None
 
 
 def trocars(desk: Desk, playback: Playback | None, time: float) -> list[dict[str, Any]]:
-    """Return the instruments in their trocars as the state has them: name, place, distance of the shaft, depth."""
+    """Return the instruments in their trocars as data of `state`: name, position, trocar error and depth in m."""
     found = () if playback is None else in_trocars(desk, rcm_at(playback, time))
     return [
         {
@@ -68,22 +68,22 @@ def trocars(desk: Desk, playback: Playback | None, time: float) -> list[dict[str
 
 
 def protocols_of(robot: Robot, given: str | None) -> dict[str, str]:
-    """Return what `Robot.protocol` takes, by name: the robot's own protocols, and the one that was given by path.
+    """Return the arguments of `Robot.protocol`, by protocol name: the robot's own protocols, and the given path.
 
     Raises:
-        TwinError: the protocol that was given is not there, or is wrong.
+        TwinError: the given protocol does not exist or is invalid.
     """
     own = {} if robot.files is None else {n: n for n in robot.files.protocols()}
     if given is None:
         return own
     name = robot.protocol(given).name
     if name in own and given != name:
-        raise TwinError(f"{given}: the protocol is named '{name}' as one of the robot's own: give it another name")
+        raise TwinError(f"{given}: the protocol has the name '{name}' of one of the robot's own: give it another name")
     return {**own, name: given}
 
 
 def apart(shown: Shown, links: tuple[str, ...], tool: Mapping[str, Any]) -> float | None:
-    """Return how far the ghost is from the tool, in m; None without a ghost. `tool` is as described."""
+    """Return the distance of the ghost from the tool in m; None without a ghost."""
     if shown.ghost is None:
         return None
     T = pose_of(shown.poses[links.index(tool["link"])]) @ pose_of(tool["T_link_tool"])
@@ -91,9 +91,10 @@ def apart(shown: Shown, links: tuple[str, ...], tool: Mapping[str, Any]) -> floa
 
 
 def measured(reading: Reading | None, ghost: float | None) -> dict[str, Any]:
-    """Return what the instruments read as the state has it; `ghost`: how far the ghost is from the tool, in m.
+    """Return the readings as data of `state`; `ghost` is the distance of the ghost from the tool in m.
 
-    Of equations and mechanism the largest difference is given, a length or an angle; the ghost's, if there is one.
+    The stated residual is the largest difference of equations and mechanism (a length or an angle); if a ghost is
+    shown, it is the distance of the ghost from the tool.
     """
     residual = None if reading is None or ghost is not None else reading.residual
     length = ghost if residual is None or residual.is_angle else residual.size

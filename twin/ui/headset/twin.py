@@ -1,7 +1,7 @@
-"""One robot live: it plays, it is taken by the hand, it is measured. What is sent is whole samples, never a mixture.
+"""One live robot: playback, dragging, readings; only complete samples are sent.
 
-Everything here runs on the event loop except what is called a job: those run one after the other in the worker, and
-what they find is taken over between two ticks.
+All data are in the robot's own base; `live` has the clock and advances time. All methods run on the event loop, except
+jobs: these run one at a time in the worker, and their results are applied between two ticks.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from twin.api import Robot
 from twin.core.errors import unknown
 from twin.core.spatial import Array
+from twin.model.scene import Place
 from twin.reference.states import Assembly
 from twin.ui.headset import description
 from twin.ui.headset import protocol as wire
@@ -32,31 +33,45 @@ from twin.ui.session.timeline import RATE, Clock, Playback
 from twin.ui.session.trocars import rcm_at
 
 LOOK = 6
-"""Ticks between two looks at the instruments."""
-
-HEARTBEAT = 6
-"""Ticks after which a frame is sent though nothing has moved."""
+"""Number of ticks between two readings."""
 
 
 class Twin:
-    """A robot that clients play and move; see `ask`, `tick` and `state`.
+    """A robot that clients play and move; see `ask`, `poll` and `state`.
 
     Attributes:
-        desk: where it stands while it is not playing; only jobs touch it.
-        clock: of the protocol.
-        patients: by the protocols that have one.
-        send: called with every document for all clients.
+        desk: state of the robot while it does not play; only jobs change it.
+        clock: clock of the protocol, shared in a scene.
+        patients: patients by name of the protocol.
+        send: function called with every document for all clients.
+        planned: function called after a protocol was planned.
     """
 
-    replays = False
+    def __init__(
+        self,
+        robot: Robot,
+        source: str,
+        protocol: str | None = None,
+        plans: bool = True,
+        clock: Clock | None = None,
+        place: Place | None = None,
+    ) -> None:
+        """Set up, and start planning the protocol (default: the robot's), unless `plans` is false.
 
-    def __init__(self, robot: Robot, source: str, protocol: str | None = None, plans: bool = True) -> None:
-        """Load what there is; begin to plan the protocol, the robot's default without one, unless `plans` is false."""
-        self.robot, self.source = robot, source
+        Args:
+            robot: the robot.
+            source: argument of `twin.load`, for processes that load the robot again.
+            protocol: the first protocol.
+            plans: whether it plans and plays protocols.
+            clock: clock of the playback; None: a clock of its own.
+            place: place in a scene, which has its own surroundings; None: a robot alone, with its own patient.
+        """
+        self.robot, self.source, self.place = robot, source, place
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
+        self.planned: Callable[[], object] = lambda: None
         self.desk = Desk(robot)
         self.links = tuple(b.name for b in self.desk.mechanism.bodies)
-        self.clock = Clock()
+        self.clock = Clock() if clock is None else clock
         self._worker = Worker(lambda e: self._failure(f"internal error, {type(e).__name__}: {e}. Please report it."))
         self._ghost, self._reach = Ghost(robot, self.desk), Reach(self.desk, source)
         self._hold: Hold | None = None
@@ -67,12 +82,11 @@ class Twin:
         self._wanted = ""
         self._reading: Reading | None = None
         self._failed = ""
-        self._tick, self._looked, self._sent, self._seq = -1, -LOOK, -HEARTBEAT, 0
-        self._told: tuple[Any, ...] = ()
+        self._tick, self._looked = -1, -LOOK
         self._moved, self._wish = -1, None
         self._shown = self._of(self.desk.assembly, None)
-        self.patients = description.patients_of(robot, self.desk, self._protocols)
-        self.description = description.describe(robot, self.desk, self._protocols, self.patients)
+        self.patients = {} if place is not None else description.patients_of(robot, self.desk, self._protocols)
+        self.description = description.describe(robot, self.desk, self._protocols, self.patients, place)
         first = next((n for n, p in self._protocols.items() if p == protocol), None)
         if first is None:
             first = next((p["name"] for p in self.description["protocols"] if p["is_default"]), None)
@@ -80,7 +94,7 @@ class Twin:
             self._plan(first)
 
     def close(self) -> None:
-        """Leave no process and no thread behind."""
+        """End all processes and threads."""
         if self._planner is not None:
             self._planner.close()
             self._planner = None
@@ -89,45 +103,65 @@ class Twin:
 
     # -- time -----------------------------------------------------------------------------------------
 
-    def frame(self, tick: int, server_time: float) -> bytes | None:
-        """Let time go on to a tick, 1 / RATE s each; return a frame if something is to be seen or a while has passed.
-
-        Args:
-            tick: counts from 0; those that are left out are jumped over.
-            server_time: s of the monotonic clock for which the frame is due.
-        """
-        passed = (tick - self._tick) / RATE if self._tick >= 0 else 0.0
+    def poll(self, tick: int) -> None:
+        """Apply the results and requests that have arrived since the last tick."""
         self._tick = tick
         if self._planner is not None and self._planner.done:
             self._take_plan()
         if self._wish is not None:
             self._move(self._wish)
-        if self.clock.advance(passed):
-            self._stand()
-        if tick - self._looked >= LOOK:
-            self._looked = tick
+
+    def look(self) -> None:
+        """Send readings periodically, and new workspace points."""
+        if self._tick - self._looked >= LOOK:
+            self._looked = self._tick
             self._look()
         for document in self._reach.poll():
             self.send(document)
-        told = (self._shown, self.flags, self.clip_time)
-        if told == self._told and tick - self._sent < HEARTBEAT:
-            return None
-        self._told, self._sent = told, tick
+
+    @property
+    def told(self) -> tuple[Any, ...]:
+        """Key of the frame's content; equal keys mean equal frames."""
+        return self._shown, self.flags, self.clip_time
+
+    def frame(self, seq: int, server_time: float) -> bytes:
+        """Return a frame of the shown robot."""
         shown = self._shown
         body = wire.pack_body(shown.poses, shown.q, shown.ghost)
-        self._seq += 1
-        return wire.pack(self._seq - 1, server_time, told[2], told[1], body, len(shown.poses), len(shown.q))
+        return wire.pack(seq, server_time, self.clip_time, self.flags, body, len(shown.poses), len(shown.q))
+
+    @property
+    def duration(self) -> float:
+        """Duration of the protocol in s; 0 without a protocol."""
+        return 0.0 if self._track is None else self._track.playback.duration
+
+    @property
+    def why_not(self) -> str:
+        """Reason why there is no protocol to play; empty if there is one."""
+        if self._track is not None:
+            return ""
+        return "the protocol is being planned" if self._planner is not None else self._failed or "none is loaded"
+
+    @property
+    def name(self) -> str:
+        """Its name in the scene, or its own."""
+        return self.robot.name if self.place is None else self.place.name
+
+    @property
+    def called(self) -> str:
+        """Name of the robot as a prefix of messages, if there are several robots."""
+        return "the robot" if self.place is None else self.place.name
 
     @property
     def clip_time(self) -> float:
-        """Time in the protocol of what is shown, in s."""
+        """Time of the shown sample in the protocol, in s."""
         if self._track is None or self._sample is None:
             return self.clock.time
         return float(self._track.playback.t[self._sample])
 
     @property
     def flags(self) -> int:
-        """Flags of the present frame, see `wire.GHOST` and its like."""
+        """Flags of the present frame: `wire.GHOST`, `wire.PLAYING`, `wire.REFUSED`, `wire.HELD`."""
         shown = self._shown
         return (
             wire.GHOST * (shown.ghost is not None)
@@ -140,14 +174,14 @@ class Twin:
 
     @property
     def holder(self) -> str | None:
-        """Who holds the robot, or None."""
+        """Id of the client that holds the robot, or None."""
         return None if self._hold is None else self._hold.client
 
-    def ask(self, client: str, message: wire.Message) -> None:
-        """Do what a client asks for.
+    def ask(self, client: str, message: wire.OfRobot) -> None:
+        """Handle a request of a client.
 
         Raises:
-            RefusedError: it cannot be done; nothing has changed.
+            RefusedError: the request is refused; nothing has changed.
         """
         if isinstance(message, wire.Drag):
             return self._drag(client, message)
@@ -157,46 +191,38 @@ class Twin:
             return self._variant(message.name)
         if isinstance(message, wire.Workspace):
             return self._reach.ask(message.on)
-        if self._hold is not None and self._hold.client != client:
-            raise RefusedError("held", f"{self._hold.client} holds the robot")
+        self.leave_to(client)
         if isinstance(message, wire.Grab):
             return self._grab(client, message)
-        if isinstance(message, wire.Speed):
-            self.clock.speed = message.value
-            return None
-        if isinstance(message, wire.Loop):
-            self.clock.loop = message.on
-            return None
         if isinstance(message, wire.Posture):
             self._posture(message.name)
-        elif isinstance(message, wire.Protocol):
+        else:
             if message.name not in self._protocols:
                 raise RefusedError("unknown", unknown("protocol", message.name, self._protocols))
             self._plan(message.name)
-        else:
-            self._time(message)
-        self._hold = None  # whoever holds it and asks for something else lets go
+        self.let_go(client)
         return None
 
+    def leave_to(self, client: str) -> None:
+        """Check that a client may move the robot.
+
+        Raises:
+            RefusedError: another client holds the robot.
+        """
+        if self._hold is not None and self._hold.client != client:
+            raise RefusedError("held", f"{self._hold.client} holds {self.called}")
+
+    def let_go(self, client: str) -> None:
+        """Release the grab of a client whose next request replaces it; the last refusal stays shown."""
+        if self.holder == client:
+            self._hold = None
+
     def release(self, client: str) -> None:
-        """Let go, if it is this client who holds the robot."""
+        """Release the robot if this client holds it."""
         if self._hold is not None and self._hold.client == client:
             self._hold = None
             self._shown = replace(self._shown, reason="")
             self._worker.ask("let go", self.desk.let_go, lambda _: None)
-
-    def _time(self, message: wire.Message) -> None:
-        if self._track is None:
-            wait = "it is being planned" if self._planner is not None else self._failed or "none is loaded"
-            raise RefusedError("refused", f"there is no protocol to play yet: {wait}")
-        if isinstance(message, wire.Seek):
-            self.clock.seek(message.t)
-        elif isinstance(message, wire.Play) and message.on:
-            self.clock.play()
-        else:
-            self.clock.playing = False
-            return
-        self._stand()
 
     def _grab(self, client: str, message: wire.Grab) -> None:
         hold = hold_of(client, message, self.desk)
@@ -206,7 +232,7 @@ class Twin:
         self._hold = hold
 
     def _leave_track(self) -> None:
-        """Stop playing; the desk stands where the protocol was."""
+        """Stop playing, with the desk at the present pose of the protocol."""
         self.clock.playing, self._wish = False, None
         self._worker.drop("look", "move")
         if self._track is None or self._sample is None:
@@ -222,7 +248,7 @@ class Twin:
     def _drag(self, client: str, message: wire.Drag) -> None:
         hold = self._hold
         if hold is not None and hold.client != client:
-            raise RefusedError("held", f"{hold.client} holds the robot")
+            raise RefusedError("held", f"{hold.client} holds {self.called}")
         if hold is None:
             raise RefusedError("not_held", "grab first, then drag")
         self._move(lead(hold, message, self.desk))
@@ -252,8 +278,8 @@ class Twin:
     # -- jobs and what they find ----------------------------------------------------------------------
 
     def _move(self, move: Callable[[], Moved]) -> None:
-        """Let the desk move, once a tick; the newest wish counts, and what comes of it is shown."""
-        if self._moved == self._tick:  # what is solved twice a tick is seen once
+        """Move the desk by the newest request, once in a tick, and show the result."""
+        if self._moved == self._tick:  # only one solution in a tick is shown
             self._wish = move
             return
         self._moved, self._wish = self._tick, None
@@ -266,7 +292,7 @@ class Twin:
 
         def done(found: tuple[Shown, bool]) -> None:
             shown, more = found
-            if hold is not None and self._hold is not hold:  # let go meanwhile: nobody wants what was refused
+            if hold is not None and self._hold is not hold:  # released meanwhile: the refused target no longer matters
                 shown = replace(shown, reason="")
             elif more and self._wish is None and self._sample is None:
                 self._wish = move
@@ -280,7 +306,7 @@ class Twin:
         return Shown(poses, assembly.q, ghost, reason)
 
     def _show(self, shown: Shown) -> None:
-        """Show a sample, its quaternions with the signs of the one before."""
+        """Show a sample, with the signs of its quaternions continuous to the previous sample."""
         last = getattr(self, "_shown", shown)
         ghost = shown.ghost
         if ghost is not None and last.ghost is not None:
@@ -288,13 +314,13 @@ class Twin:
         self._shown = Shown(wire.near_signs(shown.poses, last.poses), shown.q, ghost, shown.reason)
 
     def _again(self) -> None:
-        """Show what is shown once more, with another ghost or none."""
+        """Show the present sample again, with a changed ghost."""
         if self._sample is not None:
-            self._stand()
+            self.stand()
         else:
             self._move(lambda: self.desk.moved)
 
-    def _stand(self) -> None:
+    def stand(self) -> None:
         """Show the sample of the protocol at the clock's time."""
         track = self._track
         if track is None:
@@ -328,10 +354,13 @@ class Twin:
         if self._ghost.wanting:
             self._worker.ask("ghost", self._ghost.more, self._more_ghost)
         elif self._ghost.nowhere:
-            text = f"{self._ghost.name}: these equations have no tool pose at the joints of the protocol: no ghost"
+            text = (
+                f"{self._ghost.name}: these equations have no tool pose at the joints of the protocol; the ghost is "
+                "not shown"
+            )
             self._failure(text)
         if self._sample is not None:
-            self._stand()
+            self.stand()
 
     # -- protocols ------------------------------------------------------------------------------------
 
@@ -365,30 +394,23 @@ class Twin:
 
         def done(track: Track) -> None:
             self._track = track
-            self.clock.duration = track.playback.duration
-            self.clock.seek(0.0)
             self.send(path(track))
-            if self._hold is None:
-                self._stand()
+            self.planned()
 
         self._worker.ask("plan", job, done)
 
     def welcome(self) -> list[dict[str, Any]]:
-        """Return what a client must be told that comes now: path and workspace."""
+        """Return the documents for a new client: path and workspace."""
         return [path(self._track), *self._reach.sent]
 
     def state(self) -> dict[str, Any]:
-        """Return everything that is shown besides the robot itself."""
+        """Return the robot's part of the document `state`."""
         playback = None if self._track is None else self._track.playback
         shown = self._shown
         inside = trocars(self.desk, playback, self.clock.time)
         return {
-            "type": "state",
-            "playing": self.clock.playing,
             "time": self.clip_time,
-            "duration": self.clock.duration,
-            "speed": self.clock.speed,
-            "loop": self.clock.loop,
+            "duration": self.duration,
             "protocol": None if playback is None else playback.protocol,
             "phases": [] if playback is None else [list(p) for p in playback.phases],
             "phase": None if playback is None or self._sample is None else playback.phase(self.clip_time),

@@ -1,4 +1,4 @@
-"""One thread that solves, so that the loop that sends never waits for it."""
+"""A solver thread, so that the event loop never waits for a solver."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any
 
 
 class Worker:
-    """Jobs of each kind replace one another while they wait: a hand that is faster than the solver never queues up.
+    """Worker thread: a newer job replaces a waiting job of the same kind, so that fast input does not queue up.
 
-    All methods are called from the event loop; `done` of a job is called there with what the job returned.
+    All methods are called from the event loop; `done` of a job is called on the event loop with the job's result.
     """
 
     def __init__(self, broken: Callable[[Exception], object]) -> None:
-        """Begin; `broken` is called on the event loop with what a job should not have raised."""
+        """Start the thread; `broken` is called on the event loop with unexpected exceptions of jobs."""
         self._broken = broken
         self._jobs: dict[str, tuple[Callable[[], Any], Callable[[Any], object]]] = {}
         self._condition = threading.Condition()
@@ -26,25 +26,25 @@ class Worker:
         self._thread.start()
 
     def ask(self, kind: str, job: Callable[[], Any], done: Callable[[Any], object]) -> None:
-        """Let a job be done; one of its kind that still waits is forgotten."""
+        """Queue a job; a waiting job of the same kind is dropped."""
         with self._condition:
             self._jobs.pop(kind, None)
             self._jobs[kind] = (job, done)
             self._condition.notify()
 
     def drop(self, *kinds: str) -> None:
-        """Forget jobs of these kinds that still wait."""
+        """Drop waiting jobs of these kinds."""
         with self._condition:
             for kind in kinds:
                 self._jobs.pop(kind, None)
 
     def waits(self, kind: str) -> bool:
-        """Return whether a job of a kind waits."""
+        """Return whether a job of this kind is waiting."""
         with self._condition:
             return kind in self._jobs
 
     def close(self, patience: float = 0.2) -> None:
-        """End the thread; what it is doing gets `patience` s."""
+        """End the thread; wait at most `patience` s for the present job."""
         with self._condition:
             self._jobs.clear()
             self._ended = True
@@ -60,7 +60,7 @@ class Worker:
                 job, done = self._jobs.pop(next(iter(self._jobs)))
             try:
                 result = job()
-            except Exception as error:  # one job that fails must not end the robot
+            except Exception as error:  # a failing job must not end the thread
                 logging.getLogger(__name__).exception("a job failed")
                 done, result = self._broken, error
             with self._condition:

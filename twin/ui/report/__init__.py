@@ -1,7 +1,4 @@
-"""The report room: a judgement as one HTML page, as JSON and as plots.
-
-matplotlib and jinja2 are imported when something is drawn or rendered, not before.
-"""
+"""Reports as HTML page, JSON and plots; matplotlib and jinja2 are imported only when needed."""
 
 from twin.ui.report.files import FORMATS, write_report
 from twin.ui.report.html import render_html

@@ -1,4 +1,4 @@
-"""What plots need of a report besides matplotlib: curves, thinned without losing peaks, and their limits."""
+"""Data for the plots of a report: curves with fewer samples but all peaks, and their limits."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from collections.abc import Iterator
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.validation.result import Quantity, Report, Residual
+from twin.validation.result import Report, Residual, RowKind
 
 POINTS = 2000
-"""Largest number of points that one drawn curve has."""
+"""Maximum number of points of a drawn curve."""
 
 
 def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
-    """Return at most `points` samples of a curve that look the same: the extremes of each of many intervals.
+    """Return (t, y) with at most `points` samples of a curve that look the same: the extremes of many intervals.
 
-    The first and last sample, the overall extremes and gaps (NaN) stay.
+    The first and last sample, the overall extremes and gaps (NaN) are kept.
 
     Args:
-        t: (k,) times, ascending.
-        y: (k,) values, NaN where there is none.
-        points: how many samples may remain, at least 16.
+        t: (k,) times, increasing.
+        y: (k,) values; NaN without a value.
+        points: maximum number of samples, at least 16.
     """
     k = len(y)
     if k <= points:
@@ -62,13 +62,13 @@ def named(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, 
                 yield key[len(prefix) + 1 :], *found
 
 
-def rows(report: Report, quantity: Quantity, unit: str = "", pairs: str = "") -> list[Residual]:
-    """Return the rows of one quantity; of one unit and one pair, if they are given."""
+def rows(report: Report, quantity: RowKind, unit: str = "", pairs: str = "") -> list[Residual]:
+    """Return the rows of one quantity (a row: one residual of the report); only of `unit` and `pair`, if given."""
     return [r for r in report.residuals if r.quantity == quantity and unit in ("", r.unit) and pairs in ("", r.pair)]
 
 
-def tolerance(report: Report, quantity: Quantity, unit: str, pairs: str = "A-B") -> float | None:
-    """Return the smallest tolerance of such rows, or None if none has one."""
+def tolerance(report: Report, quantity: RowKind, unit: str, pairs: str = "A-B") -> float | None:
+    """Return the smallest tolerance of the rows that `rows` returns; None if none has a tolerance."""
     return min((r.tolerance for r in rows(report, quantity, unit, pairs) if r.tolerance), default=None)
 
 
@@ -78,15 +78,15 @@ def joint_unit(report: Report, joint: str) -> str:
 
 
 def alarms(report: Report) -> dict[str, float]:
-    """Return the alarm of each singularity measure, as the findings quote it."""
+    """Return the alarm value of each singularity measure, from the findings."""
     codes = ("singularity.", "margin.singularity")
     return {f.where: f.limit for f in report.findings if f.code.startswith(codes) and f.limit}
 
 
 def rcm_tolerance(report: Report) -> float | None:
-    """Return the largest RCM error in m that the protocol allows, from the findings or else from the matrix.
+    """Return the maximum RCM error in m that the protocol allows, from the findings, else from the residuals.
 
-    The rows of a mechanism that is driven through an enforced RCM have a tolerance of their own: that of agreement.
+    Residuals of the driven mechanism at an enforced RCM are not used: their tolerance is that of agreement.
     """
     scale = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
     limits = [
@@ -98,7 +98,7 @@ def rcm_tolerance(report: Report) -> float | None:
 
 
 def duration(report: Report) -> float | None:
-    """Return how long the protocol takes in s, or None if it is not known."""
+    """Return the duration of the protocol in s, or None if unknown."""
     if report.phases:
         return report.phases[-1].t1 - report.phases[0].t0
     t = report.series.get("t")

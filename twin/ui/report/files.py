@@ -1,31 +1,33 @@
-"""Writing a report into a folder."""
+"""Write a report into a folder."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from importlib import import_module
 from pathlib import Path
 
 from twin.core.errors import OutputError, unknown
+from twin.core.result import Result
 from twin.ui.report.html import render_html
 from twin.validation.result import Report
 
 FORMATS = ("html", "json", "png")
-"""What `write_report` can write."""
+"""Formats that `write_report` can write."""
 
 
 def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS) -> dict[str, Path]:
     """Write report.html, report.json and plots/*.png.
 
     Args:
-        report: what to write.
-        folder: an existing or new folder; the caller makes it atomic (`twin.core.assets.atomic_folder`).
+        report: the report.
+        folder: an existing or new folder; the caller makes the write atomic (`twin.core.assets.atomic_folder`).
         formats: any of `FORMATS`.
 
     Returns:
-        The written files: "html", "json" and "plots/<name>".
+        Paths of the written files by "html", "json" and "plots/<name>".
 
     Raises:
-        OutputError: if a format does not exist.
+        OutputError: a format does not exist.
     """
     formats = set(formats)
     for wrong in sorted(formats - set(FORMATS)):
@@ -52,3 +54,34 @@ def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS)
             path = out[f"plots/{name}"] = folder / "plots" / f"{name}.png"
             path.write_bytes(png(figure))
     return out
+
+
+_PICTURES = ("console", "operate", "scene", "stroke", "sweep", "tolerance", "track", "workspace")
+"""Kinds of results with a picture, drawn by `figure(result)` in the module of that name."""
+
+
+def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
+    """Write <name>.json, <name>.html, <name>.png if such results have a picture, and further data files.
+
+    Args:
+        result: the result.
+        folder: an existing folder; the caller makes the write atomic.
+        name: of the files; default: the kind of the result.
+
+    Returns:
+        Names of the main files: the page, and the picture.
+    """
+    from twin.ui.report.page import render
+
+    name = name or result.kind
+    (folder / f"{name}.json").write_text(result.to_json() + "\n", encoding="utf-8")
+    result.write(folder)
+    drawn, shown = None, [f"{name}.html"]
+    if result.kind in _PICTURES:
+        from twin.ui.report.style import png
+
+        drawn = import_module(f"twin.ui.report.{result.kind}").figure(result)
+        (folder / f"{name}.png").write_bytes(png(drawn))
+        shown.append(f"{name}.png")
+    (folder / f"{name}.html").write_text(render(result, name, drawn), encoding="utf-8")
+    return shown

@@ -1,4 +1,4 @@
-"""The report as one HTML page that needs nothing else: no network, no scripts, figures inline."""
+"""Write the report as a self-contained HTML page: no network access, no scripts, inline figures."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
+from twin.core import format as fmt
 from twin.core.findings import Finding, by_severity
 from twin.core.provenance import Parameter
 from twin.core.units import MM
 from twin.ui.report import curves
-from twin.ui.report import format as fmt
 from twin.ui.report.matrix import PAIRS, label, pair_names
 from twin.validation.cause import SIDES
 from twin.validation.commands import again
@@ -24,24 +24,24 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 VERDICTS = {"agree": "Equations (A), CAD (B) and USD (C) agree", "disagree": "", "unchecked": "Could not check"}
-"""Headline of each verdict; that of a disagreement names the sides."""
+"""Headline of each verdict; the headline of a disagreement also names the two sides."""
 
 CAPTIONS = {
-    "residual_matrix": "Worst residual of every compared quantity, over all samples. Read along a row to see "
-    "which comparison first goes wrong.",
+    "residual_matrix": "Worst residual of every compared quantity over all samples. Read a row from left to right: the "
+    "first red cell is the first comparison that disagrees.",
     "active_joints": "Displacement, speed and acceleration of the active joints over the phases.",
     "tool_motion": "Displacement, speed and acceleration of the tool frame in the base. Coloured: "
-    "planned; dashed: the independent mechanism, where it was computed.",
-    "residuals": "How far formula and mechanism are apart, on a logarithmic scale, with the tolerances.",
+    "planned; dashed: the independent mechanism, if it was computed.",
+    "residuals": "Difference between formula and mechanism on a logarithmic scale, with the tolerances.",
     "rcm": "Distance from the registered remote centre of motion (the trocar) to the shaft axis. "
-    "Logarithmic; blank where no RCM is registered.",
-    "fulcrum": "The trocar as a fulcrum: with the tip to one side of it the shaft outside is to the other. Sideways "
-    "is the direction across the shaft in which the tip moves most.",
-    "margins": "What is left before a joint limit, the end of the reach, or a singularity. A singularity "
-    "measure vanishes on the singularity; 1 is its alarm.",
-    "clearance": "Smallest distance between bodies that do not touch by design.",
+    "Logarithmic; blank while no RCM is registered.",
+    "fulcrum": "The trocar acts as a fulcrum: tip and outer shaft move to opposite sides. "
+    "Sideways is the direction across the shaft in which the tip moves most.",
+    "margins": "Distance to a joint limit, the end of the reach, or a singularity. A singularity measure is shown "
+    "relative to its alarm value and is 0 at the singularity; 1 is the alarm.",
+    "clearance": "Smallest distance between bodies, except pairs that touch by design.",
 }
-"""What each plot shows."""
+"""Caption of each plot."""
 
 _ORIGINS = ("ASSUMED", "DERIVED", "CITED", "PUBLISHED")
 
@@ -50,8 +50,8 @@ def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> 
     """Return the report as a self-contained page; the same bytes for the same report.
 
     Args:
-        report: what to show.
-        figures: from `twin.ui.report.plots.figures`, if they are drawn already; else they are drawn here.
+        report: the report.
+        figures: from `twin.ui.report.plots.figures`; None: they are drawn here.
     """
     from markupsafe import Markup
 
@@ -88,31 +88,31 @@ def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> 
 
 
 def word(report: Report) -> str:
-    """Return the verdict in a few words; of a disagreement, which two sides differ."""
+    """Return the verdict as text; for a disagreement, with the two sides."""
     text = VERDICTS[report.verdict] or SIDES[report.causes[0].side]
     return text[:1].upper() + text[1:]
 
 
 def reason(report: Report) -> str:
-    """Return in one sentence why the verdict is what it is."""
+    """Return the reason of the verdict in one sentence."""
     if report.verdict == "unchecked":
-        return f"{_sentence(report.causes[0].head)} What could not be checked is not judged."
+        return f"{_sentence(report.causes[0].head)} Unchecked quantities have no verdict."
     if report.verdict == "disagree":
         return _sentence(report.causes[0].head)
     failing = [r for r in report.residuals if not r.agrees]
     judged = [r for r in report.residuals if r.tolerance is not None]
     if not judged:
-        return "Nothing that was checked differs; no residual has a tolerance."
+        return "No checked quantity differs; no residual has a tolerance."
     fewest, most = min(r.samples for r in judged), max(r.samples for r in judged)
     span = fmt.count(most, "sample") if fewest == most else f"{fewest} to {fmt.count(most, 'sample')}"
     over = f", each at {span}" if most > 1 else ""
-    if failing:  # a report whose findings forgot a row
-        return f"No finding says otherwise, but {fmt.count(len(failing), 'residual')} exceed the tolerance."
+    if failing:  # a report in which a failing row has no finding
+        return f"There are no other findings, but {fmt.count(len(failing), 'residual')} exceed the tolerance."
     return f"All {len(judged)} judged residuals are within their tolerances{over}."
 
 
 def key_figures(report: Report) -> list[dict[str, str]]:
-    """Return the figures that are read first: label, value, and a note below; what differs most comes first."""
+    """Return the main figures as (label, value, note); the largest difference first."""
 
     def worst(name: str, rows: list[Residual]) -> dict[str, str]:
         if not rows:
@@ -144,14 +144,14 @@ def key_figures(report: Report) -> list[dict[str, str]]:
 
 
 def command(report: Report) -> str:
-    """Return the command line that makes this report again."""
+    """Return the command line that reproduces this report."""
     if "command" in report.environment:
         return report.environment["command"]
     return report.commands.get("validate") or again(report.robot, report.protocol, report.variants)
 
 
 def _with_commands(report: Report) -> Markup:
-    """Return what to do as HTML, its command lines set as such."""
+    """Return the suggestion as HTML, with formatted command lines."""
     from markupsafe import Markup, escape
 
     text = str(escape(report.what_to_do))
@@ -169,7 +169,7 @@ def _sentence(finding: Finding) -> str:
 
 
 def _headline_figure(report: Report) -> list[dict[str, str]]:
-    """Return the number of the first cause, the same as in the sentence above."""
+    """Return the value of the first cause, the same as in the sentence on the verdict."""
     if report.verdict != "disagree" or report.causes[0].head.size is None:
         return []
     cause = report.causes[0]
@@ -180,7 +180,7 @@ def _headline_figure(report: Report) -> list[dict[str, str]]:
 
 
 def _rcm_figure(report: Report) -> dict[str, str]:
-    """Return the RCM error of the mechanism, or else as planned, against what the protocol allows."""
+    """Return the RCM error of the mechanism, else of the planned motion, and the maximum that the protocol allows."""
     rows, planned = curves.rows(report, "rcm", "m"), curves.pair(report, "rcm_error")
     if not rows and planned is None:
         return {"label": "RCM error", "value": fmt.NONE, "note": "no RCM registered", "state": "none"}
@@ -209,7 +209,7 @@ def _clearance_figure(report: Report) -> dict[str, str]:
 
 
 def _counts(report: Report) -> list[str]:
-    """Return how many causes there are, what is told with them, and what else was found."""
+    """Return texts with the number of causes, of their consequences, and of the other findings."""
     causes = report.causes
     told = {id(f) for c in causes for f in c.findings}
     out = [fmt.count(len(causes), "cause")] if causes else []
@@ -223,7 +223,7 @@ def _counts(report: Report) -> list[str]:
 
 
 def _groups(report: Report) -> list[dict[str, Any]]:
-    """Return the residual matrix by pair, failing rows first; an explained row follows its explanation."""
+    """Return the residuals (rows) by pair of models, failing rows first; a consequence follows its cause."""
     out = []
     for pair in pair_names(report):
         rows = [r for r in report.residuals if r.pair == pair]
@@ -247,18 +247,18 @@ def _groups(report: Report) -> list[dict[str, Any]]:
 
 
 def _aliases(row: Residual) -> set[str]:
-    """Return the words with which another row may name this one."""
+    """Return the names by which other rows refer to this row."""
     name = f"{row.quantity} {row.name}"
     return {row.name, label(row), name, f"{row.pair} {name}"} - {""}
 
 
 def _parameters(report: Report) -> list[tuple[str, list[Parameter]]]:
-    """Return the parameters by group, the assumed first: what decides the motion, then what was only drawn."""
+    """Return (title, parameters) for two groups: of equations and motion, of the CAD; assumed parameters first."""
     ordered = sorted(report.parameters, key=lambda p: _ORIGINS.index(p.provenance))
     drawn = [p for p in ordered if p.name.startswith("drawing.")]
     return [
         ("Equations, limits, protocol", [p for p in ordered if p not in drawn]),
-        ("Dimensions of the drawing", drawn),
+        ("Dimensions of the CAD", drawn),
     ]
 
 
@@ -271,9 +271,9 @@ def _when(row: Residual) -> str:
 
 
 def _bar(f: Finding, beside: Iterable[Finding] = ()) -> dict[str, float] | None:
-    """Return where size and limit are on a linear bar, 0 to 100; the bars of one cause have one scale.
+    """Return the positions of size and limit on a linear bar, 0 to 100; None if there is nothing to show.
 
-    The bar ends at the largest size beside it of the same unit, or at twice the limit if that is more.
+    The bar ends at the largest size of the findings `beside` in the same unit, or at twice the limit if that is larger.
     """
     if f.size is None or not f.limit or not math.isfinite(f.size):
         return None

@@ -1,11 +1,11 @@
-"""The residual matrix as one picture: a row for what is compared, a column for the two sides."""
+"""Draw the residual matrix: one row for each compared quantity, one column for each pair of models."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
-from twin.ui.report.format import quantity
+from twin.core.format import quantity
 from twin.ui.report.style import FIT, INK, UNFIT, WIDTH, headline
 from twin.validation.result import Report, Residual
 
@@ -19,22 +19,22 @@ PAIRS = {
     "C": ("USD read back by itself", "C"),
     "B-D": ("mechanism against baked motion", "B–D"),
 }
-"""Titles of the pairs, in the order in which they are shown; others follow."""
+"""Titles of the pairs of models, in the order of display; other pairs follow."""
 
 _MOST_ROWS = 48
 _LONGEST = 28
 _DECADES = 6.0
-"""Orders of magnitude below (above) the tolerance at which a cell is palest (strongest)."""
+"""Orders of magnitude below (above) the tolerance at which a cell has its palest (strongest) colour."""
 
 
 def pair_names(report: Report) -> list[str]:
-    """Return the pairs that the report has rows of, the known ones first."""
+    """Return the pairs of models in the report, known pairs first."""
     found = {r.pair for r in report.residuals}
     return [p for p in PAIRS if p in found] + sorted(found - PAIRS.keys())
 
 
 def label(row: Residual) -> str:
-    """Return what a row compares, in words: "point s1", "tool rotation", "driven joint q3"."""
+    """Return the compared quantity of a row as text: "point s1", "tool rotation", "driven joint q3"."""
     angular = row.unit.startswith("rad")
     if row.quantity == "tool":
         where = "" if row.name == "tool" else f" {row.name}"
@@ -53,14 +53,14 @@ def label(row: Residual) -> str:
 
 
 def decades(row: Residual) -> float | None:
-    """Return log10 of the worst value over its tolerance; None for a row without a judgement."""
+    """Return log10 of a residual's worst value over its tolerance; None without a tolerance."""
     if not row.tolerance or not math.isfinite(row.worst):
         return None
     return math.log10(max(row.worst / row.tolerance, 1e-300))
 
 
 def residual_matrix(report: Report) -> Figure | None:
-    """Draw the residual matrix as cells: green within tolerance, red beyond, stronger the further."""
+    """Draw the residual matrix as cells: green within tolerance, red beyond; darker further from the tolerance."""
     if len(report.residuals) < 2:
         return None
     from matplotlib.colors import to_rgb
@@ -106,14 +106,14 @@ def residual_matrix(report: Report) -> Figure | None:
     title = headline("Worst residuals", report)
     figure.text(0.12 / WIDTH, 1 - 0.24 / size, title, fontsize=11, fontweight="bold", va="center")
     dropped = len(table) - len(names)
-    foot = "green: within tolerance, darker the further; red ✗: beyond it; no colour: no tolerance"
+    foot = "green: within tolerance, darker the further below; red ✗: beyond tolerance; no colour: no tolerance"
     foot += f"; {dropped} smallest rows not shown" if dropped else ""
     figure.text(left / WIDTH, 0.2 / size, foot, fontsize=8, va="center")
     return figure
 
 
 def _most_telling(table: dict[str, dict[str, Residual]]) -> list[str]:
-    """Return at most so many row names, in their order, without those furthest below their tolerance."""
+    """Return at most a number of row names in their order, leaving out those furthest below their tolerance."""
     if len(table) <= _MOST_ROWS:
         return list(table)
 
@@ -126,7 +126,7 @@ def _most_telling(table: dict[str, dict[str, Residual]]) -> list[str]:
 
 
 def _heading(pair: str) -> str:
-    """Return the short name of a pair above its long one, in two lines."""
+    """Return the short and the long name of a pair, in two lines."""
     words, short = PAIRS.get(pair, ("", pair))
     for break_at in (" against ", " by "):
         words = words.replace(break_at, f"\n{break_at[1:]}")

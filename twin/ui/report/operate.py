@@ -1,44 +1,46 @@
-"""Trials of the scripted operator as a picture: what was left to go, and when the pedal was down."""
+"""Draw the trials of the simulated operator: remaining distance, and pedal state."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twin.core.units import MM
-from twin.simulation.control.operator import Goal, Measures, Record, remaining
+from twin.simulation.operated import Operated
+from twin.simulation.trial import remaining
 from twin.ui.report.style import BAND, INK, PALETTE, UNFIT, WIDTH, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LEAST = 1e-4
-"""Millimetres below which nothing is left to go."""
+"""Distance in mm below which a goal counts as reached."""
 
 _TICKS = {1e-4: "0.1 µm", 1e-3: "1 µm", 1e-2: "10 µm", 0.1: "0.1 mm", 1.0: "1 mm", 10.0: "10 mm", 100.0: "100 mm"}
 
 _SHOWN = 4
-"""Trials that get a panel; the others are in the table and the files."""
+"""Maximum number of trials with a panel; the others are only in the table and the files."""
 
 
-def figure(robot: str, protocol: str, goals: Sequence[Goal], trials: Sequence[tuple[int, Record, Measures]]) -> Figure:
-    """Return one panel for each of the first trials: distance to the goal of the time, insertions shaded."""
+def figure(found: Operated) -> Figure:
+    """Return a figure with a panel for each of the first trials: distance to the current goal, insertions shaded."""
     with styled():
         from matplotlib.figure import Figure
         from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-        shown = trials[:_SHOWN]
+        shown = found.trials[:_SHOWN]
         height = 1.0 + 2.2 * len(shown)
         out = Figure(figsize=(WIDTH, height))
         axes = out.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
         out.subplots_adjust(left=0.09, right=0.86, top=1 - 0.62 / height, bottom=0.5 / height, hspace=0.28)
-        title = f"{robot}, {protocol}: what the scripted hand had left to go (hand and tremor ASSUMED)"
+        title = (
+            f"{found.robot}, {found.protocol}: remaining distance of the simulated operator (hand and tremor ASSUMED)"
+        )
         out.text(0.012, 1 - 0.24 / height, title, fontsize=11, fontweight="bold", va="center")
-        for ax, (seed, record, measures) in zip(axes, shown, strict=True):
-            t = record.t
-            for goal in goals:
+        for ax, trial in zip(axes, shown, strict=True):
+            record, measures, t = trial.record, trial.measures, trial.record.t
+            for goal in found.goals:
                 if goal.inserts and goal.name in record.spans:
                     first, last = record.spans[goal.name]
                     ax.axvspan(t[first], t[last], color=BAND, linewidth=0, zorder=0)
@@ -46,7 +48,7 @@ def figure(robot: str, protocol: str, goals: Sequence[Goal], trials: Sequence[tu
                     x, ink = (t[first] + t[last]) / 2, INK if touched else UNFIT
                     text = goal.name if touched else f"{goal.name}: missed"
                     ax.annotate(text, (x, 1.02), xycoords=ax.get_xaxis_transform(), color=ink, ha="center", fontsize=8)
-            left = np.maximum(remaining(record, goals) / MM, _LEAST)
+            left = np.maximum(remaining(record, found.goals) / MM, _LEAST)
             ax.semilogy(t, left, color=PALETTE[0], linewidth=1.0)
             up = ~record.pedal
             ax.fill_between(t, 0, 0.05, where=up, transform=ax.get_xaxis_transform(), color=PALETTE[1], linewidth=0)
@@ -57,7 +59,7 @@ def figure(robot: str, protocol: str, goals: Sequence[Goal], trials: Sequence[tu
             ax.set_ylabel("to go")
             ax.set_xlim(t[0], t[-1])
             ax.annotate(
-                f"seed {seed}\n{measures.time:.1f} s\n{measures.presses} presses\n{measures.path / MM:.1f} mm",
+                f"seed {trial.seed}\n{measures.time:.1f} s\n{measures.presses} presses\n{measures.path / MM:.1f} mm",
                 (1.012, 0.98),
                 xycoords="axes fraction",
                 va="top",

@@ -1,4 +1,4 @@
-"""The plots of a report. Each takes a report and returns a figure, or None if the report lacks the curves."""
+"""The plots of a report. Each function takes a report and returns a figure, or None if the report lacks the curves."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twin.core.format import quantity, seconds
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.ui.report import curves
-from twin.ui.report.format import quantity, seconds
 from twin.ui.report.matrix import residual_matrix
 from twin.ui.report.style import (
     FIT,
@@ -31,7 +31,7 @@ from twin.ui.report.style import (
     styled,
 )
 from twin.validation.fulcrum import OUTSIDE
-from twin.validation.result import Quantity, Report
+from twin.validation.result import Report, RowKind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,15 +39,15 @@ if TYPE_CHECKING:
 
 _RATES = (("displacement", ""), ("speed", "/s"), ("acceleration", "/s²"))
 _NOISY = 800
-"""Points of a curve that is noise where all is well: every one of them would be written into the page."""
+"""Maximum number of points of a noisy curve, because all points are written into the page."""
 _SIDE = 1.5
-"""Space in inches for a legend beside the axes."""
+"""Width in inches for a legend beside the axes."""
 
 
 def active_joints(report: Report) -> Figure | None:
-    """Draw displacement, speed and acceleration of the active joints, as Fig. 9 of the SILS paper does.
+    """Draw displacement, speed and acceleration of the active joints, as in Fig. 9 of the SILS paper.
 
-    Prismatic and revolute joints have a column each.
+    Prismatic joints are in one column, revolute joints in another.
     """
     series = [curves.pair(report, key) for key in ("q", "qd", "qdd")]
     if any(s is None or s[1].ndim != 2 for s in series):
@@ -74,9 +74,9 @@ def active_joints(report: Report) -> Figure | None:
 
 
 def tool_motion(report: Report) -> Figure | None:
-    """Draw displacement, speed and acceleration of the tool's origin and angles, as Fig. 10 of the paper.
+    """Draw displacement, speed and acceleration of the tool's origin and angles, as in Fig. 10 of the paper.
 
-    The independent model is a black dashed line on top, where the report has it.
+    The independent model is a black dashed line, if the report has it.
     """
     linear = [curves.pair(report, f"{key}_tool") for key in "pva"]
     if linear[0] is None:
@@ -97,14 +97,14 @@ def tool_motion(report: Report) -> Figure | None:
 
 
 def residuals(report: Report) -> Figure | None:
-    """Draw over time how far formula and mechanism are apart: tool, named points, driven joints, rotation."""
+    """Draw the difference of formula and mechanism over time: tool, named points, driven joints, rotation."""
     driven: dict[str, list[tuple[str, Array, Array]]] = {"m": [], "rad": []}
     for name, t, y in curves.named(report, "residual_driven", "t_coarse"):
         driven[curves.joint_unit(report, name)].append((name, t, y))
     length = list(curves.named(report, "residual_point", "t_coarse"))
     tool = curves.pair(report, "residual_tool")
     turn = curves.pair(report, "residual_rotation")
-    groups: list[tuple[str, str, list[tuple[str, Array, Array]], tuple[Quantity, ...]]] = [
+    groups: list[tuple[str, str, list[tuple[str, Array, Array]], tuple[RowKind, ...]]] = [
         ("tool and points", "m", ([("tool", *tool)] if tool else []) + length, ("tool", "point")),
         ("driven joints", "m", driven["m"], ("driven",)),
         ("driven joints", "rad", driven["rad"], ("driven",)),
@@ -134,7 +134,7 @@ def residuals(report: Report) -> Figure | None:
 
 
 def rcm(report: Report) -> Figure | None:
-    """Draw the distance of the shaft axis from the registered RCM, with the largest that is allowed."""
+    """Draw the distance of the shaft axis from the registered RCM, with the maximum allowed distance."""
     found = curves.pair(report, "rcm_error")
     if found is None or found[1].ndim != 1:
         return None
@@ -153,7 +153,7 @@ def rcm(report: Report) -> Figure | None:
 
 
 def fulcrum(report: Report) -> Figure | None:
-    """Draw how far the tip, and the shaft outside the trocar, are to the side: they move against each other."""
+    """Draw the sideways displacement of the tip and of the outer shaft, which move in opposite directions."""
     found = curves.pair(report, "fulcrum")
     if found is None or found[1].ndim != 2 or np.nanmax(found[1][:, 0]) - np.nanmin(found[1][:, 0]) < MM:
         return None  # straight in and out: nothing moves sideways
@@ -169,7 +169,7 @@ def fulcrum(report: Report) -> Figure | None:
 
 
 def margins(report: Report) -> Figure | None:
-    """Draw what is left: to the joint limits, to the end of the reach, and to singularities."""
+    """Draw the margins to joint limits, end of reach, and singularities."""
     limit = curves.pair(report, "limit_margin")
     reach = list(curves.named(report, "reach"))
     measures = list(curves.named(report, "singularity"))
@@ -198,7 +198,7 @@ def margins(report: Report) -> Figure | None:
 
 
 def clearance(report: Report) -> Figure | None:
-    """Draw the smallest distance between bodies that do not touch by design."""
+    """Draw the smallest distance between bodies, except pairs that touch by design."""
     found = curves.pair(report, "clearance", "clearance_t")
     if found is None or found[1].ndim != 1:
         return None
@@ -223,11 +223,11 @@ PLOTS: dict[str, Callable[[Report], Figure | None]] = {
     "margins": margins,
     "clearance": clearance,
 }
-"""Every plot by the name of its file."""
+"""Every plot function by the name of its file."""
 
 
 def figures(report: Report) -> dict[str, Figure]:
-    """Return the plots that the report has curves for, by name, in the order of `PLOTS`."""
+    """Return the plots for which the report has curves, by name, in the order of `PLOTS`."""
     with styled():
         drawn = {name: draw(report) for name, draw in PLOTS.items()}
     return {name: figure for name, figure in drawn.items() if figure is not None}
@@ -272,7 +272,7 @@ def _draw_xyz(
 
 
 def _draw_measures(ax: Axes, lines: list[tuple[str, Array, Array]], alarms: dict[str, float]) -> None:
-    """Draw absolute measures over their alarms; the five nearest to theirs in colour, the others grey."""
+    """Draw absolute measures divided by their alarms; the five nearest to their alarm in colour, others grey."""
     known = [(name, t, np.abs(y) / alarms.get(name, 1.0)) for name, t, y in lines]
     known.sort(key=lambda line: float(np.nanmin(line[2])))
     for i, (name, t, y) in enumerate(known):
@@ -294,7 +294,7 @@ def _draw_measures(ax: Axes, lines: list[tuple[str, Array, Array]], alarms: dict
 
 
 def _zero_based(ax: Axes, values: list[Array]) -> None:
-    """Let the axis begin at zero, or below if something is, where a margin has run out."""
+    """Let the axis begin at zero, or below zero if a margin is negative."""
     low = min(float(np.nanmin(v)) for v in values)
     high = max(float(np.nanmax(v)) for v in values)
     ax.set_ylim(min(0.0, 1.15 * low), max(high, 0.0) * 1.12 or 1.0)
@@ -317,7 +317,7 @@ def _mark_least(ax: Axes, lines: list[tuple[Array, Array]], text: Callable[[floa
 
 
 def _mark_worst(ax: Axes, unit: str, lines: list[tuple[str, Array, Array]], limit: float) -> None:
-    """Mark the largest residual, red beyond its tolerance."""
+    """Mark the largest residual, in red if it exceeds its tolerance."""
     name, t, y = max(lines, key=lambda line: float(np.nanmax(np.abs(line[2]))))
     k = int(np.nanargmax(np.abs(y)))
     value = float(abs(y[k]))

@@ -1,4 +1,4 @@
-"""A scene as a picture: how near the robots come to each other and to what stands around."""
+"""Draw a scene's clearances: between robots, and between robots and props."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.core.units import MM
-from twin.model.scene import Scene
-from twin.simulation.scene_play import Actor, Played
+from twin.simulation.scene_play import Played
 from twin.ui.report.style import BAND, PALETTE, UNFIT, WIDTH, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LEAST = 0.1
-"""Millimetres below which parts touch."""
+"""Distance in mm below which parts count as touching."""
 
 
-def figure(scene: Scene, actors: list[Actor], played: Played) -> Figure:
-    """Return distances over time, one line a pair of owners, above the phases of each robot."""
+def figure(played: Played) -> Figure:
+    """Return a figure of distances over time, one line for each pair of robots or props, above the robots' phases."""
+    scene, actors = played.scene, played.actors
     with styled():
         from matplotlib.figure import Figure
         from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
@@ -52,6 +52,6 @@ def figure(scene: Scene, actors: list[Actor], played: Played) -> Figure:
         below.set_yticks(range(len(actors)), [a.place.name for a in actors])
         below.invert_yaxis()
         below.grid(visible=False)
-        below.set_xlabel("time [s]; one block a phase")
+        below.set_xlabel("time [s]; each block is a phase")
         below.set_xlim(0, played.t[-1])
         return out

@@ -1,4 +1,4 @@
-"""What a report says of the validator itself: the score of `twin selftest` on the same robot."""
+"""Add the score of the validator, from `twin selftest` on the same robot, to a report."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ HEADING = "the validator on this robot"
 
 
 def with_selftest(report: Report, path: Path) -> Report:
-    """Return the report with the score that a `selftest.json` holds, if it is one of this very robot.
+    """Return the report with the score in a `selftest.json`, if that is for the same robot.
 
     Args:
-        report: as judged.
-        path: the file; need not exist. One of another state of the CAD, or of a part of the families, is not shown
-            as this robot's score: the first is left out, the second says which families it has.
+        report: the report.
+        path: the file, which may be missing. A score of another state of the CAD is left out; a score of only some
+            families of faults is shown with their names.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))

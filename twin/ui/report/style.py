@@ -1,4 +1,4 @@
-"""How every plot looks: palette, panels, phase bands, axes in human units, and saving without timestamps."""
+"""Style of all plots: palette, panels, phase bands, axes in readable units, and saving without timestamps."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from twin.core.format import power, quantity, seconds
 from twin.core.units import DEG
-from twin.ui.report.format import power, quantity, seconds
 from twin.validation.result import PhaseSummary, Report
 
 if TYPE_CHECKING:
@@ -19,11 +19,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 INK, GRID, BAND = "#1c2733", "#d5dbe1", "#eef2f5"
-"""Text and axes; grid; every other phase. Replaced by CSS variables in the page, so that it can be dark."""
+"""Colours of text and axes, grid, every second phase; the page replaces them by CSS variables, to support a dark mode.
+"""
 FIT, UNFIT, NEAR = "#00795c", "#c4420a", "#d99100"
-"""Within tolerance, beyond it, near an alarm: a green and a red that also differ in lightness."""
+"""Colours for within tolerance, beyond tolerance, near an alarm; green and red also differ in lightness."""
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5195", "#8C8C8C")
-"""Okabe and Ito's colours, told apart with any colour vision, the strong ones first."""
+"""Colours of Okabe and Ito, distinguishable with any colour vision, the strong ones first."""
 XYZ = ("#D55E00", "#009E73", "#0072B2")
 
 WIDTH = 9.0
@@ -71,7 +72,7 @@ _RC: Any = {
 
 @contextlib.contextmanager
 def styled(salt: str = "twin") -> Iterator[None]:
-    """Draw and save with these settings alone, whatever the user's matplotlibrc says."""
+    """Draw and save only with these settings, independent of the user's matplotlibrc."""
     import matplotlib
 
     with matplotlib.rc_context():
@@ -93,7 +94,7 @@ def panels(
     Args:
         title: at the top left.
         heights: of the rows in inches.
-        columns: how many axes a row has.
+        columns: number of axes in a row.
         right: space at the right in inches, for a legend beside the axes.
         head: space above the first row in inches, for title, legend and phase names.
         gap: space between the rows in inches.
@@ -135,7 +136,7 @@ def panels(
 
 
 def phase_bands(axes: list[list[Axes]], phases: tuple[PhaseSummary, ...]) -> None:
-    """Shade every other phase, and name the phases above the first row; a number where no name fits."""
+    """Shade every second phase, and name the phases above the first row, or number them if a name does not fit."""
     if not phases:
         return
     t0, t1 = phases[0].t0, phases[-1].t1
@@ -176,11 +177,11 @@ def legend_beside(ax: Axes) -> None:
 
 
 _LEAST = 1e-16
-"""Metres or degrees below which no axis goes."""
+"""Lower limit of every logarithmic axis, in m or degrees."""
 
 
 def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float]) -> None:
-    """Make y logarithmic around the values and limits, with ticks such as "10 µm"."""
+    """Make the y axis logarithmic, with a range around values and limits, and ticks such as "10 µm"."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
     positive = np.concatenate([v[np.isfinite(v) & (v > 0)] for v in values] + [np.array(limits)])
@@ -199,7 +200,7 @@ def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float])
 
 
 def _tick(value: float, unit: str) -> str:
-    """Return the label of a power of ten, also where it is smaller than anything worth telling in a table."""
+    """Return the label of a power of ten with its unit."""
     text = quantity(value, unit, 1)
     if text.startswith("<"):
         text = f"{power(value / DEG, 1)}°{unit[3:]}" if unit.startswith("rad") else f"{power(value, 1)} {unit}"
@@ -207,7 +208,7 @@ def _tick(value: float, unit: str) -> str:
 
 
 def limit_line(ax: Axes, value: float | None, label: str, color: str = UNFIT) -> None:
-    """Draw a dashed limit with its label on it at the left."""
+    """Draw a limit as a dashed line, with its label at the left."""
     if value is None:
         return
     ax.axhline(value, color=color, lw=1.0, ls=(0, (5, 2)), zorder=1.8)
@@ -218,7 +219,7 @@ def limit_line(ax: Axes, value: float | None, label: str, color: str = UNFIT) ->
 
 
 def mark(ax: Axes, t: float, value: float, text: str, color: str = INK, below: bool = False) -> None:
-    """Ring one sample and write its value above it, or below, on the side where there is room."""
+    """Mark one sample by a ring, and write its value above or below it, where there is room."""
     ax.plot([t], [value], "o", ms=6, mfc="none", mec=color, mew=1.2, zorder=4, clip_on=False)
     left, right = ax.get_xlim()
     late = t > left + 0.7 * (right - left)
@@ -232,17 +233,17 @@ def mark(ax: Axes, t: float, value: float, text: str, color: str = INK, below: b
 
 
 def at(value: float, unit: str, t: float) -> str:
-    """Return "1.27 mm at 6.214 s"."""
+    """Return a text such as "1.27 mm at 6.214 s"."""
     return f"{quantity(value, unit)} at {seconds(t)}"
 
 
 def headline(what: str, report: Report) -> str:
-    """Return the title of a figure: what it shows, of which robot on which protocol."""
+    """Return the title of a figure: its subject, the robot and the protocol."""
     return f"{what} · {report.robot} on {report.protocol}"
 
 
 def png(figure: Figure) -> bytes:
-    """Return a figure as PNG on white, the same bytes for the same figure."""
+    """Return a figure as PNG on white, reproducible byte by byte."""
     buffer = io.BytesIO()
     with styled():
         figure.savefig(
@@ -257,12 +258,12 @@ def png(figure: Figure) -> bytes:
 
 
 def svg(figure: Figure, name: str, label: str) -> str:
-    """Return a figure as an SVG element for a page: no size, no timestamps, ids of its own, page colours.
+    """Return a figure as SVG for a page: no size, no timestamps, unique ids, colours of the page.
 
     Args:
-        figure: what to draw.
+        figure: the figure.
         name: prefix of its ids, unique in the page.
-        label: what it shows, for those who cannot see it.
+        label: alternative text.
     """
     from markupsafe import escape
 

@@ -1,62 +1,54 @@
-"""Sweeps as a picture: error of the tool over the stroke of a joint, on a logarithmic axis."""
+"""Draw a sweep over designs: the trade-off of two objectives, and the effect of each factor."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.core.units import DEG, MM, UM
-from twin.ui.report.style import PALETTE, WIDTH, styled
-from twin.validation.sweep import Sweep
+from twin.analysis.sweep import Sweep
+from twin.ui.report.style import INK, PALETTE, WIDTH, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_LEAST = 1e-9
-"""Micrometres below which a difference is rounding, and drawn at the foot of the axis."""
 
-_UNITS = {-9: "1 fm", -6: "1 pm", -3: "1 nm", 0: "1 µm", 3: "1 mm"}
-"""Labels of powers of ten of a micrometre."""
-
-
-def figure(robot: str, sweeps: Sequence[Sweep], requirement: tuple[float, str] | None) -> Figure:
-    """Return one panel for each joint.
-
-    Args:
-        robot: for the title.
-        sweeps: what to draw.
-        requirement: in m, and its label; None: no line.
-    """
+def figure(found: Sweep) -> Figure:
+    """Return the figure of a sweep."""
+    robot, judged, best, names = found.robot, found.judged, found.best, list(found.rows[0])[1:-1]
+    scales = np.array([f.scale for f in found.work.factors])
+    designs, factors, objectives = found.designs / scales, names[: len(scales)], names[len(scales) :]
     with styled():
         from matplotlib.figure import Figure
-        from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-        drawn = [c.distance.max() / UM for s in sweeps for c in (s.formula, *s.standins.values()) if len(c.offset)]
-        most = 10 * max(*drawn, requirement[0] / UM if requirement else 0.0, 1e-3)
-        height = 0.9 + 2.3 * len(sweeps)
+        trade = len(objectives) > 1
+        rows = trade + len(objectives)
+        height = 0.7 + 3.4 * trade + 2.2 * len(objectives)
         out = Figure(figsize=(WIDTH, height))
-        axes = out.subplots(len(sweeps), 1, squeeze=False)[:, 0]
-        out.subplots_adjust(left=0.09, right=0.83, top=1 - 0.5 / height, bottom=0.55 / height, hspace=0.5)
-        title = f"{robot}: position error of the tool over each stroke, the other joints at home"
+        grid = out.add_gridspec(rows, len(factors), height_ratios=[3.4] * trade + [2.2] * len(objectives))
+        out.subplots_adjust(left=0.09, right=0.97, top=1 - 0.5 / height, bottom=0.5 / height, hspace=0.42, wspace=0.25)
+        title = f"{robot}: {len(designs) - 1} designs, compared with the CAD"
         out.text(0.012, 1 - 0.24 / height, title, fontsize=11, fontweight="bold", va="center")
-        for ax, one in zip(axes, sweeps, strict=True):
-            x = one.q / (DEG if one.angle else MM)
-            curves = {"equations": one.formula, **one.standins}
-            for color, (name, curve) in zip(PALETTE, curves.items(), strict=False):
-                if len(curve.offset):
-                    ax.plot(x, np.maximum(curve.distance / UM, _LEAST), color=color, label=name, linewidth=1.3)
-            if requirement is not None:
-                ax.axhline(requirement[0] / UM, color="#555555", linewidth=0.9, linestyle="--", label=requirement[1])
-            ax.set_yscale("log")
-            ax.set_ylim(_LEAST / 3, most)
-            ax.yaxis.set_major_locator(FixedLocator([10.0**k for k in range(-9, 6, 3)]))
-            ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: _UNITS.get(round(math.log10(v)), "")))
-            ax.yaxis.set_minor_locator(NullLocator())
-            ax.set_ylabel("error")
-            ax.set_xlabel(f"{one.joint} [{'deg' if one.angle else 'mm'}]")
-            ax.set_xlim(x[0], x[-1])
-            ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+        if trade:
+            ax = out.add_subplot(grid[0, :])
+            x, y = judged[:, 0], judged[:, 1]
+            ax.scatter(x[~best], y[~best], s=12, color=PALETTE[7], label="beaten by another")
+            order = np.flatnonzero(best)[np.argsort(x[best])]
+            ax.plot(x[order], y[order], color=PALETTE[0], linewidth=0.8)
+            ax.scatter(x[order], y[order], s=22, color=PALETTE[0], label="Pareto-optimal")
+            ax.scatter(x[:1], y[:1], s=110, marker="*", color=PALETTE[1], zorder=3, label="as drawn")
+            ax.set_xlabel(objectives[0])
+            ax.set_ylabel(objectives[1])
+            ax.legend(loc="best")
+        for i, objective in enumerate(objectives):
+            for j, factor in enumerate(factors):
+                ax = out.add_subplot(grid[trade + i, j])
+                ax.scatter(designs[~best, j], judged[~best, i], s=8, color=PALETTE[7])
+                ax.scatter(designs[best, j], judged[best, i], s=14, color=PALETTE[0])
+                ax.scatter(designs[:1, j], judged[:1, i], s=80, marker="*", color=PALETTE[1], zorder=3)
+                ax.tick_params(labelcolor=INK)
+                if j == 0:
+                    ax.set_ylabel(objective)
+                if i == len(objectives) - 1:
+                    ax.set_xlabel(factor)
         return out

@@ -1,12 +1,12 @@
-"""A tolerance budget as a picture: what each state costs against what is required, and which joints cost most."""
+"""Draw a tolerance budget: error of each state, the requirement, and the largest contributions."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twin.analysis.tolerance import ToleranceBudget
 from twin.core.units import UM
 from twin.ui.report.style import FIT, INK, PALETTE, UNFIT, WIDTH, styled
 
@@ -14,17 +14,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SHOWN = 14
-"""Contributors that are drawn; the others are one bar together."""
+"""Maximum number of contributions with a bar; the others share one bar."""
 
 
-def figure(robot: str, budgets: Sequence[Mapping[str, Any]], required: float | None) -> Figure:
-    """Return the picture.
-
-    Args:
-        robot: for the title.
-        budgets: plain data of the states.
-        required: of the position in m, or None.
-    """
+def figure(found: ToleranceBudget) -> Figure:
+    """Return the figure of a tolerance budget."""
+    robot, budgets, required = found.robot, found.content()["states"], found.required
     worst = max(budgets, key=lambda b: b["within_position"])
     with styled():
         from matplotlib.figure import Figure
@@ -38,7 +33,7 @@ def figure(robot: str, budgets: Sequence[Mapping[str, Any]], required: float | N
         out = Figure(figsize=(WIDTH, height))
         top, bottom = out.subplots(2, 1, gridspec_kw={"height_ratios": [0.3 * len(budgets) + 0.2, 0.27 * len(rows)]})
         out.subplots_adjust(left=0.19, right=0.96, top=1 - 0.55 / height, bottom=0.5 / height, hspace=0.9 / height * 2)
-        out.text(0.012, 1 - 0.24 / height, f"{robot}: what errors of parts and encoders cost at the tool",
+        out.text(0.012, 1 - 0.24 / height, f"{robot}: tool error caused by part and encoder errors",
                  fontsize=11, fontweight="bold", va="center")  # fmt: skip
         names = [b["state"] for b in budgets]
         values = np.array([b["within_position"] for b in budgets]) / UM
@@ -51,7 +46,7 @@ def figure(robot: str, budgets: Sequence[Mapping[str, Any]], required: float | N
             top.text(required / UM, -0.62, f" required {required / UM:g} µm", fontsize=8.5, color=INK, va="bottom")
         top.invert_yaxis()
         top.set_xlim(0, 1.18 * max(values.max(), (required or 0) / UM))
-        top.set_xlabel("position error that 95 % of machines keep to [µm]")
+        top.set_xlabel("95th-percentile position error [µm]")
         top.grid(visible=False, axis="y")
         at = np.arange(len(rows))
         bottom.barh(at - 0.19, [100 * r["position"] for r in rows], height=0.36, color=PALETTE[0], label="position")

@@ -1,4 +1,4 @@
-"""Computed torque control as a picture: tip error in time, torques against their limits, error over mismatch."""
+"""Draw computed-torque control: tip error over time, efforts relative to their limits, error over mismatch."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twin.core.format import quantity
 from twin.core.spatial import Array
 from twin.core.units import UM
-from twin.simulation.dynamics.inertia import Arm
+from twin.simulation.dynamics.result import Tracking
 from twin.simulation.dynamics.track import TIP_LIMIT, Run
 from twin.ui.report.curves import thin
-from twin.ui.report.format import quantity
 from twin.ui.report.style import INK, PALETTE, WIDTH, legend_beside, limit_line, phase_bands, styled
 from twin.validation.result import PhaseSummary
 
@@ -22,27 +22,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _TICKS = 25
-"""How many ticks the drawn mean of a torque takes in."""
+"""Window in ticks of the running mean of the effort."""
 
 
-def figure(
-    title: str,
-    arm: Arm,
-    runs: Mapping[str, Run],
-    torques: str,
-    phases: tuple[PhaseSummary, ...] = (),
-    curves: Mapping[str, Sequence[Run]] | None = None,
-) -> Figure:
-    """Return tip errors of all runs, torques of one, and largest tip errors over the inertia error, if given.
-
-    Args:
-        title: at the top.
-        arm: for the torque limits.
-        runs: by name; the first is the one without mismatch.
-        torques: name of the run whose torques are drawn.
-        phases: to shade and name.
-        curves: runs over inertia errors, by name.
-    """
+def figure(result: Tracking) -> Figure:
+    """Return a figure: tip errors of all runs, efforts of the worst run, largest tip errors over inertia error."""
+    runs, worst, curves = result.runs, result.runs[result.worst], result.curves
+    w = worst.conditions.w
+    title = f"{result.robot}, {result.protocol}: computed torque control, Kp = w², Kv = 2 w, w = {w:g} rad/s"
+    phases = tuple(PhaseSummary(*phase) for phase in result.phases)
     with styled():
         from matplotlib.figure import Figure
 
@@ -58,9 +46,9 @@ def figure(
             for top, tall in zip(tops, heights, strict=True)
         ]
         _errors(axes[0], runs)
-        _torques(axes[1], arm, torques, runs[torques])
+        _efforts(axes[1], result, worst)
         for ax in axes[:2]:
-            ax.set_xlim(runs[torques].t[0], runs[torques].t[-1])
+            ax.set_xlim(worst.t[0], worst.t[-1])
         phase_bands([[ax] for ax in axes[:2]], phases)
         axes[0].tick_params(labelbottom=False)
         axes[1].set_xlabel("time [s]")
@@ -81,20 +69,24 @@ def _errors(ax: Axes, runs: Mapping[str, Run]) -> None:
     legend_beside(ax)
 
 
-def _torques(ax: Axes, arm: Arm, name: str, run: Run) -> None:
-    """Draw every tick faintly, since encoder steps shake the torque, and the mean of some ticks over it."""
-    for j, joint in enumerate(arm.joints):
-        part = 100 * run.torque[:, j] / arm.torque[j]
-        color = PALETTE[j % len(PALETTE)]
+def _efforts(ax: Axes, result: Tracking, run: Run) -> None:
+    """Draw the efforts of every tick faintly, because encoder steps make them noisy, with their running mean."""
+    largest = 0.0
+    for i, row in enumerate(result.efforts):
+        whole = row.limit or row.peak or 1.0  # without a stated limit: percent of the peak
+        part = 100 * run.effort[:, i] / whole
+        color = PALETTE[i % len(PALETTE)]
         ax.plot(*thin(run.t, part), color=color, lw=0.5, alpha=0.3)
-        ax.plot(*thin(run.t, _mean(part)), color=color, lw=1.1, label=f"{joint}, limit {arm.torque[j]:g} N m")
-    if np.abs(100 * run.torque / arm.torque).max() > 60:
+        label = f"{row.joint}, {'limit' if row.limit else 'peak'} {whole:g} {row.unit}"
+        ax.plot(*thin(run.t, _mean(part)), color=color, lw=1.1, label=label)
+        largest = max(largest, np.abs(part).max())
+    if largest > 60:
         for side in (-100, 100):
             limit_line(ax, side, "limit")
     ax.axhline(0, color=INK, lw=0.5, alpha=0.4)
-    ax.annotate(f"{name}; faint: every tick", (0.006, 0.03), xycoords="axes fraction", fontsize=8.5)
+    ax.annotate(f"{result.worst}; faint: every tick", (0.006, 0.03), xycoords="axes fraction", fontsize=8.5)
     ax.margins(y=0.12)
-    ax.set_ylabel("torque, % of limit")
+    ax.set_ylabel("effort, % of limit")
     legend_beside(ax)
 
 
@@ -111,7 +103,7 @@ def _curves(ax: Axes, curves: Mapping[str, Sequence[Run]]) -> None:
 
 
 def _up_to(ax: Axes, largest: float) -> None:
-    """Begin y at 0 and end it above the largest error in m, and above the paper's millimetre if that is near."""
+    """Set the y axis from 0 to above the largest error in m, and above the paper's 1 mm if that is near."""
     near = largest > 0.4 * TIP_LIMIT
     if near:
         limit_line(ax, TIP_LIMIT / UM, "1 mm, as the paper reports")
@@ -119,7 +111,7 @@ def _up_to(ax: Axes, largest: float) -> None:
 
 
 def _mean(y: Array) -> Array:
-    """Return the running mean over `_TICKS` samples."""
+    """Return the running mean (k,) over `_TICKS` samples."""
     half = min(_TICKS // 2, (len(y) - 1) // 2)
     padded = np.pad(y, half, mode="edge")
     return np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), mode="valid")

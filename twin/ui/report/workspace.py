@@ -1,4 +1,4 @@
-"""A workspace as a picture: three sections through its best position, and how much is how well conditioned."""
+"""Draw a workspace: three sections through its best region, and the distribution of conditioning."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twin.core.spatial import Array
+from twin.analysis.workspace import Workspace
 from twin.core.units import MM
 from twin.ui.report.style import INK, PALETTE, WIDTH, styled
 
@@ -16,20 +16,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SECTIONS = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
-"""Across, up, and the axis that is cut, of x y z."""
+"""Axes (0, 1, 2 for x, y, z) of each section: horizontal, vertical, and perpendicular to the section."""
 
 
-def figure(robot: str, low: Array, step: float, values: np.ndarray, summary: Mapping[str, Any]) -> Figure:
-    """Return the picture.
-
-    Args:
-        robot: for the title.
-        low: (3,) first position in m.
-        step: between positions in m.
-        values: (nx, ny, nz, 4): share of orientations, inverse condition, margin to the limits, singularity.
-        summary: what is said in numbers.
-    """
-    cube, shape = values, values.shape
+def figure(found: Workspace) -> Figure:
+    """Return the figure of a workspace."""
+    robot, low, step, summary = found.robot, found.grid.low, found.grid.step, found.content()
+    cube = found.cube
+    shape = cube.shape
     reached = cube[..., 0] > 0
     conditioned = bool(cube[..., 1].any())
     shown = np.where(reached, cube[..., 1 if conditioned else 2], np.nan)
@@ -41,7 +35,7 @@ def figure(robot: str, low: Array, step: float, values: np.ndarray, summary: Map
         out = Figure(figsize=(WIDTH, 7.4))
         axes = out.subplots(2, 2)
         out.subplots_adjust(left=0.08, right=0.9, top=0.9, bottom=0.08, wspace=0.28, hspace=0.3)
-        out.text(0.012, 0.965, f"{robot}: what the tool reaches{_around(summary)}", fontsize=11, fontweight="bold")
+        out.text(0.012, 0.965, f"{robot}: workspace of the tool{_around(summary)}", fontsize=11, fontweight="bold")
         images = []
         for ax, (a, b, c) in zip(axes.flat, _SECTIONS, strict=False):
             plane = np.take(shown, cut[c], axis=c)
@@ -74,7 +68,7 @@ def _around(summary: Mapping[str, Any]) -> str:
 
 
 def _cut(reached: np.ndarray, shown: np.ndarray) -> tuple[int, int, int]:
-    """Return the indices of the cell in which the sections meet: the middle of the best tenth."""
+    """Return the indices (3,) of the cell in which the sections meet: the middle of the best tenth of cells."""
     if not reached.any():
         return (0, 0, 0)
     good = np.argwhere(reached & (np.nan_to_num(shown) >= np.nanquantile(shown, 0.9)))
@@ -84,7 +78,7 @@ def _cut(reached: np.ndarray, shown: np.ndarray) -> tuple[int, int, int]:
 
 
 def _volumes(ax: Axes, shown: np.ndarray, values: np.ndarray, step: float, label: str) -> None:
-    """Draw the volume that is at least so good."""
+    """Draw the volume in which the conditioning is at least a minimum, over that minimum."""
     cell = (step / 0.1) ** 3
     share = values[:, 0].astype(float)
     ordered = np.sort(shown.astype(float))

@@ -1,1 +1,1 @@
-"""The active robot, for whatever shows it: desk, timeline, instruments, sessions. Knows no viewer and no headset."""
+"""The active robot, independent of viewer and headset: its state (desk), timeline, readings, recorded sessions."""

@@ -1,7 +1,7 @@
-"""The active robot: where it stands, how it is moved, and what stops it. Knows nothing of any browser.
+"""The active robot: state, moves, and their limits. Independent of any browser.
 
-The mechanism's loops decide where the links are; the equations are asked for the joints of a tool pose and are
-measured against it. Whatever cannot be reached leaves the last good pose and a reason.
+The mechanism with its loops determines the link poses; the equations give the joints for a tool pose and are compared
+with the mechanism. After an unreachable target the robot stays at the last valid pose, and the reason is stored.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from twin.reference.states import Assembly
 from twin.ui.session.hand import Hand
 
 ENDOSCOPE = "endoscope_tip"
-"""The frame at which a robot's own endoscope looks out, along z."""
+"""Name of the frame of a robot's own endoscope camera, which looks along z."""
 
 
 @dataclass(frozen=True)
@@ -35,10 +35,10 @@ class Moved:
     """Result of a move request.
 
     Attributes:
-        good: whether the robot went where it was asked to go.
-        reason: why not, with value and limit; empty if it did.
-        seconds: what solving took.
-        more: whether only time was lacking: the same request again goes on from where it stands.
+        good: whether the robot reached the target.
+        reason: why it did not, with value and limit; "" if it did.
+        seconds: solving time.
+        more: whether only the time limit was reached; repeat the request to continue.
     """
 
     good: bool
@@ -48,14 +48,14 @@ class Moved:
 
 
 class Desk:
-    """A robot that can be taken by its tool, its joints or any point of a link.
+    """A robot that can be moved by its tool, its joints or any point of a link.
 
     Attributes:
-        robot: with its equations; `mechanism` and `model` may be a design that differs from the robot's own.
-        kin: its equations, or None (a bare USD stage).
-        assembly: where it stands.
-        asked: (4, 4) the tool pose last asked for, or None after another kind of move.
-        lock: held while it is being solved; readers take `assembly`, which is replaced as a whole.
+        robot: with its equations; `mechanism` and `model` may be of a modified design.
+        kin: its equations, or None (a USD stage without robot folder).
+        assembly: its present state.
+        asked: (4, 4) the last requested tool pose, or None after another kind of move.
+        lock: held during a move; readers use `assembly`, which is replaced as a whole.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -80,9 +80,9 @@ class Desk:
         return self.model.home() if home is None else self.model.solve(home)
 
     def shaft(self) -> tuple[Array, Array]:
-        """Return the tip (3,) and the direction (3,) of the shaft towards it, in base.
+        """Return (tip (3,) in m, direction (3,) of the shaft towards the tip) in base.
 
-        Those of the protocol last spoken of; without one, the tool's origin and its z axis.
+        Tip and shaft are those of the last used protocol; without a protocol the tool's origin and z axis.
         """
         frame = self.mechanism.frame(self._frame)
         T = self.assembly.link_poses[frame.body] @ frame.T_body_frame
@@ -90,17 +90,18 @@ class Desk:
 
     @property
     def tip_body(self) -> str:
-        """The body that carries the tip; see `shaft`."""
+        """Name of the body that carries the tip; see `shaft`."""
         return self.mechanism.frame(self._frame).body
 
     def speak_of(self, protocol: Protocol) -> None:
-        """Take tip and shaft to be those of a protocol; at first they are those of the default protocol."""
+        """Use the tip frame and shaft axis of this protocol instead of those of the default protocol."""
         self._frame, self._axis = protocol.frame, protocol.shaft_axis / np.linalg.norm(protocol.shaft_axis)
 
     def camera(self) -> tuple[Array, Array, Array]:
-        """Return where an endoscope looks from, a point ahead and one above, each (3,) in base.
+        """Return (position, point ahead, point above) of an endoscope camera, each (3,) in m in base.
 
-        It stands at the frame `endoscope_tip` and looks along its z with -y up; without one, at the tip of the shaft.
+        The camera is at the frame `endoscope_tip` and looks along its z with -y up; without such a frame it is at the
+        tip of the shaft.
         """
         frame = next((f for f in self.mechanism.frames if f.name == ENDOSCOPE), self.mechanism.frame(self._frame))
         T = self.assembly.link_poses[frame.body] @ frame.T_body_frame
@@ -116,9 +117,9 @@ class Desk:
     # -- moving ---------------------------------------------------------------------------------------
 
     def move_tool(self, T_base_tool: Array) -> Moved:
-        """Bring the tool to a pose (4, 4), by the equations where there are some.
+        """Move the tool to a pose T_base_tool (4, 4), by the equations if the robot has any.
 
-        A robot that cannot hold the orientation (five joints) follows with the tool's origin.
+        A robot that cannot keep the orientation (five joints) follows only with the tool's origin.
         """
 
         def go() -> Assembly:
@@ -130,11 +131,11 @@ class Desk:
             out = self._try(go, T_base_tool)
             if out.good or not weak or not spatial.is_pose(T_base_tool, 1e-6):
                 return out
-            # the orientation asked for is given up: it is no measure of anything
+            # the requested orientation is dropped, so that `asked` is not set for a comparison
             return self._led(*self._tool_point(), T_base_tool[:3, 3])
 
     def move_joint(self, joint: int, value: float) -> Moved:
-        """Bring one active joint towards a value in m or rad; it stops where something is in its way, and says what."""
+        """Move one active joint towards a value in m or rad; it stops at a limit, and the result states the reason."""
         with self.lock:
             q = self.assembly.q.copy()
             q[joint] = value
@@ -147,26 +148,26 @@ class Desk:
 
             out = self._try(go)
             if out.good and led[0].more:
-                out = self.moved = Moved(False, f"{self.joints[joint].name} is on its way", out.seconds, True)
+                out = self.moved = Moved(False, f"{self.joints[joint].name} is still moving", out.seconds, True)
             elif out.good and abs(self.assembly.q[joint] - value) > 1e-12:
                 out = self.moved = replace(out, good=False, reason=self._stopped(joint, value, led[0]))
             return out
 
     def move_joints(self, q: Array) -> Moved:
-        """Bring all active joints (n,) to values in m or rad."""
+        """Move all active joints to values (n,) in m or rad."""
         return self._try(lambda: self._assembled(np.asarray(q, float)))
 
     def move_point(self, body: str, p_body: Array, target: Array) -> Moved:
-        """Lead a point (3,) of a body towards a target (3,) in base, in m; the loops follow, in the same assembly."""
+        """Move a point (3,) of a body towards a target (3,) in base, in m, in the same assembly mode."""
         return self._led(body, p_body, target)
 
     def let_go(self) -> None:
-        """Forget what was refused: the hand has let go, and where the robot stands is good."""
+        """Clear the refused target after the release; the present state is valid."""
         with self.lock:
             self.moved = Moved(True)
 
     def go(self, posture: str) -> Moved:
-        """Go to a named posture of the robot, or one kept with `keep`."""
+        """Move to a named posture of the robot, or to a state stored by `keep`."""
         if posture in self._kept:
             return self.move_joints(self._kept[posture])
         if posture not in self.mechanism.postures:
@@ -174,11 +175,11 @@ class Desk:
         return self._try(lambda: self.model.solve(self.mechanism.posture(posture)))
 
     def keep(self, name: str) -> None:
-        """Remember where the joints are, for `go`."""
+        """Store the present joint values under a name that `go` accepts."""
         self._kept[name] = self.assembly.q.copy()
 
     def show(self, assembly: Assembly, asked: Array | None = None) -> None:
-        """Stand where an assembly of the same model stands (a sample of a protocol, whose tool pose was `asked`)."""
+        """Set the state to an assembly of the same model, such as a sample of a protocol with tool pose `asked`."""
         with self.lock:
             self.assembly, self.asked, self.moved = assembly, asked, Moved(True)
 
@@ -189,13 +190,13 @@ class Desk:
 
     @property
     def postures(self) -> tuple[str, ...]:
-        """Names that `go` knows."""
+        """Names that `go` accepts."""
         return (*self.mechanism.postures, *(n for n in self._kept if n not in self.mechanism.postures))
 
     # -- changing what is moved -----------------------------------------------------------------------
 
     def bind(self, robot: Robot) -> None:
-        """Take the same robot with its trocars elsewhere."""
+        """Replace the robot by the same robot with other trocar positions."""
         with self.lock:
             self.robot, self.mechanism, self.model = robot, robot.mechanism, robot.reference()
             self.kin = self._compiled()
@@ -203,10 +204,10 @@ class Desk:
             self.hand = self._hand()
 
     def change(self, variants: Mapping[str, str] | None = None, parameters: Mapping[str, float] | None = None) -> None:
-        """Use other variants or parameters (SI) of the equations, besides those changed before; the robot's undo.
+        """Change variants or parameters (SI) of the equations, in addition to earlier changes.
 
         Raises:
-            KinematicsError: no such variant or parameter; nothing is changed.
+            KinematicsError: the variant or parameter does not exist; nothing is changed.
         """
         with self.lock:
             before, own = (self.variants, self.parameters), self.robot.kinematics()
@@ -220,10 +221,10 @@ class Desk:
                 raise
 
     def redesign(self, mechanism: Mechanism) -> None:
-        """Take another design of the mechanism, standing as near as it can to where the robot stands.
+        """Use another design of the mechanism, in the state nearest to the present state.
 
         Raises:
-            AssemblyError: it cannot be assembled with these joints; nothing is changed.
+            AssemblyError: the design cannot be assembled at the present joints; nothing is changed.
         """
         with self.lock:
             model = ReferenceModel(mechanism)
@@ -241,7 +242,7 @@ class Desk:
     # -- inside ---------------------------------------------------------------------------------------
 
     def _joints_of(self, T: Array) -> Array | None:
-        """Return q (n,) by the equations, within the limits; None if there are no equations."""
+        """Return q (n,) by the equations, checked against the limits; None if there are no equations."""
         if self.kin is None:
             return None
         if self.model.redundant:  # the nearest of many postures
@@ -271,7 +272,7 @@ class Desk:
         return Hand(self.mechanism, self.model, gaps)
 
     def _led(self, body: str, p_body: Array, target: Array) -> Moved:
-        """Lead a point; say by how much, and why, it did not come along."""
+        """Move a point; the result states by how far and why the point did not reach the target."""
         led: list[Led] = []
 
         def go() -> Assembly:
@@ -286,20 +287,20 @@ class Desk:
             p = (self.assembly.link_poses[body] @ np.append(p_body, 1.0))[:3]
             left = float(np.linalg.norm(p - target))
             if led[0].more:
-                text = f"{body} is on its way, {left / MM:.1f} mm short of the hand"
+                text = f"{body} is still moving, {left / MM:.1f} mm short of the target"
                 out = self.moved = Moved(False, text, out.seconds, True)
             elif left > 0.05 * MM:
                 where = " ".join(f"{v:.1f}" for v in p / MM)
-                text = f"{body} stops {left / MM:.1f} mm short of the hand, at [{where}] mm: {self._why(led[0])}"
+                text = f"{body} stops {left / MM:.1f} mm short of the target, at [{where}] mm: {self._why(led[0])}"
                 out = self.moved = replace(out, good=False, reason=text)
             return out
 
     def _why(self, led: Led) -> str:
-        """Return what is in the way of the hand."""
+        """Return as text what blocks the motion."""
         reasons = [self._bound(b) for b in led.stops]
         if led.singular:
             reasons.append(_ended(led.singular))
-        return ", ".join(reasons) or "no joint brings it nearer"
+        return ", ".join(reasons) or "no joint motion brings the point nearer"
 
     def _bound(self, bound: Bound) -> str:
         if bound.kind == "gap":
@@ -318,7 +319,7 @@ class Desk:
         return "rad" if self.mechanism.actuator(bound.name).is_angle else "m"
 
     def _stopped(self, number: int, value: float, led: Led) -> str:
-        """Return why a joint did not come to a value: what forbids the value, and what stopped it before."""
+        """Return as text why a joint did not reach a value."""
         joint, (low, high) = self.joints[number], self.mechanism.limits[number]
         q = self.assembly.q.copy()
         q[number] = value
@@ -346,7 +347,7 @@ class Desk:
             start = time.perf_counter()
             try:
                 if asked is not None and not spatial.is_pose(asked, 1e-6):
-                    raise KinematicsError("the pose asked for is not rigid")
+                    raise KinematicsError("the requested pose is not rigid")
                 found = go()
             except (KinematicsError, AssemblyError) as error:
                 self.moved = Moved(False, str(error), time.perf_counter() - start)
@@ -363,10 +364,10 @@ def _equations(robot: Robot) -> Kinematics | None:
 
 
 def _ended(singular: str) -> str:
-    """Return what it means that something becomes singular."""
+    """Return as text which singularity ended the motion."""
     if singular == "tool":
-        return "the tool becomes singular there, and another assembly begins"
-    return f"{singular} becomes singular there, and closes no further in this assembly"
+        return "the robot is at a singularity; the target is in another assembly mode"
+    return f"{singular} is at a singularity and cannot move further in this assembly mode"
 
 
 def _shown(joint: Joint, value: float) -> str:

@@ -1,6 +1,6 @@
-"""The hand on a robot: compiled loops lead the mechanism to where the independent model then closes it.
+"""Drag a robot: compiled loop equations move the mechanism, and the independent model closes the result.
 
-What leading found is only where the independent model begins: poses, gaps and what the instruments read are its own.
+The compiled result is only a starting point: poses, gaps and readings come from the independent model.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from twin.reference import ReferenceModel
 from twin.reference.states import Assembly
 
 SECONDS = 0.014
-"""Processor time after which leading stops; what is left of the way is for the next call."""
+"""Processor time in s after which a drag step stops; the next call continues."""
 
 
 class Hand:
-    """Leads one mechanism; what it needs is compiled when it first does, or by `prepare`.
+    """Moves one mechanism; its functions are compiled at first use, or by `prepare`.
 
     Attributes:
-        gaps: lower joint, upper joint, minimum distance in m, of joints that share a rail.
+        gaps: (lower joint, upper joint, minimum distance in m) for joints that share a rail.
     """
 
     def __init__(self, mechanism: Mechanism, model: ReferenceModel, gaps: Sequence[tuple[str, str, float]]) -> None:
@@ -37,11 +37,11 @@ class Hand:
 
     @cached_property
     def leader(self) -> Leader:
-        """The compiled loops, from the state that the independent model closed (`AssemblyError`: it could not)."""
+        """The compiled loop equations, starting at the state that the independent model closes (or `AssemblyError`)."""
         return Leader(self.mechanism.with_rest(self.model.home().link_poses), self.bounds)
 
     def prepare(self) -> None:
-        """Compile, so that the first drag does not wait; a mechanism that cannot be led says so when it is."""
+        """Compile in advance, so that the first drag does not wait; errors are raised at the drag."""
         with contextlib.suppress(AssemblyError, MechanismError):
             leader, home = self.leader, self.model.home()
             u = self._unknowns(home)
@@ -50,9 +50,9 @@ class Hand:
                 leader.look(home.q, u, body.name, np.zeros(3))
 
     def point(self, now: Assembly, body: str, p_body: Array, target: Array) -> tuple[Assembly, Led]:
-        """Lead a point (3,) of a body towards a target (3,) in base, in m.
+        """Move a point (3,) of a body towards a target (3,) in base, in m.
 
-        The way begins where the hand was last, if nothing else has moved the robot since; else at the point.
+        The path begins at the last target if nothing else has moved the robot since then; else at the point.
         """
         last, p_body = self._last, np.asarray(p_body, float)
         if last is not None and last[0] is now and last[1] == body and np.array_equal(last[2], p_body):
@@ -65,12 +65,12 @@ class Hand:
         return found, led
 
     def joints(self, now: Assembly, q: Array) -> tuple[Assembly, Led]:
-        """Lead the active joints towards q (n,) in m or rad."""
+        """Move the active joints towards q (n,) in m or rad."""
         led = self.leader.joints(now.q, self._unknowns(now), q, SECONDS)
         return self._closed(now, led), led
 
     def tools(self, now: Assembly, q: Array) -> list[Array]:
-        """Return the tool poses (4, 4) of the assemblies at q (n,) that are near at hand: as drawn, and from here."""
+        """Return the tool poses (4, 4) at q (n,), assembled from the home state and from the present state."""
         leader, out = self.leader, []
         with contextlib.suppress(AssemblyError, MechanismError):
             out.append(leader.solver.forward(q))
@@ -82,7 +82,7 @@ class Hand:
         return out
 
     def _closed(self, now: Assembly, led: Led) -> Assembly:
-        """Return the assembly of the independent model at what leading found."""
+        """Return the assembly of the independent model, solved from the compiled result."""
         if np.array_equal(led.q, now.q):
             return now
         x, tree, at = now.x.copy(), self.model.tree, 0
@@ -106,7 +106,7 @@ class Hand:
         return np.concatenate([*parts, []])
 
     def _places(self, joint: str, count: int) -> slice:
-        """Return where the numbers of a passive joint stand in a configuration; those of a slide come first."""
+        """Return the indices of a passive joint in a configuration; the indices of a slide come first."""
         tree = self.model.tree
         model = tree.model.joints[tree.joint_id[joint]]
         end = model.idx_q + model.nq

@@ -1,4 +1,4 @@
-"""What the instruments read of a desk: pose, limits, RCM, loops, singularities, equations against mechanism."""
+"""Compute the readings of a robot: pose, limits, RCM, loops, singularities, equations against mechanism."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from twin.ui.session.trocars import InTrocar, in_trocars
 
 
 class Residual(NamedTuple):
-    """The largest difference of equations and mechanism: its size in m, or in rad if it is an angle, and of what."""
+    """The largest difference of equations and mechanism: size in m (or rad if `is_angle`), and its quantity."""
 
     size: float
     what: str
@@ -26,7 +26,8 @@ class Residual(NamedTuple):
 
 
 AGREE = 1e-6
-"""Difference of equations and mechanism in m or rad above which the readout turns red; the report is far stricter."""
+"""Difference of equations and mechanism in m or rad above which the readout is red; reports use far smaller tolerances.
+"""
 
 
 OTHER = "other assembly: equations not comparable"
@@ -35,7 +36,7 @@ BEYOND = "beyond the reach of the equations: not comparable"
 
 @dataclass(frozen=True)
 class Limit:
-    """A joint between its limits: value in mm or deg, and where it stands, 0 at the lower and 1 at the upper."""
+    """A joint relative to its limits; values in mm or deg."""
 
     joint: str
     value: float
@@ -45,27 +46,28 @@ class Limit:
 
     @property
     def part(self) -> float | None:
-        """Fraction of the range, or None without limits."""
+        """Position in the range (0..1), or None without limits."""
         width = self.high - self.low
         return float((self.value - self.low) / width) if np.isfinite(width) and width > 0 else None
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One look at the robot.
+    """One reading of the robot.
 
     Attributes:
-        coordinates: the tool in the convention of the equations: name, value, unit (mm or °).
+        coordinates: (name, value, unit mm or °) of the tool, in the convention of the equations.
         limits: of each active joint.
         gap: largest loop gap in m.
-        branch: label of the assembly by the equations; empty without.
-        condition: of the Jacobian, rotations scaled by the characteristic length; infinite at a singularity.
-        singular: name, kind (type1, type2), value over alarm; 1 and below is too near.
-        trocars: the instruments in their trocars, or that in the RCM of a protocol.
+        branch: label of the assembly mode by the equations; empty without equations.
+        condition: condition number of the Jacobian, rotations scaled by the characteristic length; infinite at a
+            singularity.
+        singular: (name, kind type1 or type2, value divided by its alarm); up to 1 the robot is too near.
+        trocars: the instruments in their trocars, or the instrument in the RCM of a protocol.
         residual: largest difference of equations and mechanism.
-        scope: why equations and mechanism cannot be compared here, empty if they can: in another assembly the
-            residual is how far the equations' joints bring the tool from where it is, in an assembly of their own.
-        points: (k, 3) named points of the equations, in base; `actual` where the mechanism has them.
+        scope: why equations and mechanism cannot be compared here; empty if they can. In another assembly mode the
+            residual is the tool error at the joints by the equations, in their own assembly mode.
+        points: (k, 3) named points in m in base by the equations; `actual`: by the mechanism.
         reason: why the last request was refused.
     """
 
@@ -84,27 +86,27 @@ class Reading:
 
     @property
     def depth(self) -> float | None:
-        """How deep the tip is beyond its trocar in m; None without one."""
+        """Depth of the tip beyond its trocar in m; None without a trocar."""
         return next((t.depth for t in self.trocars if t.depth is not None), None)
 
     @property
     def rcm_error(self) -> float | None:
-        """How far in m a shaft passes its trocar, the worst of them; None without one."""
+        """Largest trocar error in m; None without a trocar."""
         return max((t.error for t in self.trocars), default=None)
 
     @property
     def comparable(self) -> bool:
-        """Whether equations and mechanism speak of the same assembly, within the reach of both."""
+        """Whether equations and mechanism can be compared: same assembly mode, within the reach of both."""
         return not self.scope
 
     @property
     def agrees(self) -> bool:
-        """Whether equations and mechanism agree here, as far as the eye can tell."""
+        """Whether equations and mechanism agree within `AGREE` at the present pose."""
         return self.residual is None or self.residual.size <= AGREE
 
 
 def read(desk: Desk, rcm: Array | None = None) -> Reading:
-    """Read all instruments; `rcm` (3,) in base if one is registered, which a mechanism's own trocars override."""
+    """Return all readings; `rcm` (3,) in m in base is the registered RCM, used if the mechanism has no trocars."""
     with desk.lock:
         kin, now, T = desk.kin, desk.assembly, desk.assembly.T_base_tool
         asked, joints = desk.asked, desk.joints
@@ -160,11 +162,11 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
 def _residual(
     desk: Desk, now: Assembly, points: dict[str, Array], actual: dict[str, Array], asked: Array | None
 ) -> tuple[Residual, str]:
-    """Return the largest difference of equations and mechanism: joints, named points, tool; and its scope.
+    """Return (largest difference of equations and mechanism in joints, named points and tool; scope).
 
-    A tool pose is taken in several assemblies, and equations that are written for one of them cannot be compared in
-    another. They are right all the same if their joints, put into the mechanism, bring the tool to the same pose;
-    and they are written for the assembly of the drawing if they have its joints there.
+    A tool pose may have several assembly modes, and equations written for one mode cannot be compared in another. In
+    another mode they are still correct if the mechanism, driven to the joints by the equations, has the same tool pose.
+    Equations are written for the assembly mode of home if they give the joints of home at its tool pose.
     """
     kin, q, T = desk.kin, now.q, now.T_base_tool
     assert kin is not None
@@ -180,7 +182,7 @@ def _residual(
     if desk.model.redundant:
         if kin.closed_forward:
             there = kin.forward(q)
-            found.append(Residual(float(np.linalg.norm(there[:3, 3] - T[:3, 3])), "tool of these joints"))
+            found.append(Residual(float(np.linalg.norm(there[:3, 3] - T[:3, 3])), "tool at these joints"))
         return _largest(found + of_pose), ""
     try:
         theirs = kin.inverse(T, q)
@@ -197,7 +199,7 @@ def _residual(
 
 
 def _has_value(kin: Kinematics, q: Array) -> bool:
-    """Return whether equations that go forward have a tool pose at these joints (n,)."""
+    """Return whether forward equations, if there are any, have a tool pose at joints q (n,)."""
     try:
         return not kin.closed_forward or bool(np.isfinite(kin.forward(q)).all())
     except KinematicsError:
@@ -209,7 +211,7 @@ def _largest(found: list[Residual]) -> Residual:
 
 
 def _joints_apart(desk: Desk, theirs: Array, q: Array) -> Residual:
-    """Return the joint that differs most; a whole turn is no difference."""
+    """Return the largest difference of a joint, angles modulo full turns."""
     angle = np.array([j.is_angle for j in desk.joints], bool)
     apart = np.where(angle, (theirs - q + np.pi) % (2 * np.pi) - np.pi, theirs - q)
     k = int(np.argmax(np.abs(apart)))
@@ -218,12 +220,12 @@ def _joints_apart(desk: Desk, theirs: Array, q: Array) -> Residual:
 
 def _poses_apart(A: Array, B: Array) -> Residual:
     way, turn = float(np.linalg.norm(A[:3, 3] - B[:3, 3])), float(spatial.rotation_angle(A[:3, :3].T @ B[:3, :3]))
-    what = "tool of the equations' joints"
+    what = "tool at the equations' joints"
     return Residual(turn, what, True) if turn > way else Residual(way, what)
 
 
 def _agree_as_drawn(desk: Desk) -> bool:
-    """Return whether the equations have the joints of the mechanism as it is drawn, and so its assembly."""
+    """Return whether the inverse at the home tool pose gives the home joint values, hence the same assembly mode."""
     home = desk.model.home()
     assert desk.kin is not None
     try:

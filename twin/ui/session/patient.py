@@ -1,4 +1,4 @@
-"""The patient of a protocol, with the table: shapes of cad/patients, placed by their port at the protocol's RCM."""
+"""The patient of a protocol, with the table: shapes from cad/patients, placed with the port at the protocol's RCM."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ from twin.planning.protocol import Protocol
 from twin.schema import Identifier, Origin, Table, Vector, error_at, load_toml
 
 _ROUND, _HIGH = 40, 20
-"""Facets of an ellipsoid about its axis, and from pole to pole."""
+"""Number of facets of an ellipsoid about its axis, and from pole to pole."""
 
 
 class PartTable(Table):
-    """An ellipsoid, a dome (the upper half of one) or a box; `size_mm` is its whole extent along its own axes.
+    """An ellipsoid, a dome (the upper half of an ellipsoid) or a box; `size_mm` is its full extent along its own axes.
 
-    `floor`: a box reaches down to the floor, a dome stands on it. `port`: only there if that port is used.
+    `floor`: a box is extended down to the floor, a dome is placed on the floor. `port`: the part exists only if that
+    port is used.
     """
 
     name: Identifier
@@ -41,7 +42,7 @@ class PartTable(Table):
 
 
 class PortTable(Table):
-    """Where instruments go in: a sphere of `diameter_mm`, within which they may pass the parts that it `opens`."""
+    """A port for instruments: a sphere of `diameter_mm`; within it instruments may penetrate the parts in `opens`."""
 
     position_mm: Vector
     diameter_mm: float = Field(gt=0)
@@ -50,7 +51,7 @@ class PortTable(Table):
 
 
 class PatientFile(Table):
-    """A file of cad/patients."""
+    """Content of a file in cad/patients."""
 
     name: Identifier
     title: str
@@ -62,15 +63,16 @@ class PatientFile(Table):
 
 @dataclass(frozen=True)
 class Patient:
-    """A patient where it lies, for a robot and a protocol.
+    """A placed patient, for a robot and a protocol.
 
     Attributes:
-        mechanism: the parts as bodies that stand fast, each with its mesh in base, in m; named like the file.
-        port: (3,) in base, the RCM. port_radius: in m.
-        opens: parts that instruments may pass there, once they are inserted.
-        access: parts that belong to the port; instruments may stand in them before.
-        replaces: links that are not shown together with it.
-        assumed: what is assumed of it, for people.
+        mechanism: the parts as fixed bodies, each with its mesh in m in base; it has the name of the file.
+        port: (3,) in m in base, the RCM.
+        port_radius: in m.
+        opens: parts that inserted instruments may penetrate at the port.
+        access: parts of the port, in which instruments may be before insertion.
+        replaces: links of the robot that are hidden when the patient is shown.
+        assumed: assumptions on the patient, as text.
     """
 
     mechanism: Mechanism
@@ -88,10 +90,10 @@ class Patient:
 
 
 def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None:
-    """Return the patient of a protocol, or None if it has none; `floor` is its height in base, in m.
+    """Return the patient of a protocol, or None if it has none; `floor` is the floor's height in m in base.
 
     Raises:
-        TwinError: there is no such patient, port or link, or the protocol has no RCM that a patient could lie at.
+        TwinError: the patient, port or link does not exist, or the protocol has no RCM.
     """
     place = protocol.patient
     if place is None:
@@ -114,7 +116,8 @@ def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None
         raise TwinError(f"protocol '{protocol.name}', [patient]: {unknown('trocar', place.trocar, protocol.trocars)}")
     if rcm is None:
         raise TwinError(
-            f"protocol '{protocol.name}' has a patient but no RCM to lie at: begin an insertion, or leave [patient] out"
+            f"protocol '{protocol.name}' has a patient but no RCM at which to place it: add an insertion, or remove "
+            "[patient]"
         )
     port = table.port[place.port]
     R = spatial.rotation_z(place.turn)
@@ -132,8 +135,8 @@ def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None
 
 
 def none_there(robot: Robot, protocol: Protocol) -> str:
-    """Return why a protocol has no patient, and which protocols of the robot have one."""
-    why = protocol.no_patient or "its file places none ([patient])"
+    """Return as text why a protocol has no patient, and which protocols of the robot have one."""
+    why = protocol.no_patient or "its file has no table [patient]"
     out = f"{protocol.name}: no patient: {why}"
     names = [] if robot.files is None else [n for n in robot.files.protocols() if robot.protocol(n).patient is not None]
     others = [n for n in names if n != protocol.name and n not in why]
@@ -141,16 +144,16 @@ def none_there(robot: Robot, protocol: Protocol) -> str:
 
 
 def read_patient(path: Path) -> PatientFile:
-    """Return a checked file of cad/patients.
+    """Return the validated content of a file in cad/patients.
 
     Raises:
-        DescriptionError: file, line, key, value and what would be right.
+        DescriptionError: the file is invalid; the message has file, line, key, value and the allowed values.
     """
     table = load_toml(path, PatientFile)
     names = [p.name for p in table.part]
     for k, part in enumerate(table.part):
         if names.count(part.name) > 1:
-            raise error_at(path, ("part", k, "name"), f"two parts are called '{part.name}'")
+            raise error_at(path, ("part", k, "name"), f"two parts are named '{part.name}'")
         if min(part.size_mm) <= 0:
             raise error_at(path, ("part", k, "size_mm"), f"{list(part.size_mm)} is not above 0")
         if part.port is not None and part.port not in table.port:
@@ -163,7 +166,7 @@ def read_patient(path: Path) -> PatientFile:
 
 
 def floor_of(mechanism: Mechanism, poses: Mapping[str, Array]) -> float:
-    """Return the height of the lowest point of a robot that stands with link poses T_base_body, in m."""
+    """Return the height in m of the lowest point of a robot at link poses T_base_body."""
     heights = [
         float((v.vertices @ poses[b.name][2, :3]).min() + poses[b.name][2, 3])
         for b in mechanism.bodies
@@ -174,14 +177,14 @@ def floor_of(mechanism: Mechanism, poses: Mapping[str, Array]) -> float:
 
 
 def _fixed(name: str, meshes: tuple[Mesh, ...]) -> Mechanism:
-    """Return meshes as bodies, one each, all fixed to the first."""
+    """Return a mechanism of one body for each mesh, all fixed to the first body."""
     base, *others = (Body(m.name, (m,)) for m in meshes)
     joints = tuple(Joint(f"at_{b.name}", "fixed", base.name, b.name) for b in others)
     return Mechanism(name, base.name, (base, *others), joints, (Frame("tool", base.name, np.eye(4)),))
 
 
 def _mesh(part: PartTable, T_base_patient: Array, floor: float) -> Mesh:
-    """Return a part in base; what stands on the floor is brought there."""
+    """Return the mesh of a part in base; a part with `floor` is moved to the floor."""
     x, y, z = (0.5 * s * MM for s in part.size_mm)
     about_x, about_y = (
         spatial.exp_so3([part.angles_deg[2] * DEG, 0, 0]),
@@ -202,7 +205,7 @@ def _mesh(part: PartTable, T_base_patient: Array, floor: float) -> Mesh:
 
 
 def _ball(half: bool) -> tuple[Array, np.ndarray]:
-    """Return a ball of radius 1, or its upper half, closed below: points (n, 3) and triangles (m, 3)."""
+    """Return (points (n, 3), triangles (m, 3)) of a ball of radius 1, or of its closed upper half."""
     rows = _HIGH // 2 if half else _HIGH
     span = pi / 2 if half else pi
     points = [(0.0, 0.0, 1.0)]
@@ -225,7 +228,7 @@ def _ball(half: bool) -> tuple[Array, np.ndarray]:
 
 
 def _box() -> tuple[Array, np.ndarray]:
-    """Return a cube of half edge 1: points (8, 3) and triangles (12, 3)."""
+    """Return (points (8, 3), triangles (12, 3)) of a cube with edges of length 2."""
     points = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     return points, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], np.int32)

@@ -1,4 +1,4 @@
-"""A recorded interactive session: joints and tool over time, kept as JSON."""
+"""A recorded interactive session: joints and tool pose over time, stored as JSON."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from twin.schema import Identifier, Table
 from twin.schema.lines import spell
 
 MOST = 20_000
-"""Moments of one session: five minutes without a pause."""
+"""Maximum number of moments (recorded states) of a session: five minutes of continuous motion."""
 
 _COMMAS, _KEYS = 64 * MOST, 16
-"""In the file of such a session, and in one object of it: what is sent by a stranger is counted before it is read."""
+"""Maximum number of values in a session file, and of keys in one object, because the file is untrusted."""
 
 
 @dataclass(frozen=True)
 class Moment:
-    """One state: `time` in s, `q` (n,) in m or rad, `T_base_tool` (4, 4), and what there is to say."""
+    """One recorded state: `time` in s, `q` (n,) in m or rad, `T_base_tool` (4, 4), and a note."""
 
     time: float
     q: Array
@@ -38,13 +38,13 @@ class Moment:
 
 @dataclass
 class Session:
-    """What was done with one robot.
+    """A recorded session of one robot.
 
     Attributes:
         robot: its name.
         joints: active joints, in the order of q.
         units: "m" or "rad" of each.
-        moments: in the order of time; add with `add`.
+        moments: recorded states in order of time; `add` appends one.
     """
 
     robot: str
@@ -62,7 +62,7 @@ class Session:
         """Add a state: `time` in s, q (n,) in m or rad, T_base_tool (4, 4).
 
         Raises:
-            TwinError: the time is not after the last one, q does not fit the joints, or the pose is not rigid.
+            TwinError: the time is not after the last state, q does not match the joints, or the pose is not rigid.
         """
         q, T = np.array(q, float), np.array(T_base_tool, float)
         where = f"session of {self.robot}, moment {len(self.moments)}"
@@ -72,16 +72,16 @@ class Session:
         if q.shape != (len(self.joints),) or not np.all(np.isfinite(q)):
             raise TwinError(f"{where}: q = {q.tolist()} must be one finite number for each of {', '.join(self.joints)}")
         if not spatial.is_pose(T, 1e-6):
-            raise TwinError(f"{where}: T_base_tool is no rigid pose: {T.tolist()}")
+            raise TwinError(f"{where}: T_base_tool is not a rigid pose: {T.tolist()}")
         self.moments.append(Moment(float(time), q, T, label))
 
     @property
     def duration(self) -> float:
-        """Time from the first to the last moment in s."""
+        """Time in s from the first to the last state."""
         return self.moments[-1].time - self.moments[0].time if self.moments else 0.0
 
     def at(self, t: float) -> Array:
-        """Return q (n,) at time t in s, linear between moments; the first or last one outside.
+        """Return q (n,) at time t in s, linear between states, constant before the first and after the last.
 
         Raises:
             TwinError: nothing is recorded.
@@ -95,7 +95,7 @@ class Session:
         """Write the session as JSON.
 
         Raises:
-            OutputError: the file cannot be written; one that is there stays.
+            OutputError: the file cannot be written; an existing file is unchanged.
         """
         data = {
             "schema": "twin-session",
@@ -113,10 +113,10 @@ class Session:
 
     @classmethod
     def load(cls, path: Path, mechanism: Mechanism) -> Session:
-        """Return the session in a file, if it belongs to the robot.
+        """Return the session in a file, if it was recorded with this robot.
 
         Raises:
-            TwinError: the file is missing or malformed, or of another robot; the message names the key.
+            TwinError: the file is missing, malformed or of another robot; the message names the key.
         """
         try:
             text = read_text(Path(path), "JSON")
@@ -124,27 +124,32 @@ class Session:
             raise TwinError(f"{path}: cannot be read as a session: {error}") from error
         try:
             if text.count(",") > _COMMAS:
-                raise ValueError(f"{text.count(',')} values; at most {_COMMAS} are read, {MOST} moments have fewer")
+                raise ValueError(
+                    f"{text.count(',')} values, more than the maximum of {_COMMAS}; a session of {MOST} states has "
+                    "fewer"
+                )
             json.loads(text, object_pairs_hook=_small)
             table = _SessionTable.model_validate_json(text)
         except (json.JSONDecodeError, RecursionError) as error:
-            raise TwinError(f"{path}: it is no JSON: {error}; a session is what `Session.save` wrote") from error
+            raise TwinError(f"{path}: the file is not JSON: {error}; give a file written by `Session.save`") from error
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             value = repr(first["input"])[:60] if first["loc"] and first["type"] != "missing" else ""
             where = f"{spell(first['loc'])}{value and ' = ' + value}"
-            text = f"{path}: {where}: {first['msg']}; a session is what `Session.save` wrote"
+            text = f"{path}: {where}: {first['msg']}; give a file written by `Session.save`"
             raise TwinError(text) from error
         except ValueError as error:
-            raise TwinError(f"{path}: {error}; a session is what `Session.save` wrote") from error
+            raise TwinError(f"{path}: {error}; give a file written by `Session.save`") from error
         out = cls.of(mechanism)
         if table.robot != out.robot:
-            raise TwinError(f"{path}: robot = '{table.robot}': the session is not of '{out.robot}'; load that robot")
+            raise TwinError(
+                f"{path}: robot = '{table.robot}': the session is not of '{out.robot}'; load robot '{table.robot}'"
+            )
         theirs = [(j.name, j.unit) for j in table.joints]
         ours = list(zip(out.joints, out.units, strict=True))
         if theirs != ours:
             was, now = (", ".join(f"{n} ({u})" for n, u in joints) for joints in (theirs, ours))
-            raise TwinError(f"{path}: joints: recorded with {was}; {out.robot} has {now}: record it anew")
+            raise TwinError(f"{path}: joints: recorded with {was}; {out.robot} has {now}: record it again")
         for m in table.moments:
             try:
                 out.add(m.time_s, np.array(m.q), np.array(m.T_base_tool), m.label)
@@ -155,7 +160,7 @@ class Session:
 
 def _small(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(pairs) > _KEYS:
-        raise ValueError(f"an object has {len(pairs)} keys; a session's have at most {_KEYS}")
+        raise ValueError(f"an object has {len(pairs)} keys; an object of a session has at most {_KEYS}")
     return dict(pairs)
 
 

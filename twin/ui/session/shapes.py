@@ -1,4 +1,4 @@
-"""Triangles made ready for looking at: smooth where the surface is, sharp where it has an edge, cut where asked."""
+"""Prepare triangles for display: smooth shading, sharp edges, optional section."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from twin.core.spatial import Array
 from twin.model.mechanism import Body
 
 CREASE = np.radians(35)
-"""Angle between faces above which the edge between them is drawn sharp."""
+"""Angle in rad between faces above which an edge is drawn sharp."""
 
 Look = tuple[Array, np.ndarray, tuple[int, int, int], float]
-"""Vertices (n, 3) in the body's frame in m, triangles (m, 3), sRGB 0..255, opacity."""
+"""One mesh: vertices (n, 3) in m in the body's frame, triangles (m, 3), sRGB 0..255, opacity."""
 
 
 def looks(body: Body) -> list[Look]:
-    """Return the meshes of a body, one for each colour: few nodes for the browser to move."""
+    """Return the meshes of a body merged by colour, so that the browser has few nodes to move."""
     by_color: dict[tuple[float, ...], list[tuple[Array, np.ndarray]]] = {}
     for mesh in body.meshes:
         by_color.setdefault(mesh.color_rgba, []).append(creased(mesh.vertices, mesh.triangles))
@@ -31,7 +31,7 @@ def looks(body: Body) -> list[Look]:
 
 
 def creased(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
-    """Return the same surface with vertices doubled along sharp edges, where a renderer must not smooth."""
+    """Return a surface with its vertices doubled along sharp edges, so that renderers do not smooth the edges."""
     f = np.asarray(triangles, np.int64)
     a, b, c = (vertices[f[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
@@ -43,7 +43,7 @@ def creased(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
     left, right = order[:-1][same] // 3, order[1:][same] // 3
     smooth = np.einsum("ij,ij->i", normals[left], normals[right]) > np.cos(CREASE)
     left, right = left[smooth], right[smooth]
-    # Faces that hang together smoothly get one label: the least face number, spread by pointer jumping.
+    # Faces that are connected smoothly get one label: the least face number, spread by pointer jumping.
     label = np.arange(len(f))
     while True:
         least = np.minimum(label[left], label[right])
@@ -59,7 +59,7 @@ def creased(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
 
 
 def behind(vertices: Array, triangles: np.ndarray, point: Array, normal: Array) -> tuple[Array, np.ndarray]:
-    """Return what of a surface lies behind a plane (the side its normal points away from)."""
+    """Return the part of a surface behind a plane, on the side opposite to the plane's normal."""
     d = (vertices - point) @ normal
     f = np.asarray(triangles)
     inside = d[f] <= 0

@@ -1,4 +1,4 @@
-"""A protocol made ready for playing, and the clock that plays it. Knows nothing of any browser."""
+"""A protocol prepared for playback, and its clock. Independent of any browser."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 from twin.core.spatial import Array
 
 RATE = 60.0
-"""Samples a second: what a display shows."""
+"""Samples per second of a playback."""
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
-"""Speeds that are offered."""
+"""Available playback speeds."""
 
 
 @dataclass(frozen=True)
@@ -20,14 +20,15 @@ class Playback:
     """A planned protocol, solved by the mechanism, at `RATE`.
 
     Attributes:
-        protocol, title: of the file.
-        t: (k,) s.
+        protocol, title: from the protocol's file.
+        t: (k,) times in s.
         x: (k, nq) configurations of the independent model.
-        q, qd, qdd: (k, n) active joints, their rates and accelerations, in m or rad.
-        Ts_base_tool: (k, 4, 4) as planned.
-        tip: (k, 3) origin of the moved frame in base. shaft: (k, 3) unit vectors along the shaft towards it.
-        rcm: (k, 3) in base; NaN where none is registered.
-        rcm_error, depth: (k,) m; NaN likewise.
+        q, qd, qdd: (k, n) positions, speeds and accelerations of the active joints, in m or rad.
+        Ts_base_tool: (k, 4, 4) planned tool poses.
+        tip: (k, 3) origin of the moved frame in m in base.
+        shaft: (k, 3) unit vectors along the shaft towards the tip.
+        rcm: (k, 3) in m in base; NaN while no RCM is registered.
+        rcm_error, depth: (k,) in m; NaN while no RCM is registered.
         phases: name, start and end in s.
     """
 
@@ -48,7 +49,7 @@ class Playback:
 
     @property
     def duration(self) -> float:
-        """Length in s."""
+        """Duration of the protocol in s."""
         return float(self.t[-1])
 
     def phase(self, t: float) -> str:
@@ -57,10 +58,12 @@ class Playback:
 
 
 def prepare(robot: str, protocol: str | None) -> Playback:
-    """Plan a protocol of a robot and let the mechanism follow it. Takes seconds: for a process of its own.
+    """Plan a protocol of a robot and let the mechanism follow it.
+
+    It takes several seconds and should run in a separate process.
 
     Raises:
-        TwinError: no such protocol, or it cannot be planned or followed.
+        TwinError: the protocol does not exist, or cannot be planned or followed.
     """
     from twin import api
 
@@ -92,14 +95,14 @@ def prepare(robot: str, protocol: str | None) -> Playback:
 
 
 class Clock:
-    """Time of a playback: running or held, slow or fast, once or in a loop.
+    """Clock of a playback: running or paused, with speed and loop.
 
     Attributes:
-        duration: s; 0 while there is nothing to play.
-        time: where it stands, in s.
-        speed: seconds played for each that passes.
-        loop: whether it begins again at the end.
-        playing: whether it runs.
+        duration: in s; 0 if there is nothing to play.
+        time: in s.
+        speed: factor of the playback speed.
+        loop: whether the playback repeats.
+        playing: whether the clock runs.
     """
 
     def __init__(self) -> None:
@@ -107,17 +110,17 @@ class Clock:
         self.loop, self.playing = True, False
 
     def play(self) -> None:
-        """Run; from the beginning if it stood at the end."""
+        """Start the clock; at the end it restarts from the beginning."""
         if self.time >= self.duration:
             self.time = 0.0
         self.playing = self.duration > 0
 
     def seek(self, t: float) -> None:
-        """Stand at a time in s, held within the duration."""
+        """Go to a time in s, clamped to the duration."""
         self.time = float(np.clip(t, 0.0, self.duration))
 
     def advance(self, seconds: float) -> bool:
-        """Let real seconds pass; return whether the time has changed."""
+        """Advance by an elapsed real time in s; return whether the clock's time has changed."""
         if not self.playing or self.duration <= 0:
             return False
         ahead = self.time + seconds * self.speed

@@ -1,4 +1,4 @@
-"""Instruments in their trocars: where each trocar is, how far the shaft in it passes it, how deep the tip is."""
+"""Compute the position of each trocar, and the trocar error and tip depth of the instrument in it."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ class InTrocar:
     """One instrument in its trocar.
 
     Attributes:
-        name: of the trocar; "" for the RCM of a protocol, where the mechanism has no trocar.
-        place: (3,) in base in m.
-        error: m, from the place to the axis of the shaft.
-        axis: (3,) unit vector along the shaft in base; towards the tip, if this instrument carries it.
-        tip: (3,) in base, that of the protocol; None: another instrument carries it.
-        depth: m, from the place to the tip, or None.
+        name: of the trocar; "" for the RCM of a protocol if the mechanism has no trocar.
+        place: (3,) position of the trocar in m in base.
+        error: distance in m from the trocar to the shaft axis.
+        axis: (3,) unit vector along the shaft in base; towards the tip, if this instrument has the protocol's tip.
+        tip: (3,) the protocol's tip in m in base; None if another instrument has it.
+        depth: distance in m from the trocar to the tip, or None.
     """
 
     name: str
@@ -34,7 +34,7 @@ class InTrocar:
 
 
 def in_trocars(desk: Desk, rcm: Array | None = None) -> tuple[InTrocar, ...]:
-    """Return what is in each trocar of a mechanism; if it has none, in `rcm` (3,) in base, if one is registered."""
+    """Return the instrument in each trocar; without trocars the instrument at `rcm` (3,) in m in base, if given."""
     tip, axis = desk.shaft()
     mechanism, now = desk.mechanism, desk.assembly
     if not mechanism.trocars:
@@ -45,7 +45,7 @@ def in_trocars(desk: Desk, rcm: Array | None = None) -> tuple[InTrocar, ...]:
     out = []
     carrying = {j.child for j in mechanism.path(desk.tip_body)}
     for name, place in mechanism.trocar_places.items():
-        error, along = now.worst_gap, axis  # a loop: what is left of it is its gap
+        error, along = now.worst_gap, axis  # the trocar closes a loop: its error is the gap
         held = mechanism.shaft_through(name)
         if held is not None:
             T = now.link_poses[held.body] @ held.T_body_frame
@@ -58,7 +58,7 @@ def in_trocars(desk: Desk, rcm: Array | None = None) -> tuple[InTrocar, ...]:
 
 
 def rcm_at(playback: Playback | None, time: float) -> Array | None:
-    """Return the RCM (3,) in base that a protocol registers at a time in s, or None."""
+    """Return the RCM (3,) in m in base that is registered at a time in s of a protocol, or None."""
     if playback is None:
         return None
     k = int(np.clip(np.searchsorted(playback.t, time), 0, len(playback.t) - 1))

@@ -1,1 +1,1 @@
-"""The interactive twin in a browser, shown by viser. What the robot does is in `twin.ui.session`."""
+"""The interactive page in a browser, by the library viser; the robot's behaviour is in `twin.ui.session`."""

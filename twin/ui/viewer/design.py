@@ -1,7 +1,7 @@
-"""Lengths that a designer may change without drawing: the distance of two joints on one body.
+"""Change the distance of two joints on one body without changing the CAD.
 
-`twin.cad.lengths` measures faces of the CAD; this moves the frames that were measured there. The meshes stay
-as drawn: they are the ghost that the change is seen against.
+`twin.cad.lengths` measures faces of the CAD; this module moves the measured frames. The meshes stay as in the CAD and
+serve as a ghost for comparison.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from twin.core.units import MM, UM
 from twin.model.mechanism import Joint, Mechanism
 
 _SAME = 1 * UM
-"""Origins that are no further apart in m have no line between them to move along."""
+"""Minimum distance in m of two origins that define a line."""
 
 
 @dataclass(frozen=True)
 class Distance:
-    """Two joints of one body, and how far apart the origins of their frames on it are, in m."""
+    """Two joints on one body, and the distance in m of the origins of their frames on that body."""
 
     body: str
     joint: str
@@ -31,7 +31,7 @@ class Distance:
 
 
 def distances(mechanism: Mechanism) -> list[Distance]:
-    """Return what `with_distance` can change: each pair of joints that share one body, in file order."""
+    """Return the distances that `with_distance` can change: one for each pair of joints on one body, in file order."""
     out = []
     for a, b in combinations(mechanism.joints, 2):
         shared = _shared(a, b)
@@ -43,21 +43,21 @@ def distances(mechanism: Mechanism) -> list[Distance]:
 
 
 def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float) -> Mechanism:
-    """Return the mechanism with one joint frame moved along its body, and nothing else changed.
+    """Return the mechanism with one joint frame moved on its body, and nothing else changed.
 
-    The frame of `joint` on the body that it shares with `other` moves along the straight line from the origin
-    of `other` until both are `distance` apart. It is not turned. Where the line is oblique to the axes, as
-    between two bores at different heights, part of the shift goes along them: a planar loop opens by that part
-    (`Assembly.worst_gap`). Along the axis of a slide it moves only its zero.
+    The frame of `joint` on the body that it shares with `other` is moved, without rotation, along the line from the
+    origin of `other` until the origins are `distance` apart. If the line is oblique to the joint axes (two bores at
+    different heights), the shift has a component along the axes, by which a planar loop opens (`Assembly.worst_gap`). A
+    shift along the axis of a slide changes only its zero position.
 
     Args:
-        mechanism: as measured.
+        mechanism: the mechanism.
         joint: the joint that is moved.
         other: the joint that stays.
-        distance: between the two origins on the body, in m.
+        distance: new distance in m of the two origins on the body.
 
     Raises:
-        MechanismError: the joints are unknown, share no body or two, or have no line between them, or the
+        MechanismError: a joint is unknown, the joints share no body or two bodies, their origins coincide, or the
             distance is not positive.
     """
     a, b = mechanism.joint(joint), mechanism.joint(other)
@@ -76,7 +76,9 @@ def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float)
     line = T[:3, 3] - origin
     apart = float(np.linalg.norm(line))
     if apart <= _SAME:
-        raise MechanismError(f"{where}: the origins coincide ({apart / UM:.3g} um), no line leads out; choose others")
+        raise MechanismError(
+            f"{where}: the origins coincide ({apart / UM:.3g} um) and define no line; choose other joints"
+        )
     T[:3, 3] = origin + line * (distance / apart)
     moved = replace(a, T_parent_joint=T) if a.parent == shared[0] else replace(a, T_child_joint=T)
     return replace(mechanism, joints=tuple(moved if j.name == joint else j for j in mechanism.joints))
@@ -87,10 +89,10 @@ def _of(mechanism: Mechanism, joint: str) -> list[Distance]:
 
 
 def _shared(a: Joint, b: Joint) -> list[str]:
-    """Return the bodies that both joints are on."""
+    """Return the bodies that both joints connect to."""
     return sorted({a.parent, a.child} & {b.parent, b.child})
 
 
 def _on(joint: Joint, body: str) -> Array:
-    """Return the frame (4, 4) of a joint on one of its bodies."""
+    """Return T_body_joint (4, 4), the frame of a joint on one of its bodies."""
     return joint.T_parent_joint if joint.parent == body else joint.T_child_joint

@@ -1,4 +1,4 @@
-"""The design panel: formula parameters, distances of the mechanism, variants, two designs beside each other, reach."""
+"""The design panel: parameters of the equations, distances of the mechanism, variants, two designs, workspace."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from twin.ui.viewer.front import Actor, Front
 from twin.ui.viewer.nodes import ORANGE, RobotNodes
 
 _SHOWN = 60_000
-"""Points of the workspace that a browser is given."""
+"""Maximum number of workspace points sent to a browser."""
 
 _REDRAW = 0.5
-"""Seconds between two pictures of a growing workspace."""
+"""Time in s between two updates of a workspace that is being computed."""
 
 
 class DesignPanel:
-    """Changes to equations and mechanism; nothing of it is written to any file."""
+    """Panel for changes to equations and mechanism; nothing is written to files."""
 
     def __init__(self, front: Front, tab: viser.GuiTabHandle) -> None:
         self.front, self.gui, self._tab = front, front.server.gui, tab
@@ -42,11 +42,11 @@ class DesignPanel:
         front.after_frame.append(self._poll)
 
     def close(self) -> None:
-        """End the process that looks for the workspace."""
+        """End the process that computes the workspace."""
         self._cloud.close()
 
     def rebuild(self) -> None:
-        """Make the panel for the active robot."""
+        """Build the panel for the active robot."""
         for handle in self._handles:
             handle.remove()
         self._handles = []
@@ -148,7 +148,7 @@ class DesignPanel:
                 except AssemblyError as error:
                     raise MechanismError(f"{d.joint} to {d.other} = {value / MM:g} mm: {error}") from error
                 self.front.rebuilt(a)
-                self.front.panels.ghost(True)  # the drawing, unedited
+                self.front.panels.ghost(True)  # the unedited mechanism
 
             self._wish(go)
 
@@ -207,7 +207,7 @@ class DesignPanel:
             self._other_nodes.place(aside @ a.T_world_base, a.scale)
 
     def other_poses(self, a: Actor) -> dict[str, Array] | None:
-        """Return where the drawn mechanism stands with the same joints, if it has been edited: the ghost of it."""
+        """Return the link poses of the original mechanism at the same joints, as a ghost, if it was edited."""
         if a.desk.mechanism is a.desk.robot.mechanism:
             return None
         try:
@@ -216,7 +216,7 @@ class DesignPanel:
             return None
 
     def show(self, reading: Reading) -> None:
-        """Show both designs' numbers side by side, B asked for the same tool pose as A."""
+        """Show the numbers of both designs side by side, with design B at the tool pose of design A."""
         if self._other is None or self._other_nodes is None:
             return
         desk = self.front.hand.desk
@@ -240,7 +240,8 @@ class DesignPanel:
         self._handles.append(folder)
         with folder:
             gui.add_markdown(
-                "Where the tool can be with its present orientation; **green** well, **red** badly conditioned."
+                "Reachable tool positions at the present orientation; **green**: well conditioned, **red**: badly "
+                "conditioned."
             )
             edge = gui.add_number("half edge [mm]", round(250 * self.front.nodes[a.name].size) or 100, min=1, step=10)
             count = gui.add_dropdown("poses", ("100 000", "1 000 000"), initial_value="1 000 000")
@@ -256,9 +257,8 @@ class DesignPanel:
             T = desk.assembly.T_base_tool.copy()
             poses = int(count.value.replace(" ", ""))
             parameters = {n: v for n, v in desk.kin.parameters.items() if n in desk.parameters}
-            self._cloud.start(
-                Job(a.source, dict(desk.kin.variants), parameters, desk.mechanism.limits, T, edge.value * MM, poses)
-            )
+            limits, variants = desk.mechanism.limits, dict(desk.kin.variants)
+            self._cloud.start(Job(a.source, variants, parameters, limits, T, edge.value * MM, poses, desk.hand.bounds))
 
         def hide() -> None:
             self._cloud.cancel()
@@ -284,7 +284,7 @@ class DesignPanel:
         points, condition = np.concatenate(self._points), np.concatenate(self._condition)
         self._progress.value = 100.0 * chunk.evaluated / chunk.count
         looked, reached = (f"{n:,}".replace(",", " ") for n in (chunk.evaluated, len(points)))
-        self._found.content = f"{looked} poses, **{reached}** within reach"
+        self._found.content = f"{looked} poses, **{reached}** reachable"
         if not len(points):
             return
         some = slice(None, None, max(1, len(points) // _SHOWN))
@@ -297,14 +297,14 @@ class DesignPanel:
         self.front.ask("design", go)
 
     def _again(self, a: Actor) -> None:
-        """Ask the changed equations for the tool pose that was asked for before."""
+        """Move to the last requested tool pose with the changed equations."""
         asked = a.desk.asked if a.desk.asked is not None else a.desk.assembly.T_base_tool
         a.desk.move_tool(asked)
         self.front.rebuilt(a)
 
 
 def differs(reading: Reading) -> str:
-    """Return by how much the equations differ from a design, with its unit and of what."""
+    """Return as text the difference of the present equations from a design, with unit and name."""
     if reading.residual is None:
         return "-"
     if not reading.comparable:
@@ -314,15 +314,15 @@ def differs(reading: Reading) -> str:
 
 
 def refused(moved: Moved) -> str:
-    """Return, as HTML, why design B is not where A is; empty if it is."""
+    """Return as HTML why design B cannot reach the pose of design A; empty if it can."""
     if moved.good:
         return ""
-    text = f"B cannot take A's pose and stands where it came nearest: {moved.reason}"
+    text = f"Design B cannot reach the pose of design A and is shown at its nearest pose: {moved.reason}"
     return f"<div style='color:#d62f2f;font-size:12px;margin:.4em .8em' data-b-refused>{escape(text)}</div>"
 
 
 def conditioned(condition: np.ndarray) -> np.ndarray:
-    """Return colours (m, 3) of condition numbers: green at 3 and below, red at 100 and above, logarithmic."""
+    """Return colours (m, 3) of condition numbers: green at 3 and below, red at 100 and above, logarithmic between."""
     s = np.clip((np.log10(np.maximum(condition, 1e-9)) - np.log10(3)) / (2 - np.log10(3)), 0, 1)[:, None]
     low, middle, high = np.array([[31, 138, 85], [235, 190, 50], [214, 47, 47]], float)
     color = np.where(s < 0.5, low + 2 * s * (middle - low), middle + (2 * s - 1) * (high - middle))

@@ -1,7 +1,7 @@
-"""Link poses to the browser: whole frames, and every move however small.
+"""Send link poses to the browser as complete frames, including very small moves.
 
-The setters of a viser handle drop what numpy.allclose calls equal, up to 5 um at 0.5 m, and their messages may
-leave one by one, so that a robot is seen torn between two frames.
+The setters of a viser handle ignore changes that numpy.allclose calls equal (up to 5 um at 0.5 m), and send their
+messages separately, so that a browser may show links of two different frames.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ if TYPE_CHECKING:
 
 
 class _Node:
-    """All that is taken from viser's inside: pose messages, the queue of a scene, a handle's own copy of its pose."""
+    """Access to internals of viser: pose messages, the queue of a scene, a handle's own copy of its pose."""
 
     def __init__(self, handle: viser.SceneNodeHandle) -> None:
         self._state: Any = handle._impl
         self._queue = self._state.api._queue_scene_message  # stamps the owner, then queues as the setters do
-        # What goes out at once is at most 128 messages: frames of more than 64 nodes would be cut in two.
+        # viser sends at most 128 messages at once: frames of more than 64 nodes would be split.
         self._state.api._websock_interface.get_message_buffer().max_window_size += 2
 
     @property
     def position(self) -> Array:
-        """Position (3,) in m, as clients have it."""
+        """Position (3,) in m that clients have."""
         return self._state.position
 
     @property
     def wxyz(self) -> Array:
-        """Quaternion (4,), as clients have it."""
+        """Quaternion (4,), w first, that clients have."""
         return self._state.wxyz
 
     def move(self, position: Array) -> None:
@@ -43,16 +43,16 @@ class _Node:
         self._queue(messages.SetPositionMessage(self._state.name, tuple(position.tolist())))
 
     def turn(self, wxyz: Array) -> None:
-        """Queue a quaternion (4,); the handle keeps the array."""
+        """Queue a quaternion (4,), w first; the handle keeps the array."""
         self._state.wxyz = wxyz
         self._queue(messages.SetOrientationMessage(self._state.name, tuple(wxyz.tolist())))
 
 
 class FrameWriter:
-    """Poses of many viser scene nodes as one frame on the wire: none torn, none dropped.
+    """Writer that sends the poses of many viser scene nodes as one frame.
 
-    The nodes are the server's own, not one client's; one thread writes at a time. Frames that come faster than a
-    client takes them are left out whole.
+    The nodes belong to the server, not to one client; only one thread may write at a time. A frame that a client does
+    not read in time is dropped completely.
     """
 
     def __init__(self, server: viser.ViserServer, handles: Sequence[viser.SceneNodeHandle]) -> None:
@@ -62,7 +62,7 @@ class FrameWriter:
     def write(self, positions: Array, wxyzs: Array) -> None:
         """Show positions (n, 3) in m and unit quaternions (n, 4), w first, in the parents' frames.
 
-        What is bit-identical to what the clients have is not sent again.
+        Values that are bit-identical to those of the clients are not sent again.
         """
         n = len(self._nodes)
         positions, wxyzs = np.array(positions, float), np.array(wxyzs, float)  # copies: the handles keep the rows
@@ -80,5 +80,5 @@ class FrameWriter:
 
 
 def _differ(new: Array, old: list[Array]) -> list[bool]:
-    """Return which rows of `new` (n, m) differ from `old`, n of (m,), in any bit."""
+    """Return (n,) whether each row of `new` (n, m) differs in any bit from the same row of `old`."""
     return (new.view(np.int64) != np.array(old, float).reshape(new.shape).view(np.int64)).any(axis=1).tolist()

@@ -1,7 +1,7 @@
-"""The front end: everything of the page that viser shows. What the robot does is in `twin.ui.session`.
+"""The front end: everything that viser shows; the robot's behaviour is in `twin.ui.session`.
 
-One loop solves and draws: callbacks of the page only leave wishes, of each kind the last one counts. So a hand that
-is faster than the solver never queues up, and any number of browsers sees the same robot.
+One loop solves and draws. Callbacks of the page only store requests, and only the last request of each kind counts, so
+that fast input does not queue up and all browsers see the same robot.
 """
 
 from __future__ import annotations
@@ -21,21 +21,23 @@ from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.ui.session import instruments, timeline
 from twin.ui.session.desk import Desk, Moved
+from twin.ui.session.feed import Feed
 from twin.ui.session.planner import Planner
 from twin.ui.session.timeline import Clock, Playback
 from twin.ui.session.trocars import rcm_at
+from twin.ui.viewer.fields import FieldNodes
 from twin.ui.viewer.nodes import BLUE, RobotNodes
 from twin.ui.viewer.server import stop, tell
 
 FRAME = 1 / 60
-"""Seconds a display frame lasts."""
+"""Duration in s of a display frame."""
 
 _READ = 0.1
-"""Seconds between two looks at the instruments: nobody reads faster, and each costs the page a redraw."""
+"""Time in s between two readings, each of which redraws the page."""
 
 
 _DRAWN, _NOBODY = 1.5, 4.0
-"""Seconds that a browser gets for its first picture, and after which no browser is waited for."""
+"""Time in s for a browser's first picture, and maximum time to wait for all browsers."""
 
 
 @dataclass
@@ -43,13 +45,13 @@ class Actor:
     """A robot in the scene.
 
     Attributes:
-        name: as shown.
-        source: what `twin.load` takes, for processes that load it again.
-        desk: where it stands.
-        T_world_base: (4, 4) where it was put.
-        protocol: what it plays first; None for the robot's default.
-        scale: how large it is drawn.
-        playback: what it plays, once prepared.
+        name: shown name.
+        source: argument of `twin.load`, for processes that load the robot again.
+        desk: its state.
+        T_world_base: (4, 4) its place.
+        protocol: the first protocol; None for the robot's default.
+        scale: factor of the display size.
+        playback: its playback, once prepared.
     """
 
     name: str
@@ -62,14 +64,14 @@ class Actor:
 
 
 class Terminal(Protocol):
-    """Asks one question at a time."""
+    """Interface of a terminal that asks one question at a time."""
 
     def ask(self, question: str, then: Callable[[bool], object]) -> None: ...  # noqa: D102
     def poll(self) -> None: ...  # noqa: D102
 
 
 class Scenery(Protocol):
-    """What stands around the robots, as far as the loop speaks of it; `scenery.Scenery` is it."""
+    """Interface through which `Front.run` draws the surroundings of the robot; implemented by `scenery.Scenery`."""
 
     def panel(self) -> None: ...  # noqa: D102
     def trail(self, visible: bool) -> None: ...  # noqa: D102
@@ -79,10 +81,10 @@ class Scenery(Protocol):
 
 
 class Panels(Protocol):
-    """What can be pressed and read, as far as the loop speaks of it; `panels.Panels` is it.
+    """Interface of the controls and displays that the loop uses; implemented by `panels.Panels`.
 
     Attributes:
-        why: the reason of the last failure; empty: none.
+        why: reason of the last failure; empty without a failure.
     """
 
     why: str
@@ -100,15 +102,16 @@ class Panels(Protocol):
 
 
 class Front:
-    """The page: one or more robots, one of them in hand; made by `page.open_page`, which furnishes it.
+    """The page: one or more robots, one of them active; made by `page.open_page`.
 
     Attributes:
-        server: viser's; `server.get_port()`.
-        actors: robots by the order given; `hand` is the one that gizmo, sliders and instruments speak of.
-        local: whether only this machine sees the page: then the session may be saved beside it.
-        terminal: where the person is asked who started this; nothing is written into a robot's files without.
-        clock: of the protocols being played.
-        nodes, ghosts: what shows each actor.
+        server: the server of viser.
+        actors: robots in the given order; `hand` is the active one, which gizmo, sliders and readings refer to.
+        local: whether the page is served to this machine only; only then sessions may be saved to disk.
+        terminal: for confirmations; without a terminal nothing is written into a robot's files.
+        clock: clock of the protocols.
+        feed: deformables, or None.
+        nodes, ghosts: scene nodes of each actor and of its ghost.
     """
 
     def __init__(
@@ -120,10 +123,13 @@ class Front:
         *,
         local: bool = True,
         terminal: Terminal | None = None,
+        feed: Feed | None = None,
     ) -> None:
         self.server, self.title, self.actors, self.hand = server, title, actors, actors[0]
         self.local, self.terminal = local, terminal
         self.clock = Clock()
+        self.feed, self._fields = feed, None if feed is None else FieldNodes(server, feed)
+        self.clock.duration = 0.0 if feed is None else feed.duration
         self.nodes = {
             a.name: RobotNodes(self.server, f"/{a.name}", a.desk.mechanism, a.desk.assembly.link_poses) for a in actors
         }
@@ -142,7 +148,7 @@ class Front:
         self.gizmo = self._add_gizmo()
 
     def furnish(self, scenery: Callable[[Front], Scenery], panels: Callable[[Front], Panels]) -> None:
-        """Make what surrounds the robots, then the panels, which have its switches; show both."""
+        """Create the surroundings, then the panels, which contain switches for the surroundings."""
         self.scenery = scenery(self)
         self.panels = panels(self)
         self._grab_links()
@@ -151,13 +157,13 @@ class Front:
     # -- wishes and the loop --------------------------------------------------------------------------
 
     def ask(self, kind: str, wish: Callable[[], object]) -> None:
-        """Leave a wish for the loop; the last of its kind counts."""
+        """Store a request for the loop; only the last request of its kind counts."""
         with self._lock:
             self._wishes.pop(kind, None)
             self._wishes[kind] = wish
 
     def go_on(self, kind: str, move: Callable[[], Moved]) -> None:
-        """Leave the wish for a move; one that ran out of time goes on in the next frame, unless another came."""
+        """Store a request for a move; a move that exceeds its time continues in the next frame, unless replaced."""
 
         def wish() -> None:
             if move().more:
@@ -167,7 +173,7 @@ class Front:
         self.ask(kind, wish)
 
     def wished(self, kind: str) -> bool:
-        """Return whether a wish of a kind waits: its slider must not be moved from here."""
+        """Return whether a request of this kind is waiting; the slider of that request must then not be changed."""
         with self._lock:
             return any(k.startswith(kind) for k in self._wishes)
 
@@ -182,7 +188,7 @@ class Front:
             self.close()
 
     def step(self) -> None:
-        """Fulfil the wishes, let the clock run, draw one frame, look at the instruments now and then."""
+        """Handle requests, advance the clock, draw one frame, and update the readings periodically."""
         now = time.perf_counter()
         passed, self._last, self.now = now - self._last, now, now
         with self._lock:
@@ -192,7 +198,7 @@ class Front:
                 wish()
             except TwinError as error:
                 self.say(str(error), bad=True)
-            except Exception as error:  # one wish that fails must not take the robot from the screen
+            except Exception as error:  # a failing request must not end the loop
                 logging.getLogger(__name__).exception("a wish failed")
                 self.say(f"internal error, {type(error).__name__}: {error}. Please report it.", bad=True)
             self._stale = True
@@ -210,7 +216,7 @@ class Front:
             self.refresh()
 
     def close(self) -> None:
-        """Leave nothing behind: no process, no thread, no port."""
+        """Release processes, threads and the port."""
         self.stopping.set()
         self.panels.close()
         for planner in self._plans.values():
@@ -229,9 +235,11 @@ class Front:
     # -- robots ---------------------------------------------------------------------------------------
 
     def draw(self) -> None:
-        """Show where every robot stands, its ghost, and what its equations say."""
+        """Show the state of every robot, its ghost, and the points of its equations."""
         for a in self.actors:
             self.nodes[a.name].write(a.desk.assembly.link_poses)
+        if self._fields is not None and (wrong := self._fields.show(self.clock.time)):
+            self.say(wrong, bad=True)
         self.scenery.follow()
         if self.ghost_shown:
             self._draw_ghost()
@@ -239,7 +247,7 @@ class Front:
             self._gizmo_to_tool()
 
     def refresh(self) -> None:
-        """Read the instruments and show them; other robots are only drawn."""
+        """Compute and show the readings of the active robot."""
         a = self.hand
         reading = instruments.read(a.desk, rcm_at(a.playback, self.clock.time))
         shown = reading.points if self.panels.equations_shown() else {}
@@ -248,7 +256,7 @@ class Front:
         self.scenery.update()
 
     def stand(self) -> None:
-        """Bring every robot to where its protocol is at the clock's time."""
+        """Move every robot to the pose of its protocol at the clock's time."""
         for a in self.actors:
             if a.playback is None:
                 continue
@@ -259,14 +267,14 @@ class Front:
                 a.desk.show(a.desk.model.state(a.playback.x[k]), a.playback.Ts_base_tool[k])
 
     def take(self, name: str) -> None:
-        """Choose the active robot."""
+        """Make a robot the active one."""
         self.nodes[self.hand.name].equations({}, {}, True, 1.0)
         self.hand = next(a for a in self.actors if a.name == name)
         self.panels.rebuild()
         self._stale = True
 
     def rebuilt(self, a: Actor) -> None:
-        """Forget what was drawn of a robot's ghost: its mechanism has changed."""
+        """Remove a robot's ghost, because its mechanism has changed."""
         ghost = self.ghosts.pop(a.name, None)
         if ghost is not None:
             ghost.remove()
@@ -293,7 +301,7 @@ class Front:
     # -- protocols ------------------------------------------------------------------------------------
 
     def load_soon(self) -> None:
-        """Prepare what the robots play once a browser has had time to draw them: planning wants a whole core."""
+        """Prepare the protocols after the first picture is shown, because planning occupies a processor core."""
         begin = self.now
 
         def wait() -> None:
@@ -309,7 +317,7 @@ class Front:
         self.after_frame.append(wait)
 
     def load(self, a: Actor, protocol: str | None) -> None:
-        """Begin to prepare a protocol in another process; it is taken when it is ready."""
+        """Prepare a protocol in another process; the robot plays it when it is ready."""
         if a.name in self._plans:
             self._plans.pop(a.name).close()
         a.playback = None
@@ -318,7 +326,7 @@ class Front:
 
     @property
     def planning(self) -> bool:
-        """Whether protocols are still being prepared."""
+        """Whether a protocol is still being prepared."""
         return bool(self._plans)
 
     def _take_plans(self) -> None:
@@ -337,7 +345,8 @@ class Front:
                 if bound is not a.desk.robot:
                     a.desk.bind(bound)
                 a.desk.speak_of(protocol)
-            self.clock.duration = max(b.playback.duration for b in self.actors if b.playback is not None)
+            durations = [b.playback.duration for b in self.actors if b.playback is not None]
+            self.clock.duration = max([*durations, 0.0 if self.feed is None else self.feed.duration])
             self.panels.ready(a)
             self.scenery.protocol_changed()
             self.stand()
@@ -376,7 +385,7 @@ class Front:
         self.gizmo.wxyz = spatial.quat_from_matrix_wxyz(R)
 
     def _grab_links(self) -> None:
-        """Let shift and the left button take hold of any link."""
+        """Let any link be grabbed with the shift key and the left mouse button."""
         for a in self.actors:
             held: dict[str, Array] = {}
             for body, handle in self.nodes[a.name].meshes:

@@ -1,7 +1,6 @@
-"""What a designer keeps of an interactive session, written into the robot's own TOML files.
+"""Write results of an interactive session into the robot's TOML files.
 
-Comments and layout survive. The new text is read by the project's own loaders beside the file, and only
-then takes its place; after any error the file is what it was.
+Comments and layout are kept. The new text is validated before it replaces the file; on error the file is unchanged.
 """
 
 from __future__ import annotations
@@ -20,26 +19,27 @@ from twin.core import spatial
 from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.planning import path as paths
+from twin.planning import phase_path as paths
 from twin.planning.protocol import Home, Insertion, Pivot, Positioning, Protocol, Retraction, load_protocol, trocar_of
+from twin.planning.protocol.course import angles_of
 from twin.schema import Identifier, error_at
 from twin.ui.session.session import Session as Session
 from twin.ui.viewer.rewrite import rewrite
 
 _DIGITS = {"mm": 6, "deg": 8}
-"""Decimals that are written: a nanometre, and what that is at the end of an arm of 5 m."""
+"""Decimals that are written for mm and deg: 1 nm, also at the end of an arm of 5 m."""
 
 
 def identifier(name: str) -> str:
-    """Return a name if it is one for a posture or a phase.
+    """Return a name if it is valid for a posture or a phase.
 
     Raises:
-        TwinError: it is none.
+        TwinError: the name is invalid.
     """
     try:
         return TypeAdapter(Identifier).validate_python(name)
     except ValidationError as error:
-        text = "the name must be small letters, digits and _, a letter first"
+        text = "the name must begin with a small letter and contain only small letters, digits and _"
         raise TwinError(f"{ascii(name)[:80]}: {text}") from error
 
 
@@ -49,18 +49,20 @@ def save_posture(description: Path, name: str, values: Mapping[str, float], *, r
     Args:
         description: cad/<robot>/<robot>.toml.
         name: identifier of the posture.
-        values: every active joint, in m or rad.
-        replace: whether a posture of that name may be overwritten; its comments stay.
+        values: values of all active joints in m or rad.
+        replace: whether a posture of that name may be overwritten; its comments are kept.
 
     Raises:
-        DescriptionError: the name is taken or no identifier, joints are missing or unknown, a value is not
-            finite or outside its limits, or the file is wrong already.
+        DescriptionError: the name exists or is not an identifier, joints are missing or unknown, a value is not
+            finite or outside its limits, or the file was already invalid.
         OutputError: the file cannot be written.
     """
     d = descriptions.load(description)
     references.check(description, d)
     if name in d.posture and not replace:
-        raise error_at(description, ("posture", name), "there is a posture of that name; choose another, or replace it")
+        raise error_at(
+            description, ("posture", name), "a posture of that name exists; choose another name, or replace it"
+        )
     shown = _in_file_units(description, d, name, values)
 
     def check(fresh: Path) -> None:
@@ -72,28 +74,28 @@ def save_posture(description: Path, name: str, values: Mapping[str, float], *, r
 def append_phase(
     protocol: Path, name: str, T_base_tool: Array, T_tool_frame: Array, *, note: str = "chosen by hand in the viewer"
 ) -> None:
-    """Add a waypoint and, as last phase, a positioning that goes there; both are called `name`.
+    """Add a waypoint and a last phase of type positioning that moves to it; both are named `name`.
 
     Args:
         protocol: trajectories/<robot>/<protocol>.toml.
         name: identifier of the waypoint and of the phase.
-        T_base_tool: (4, 4) pose of the tool to go to.
+        T_base_tool: (4, 4) target pose of the tool.
         T_tool_frame: (4, 4) pose in the tool of the frame that the protocol moves; see `Mechanism.frame_in_tool`.
-        note: why there; goes into the file.
+        note: reason for the waypoint, written into the file.
 
     Raises:
-        DescriptionError: the name is taken or no identifier, the instrument is still in the patient at the end,
-            there are no limits for a positioning, or the file is wrong already.
-        ProtocolError: the robot is there already.
-        TwinError: T_base_tool is no pose.
+        DescriptionError: the name exists or is not an identifier, the instrument is still in the patient at the
+            end, there are no limits for a positioning, or the file was already invalid.
+        ProtocolError: the robot is already at the target.
+        TwinError: T_base_tool is not a pose.
         OutputError: the file cannot be written.
     """
     p = load_protocol(protocol)
     T = np.asarray(T_base_tool, float)
     if not spatial.is_pose(T, 1e-6):
-        raise TwinError(f"{protocol}: waypoint '{name}': T_base_tool is no rigid pose: {T.tolist()}")
+        raise TwinError(f"{protocol}: waypoint '{name}': T_base_tool is not a rigid pose: {T.tolist()}")
     if name in p.waypoints:
-        raise error_at(protocol, ("waypoints", name), "there is a waypoint of that name; choose another")
+        raise error_at(protocol, ("waypoints", name), "a waypoint of that name exists; choose another name")
     taken = [phase.name for phase in p.phases]
     if name in taken:
         raise error_at(protocol, ("phases", taken.index(name)), f"there is a phase '{name}'; choose another name")
@@ -104,7 +106,7 @@ def append_phase(
         raise error_at(protocol, ("phases", len(taken) - 1), text)
     waypoint = {
         "position_mm": _rounded((T @ T_tool_frame)[:3, 3] / MM, "mm"),
-        "angles_deg": _rounded(paths.angles_of(T[:3, :3], p.rotation, _last_angles(p)) / DEG, "deg"),
+        "angles_deg": _rounded(angles_of(T[:3, :3], p.rotation, _last_angles(p)) / DEG, "deg"),
         "provenance": "ASSUMED",
         "note": note,
     }
@@ -112,14 +114,14 @@ def append_phase(
 
     def check(fresh: Path) -> None:
         kept = load_protocol(fresh)
-        if not any(w.joints is not None for w in kept.waypoints.values()):  # else the mechanism has to be asked
+        if not any(w.joints is not None for w in kept.waypoints.values()):  # otherwise only the mechanism can tell
             paths.build(kept, T_tool_frame)
 
     rewrite(protocol, [("waypoints", name, waypoint), ("phases", None, phase)], check)
 
 
 def _last_angles(p: Protocol) -> Array:
-    """Return the angles (3,) in rad in which the last phase ends."""
+    """Return the angles (3,) in rad at the end of the last phase."""
     goals = [phase.to for phase in p.phases if isinstance(phase, Positioning | Pivot | Home)]
     return p.waypoints[goals[-1] if goals else p.start].angles
 
@@ -135,7 +137,7 @@ def _ends_inside(p: Protocol) -> bool:
 
 
 def _in_file_units(path: Path, d: descriptions.Description, name: str, values: Mapping[str, float]) -> dict[str, float]:
-    """Return a posture as the file has it: in mm and deg, rounded, by joint and unit."""
+    """Return a posture in the form of the file: rounded values in mm and deg, by joint and unit."""
     keys = {j.name: f"{j.name}_{references.UNITS.get(j.type, 'mm')}" for j in d.joint if j.active}
     limits = {joint: spec for spec in d.limit for joint in spec.joints}
     for joint in values:
@@ -148,16 +150,16 @@ def _in_file_units(path: Path, d: descriptions.Description, name: str, values: M
             raise error_at(path, ("posture", name), f"active joint '{joint}' is missing; needed: {', '.join(keys)}")
         value = float(values[joint]) / SCALES[unit]
         if not np.isfinite(value):
-            raise error_at(path, ("posture", name, key), f"{value} is not finite; give '{joint}' a number")
+            raise error_at(path, ("posture", name, key), f"{value} is not finite; give a number for '{joint}'")
         lower, upper = getattr(limits.get(joint), f"limits_{unit}", None) or (-np.inf, np.inf)
         last = 10.0 ** -_DIGITS[unit]
         if not lower - last <= value <= upper + last:
             text = f"{value:.6g} {unit} is outside the limits {lower:g} .. {upper:g} {unit} of '{joint}'"
-            raise error_at(path, ("posture", name, key), f"{text}; move it back, or change the limits")
+            raise error_at(path, ("posture", name, key), f"{text}; move the joint back, or change the limits")
         out[key] = float(np.clip(_rounded(value, unit), lower, upper))
     return out
 
 
 def _rounded(value: Any, unit: str) -> Any:
-    """Return numbers as they are written, without a minus before a zero."""
+    """Return numbers rounded for the file, without negative zeros."""
     return (np.round(value, _DIGITS[unit]) + 0.0).tolist()

@@ -1,8 +1,8 @@
-"""What a page may say to its server: viser believes whatever comes, so every message is read here before.
+"""Validate messages from a page before they reach viser, which does not check them.
 
-A message has one of a few types, its fields have the types that viser declares, numbers are finite, and a value suits
-the element of the page that it is for. Files are taken one at a time, up to a size, in order. Nothing else is passed
-on.
+A valid message has one of a few types, its fields have the types that viser declares, its numbers are finite, and its
+value is possible for the page element that it is for. Files are accepted one at a time, in order, up to a maximum size.
+Other messages are dropped.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from viser import _messages as said
 from twin.core.errors import TwinError
 
 ORDINARY = 16 * 1024
-"""Bytes of a message that carries neither a file nor a picture."""
+"""Maximum bytes of a message without a file or picture."""
 
 LONGEST = 8 * 2**20
-"""Bytes of any message: a picture that was asked for."""
+"""Maximum bytes of any message; a requested picture is the largest."""
 
 UPLOAD = 16 * 2**20
-"""Bytes of a file: a recorded session as long as one may be."""
+"""Maximum bytes of a file, which is a recorded session."""
 
 UPLOAD_SECONDS = 120.0
-"""An upload that has not ended by then gives its place to the next one."""
+"""Time in s after which the next upload cancels an unfinished one."""
 
 _TEXT = 200
-"""Characters of a text field."""
+"""Maximum number of characters in a text field."""
 
 _FAR = 1e9
-"""Numbers are smaller; a length would be that of the way to the moon."""
+"""Maximum magnitude of numbers in a message."""
 
 _QUIET = 2.0
-"""Seconds between two notices about files."""
+"""Minimum time in s between two notices about files."""
 
 _PIXELS = 8_000_000
-"""Of a picture, by its own head: it is unpacked as soon as it is there."""
+"""Maximum number of pixels of a picture, according to its header."""
 
 _ORDINARY = (
     said.ViewerCameraMessage,
@@ -58,15 +58,15 @@ _LONG = (said.FileTransferPart, said.GetRenderResponseMessage)
 
 
 class NonsenseError(Exception):
-    """A message that no page of ours sends."""
+    """The message is one that no valid page sends."""
 
 
 class StaleError(Exception):
-    """A message about what is not there any more, or not in that way."""
+    """The message is about a page element that was removed or changed."""
 
 
 class Sender(Protocol):
-    """Whoever sends; an upload is of the one who began it."""
+    """The client that sends a message; an upload belongs to the client that began it."""
 
     def cut(self) -> None: ...  # noqa: D102
 
@@ -83,7 +83,7 @@ class _Upload:
 
 
 def _decoder(types: tuple[type, ...]) -> msgspec.msgpack.Decoder:
-    """Return what decodes these messages and no others, with the fields that viser declares and no others."""
+    """Return a decoder for only the accepted message types, with exactly the fields that viser declares."""
     structs = []
     for kind in types:
         hints = typing.get_type_hints(kind)
@@ -104,11 +104,11 @@ def _default(f: Field) -> Any:
 
 
 class Letters:
-    """Reads what comes, for one server.
+    """Reader of messages for one server.
 
     Attributes:
-        told: called with a sentence for the people at the pages.
-        read, dropped: messages that were passed on, and that were not.
+        told: function called with a notice for the users.
+        read, dropped: counts of accepted and dropped messages.
     """
 
     def __init__(self) -> None:
@@ -120,26 +120,26 @@ class Letters:
         self._decoders = {False: _decoder(_ORDINARY), True: _decoder(_LONG)}
 
     def belong_to(self, server: viser.ViserServer) -> None:
-        """Know the elements of the page; before, nothing is passed on.
+        """Set the elements of the page; until then no message is accepted.
 
         Raises:
-            TwinError: this version of viser keeps them elsewhere.
+            TwinError: this version of viser stores the elements in another way.
         """
         if not isinstance(getattr(server.gui, "_gui_input_handle_from_uuid", None), dict):
-            raise TwinError(f"viser {viser.__version__} keeps its elements in another way: install viser 1.1")
+            raise TwinError(f"viser {viser.__version__} stores its elements in another way: install viser 1.1")
         self._gui = server.gui
 
     def forget(self, sender: Sender) -> None:
-        """Let go of the upload of somebody who has gone."""
+        """Cancel the upload of a disconnected client."""
         if self._upload is not None and self._upload.sender is sender:
             self._upload = None
 
     def check(self, raw: str | bytes, sender: Sender, now: float) -> None:
-        """Return if a message may be passed on.
+        """Check that a message may be passed to viser.
 
         Raises:
-            NonsenseError: no page of ours sends that.
-            StaleError: it would do no good.
+            NonsenseError: no valid page sends the message.
+            StaleError: its element was removed or changed.
         """
         try:
             self._check(raw, sender, now)
@@ -155,7 +155,7 @@ class Letters:
             message = self._decoders[len(raw) > ORDINARY].decode(raw)
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
             if len(raw) > ORDINARY:
-                raise NonsenseError(f"{len(raw)} bytes of something") from None
+                raise NonsenseError(f"unknown message of {len(raw)} bytes") from None
             try:  # the last part of a file may be short, and so may a picture
                 message = self._decoders[True].decode(raw)
             except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
@@ -185,25 +185,27 @@ class Letters:
 
     def _element(self, message: Any) -> None:
         if list(message.updates) != ["value"]:
-            raise NonsenseError(f"{list(message.updates)[:3]} of an element")
+            raise NonsenseError(f"update of properties {list(message.updates)[:3]}")
         handle, value = self._handle(message.uuid), message.updates["value"]
         if isinstance(handle, viser.GuiUploadButtonHandle):
-            raise NonsenseError("the value of an upload button")
+            raise NonsenseError("a value for an upload button")
         if not _suits(handle, value):
-            raise NonsenseError("a value that does not suit its element")
+            raise NonsenseError("a value of the wrong type for its element")
 
     # -- files ----------------------------------------------------------------------------------------
 
     def _begin(self, message: Any, sender: Sender, now: float) -> None:
         if not isinstance(self._handle(message.source_component_uuid), viser.GuiUploadButtonHandle):
-            raise NonsenseError("an upload to what takes none")
+            raise NonsenseError("an upload to an element that accepts none")
         if message.size_bytes > UPLOAD:
-            self._tell(f"the file has {message.size_bytes / 1e6:.0f} MB; at most {UPLOAD / 1e6:.1f} MB are taken", now)
+            self._tell(
+                f"the file has {message.size_bytes / 1e6:.0f} MB; at most {UPLOAD / 1e6:.1f} MB are accepted", now
+            )
             raise StaleError("too large")
         if message.size_bytes < 1 or message.part_count < 1:
-            raise NonsenseError("a file that is empty")
+            raise NonsenseError("an empty file")
         if self._upload is not None and now - self._upload.since < UPLOAD_SECONDS:
-            self._tell("another file is being loaded: wait for its end", now)
+            self._tell("another file is being loaded: wait until it is done", now)
             raise StaleError("another upload")
         if self._upload is not None:
             self._upload.sender.cut()
@@ -212,7 +214,7 @@ class Letters:
         )
 
     def _tell(self, text: str, now: float) -> None:
-        """Tell the people, but not as often as somebody likes."""
+        """Show the users a notice, at most one in `_QUIET` seconds."""
         if now - self._last > _QUIET:
             self._last = now
             self.told(text)
@@ -220,21 +222,21 @@ class Letters:
     def _part(self, message: Any, sender: Sender) -> None:
         up = self._upload
         if up is None or up.sender is not sender or message.transfer_uuid != up.transfer:
-            raise StaleError("a part of no upload")  # of one that was refused
+            raise StaleError("part of a file without an upload")  # of one that was refused
         up.bytes -= len(message.content)
         up.parts -= 1
         good = message.part_index == up.next and message.source_component_uuid == up.source
         if not good or up.bytes < 0 or up.parts < 0 or (up.parts == 0) != (up.bytes == 0):
             self._upload = None
-            sender.cut()  # so that viser forgets the parts that it has
-            raise NonsenseError("a part that does not fit its file")
+            sender.cut()  # so that viser drops the parts that it has
+            raise NonsenseError("part of a file that does not match its upload")
         up.next += 1
         if up.parts == 0:
             self._upload = None
 
 
 def _numbers(value: Any, name: str = "") -> None:
-    """Refuse numbers that nobody can be meant by, anywhere in a message; quaternions are of unit length."""
+    """Raise `NonsenseError` for implausible numbers in a message, or quaternions not of unit length."""
     if isinstance(value, msgspec.Struct):
         for field in value.__struct_fields__:
             _numbers(getattr(value, field), field)
@@ -245,13 +247,13 @@ def _numbers(value: Any, name: str = "") -> None:
         for inner in value:
             _numbers(inner)
         if name == "wxyz" and not 0.9 < math.hypot(*value) < 1.1:
-            raise NonsenseError("an orientation that is none")
+            raise NonsenseError("an invalid orientation")
     elif isinstance(value, int | float) and not abs(value) <= _FAR:
         raise NonsenseError(f"{name} = {value}")
 
 
 def _suits(handle: Any, value: Any) -> bool:
-    """Return whether a value is one that an element can have."""
+    """Return whether an element can have a value."""
     was = handle.value
     options = getattr(handle, "options", None)
     if options is not None:
@@ -259,7 +261,7 @@ def _suits(handle: Any, value: Any) -> bool:
     if isinstance(was, bool):
         return isinstance(value, bool)
     if isinstance(was, int | float):
-        # Beyond the ends of a slider people type too: they get as far as it goes.
+        # Typed values may be beyond the ends of a slider; they are clamped.
         return isinstance(value, int | float) and not isinstance(value, bool)
     if isinstance(was, str):
         return isinstance(value, str) and len(value) <= _TEXT
@@ -270,7 +272,7 @@ def _suits(handle: Any, value: Any) -> bool:
 
 
 def _picture(png: bytes) -> None:
-    """Refuse what is no PNG, or a large one."""
+    """Raise `NonsenseError` for a picture that is not PNG or too large."""
     width, height = int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")
     if png[:8] != b"\x89PNG\r\n\x1a\n" or not 0 < width * height <= _PIXELS:
-        raise NonsenseError("a picture that was not asked for")
+        raise NonsenseError("a picture that was not requested")

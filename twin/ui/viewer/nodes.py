@@ -1,4 +1,4 @@
-"""The scene nodes of one robot: links, their names, frames and joint axes, what the equations say, a ghost."""
+"""Scene nodes of one robot: links, names, frames, joint axes, points of the equations, ghost."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _GHOST_OPACITY = 0.28
 
 
 class RobotNodes:
-    """One robot in the scene, under a root that places and scales it: what lies below is in its base, in m.
+    """One robot in the scene, below a root node that places and scales it; child nodes are in m in its base.
 
     Attributes:
         root: frame of the base in the world.
-        bodies: frame of each body, by name.
-        meshes: (body, handle) of everything that can be grabbed.
-        size: diagonal of the box about the meshes as first shown, in m.
+        bodies: node of each body, by name.
+        meshes: (body, handle) of all meshes, which can be grabbed.
+        size: diagonal in m of the bounding box of the meshes when first shown.
     """
 
     def __init__(
@@ -74,23 +74,23 @@ class RobotNodes:
         self._equations: viser.LineSegmentsHandle | None = None
 
     def write(self, poses: Mapping[str, Array]) -> None:
-        """Show link poses T_base_body (4, 4), as one frame."""
+        """Show link poses T_base_body (4, 4), sent as one frame."""
         Ts = np.array([poses[name] for name in self.bodies])
         self._writer.write(Ts[:, :3, 3], np.array([spatial.quat_from_matrix_wxyz(T[:3, :3]) for T in Ts]))
 
     def place(self, T_world_base: Array, scale: float) -> None:
-        """Stand the whole robot somewhere, larger or smaller; its own units stay what they are."""
+        """Place and scale the whole robot; data inside the robot keep their units."""
         self.root.position, self.root.scale = T_world_base[:3, 3], scale
         self.root.wxyz = spatial.quat_from_matrix_wxyz(T_world_base[:3, :3])
 
     def to_base(self, p_world: Array) -> Array:
-        """Return a point (3,) of the world in the robot's base, in the robot's own metres."""
+        """Return a point (3,) given in world as a point in m in the robot's base, unscaled."""
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = spatial.matrix_from_quat_wxyz(np.asarray(self.root.wxyz)), self.root.position
         return T[:3, :3].T @ (np.asarray(p_world, float) - T[:3, 3]) / float(np.atleast_1d(self.root.scale)[0])
 
     def to_world(self, p_base: Array) -> Array:
-        """Return a point (3,) of the base in the world."""
+        """Return a point (3,) given in the robot's base as a point in world, scaled."""
         R = spatial.matrix_from_quat_wxyz(np.asarray(self.root.wxyz))
         return np.asarray(self.root.position) + float(np.atleast_1d(self.root.scale)[0]) * R @ p_base
 
@@ -101,12 +101,12 @@ class RobotNodes:
     # -- what can be shown besides --------------------------------------------------------------------
 
     def frames(self, visible: bool) -> None:
-        """Show the axes of every link frame."""
+        """Show or hide the axes of every link frame."""
         for handle in self.bodies.values():
             handle.show_axes = visible
 
     def labels(self, visible: bool) -> None:
-        """Show the name of every link beside it."""
+        """Show or hide the names of the links."""
 
         def make() -> list[viser.SceneNodeHandle]:
             middles: dict[str, Array] = {}
@@ -118,7 +118,7 @@ class RobotNodes:
         self._toggle("labels", visible, make)
 
     def axes(self, visible: bool) -> None:
-        """Show the axis of every joint with one freedom; active ones are blue, passive ones orange."""
+        """Show or hide the axes of joints with one degree of freedom; active joints blue, passive joints orange."""
 
         def make() -> list[viser.SceneNodeHandle]:
             out: list[viser.SceneNodeHandle] = []
@@ -142,9 +142,9 @@ class RobotNodes:
     def equations(
         self, points: Mapping[str, Array], actual: Mapping[str, Array], agrees: bool, exaggerated: float
     ) -> None:
-        """Draw the named points (3,) of the equations, those of one body joined by rods; none: nothing is drawn.
+        """Draw the named points (3,) of the equations, points of one body connected by rods.
 
-        They lie so many times as far from where the mechanism has them as they should: a millimetre is not seen.
+        Their distance from the mechanism's points is magnified. Without points nothing is drawn.
         """
         owner = {p.name: p.body for p in self._mechanism.points}
         known = [n for n in points if n in owner and n in actual and np.isfinite(points[n]).all()]
@@ -166,7 +166,7 @@ class RobotNodes:
         self._equations.visible = True
 
     def section(self, poses: Mapping[str, Array], point: Array | None, normal: Array) -> None:
-        """Cut away what lies before a plane (in base), or with None show everything again."""
+        """Hide the part in front of a plane (in base); None shows everything."""
         for (body, (vertices, triangles, *_)), (_, handle) in zip(self._looks, self.meshes, strict=True):
             shown, faces = vertices, triangles
             if point is not None:
@@ -179,7 +179,7 @@ class RobotNodes:
                     handle.side = "double" if point is not None else "front"
 
     def remove(self) -> None:
-        """Take all of it out of the scene."""
+        """Remove the robot from the scene."""
         self.root.remove()
 
     def _toggle(self, kind: str, visible: bool, make) -> None:

@@ -1,4 +1,4 @@
-"""The whole page: the front with what surrounds its robots and with its panels."""
+"""Build the whole page: the front with surroundings and panels."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def open_page(
 
     Args:
         title: of the page.
-        actors: the robots; the first is in hand.
-        props: what stands around them; None: table and patient, on demand.
-        server: viser's.
-        more: see `Front`.
+        actors: the robots; the first is active.
+        props: mechanism of the props; None: table and patient of the protocol, on demand.
+        server: the server of viser.
+        more: further arguments of `Front`.
     """
     front = Front(title, actors, server, **more)
     front.furnish(lambda f: Scenery(f, props), Panels)

@@ -1,4 +1,4 @@
-"""The panels of the page: play, move, scene; instruments and curves beside them. The design panel has its own file."""
+"""The panels of the page: play, move, scene, readings and curves; the design panel is in `design_panel`."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from twin.ui.viewer.record_panel import RecordPanel
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#999999")
 MOST_POSTURES = 64
-"""That the list offers: `keep here` adds no more."""
+"""Maximum number of postures in the list, after which `keep here` adds none."""
 
 CURVES = ("displacement", "speed", "acceleration", "tip", "RCM error")
 _POINTS = 400
-"""Points of a curve that are sent."""
+"""Maximum number of points sent for a curve."""
 
 
 class Panels:
-    """All that can be pressed, dragged and read."""
+    """All controls and displays."""
 
     def __init__(self, front: Front) -> None:
         self.front, self.gui, self.why = front, front.server.gui, ""
@@ -66,7 +66,7 @@ class Panels:
         self._plotted: tuple[str, str, Playback | None] = ("", "", None)
 
     def close(self) -> None:
-        """Stop what runs in other processes."""
+        """Stop the processes of the panels."""
         self.design.close()
 
     # -- play -----------------------------------------------------------------------------------------
@@ -88,15 +88,19 @@ class Panels:
         self._loop = gui.add_checkbox("loop", True)
         self._trail = gui.add_checkbox("trail of the tip, RCM and shaft", True)
         self._ghost = gui.add_checkbox(
-            "ghost of the mechanism", False, hint="Where the independent model puts the tool that is asked for"
+            "ghost of the mechanism",
+            False,
+            hint="The mechanism at the requested tool pose, according to the independent model",
         )
         self._equations = gui.add_checkbox(
-            "points of the equations", True, hint="Lines join points of one body: a rigid body keeps them rigid"
+            "points of the equations",
+            True,
+            hint="Lines connect points of one body; in correct equations their lengths are constant",
         )
 
         self._times = gui.add_dropdown(
             "error magnification", ("1 x", "10 x", "30 x"), initial_value="10 x",
-            hint="How many times as far from the mechanism's points as they are",
+            hint="Magnification of the distance from the mechanism's points",
         )  # fmt: skip
 
         def planned(_: object) -> None:
@@ -122,17 +126,17 @@ class Panels:
             clock.play()
 
     def preparing(self, a: Actor, protocol: str | None) -> None:
-        """Say that a protocol is being planned."""
+        """Show that a protocol is being planned."""
         self._run.disabled = True
         self._state.content = f"planning **{protocol or 'the default protocol'}** of {a.name} …"
 
     def failed(self, a: Actor, error: str) -> None:
-        """Say why a protocol cannot be played."""
+        """Show why a protocol cannot be played."""
         self.why = error
         self._state.content = f"<span style='color:#d62f2f'>{a.name}: {escape(error)}</span>"
 
     def ready(self, a: Actor) -> None:
-        """Offer the timeline of what was prepared."""
+        """Show the timeline of the prepared protocol."""
         front = self.front
         if a is front.hand and a.playback is not None:
             if self._time is not None:
@@ -157,13 +161,15 @@ class Panels:
 
             time.on_update(scrub)
             self._draw_curves(force=True)
+        elif self._time is not None:  # the protocol of another robot may be longer than that of the active one
+            self._time.max = round(front.clock.duration, 3)
         self._run.disabled = any(b.playback is None for b in front.actors)
         front.scenery.trail(self._trail.value)
 
     # -- move -----------------------------------------------------------------------------------------
 
     def rebuild(self) -> None:
-        """Make the panels of another active robot."""
+        """Rebuild the panels for another active robot."""
         self._move()
         self.design.rebuild()
         if self.front.hand.playback is not None:
@@ -180,7 +186,7 @@ class Panels:
         with self._move_tab:
             note = gui.add_markdown(
                 "Drag the **arrows** at the tool; **shift-drag** any link; or set a joint. "
-                "What cannot be reached stays where it was, and says why."
+                "For an unreachable target the robot stays and the reason is shown."
             )
             postures = gui.add_dropdown("posture", a.desk.postures or ("drawn",))
             go = gui.add_button_group(" ", ("go", "keep here"))
@@ -226,20 +232,20 @@ class Panels:
     # -- reading --------------------------------------------------------------------------------------
 
     def equations_shown(self) -> bool:
-        """Return whether the points of the equations are wanted."""
+        """Return whether the points of the equations are to be shown."""
         return self._equations.value
 
     def ghost(self, visible: bool) -> None:
-        """Show or hide the ghost, and tick its box accordingly."""
+        """Show or hide the ghost, and set its checkbox."""
         self._ghost.value = visible
         self.front.show_ghost(visible)
 
     def exaggeration(self) -> float:
-        """Return how many times the error of the equations' points is to be drawn."""
+        """Return the magnification of the error of the equations' points."""
         return float(self._times.value.split()[0])
 
     def ghost_poses(self, a: Actor) -> dict[str, Array] | None:
-        """Return where the mechanism itself puts the tool that was asked for, or another design stands."""
+        """Return the link poses of the ghost: the mechanism at the requested tool pose, or another design."""
         other = self.design.other_poses(a)
         if other is not None:
             return other
@@ -252,7 +258,7 @@ class Panels:
             return None
 
     def show(self, reading: Reading) -> None:
-        """Show what the instruments read."""
+        """Show the readings."""
         front = self.front
         desk = front.hand.desk
         variants = ""
@@ -284,7 +290,7 @@ class Panels:
         self.design.show(reading)
 
     def _draw_curves(self, force: bool = False) -> None:
-        """Draw the chosen curves of the protocol, with a dot on each where the clock is."""
+        """Draw the chosen curves of the protocol, with a dot at the clock's time."""
         playback = self.front.hand.playback
         if playback is None:
             return
@@ -295,7 +301,7 @@ class Panels:
         k = int(np.argmin(np.abs(t - self.front.clock.time)))
         rows = np.where(np.isfinite(rows), rows, 0.0)  # a plot cannot show what is not there
         low, high = float(rows.min()), float(rows.max())
-        now = np.full(len(t), low)  # a line of its own that stands up where the clock is
+        now = np.full(len(t), low)  # a separate, vertical line at the clock's time
         now[k] = max(high, low + LEAST_SPAN)
         data = (t, *rows, now)
         key = (self._what.value, self.front.hand.name, playback)
@@ -318,14 +324,14 @@ class Panels:
 
 
 LEAST_SPAN = 0.01
-"""Of an axis: the page labels it with three decimals, and ten labels must differ."""
+"""Minimum span of an axis: the page labels it with three decimals, and ten labels must differ."""
 
 _SMALL = (("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9), ("pm", 1e-12))
-"""Units of a distance that may be anything from rounding to a centimetre, in m."""
+"""Units in m for a distance whose size may be from rounding to a centimetre."""
 
 
 def curves(playback: Playback, what: str, joints: list[str], angles: list[bool]) -> tuple[list[str], Array]:
-    """Return names with units, and values (m, k), of what is to be drawn."""
+    """Return (names with units, values (m, k)) of the m curves to draw."""
     if what == "tip":
         return [f"{a} [mm]" for a in "xyz"], playback.tip.T / MM
     if what == "RCM error":

@@ -1,4 +1,4 @@
-"""Keeping what the hand did: a recorded session, a posture in the robot's TOML, a phase at a protocol's end."""
+"""Save results: a recorded session, a posture in the robot's TOML, a phase at the end of a protocol."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from twin.ui.viewer.keep import append_phase, identifier, save_posture
 
 
 class RecordPanel:
-    """Buttons below the joints; `posture` gives the name of the posture that is chosen above."""
+    """Buttons below the joints; `posture` is a function that returns the name of the selected posture."""
 
     def __init__(
         self, front: Front, a: Actor, tab: viser.GuiTabHandle, handles: list, posture: Callable[[], str]
@@ -48,17 +48,17 @@ class RecordPanel:
         front.after_frame.append(self._tick)
 
     def _keep_buttons(self) -> None:
-        """Offer what is written once the terminal has said yes: whoever presses a button here may be anybody."""
+        """Add controls for writing files; the terminal asks first, because users of the page are not trusted."""
         gui, front = self.front.server.gui, self.front
         if front.terminal is None:
-            gui.add_markdown("Start `twin view` in a terminal: it asks there before it writes.")
+            gui.add_markdown("Start `twin view` in a terminal; it asks there before it writes files.")
             return
         self._name = gui.add_text("name", "reached")
         gui.add_button("as a posture").on_click(lambda _: front.ask("save", self._save_posture))
         gui.add_button("as the protocol's last phase").on_click(lambda _: front.ask("save", self._save_phase))
 
     def close(self) -> None:
-        """Look at the robot no more."""
+        """Detach the panel from the robot."""
         self.front.after_frame.remove(self._tick)
 
     def _toggle(self) -> None:
@@ -81,7 +81,7 @@ class RecordPanel:
             now = time.perf_counter() - self._began
             if len(self.session.moments) >= MOST:
                 self._toggle()
-                self.front.say(f"{MOST} moments are recorded: that is all that one session holds", bad=True)
+                self.front.say(f"{MOST} states are recorded, the maximum of a session", bad=True)
             elif not self.session.moments or not np.array_equal(self.session.moments[-1].q, desk.assembly.q):
                 self.session.add(now, desk.assembly.q, desk.assembly.T_base_tool)
         elif self._replayed is not None and self.session.moments:
@@ -101,7 +101,7 @@ class RecordPanel:
 
     def _save(self) -> None:
         if self.session is None or not self.session.moments:
-            raise TwinError("nothing is recorded yet: press Record, move the robot, stop")
+            raise TwinError("nothing is recorded yet: press Record, move the robot, press Stop")
         path = Path("twin-out") / self.actor.name / "session.json"
         path.parent.mkdir(parents=True, exist_ok=True)
         self.session.save(path)
@@ -123,16 +123,18 @@ class RecordPanel:
         self._when_told(f"phase '{identifier(name)}'", path, lambda: append_phase(path, name, T, T_tool_frame))
 
     def _when_told(self, what: str, path: Path, write: Callable[[], None]) -> None:
-        """Write if the person at the terminal says yes."""
+        """Write a file after confirmation on the terminal."""
         front = self.front
         assert front.terminal is not None
 
         def then(yes: bool) -> None:
             def do() -> None:
                 write()
-                front.say(f"{what} written into {path.name}: load it again")
+                front.say(f"{what} written into {path.name}; reload the robot to use it")
 
-            front.ask("write", do if yes else lambda: front.say(f"{what}: the terminal said no; nothing is written"))
+            front.ask(
+                "write", do if yes else lambda: front.say(f"{what}: declined in the terminal; nothing was written")
+            )
 
         front.terminal.ask(f"The page wants to write {what} into {path}. Write it?", then)
         front.say(f"{what}: answer in the terminal")

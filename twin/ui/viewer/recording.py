@@ -1,4 +1,4 @@
-"""Pictures and pages to take away: a screenshot, a turntable, a recording that plays without Python."""
+"""Export the view: a screenshot, a turntable, a recording that plays without Python."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from twin.core.errors import TwinError
 from twin.ui.viewer.front import Front
 
 TURN = 36
-"""Pictures of one turn."""
+"""Number of pictures in one revolution of a turntable."""
 
 RATE = 30.0
-"""Frames a second of a recording."""
+"""Frames per second of a recording."""
 
 Progress = Callable[[float], object]
 
 
 def screenshot(client: viser.ClientHandle | None, title: str, progress: Progress) -> bytes:
-    """Send a browser the picture it shows, as PNG; return it."""
+    """Let a browser download the picture that it shows, as PNG; return the PNG."""
     client = _one(client)
     png = _png(_render(client, 1080, 1920))
     progress(1.0)
@@ -31,7 +31,7 @@ def screenshot(client: viser.ClientHandle | None, title: str, progress: Progress
 
 
 def turntable(client: viser.ClientHandle | None, title: str, progress: Progress) -> bytes:
-    """Send a browser a GIF of one turn about what it looks at; return it."""
+    """Let a browser download a GIF of one revolution about its view target; return the GIF."""
     from PIL import Image
 
     client = _one(client)
@@ -62,10 +62,10 @@ def turntable(client: viser.ClientHandle | None, title: str, progress: Progress)
 
 
 def page(front: Front, progress: Progress = lambda part: None) -> str:
-    """Return the protocols that are loaded as one HTML page that plays by itself.
+    """Return an HTML page that plays the loaded protocols without a server.
 
     Raises:
-        TwinError: there is no protocol to play.
+        TwinError: no protocol is loaded.
     """
     clock = front.clock
     if clock.duration <= 0:
@@ -89,7 +89,7 @@ def page(front: Front, progress: Progress = lambda part: None) -> str:
 
 def _one(client: viser.ClientHandle | None) -> viser.ClientHandle:
     if client is None:
-        raise TwinError("a picture needs a browser that shows the page")
+        raise TwinError("a picture requires a browser that shows the page")
     return client
 
 
@@ -97,11 +97,11 @@ def _render(client: viser.ClientHandle, height: int, width: int, **camera) -> np
     try:
         return client.get_render(height, width, transport_format="png", timeout=120, **camera)
     except TimeoutError as error:
-        raise TwinError("the browser did not answer within 120 s: is its tab in the background?") from error
+        raise TwinError("the browser did not answer within 120 s; bring its tab to the foreground") from error
 
 
 def _over(image: np.ndarray) -> np.ndarray:
-    """Return a picture with alpha on white."""
+    """Return a picture with transparency drawn on white."""
     a = image[..., 3:] / 255.0
     return (image[..., :3] * a + 250 * (1 - a)).astype(np.uint8)
 

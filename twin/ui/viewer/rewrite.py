@@ -1,4 +1,4 @@
-"""Puts entries into TOML that people have written: comments and layout survive, and nothing else changes."""
+"""Add entries to hand-written TOML; comments, layout and all other entries are kept."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from twin.core.assets import atomic_folder
 from twin.core.errors import DescriptionError, OutputError, TwinError
 
 Entry = tuple[str, str | None, dict[str, Any]]
-"""What is added: table, key in it (None: a list of tables, at its end), values."""
+"""The added entry: (table, key in the table, or None to append to a list of tables, values)."""
 
 
 def rewrite(path: Path, entries: list[Entry], check: Callable[[Path], None]) -> None:
-    """Put entries into a TOML file, if its new text passes.
+    """Write entries into a TOML file, if the new text passes a check.
 
     Args:
-        path: a file that is valid as it is; replaced in one step.
-        entries: what to add, or to write over.
-        check: called with the new text as a file of the same name; raises `TwinError` to refuse it.
+        path: a valid file; it is replaced atomically.
+        entries: entries to add or replace.
+        check: called with a file of the same name that has the new text; raises `TwinError` if it is invalid.
 
     Raises:
-        TwinError: what `check` raised.
-        DescriptionError: the layout of the file has no place for the entries.
+        TwinError: `check` raised it.
+        DescriptionError: the entries cannot be added in the layout of the file.
         OutputError: the file cannot be written.
     """
     target = path.resolve()
@@ -62,17 +62,18 @@ def rewrite(path: Path, entries: list[Entry], check: Callable[[Path], None]) -> 
                 check(fresh)
             except TwinError as error:
                 told = str(error).replace(str(fresh), str(path))
-                raise type(error)(f"{told} (in the file as it would be; it is left as it was)") from error
+                raise type(error)(f"{told} (in the new text; the file is unchanged)") from error
     except OutputError as error:
         why = getattr(error.__cause__, "strerror", None) or error
         text = (
-            f"{path}: cannot be written: {why}. Copy the robot's folders to where you may write, and load them there."
+            f"{path}: cannot be written: {why}. Copy the robot's folders to a writable place, and load the robot from "
+            "there."
         )
         raise OutputError(text) from error
 
 
 def _append(document: Any, table: str, key: str | None, values: dict[str, Any]) -> None:
-    """Put values at the end of a table of tables, or in the place of the ones that are there."""
+    """Append values to a table of tables, or replace existing ones."""
     parent: Any = document.get(table)
     if key is not None and parent is not None and key in parent:
         parent[key].update(values)
@@ -83,7 +84,7 @@ def _append(document: Any, table: str, key: str | None, values: dict[str, Any]) 
     fresh.update(values)
     before = list(parent if key is None else parent.values())
     if before and isinstance(before[-1], Table) and not isinstance(parent, OutOfOrderTableProxy):
-        # What stands after a blank line below the last table heads the next one: it goes along behind the new one.
+        # Comments after a blank line below the last table belong to the next table: the new table is put before them.
         body = before[-1].value.body
         end = max((n + 1 for n, (k, _) in enumerate(body) if k is not None), default=0)
         end = next((n for n in range(end, len(body)) if isinstance(body[n][1], Whitespace)), len(body))
@@ -101,5 +102,5 @@ def _append(document: Any, table: str, key: str | None, values: dict[str, Any]) 
 def _layout(path: Path, entries: list[Entry]) -> DescriptionError:
     names = ", ".join(f"[{table}.{key}]" if key else f"[[{table}]]" for table, key, _ in entries)
     return DescriptionError(
-        f"{path}: cannot add {names} in this layout: write its other tables as [table.name] headers"
+        f"{path}: cannot add {names} in this layout: write the other tables with [table.name] headers"
     )

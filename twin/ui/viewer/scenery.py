@@ -1,4 +1,4 @@
-"""What is around the robot: floor, table, patient, trocar, shaft, trail; light, cameras, cuts, pictures."""
+"""Surroundings of the robots: floor, table, patient, trocar, shaft, trail; light, cameras, sections, pictures."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from twin.ui.viewer.nodes import BLUE, ORANGE, RobotNodes
 
 VIEWS = ("overview", "front", "top", "along the shaft", "endoscope", "microscope")
 FIRST, ENDOSCOPE = 40, 70
-"""Angles of view in deg: at first, and of a common laparoscope."""
+"""Angles of view in deg: initial, and of a common laparoscope."""
 
 _CUTS = ("none", "x", "y", "z")
 
 
 class Scenery:
-    """The surroundings of all robots, and from where they are looked at."""
+    """The surroundings of all robots, and the camera."""
 
     def __init__(self, front: Front, props: Mechanism | None) -> None:
         self.front, self.scene = front, front.server.scene
@@ -71,7 +71,7 @@ class Scenery:
     # -- the instrument -------------------------------------------------------------------------------
 
     def trail(self, visible: bool) -> None:
-        """Show the way of every tip along its protocol."""
+        """Show the tip path of every protocol."""
         self._trail_shown = visible
         for a in self.front.actors:
             for handle in self._trail.pop(a.name, []):
@@ -86,7 +86,7 @@ class Scenery:
             self._trail[a.name] = [line]
 
     def follow(self) -> None:
-        """Follow the robots with trocars and shafts; a shaft that misses visibly (a bent wrist) is not drawn."""
+        """Update trocars and shafts to the robots' poses; a shaft that visibly misses its trocar is not drawn."""
         shown = set()
         for a in self.front.actors if self._trail_shown else ():
             size = self.front.nodes[a.name].size
@@ -114,7 +114,7 @@ class Scenery:
     # -- the panel ------------------------------------------------------------------------------------
 
     def panel(self) -> None:
-        """Make the panel."""
+        """Create the panel."""
         gui, front = self.front.server.gui, self.front
         views = gui.add_dropdown("camera", VIEWS)
         look = gui.add_button("Look from there")
@@ -132,7 +132,7 @@ class Scenery:
             }
             if self.props is not None:
                 del boxes["table and patient"]  # they are among the surroundings
-                boxes["see through the surroundings"] = (False, self.see_through)
+                boxes["transparent surroundings"] = (False, self.see_through)
             for name, (first, do) in boxes.items():
                 box = gui.add_checkbox(name, first)
                 box.on_update(self._switch(name, box, do))
@@ -147,7 +147,7 @@ class Scenery:
             axis.on_update(cut)
             part.on_update(cut)
         with gui.add_folder("Size and place", expand_by_default=False):
-            gui.add_markdown("Of the picture alone: all numbers stay those of the robot.")
+            gui.add_markdown("Changes only the display size; all numbers are unscaled.")
             scale = gui.add_slider("size", 0.1, 10.0, 0.1, 1.0)
             place = gui.add_vector3("place [mm]", (0.0, 0.0, 0.0), step=10.0)
             yaw = gui.add_slider("turn [°]", -180, 180, 1, 0)
@@ -162,7 +162,7 @@ class Scenery:
         with gui.add_folder("Pictures"):
             shot = gui.add_button("Screenshot")
             turn = gui.add_button("Turntable (GIF)")
-            page = gui.add_button("Recording that needs no Python (HTML)")
+            page = gui.add_button("Recording that plays without Python (HTML)")
             self._progress = gui.add_progress_bar(0.0, visible=False)
             shot.on_click(lambda e: self._busy(lambda p: recording.screenshot(e.client, front.title, p)))
             turn.on_click(lambda e: self._busy(lambda p: recording.turntable(e.client, front.title, p)))
@@ -172,13 +172,13 @@ class Scenery:
         return lambda _: self.front.ask(name, lambda: do(box.value))
 
     def _busy(self, work) -> None:
-        """Do one thing that takes long; whatever is asked for meanwhile is not done: each holds a thread."""
+        """Run one long action; further requests meanwhile are refused, because each would need a thread."""
         if not self._one.acquire(blocking=False):
             return
         try:
             self._progress.visible = True
             work(lambda part: setattr(self._progress, "value", 100 * part))
-        except TwinError as error:  # in a thread of viser's nobody would hear of it
+        except TwinError as error:  # in a thread of viser an exception would be lost
             self.front.say(str(error), bad=True)
         finally:
             self._progress.visible = False
@@ -201,7 +201,7 @@ class Scenery:
     # -- surroundings ---------------------------------------------------------------------------------
 
     def dark(self, on: bool) -> None:
-        """Choose dark or light."""
+        """Choose dark or light background."""
         self.front.server.gui.configure_theme(
             dark_mode=on, control_width="large", show_logo=False, show_share_button=False
         )
@@ -209,18 +209,18 @@ class Scenery:
         self.grid.section_color = (80, 88, 98) if on else (186, 194, 204)
 
     def gizmo(self, on: bool) -> None:
-        """Show the handle at the tool, but not to the endoscope."""
+        """Show or hide the handle at the tool; the endoscope view never shows it."""
         self._gizmo_wanted = on
         self.front.gizmo.visible = on and not self._through_lens
 
     def see_through(self, on: bool) -> None:
-        """Let the instruments be seen inside the patient."""
+        """Make the patient transparent, so that instruments inside are visible."""
         assert self.props is not None
         for _, handle in self.props.meshes:
             handle.opacity = 0.3 if on else None
 
     def patient(self, visible: bool) -> None:
-        """Show patient and table of what the robots play; say which protocols have one if none of these has."""
+        """Show patient and table of the present protocols; if these have none, name the protocols that have one."""
         self._patient_shown = visible
         missing = []
         for a in self.front.actors:
@@ -243,7 +243,7 @@ class Scenery:
             self.front.say(" ".join(missing))
 
     def protocol_changed(self) -> None:
-        """Let the patient be that of the protocols that are played now."""
+        """Update the patient after a change of protocol."""
         if self._patient_shown:
             self.front.ask("table and patient", lambda: self.patient(True))
 
@@ -252,7 +252,7 @@ class Scenery:
             frame.visible = name not in hidden
 
     def update(self) -> None:
-        """Cut the robots where they stand now, if a section is wanted."""
+        """Update the section of the robots at their present poses, if a section is shown."""
         state = None if self._cut is None else (*self._cut, *(id(a.desk.assembly) for a in self.front.actors))
         if state == self._cut_drawn:
             return
@@ -268,7 +268,7 @@ class Scenery:
             node.section(a.desk.assembly.link_poses, point, normal)
 
     def look(self, view: str, client: viser.ClientHandle | None) -> None:
-        """Bring a browser's camera to a preset; without a client, every browser's."""
+        """Move a browser's camera to a preset; without a client the cameras of all browsers."""
         clients = [client] if client is not None else list(self.front.server.get_clients().values())
         eye, at, up = self.camera(view)
         inside = view == "endoscope"
@@ -283,7 +283,7 @@ class Scenery:
                 c.camera.near = 0.001 if inside else 0.01
 
     def camera(self, view: str) -> tuple[Array, Array, Array]:
-        """Return where a preset looks from, at what, and what is up; each (3,) in world."""
+        """Return (camera position, target, up vector) of a preset, each (3,) in world, in m."""
         a = self.front.hand
         node = self.front.nodes[a.name]
         tip, axis = a.desk.shaft()

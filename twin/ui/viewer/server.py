@@ -1,7 +1,8 @@
-"""The server by itself, light to import: a browser can load the page while the robot is being read.
+"""The server, with few imports, so that a browser can load the page while the robot is being read.
 
-viser asks nobody who he is. So the one call in it that opens a socket is answered by our door: its page goes out, its
-WebSockets come in and its messages pass only through that. A viser that opens its socket otherwise is stopped.
+viser has no access control. The one call by which viser opens a socket is therefore replaced, so that its page,
+WebSockets and messages pass through our access control. A viser version that opens its socket in another way is
+stopped.
 """
 
 from __future__ import annotations
@@ -31,32 +32,32 @@ from twin.ui.door.limits import GARBAGE, MESSAGES, Bucket, Doorman
 from twin.ui.viewer.letters import LONGEST, Letters, NonsenseError, StaleError
 
 CLIENTS, CLIENTS_OF_ONE = 16, 8
-"""WebSockets at once, in all and from one address."""
+"""Maximum number of simultaneous WebSockets: in total, and from one address."""
 
 BYTES = (8e6, 40e6)
-"""Of one page: a second, and at once. A turntable is 36 pictures."""
+"""Limit of bytes from one page: per second, and burst; a turntable is 36 pictures."""
 
 FRAMES = (600.0, 1200.0)
-"""WebSocket frames of one page: a second, and at once."""
+"""Limit of WebSocket frames from one page: per second, and burst."""
 
 PATIENCE = 60.0
-"""Seconds that a page may be silent: one that draws in software is."""
+"""Maximum time in s without an answer from a page; software rendering is slow."""
 
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob: data:; worker-src blob: data:; "
     "style-src 'unsafe-inline'; img-src 'self' data: blob:; font-src data:; media-src data: blob:; "
     "connect-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""Content-Security-Policy of viser's page, one file with everything in it: it speaks with its own server alone.
+"""Content-Security-Policy of viser's page (a single file), which allows connections only to its own server.
 
-Without it a link to our page with `?websocket=` or `?playbackPath=` would let another server write into it.
+Without it, a link to the page with `?websocket=` or `?playbackPath=` would let another server control the page.
 """
 
 _lock = threading.Lock()
 
 
 class PageConnection(Connection):
-    """A connection of which viser hears what `letters` lets through."""
+    """A connection whose messages `letters` filters."""
 
     letters: ClassVar[Letters]
 
@@ -66,7 +67,7 @@ class PageConnection(Connection):
         self._messages, self._garbage = Bucket(*MESSAGES, now), Bucket(*GARBAGE, now)
 
     async def recv(self, decode: bool | None = None) -> Any:
-        """Return the next message that a page may send; cut whoever sends others again and again."""
+        """Return the next valid message; disconnect clients that repeatedly send invalid messages."""
         while True:
             raw = await super().recv(decode)
             now = time.monotonic()
@@ -83,18 +84,18 @@ class PageConnection(Connection):
             return raw
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Give back what was counted, and the place of an upload."""
+        """Release the counted resources and the upload."""
         self.letters.forget(self)
         super().connection_lost(exc)
 
 
 class Door:
-    """What stands before one viser server.
+    """The access control of one viser server.
 
     Attributes:
-        gate: who may come in.
-        letters: what they may say.
-        stands: whether viser's socket is behind it.
+        gate: access rules.
+        letters: message filter.
+        stands: whether it protects viser's socket.
     """
 
     def __init__(self, gate: Gate) -> None:
@@ -111,7 +112,7 @@ class Door:
         select_subprotocol: Callable[..., Any],
         **ours: Any,
     ) -> Any:
-        """Open the socket in the place of `websockets.serve`: of viser's wishes, the handler and the protocol count."""
+        """Open the socket instead of `websockets.serve`; only viser's handler and protocol are used."""
         self.stands = True
         return listen(
             handler,
@@ -137,23 +138,23 @@ class Door:
 
 
 def serve(title: str, host: str, port: int, gate: Gate | None = None) -> viser.ViserServer:
-    """Return a running server on a port that is free; 0 takes any.
+    """Return a running server on a port, which must be free; 0 means any free port.
 
     Args:
         title: of its page.
-        host: to listen on.
-        port: to listen on.
-        gate: who may come in; without one, whoever names this machine by the host, from its own page.
+        host: address to listen on.
+        port: port to listen on.
+        gate: access rules; default: requests with the host's name, from its own page.
 
     Raises:
-        TwinError: this version of viser opens its socket by itself.
+        TwinError: this version of viser opens its socket in another way.
     """
     door = Door(gate or Gate(host, port, False, lambda token: None))
     with contextlib.redirect_stdout(io.StringIO()), _opening(door):
         server = viser.ViserServer(host=host, port=port, label=title, verbose=False)
     if not door.stands:
         stop(server)
-        raise TwinError(f"viser {viser.__version__} opens its port by itself, without our door: install viser 1.1")
+        raise TwinError(f"viser {viser.__version__} opens its port without access control: install viser 1.1")
     door.letters.belong_to(server)
     door.letters.told = lambda text: tell(server, title, text, bad=True)
     return server
@@ -166,14 +167,14 @@ def tell(server: viser.ViserServer, title: str, text: str, bad: bool = False) ->
 
 
 def stop(server: viser.ViserServer) -> None:
-    """Stop a server without a word."""
+    """Stop a server without output."""
     with contextlib.redirect_stdout(io.StringIO()):
         server.stop()
 
 
 @contextlib.contextmanager
 def _opening(door: Door) -> Iterator[None]:
-    """Let viser find our door where it looks for `websockets.asyncio.server.serve`, while it opens its socket."""
+    """Replace `websockets.asyncio.server.serve` by `Door.listen` while viser opens its socket."""
     ours = SimpleNamespace(
         asyncio=SimpleNamespace(server=SimpleNamespace(serve=door.listen)),
         exceptions=websockets.exceptions,

@@ -15,6 +15,9 @@ namespace Twin.Player
         [Tooltip("The address that `twin serve` shows, with its token if it has one.")]
         public string url = "http://127.0.0.1:8080/";
 
+        [Tooltip("Which robot of a scene, by its name; empty if one robot is served.")]
+        public string robot = "";
+
         [Tooltip("The imported robot; this object if empty.")]
         public Transform model;
 
@@ -68,7 +71,7 @@ namespace Twin.Player
         public void Connect()
         {
             Disconnect();
-            connection = new StreamConnection(url);
+            connection = new StreamConnection(url, robot);
             connection.Start();
         }
 
@@ -89,10 +92,10 @@ namespace Twin.Player
 
         /// <summary>Take a robot: its links are looked up in the model.</summary>
         /// <exception cref="ArgumentException">The model lacks a link.</exception>
-        public void Use(RobotDescription robot)
+        public void Use(RobotDescription found)
         {
-            Binding = new LinkBinding(model == null ? transform : model, robot.links, convention);
-            Robot = robot;
+            Binding = new LinkBinding(model == null ? transform : model, found.links, convention);
+            Robot = found;
         }
 
         /// <summary>Place every link as in a frame.</summary>
@@ -121,8 +124,8 @@ namespace Twin.Player
                 return;
             }
 
-            RobotDescription robot = connection.Robot;
-            if (!ReferenceEquals(robot, Robot) && !Bind(robot))
+            RobotDescription found = connection.Robot;
+            if (!ReferenceEquals(found, Robot) && !Bind(found))
             {
                 return;
             }
@@ -133,11 +136,11 @@ namespace Twin.Player
             }
         }
 
-        private bool Bind(RobotDescription robot)
+        private bool Bind(RobotDescription found)
         {
             try
             {
-                Use(robot);
+                Use(found);
                 return true;
             }
             catch (ArgumentException error)
@@ -158,6 +161,7 @@ namespace Twin.Player
             if (type == "state")
             {
                 State = JsonUtility.FromJson<StateMessage>(json);
+                State.Choose(robot);
             }
             else if (type == "error")
             {

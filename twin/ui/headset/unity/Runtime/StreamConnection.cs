@@ -54,8 +54,9 @@ namespace Twin.Player
         private Task running;
 
         /// <param name="url">The address that `twin serve` shows: http(s)://host:port/ with its token, if any.</param>
+        /// <param name="robot">Which robot of a scene; "": the only one that is served.</param>
         /// <exception cref="FormatException">It is no http address.</exception>
-        public StreamConnection(string url)
+        public StreamConnection(string url, string robot = "")
         {
             if (!Uri.TryCreate(url, UriKind.Absolute, out page) || !page.Scheme.StartsWith("http"))
             {
@@ -63,7 +64,7 @@ namespace Twin.Player
                     "stream: '" + url + "' is no address; expected http://host:port/ as `twin serve` shows it");
             }
 
-            door = new StreamDoor(page, OpenMilliseconds);
+            door = new StreamDoor(page, robot, OpenMilliseconds);
             LastError = "";
         }
 
@@ -175,7 +176,7 @@ namespace Twin.Player
         /// <param name="replaces">Whether it takes the place of one of this kind that still waits at the end.</param>
         public bool Send(string json, bool replaces)
         {
-            return State == StreamState.Open && outbox.Add(json, replaces);
+            return State == StreamState.Open && outbox.Add(Requests.Of(door.Robot, json), replaces);
         }
 
         private async Task RunAsync()
@@ -336,7 +337,7 @@ namespace Twin.Player
         private void Frame(byte[] data, int count)
         {
             string fault;
-            if (!incoming.Read(data, count, out fault))
+            if (!incoming.Read(data, count, out fault, robot == null ? 0 : robot.number))
             {
                 Refused++;
                 LastError = fault;
@@ -377,9 +378,9 @@ namespace Twin.Player
             if (JsonUtility.FromJson<ServerMessage>(json).type == "hello")
             {
                 var hello = JsonUtility.FromJson<HelloMessage>(json);
-                if (hello.protocol != 1)
+                if (hello.protocol != 1 && hello.protocol != 2)
                 {
-                    throw new IOException("the server speaks version " + hello.protocol + " of the stream, expected 1");
+                    throw new IOException("the server speaks version " + hello.protocol + " of the stream, not 1 or 2");
                 }
 
                 resume = hello.resume ?? "";

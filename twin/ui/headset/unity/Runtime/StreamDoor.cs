@@ -12,17 +12,21 @@ namespace Twin.Player
         private readonly int milliseconds;
         private bool entered;
 
-        public StreamDoor(Uri page, int milliseconds)
+        public StreamDoor(Uri page, string robot, int milliseconds)
         {
             this.page = page;
+            Robot = robot;
             this.milliseconds = milliseconds;
             Cookies = new CookieContainer();
         }
 
+        /// <summary>Which robot of a scene; "": the only one.</summary>
+        public string Robot { get; private set; }
+
         /// <summary>The session, once the token is spent.</summary>
         public CookieContainer Cookies { get; private set; }
 
-        /// <summary>Return the robot that is served.</summary>
+        /// <summary>Return the robot that is served, or the one of a scene that was asked for.</summary>
         /// <remarks>The page comes first, with its one-time token: the answer holds the cookie that opens
         /// everything else.</remarks>
         /// <exception cref="WebException">The server is not there, or lets nobody in.</exception>
@@ -35,7 +39,15 @@ namespace Twin.Player
                 entered = true;
             }
 
-            return RobotDescription.Parse(Get(new Uri(page, "/robot.json")));
+            if (Robot == "")
+            {
+                return RobotDescription.Parse(Get(new Uri(page, "/robot.json")));
+            }
+
+            SceneDescription scene = SceneDescription.Parse(Get(new Uri(page, "/scene.json")));
+            int number = scene.Find(Robot);
+            scene.robots[number].number = number;
+            return scene.robots[number];
         }
 
         private string Get(Uri address)

@@ -4,13 +4,19 @@ using UnityEngine;
 
 namespace Twin.Player
 {
-    /// <summary>One whole frame of the stream of `twin serve`: the poses of all links at one time.</summary>
-    /// <remarks>Little endian: u32 magic, u32 sequence, f64 server time, f64 clip time, u16 links, u16 joints,
-    /// u32 flags, f32 poses (links * 7), f32 active joints, f32 ghost (7) if flag 1.</remarks>
+    /// <summary>One whole frame of the stream of `twin serve`: the poses of all links of one robot at one time, and of
+    /// a scene what bends.</summary>
+    /// <remarks>Little endian. A robot: u32 "TWN1", u32 sequence, f64 server time, f64 clip time, u16 links,
+    /// u16 joints, u32 flags, f32 poses (links * 7), f32 active joints, f32 ghost (7) if flag 1. A scene: u32 "TWN2",
+    /// u32 sequence, f64 server time, f64 time, u16 robots, u16 fields, u32 flags; then each robot as above; then
+    /// each field: u32 vertices, f32 low (3), f32 step (3), u16 (vertices * 3), filled up to four bytes.</remarks>
     public sealed class StreamFrame
     {
         public const uint Magic = 0x314E5754; // "TWN1"
+        public const uint SceneMagic = 0x324E5754; // "TWN2"
         public const int HeaderSize = 32;
+        private const int BoxSize = 28;
+        private const int LargestField = 1 << 16;
         public const uint FlagGhost = 1;
         public const uint FlagPlaying = 2;
         public const uint FlagRefused = 4;
@@ -35,6 +41,10 @@ namespace Twin.Player
 
         /// <summary>The tool where the equations put it; all zero without flag 1.</summary>
         public readonly float[] Ghost = new float[Track.PoseSize];
+
+        /// <summary>Vertices x y z of each field in the scene's world, in the order of scene.json; none of a robot
+        /// alone. One without vertices is not known at this time.</summary>
+        public float[][] Fields = new float[0][];
 
         /// <summary>Seconds of this machine's clock at which it came.</summary>
         public double ReceivedAt;
@@ -65,7 +75,8 @@ namespace Twin.Player
         /// <param name="data">The message.</param>
         /// <param name="count">Its bytes; there may be more room.</param>
         /// <param name="fault">What is wrong with it, or "".</param>
-        public bool Read(byte[] data, int count, out string fault)
+        /// <param name="robot">Which robot of a scene, in the order of scene.json.</param>
+        public bool Read(byte[] data, int count, out string fault, int robot = 0)
         {
             if (count < HeaderSize)
             {
@@ -73,24 +84,94 @@ namespace Twin.Player
                 return false;
             }
 
-            if (U32(data, 0) != Magic)
+            if (U32(data, 0) != SceneMagic)
             {
-                fault = "frame begins with 0x" + U32(data, 0).ToString("x8") + ", not with TWN1";
+                if (!Whole(data, 0, count, true, out fault))
+                {
+                    return false;
+                }
+
+                Fields = new float[0][];
+                Take(data, 0);
+                return true;
+            }
+
+            return Scene(data, count, robot, out fault);
+        }
+
+        private bool Scene(byte[] data, int count, int robot, out string fault)
+        {
+            int robots = U16(data, 24);
+            int fields = U16(data, 26);
+            int at = HeaderSize;
+            int mine = -1;
+            for (int i = 0; i < robots; i++)
+            {
+                if (!Whole(data, at, count - at, false, out fault))
+                {
+                    return false;
+                }
+
+                mine = i == robot ? at : mine;
+                at += Size(data, at);
+            }
+
+            if (mine < 0)
+            {
+                fault = "frame of a scene with " + robots + " robots; number " + robot + " is not among them";
                 return false;
             }
 
-            int links = U16(data, 24);
-            int joints = U16(data, 26);
-            uint flags = U32(data, 28);
-            bool ghost = (flags & FlagGhost) != 0;
-            int size = HeaderSize + 4 * (links * Track.PoseSize + joints + (ghost ? Track.PoseSize : 0));
+            var vertices = new float[fields][];
+            for (int i = 0; i < fields; i++)
+            {
+                if (!Field(data, count, ref at, out vertices[i]))
+                {
+                    fault = "frame of " + count + " bytes; field " + i + " is not whole";
+                    return false;
+                }
+            }
+
+            if (at != count)
+            {
+                fault = "frame of " + count + " bytes; its parts make " + at;
+                return false;
+            }
+
+            Fields = vertices;
+            Take(data, mine);
+            fault = "";
+            return true;
+        }
+
+        private static int Size(byte[] data, int at)
+        {
+            bool ghost = (U32(data, at + 28) & FlagGhost) != 0;
+            int numbers = U16(data, at + 24) * Track.PoseSize + U16(data, at + 26) + (ghost ? Track.PoseSize : 0);
+            return HeaderSize + 4 * numbers;
+        }
+
+        // Whether a robot's frame begins here, is whole, and has nothing but finite numbers.
+        private static bool Whole(byte[] data, int begin, int count, bool alone, out string fault)
+        {
+            if (count < HeaderSize || U32(data, begin) != Magic)
+            {
+                fault = count < HeaderSize
+                    ? "frame of a robot that ends in its header"
+                    : "frame begins with 0x" + U32(data, begin).ToString("x8") + ", not with TWN1";
+                return false;
+            }
+
+            int size = Size(data, begin);
+            count = alone ? count : Math.Min(count, size);
             if (count != size)
             {
-                fault = "frame of " + count + " bytes; " + links + " links and " + joints + " joints make " + size;
+                fault = "frame of " + count + " bytes; " + U16(data, begin + 24) + " links and "
+                    + U16(data, begin + 26) + " joints make " + size;
                 return false;
             }
 
-            for (int at = HeaderSize; at < size; at += 4)
+            for (int at = begin + HeaderSize; at < begin + size; at += 4)
             {
                 if ((U32(data, at) & 0x7F800000) == 0x7F800000)
                 {
@@ -99,10 +180,45 @@ namespace Twin.Player
                 }
             }
 
-            Sequence = U32(data, 4);
-            ServerTime = F64(data, 8);
-            ClipTime = F64(data, 16);
-            Flags = flags;
+            fault = "";
+            return true;
+        }
+
+        private static bool Field(byte[] data, int count, ref int at, out float[] vertices)
+        {
+            vertices = null;
+            if (count - at < BoxSize)
+            {
+                return false;
+            }
+
+            uint number = U32(data, at);
+            if (number > LargestField || count - at - BoxSize < (6 * (int)number + 3) / 4 * 4)
+            {
+                return false;
+            }
+
+            var box = new float[6];
+            int next = Floats(data, at + 4, box);
+            vertices = new float[3 * (int)number];
+            for (int i = 0; i < vertices.Length; i++)
+            {
+                vertices[i] = box[i % 3] + box[3 + i % 3] * U16(data, next + 2 * i);
+            }
+
+            at = next + (2 * vertices.Length + 3) / 4 * 4;
+            return true;
+        }
+
+        // Take over a frame that is whole.
+        private void Take(byte[] data, int begin)
+        {
+            int links = U16(data, begin + 24);
+            int joints = U16(data, begin + 26);
+            Sequence = U32(data, begin + 4);
+            ServerTime = F64(data, begin + 8);
+            ClipTime = F64(data, begin + 16);
+            Flags = U32(data, begin + 28);
             if (Poses.Length != links * Track.PoseSize)
             {
                 Poses = new float[links * Track.PoseSize];
@@ -113,9 +229,9 @@ namespace Twin.Player
                 Joints = new float[joints];
             }
 
-            int next = Floats(data, HeaderSize, Poses);
+            int next = Floats(data, begin + HeaderSize, Poses);
             next = Floats(data, next, Joints);
-            if (ghost)
+            if (Has(FlagGhost))
             {
                 Floats(data, next, Ghost);
             }
@@ -123,9 +239,6 @@ namespace Twin.Player
             {
                 Array.Clear(Ghost, 0, Ghost.Length);
             }
-
-            fault = "";
-            return true;
         }
 
         private static int Floats(byte[] data, int at, float[] into)

@@ -23,6 +23,13 @@ namespace Twin.Player
 
         public string[] postures = new string[0];
 
+        /// <summary>Where its base stands in the scene: x y z and quaternion x y z w.</summary>
+        public float[] T_world_base = new float[0];
+
+        /// <summary>Its number in the frames of a scene.</summary>
+        [NonSerialized]
+        public int number;
+
         /// <summary>Read and check a description.</summary>
         /// <exception cref="FormatException">It is not one; the message names the field.</exception>
         public static RobotDescription Parse(string json)
@@ -37,27 +44,89 @@ namespace Twin.Player
                 throw new FormatException("robot.json is not JSON: " + error.Message, error);
             }
 
-            if (robot == null || robot.schema != "twin-robot" || robot.version != 1)
+            if (robot == null)
             {
                 throw new FormatException("robot.json is not of schema twin-robot, version 1: is this `twin serve`?");
             }
 
-            if (robot.frame != "z-up right-handed")
-            {
-                throw new FormatException("robot.json: frame is '" + robot.frame + "', expected 'z-up right-handed'");
-            }
-
-            if (robot.links.Length == 0)
-            {
-                throw new FormatException("robot.json: links is empty");
-            }
-
-            if (Array.IndexOf(robot.links, robot.tool.link) < 0 || robot.tool.T_link_tool.Length != Track.PoseSize)
-            {
-                throw new FormatException("robot.json: the tool is on no link, or has no pose of seven numbers");
-            }
-
+            robot.Check("robot.json");
             return robot;
+        }
+
+        internal void Check(string file)
+        {
+            if (schema != "twin-robot" || version != 1)
+            {
+                throw new FormatException(file + " is not of schema twin-robot, version 1: is this `twin serve`?");
+            }
+
+            if (frame != "z-up right-handed")
+            {
+                throw new FormatException(file + ": frame is '" + frame + "', expected 'z-up right-handed'");
+            }
+
+            if (links.Length == 0)
+            {
+                throw new FormatException(file + ": links is empty");
+            }
+
+            if (Array.IndexOf(links, tool.link) < 0 || tool.T_link_tool.Length != Track.PoseSize)
+            {
+                throw new FormatException(file + ": the tool is on no link, or has no pose of seven numbers");
+            }
+        }
+    }
+
+    /// <summary>What `/scene.json` of the server says, as far as it is needed here.</summary>
+    [Serializable]
+    public sealed class SceneDescription
+    {
+        public string schema = "";
+        public int version;
+        public string name = "";
+
+        /// <summary>In the order of the frames.</summary>
+        public RobotDescription[] robots = new RobotDescription[0];
+
+        /// <summary>Read and check a description.</summary>
+        /// <exception cref="FormatException">It is not one; the message names the field.</exception>
+        public static SceneDescription Parse(string json)
+        {
+            SceneDescription scene;
+            try
+            {
+                scene = JsonUtility.FromJson<SceneDescription>(json);
+            }
+            catch (ArgumentException error)
+            {
+                throw new FormatException("scene.json is not JSON: " + error.Message, error);
+            }
+
+            if (scene == null || scene.schema != "twin-scene" || scene.version != 1)
+            {
+                throw new FormatException("scene.json is not of schema twin-scene, version 1: is this `twin serve`?");
+            }
+
+            foreach (RobotDescription robot in scene.robots)
+            {
+                robot.Check("scene.json, robots");
+            }
+
+            return scene;
+        }
+
+        /// <summary>Return the number of a robot by its name.</summary>
+        /// <exception cref="FormatException">There is none of that name; the message names those that are.</exception>
+        public int Find(string robot)
+        {
+            int found = Array.FindIndex(robots, r => r.name == robot);
+            if (found < 0)
+            {
+                string names = string.Join(", ", Array.ConvertAll(robots, r => r.name));
+                throw new FormatException("scene " + name + " has no robot '" + robot + "'; it has " + names);
+            }
+
+            return found;
         }
     }
 
@@ -80,7 +149,7 @@ namespace Twin.Player
     [Serializable]
     public sealed class HelloMessage
     {
-        /// <summary>Version of the protocol.</summary>
+        /// <summary>Version of the protocol: 1 of one robot, 2 of a scene.</summary>
         public int protocol;
 
         public string client = "";
@@ -108,6 +177,33 @@ namespace Twin.Player
 
         /// <summary>Why the last request was refused, or "".</summary>
         public string reason = "";
+
+        /// <summary>Of a scene: each robot. What is shown of one is copied to the fields above.</summary>
+        public RobotState[] robots = new RobotState[0];
+
+        /// <summary>Let protocol, phase, holder and reason be those of one robot.</summary>
+        internal void Choose(string robot)
+        {
+            RobotState own = Array.Find(robots, r => r.name == robot);
+            if (own != null)
+            {
+                protocol = own.protocol;
+                phase = own.phase;
+                holder = own.holder;
+                reason = own.reason;
+            }
+        }
+    }
+
+    /// <summary>What is of one robot in the state of a scene.</summary>
+    [Serializable]
+    public sealed class RobotState
+    {
+        public string name = "";
+        public string protocol = "";
+        public string phase = "";
+        public string holder = "";
+        public string reason = "";
     }
 
     /// <summary>A request was not followed.</summary>
@@ -121,6 +217,11 @@ namespace Twin.Player
     /// <summary>What a client says, as JSON text. Numbers are in the robot's world, m and rad.</summary>
     public static class Requests
     {
+        private static readonly string[] OfRobot =
+        {
+            "protocol", "posture", "grab", "drag", "release", "variant", "workspace"
+        };
+
         public static string Play(bool on)
         {
             return "{\"type\":\"play\",\"on\":" + Bool(on) + "}";
@@ -193,6 +294,17 @@ namespace Twin.Player
         public static string Ping(double seconds)
         {
             return "{\"type\":\"ping\",\"t\":" + Number(seconds) + "}";
+        }
+
+        /// <summary>Return a request as it is said of one robot of a scene; what is not said of a robot stays.</summary>
+        public static string Of(string robot, string json)
+        {
+            if (robot == "" || !Array.Exists(OfRobot, kind => json.StartsWith("{\"type\":\"" + kind + "\"")))
+            {
+                return json;
+            }
+
+            return json.Substring(0, json.Length - 1) + ",\"robot\":" + Quoted(robot) + "}";
         }
 
         private static string Bool(bool on)

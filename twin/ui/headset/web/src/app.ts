@@ -2,20 +2,27 @@
 
 import { Box3, Vector3 } from 'three';
 import { Connection } from './connection';
+import { Console } from './console';
 import type { Sheet } from './controls';
-import { parseFrame, sameFrame } from './frame';
+import { Fields } from './fields';
+import { type Field, parseScene, sameFrame } from './frame';
+import { loadEarly } from './glb';
 import { Grab } from './grab';
 import { Hands } from './hands';
 import { Header } from './header';
-import { Model } from './model';
+import { Member } from './member';
+import { Model, type RobotModel } from './model';
 import { Mouse } from './mouse';
-import { Overlays, setAccent, type Shows } from './overlays';
+import { setAccent } from './ink';
+import { type Overlays, type Shows } from './overlays';
 import { DomPanel } from './panel_dom';
 import { XrPanel } from './panel_xr';
+import type { Hit } from './pick';
 import { Place } from './place';
-import type { Message, RobotInfo } from './protocol';
+import type { Message, SceneInfo } from './protocol';
 import { Robot } from './robot';
 import { makeSheet } from './sheet';
+import { Surroundings } from './surroundings';
 import { type Look, World } from './world';
 import { Xr } from './xr';
 
@@ -23,14 +30,18 @@ export class App {
   readonly model = new Model();
   readonly world: World;
   readonly line: Connection;
-  readonly overlays: Overlays;
+  /** The robots of the scene; one before the scene is known. */
+  readonly members: Member[] = [];
+  readonly fields = new Fields();
+  readonly surroundings: Surroundings;
   readonly grab: Grab;
   readonly place: Place;
   readonly xr: Xr;
   readonly hands: Hands;
   readonly xrPanel = new XrPanel();
-  robot: Robot | null = null;
-  /** ms from the start of navigation to the first picture with the robot in it; NaN before. */
+  /** Of a scene whose robots are led by two hands. */
+  console: Console | null = null;
+  /** ms from the start of navigation to the first picture with all robots in it; NaN before. */
   firstPicture = NaN;
 
   private readonly dom: DomPanel;
@@ -40,14 +51,23 @@ export class App {
   private seeking = NaN;
   private seekUntil = 0;
   private stale = true;
+  private loaded = false;
+  /** What came before the scene was known. */
+  private readonly early: Message[] = [];
+  private bends: readonly Field[] = [];
+  /** Whether the surroundings are hidden. */
+  hidden = false;
   private refreshed = 0;
+  private waiting = 0;
 
   constructor(canvas: HTMLCanvasElement, page: HTMLElement) {
     this.world = new World(canvas);
     const scheme = location.protocol === 'https:' ? 'wss' : 'ws';
     this.line = new Connection(`${scheme}://${location.host}/ws`);
-    this.overlays = new Overlays(this.world);
-    this.grab = new Grab(this.world, this.model, this.line);
+    this.surroundings = new Surroundings(this.world);
+    this.world.robotWorld.add(this.fields.group);
+    this.join();
+    this.grab = new Grab(this.world, this.members, this.line);
     this.place = new Place(this.world);
     this.xr = new Xr(this);
     this.hands = new Hands(this);
@@ -58,30 +78,32 @@ export class App {
     this.wire();
   }
 
-  /** Load robot and stream side by side; show each as soon as it is there. */
+  /** The robot that the controls speak of. */
+  get member(): Member {
+    return this.members[this.model.chosen] as Member;
+  }
+
+  get robot(): Robot | null {
+    return this.member.robot;
+  }
+
+  get overlays(): Overlays {
+    return this.member.overlays;
+  }
+
+  /** Load robots and stream side by side. */
   start(): void {
     this.line.open();
+    loadEarly();
     this.world.renderer.setAnimationLoop((now, frame) => this.picture(now, frame));
     void this.xr.detect();
-    const info = describe();
-    info.then(
-      (about) => {
-        this.model.info = about;
-        document.title = `${about.name} · twin`;
-        this.build();
-      },
-      (error: Error) => this.fail(error),
-    );
-    Robot.load('robot.glb', info).then(
-      (robot) => this.adopt(robot),
-      (error: Error) => this.fail(error),
-    );
+    this.load().catch((error: Error) => this.fail(error));
   }
 
   // -- what the controls ask for ------------------------------------------------------------------------
 
   ask(type: string, fields: object): void {
-    void this.line.ask(type, fields).then((answer) => {
+    void this.line.ask(type, this.model.robot.fields(type, fields)).then((answer) => {
       if (!answer.ok) this.model.say(answer.message);
     });
   }
@@ -96,7 +118,7 @@ export class App {
   /** Time in the protocol: as it is streamed, or as it has just been asked for. */
   clipTime(): number {
     if (performance.now() < this.seekUntil) return this.seeking;
-    return this.model.frame?.clipTime ?? this.model.state.time;
+    return this.model.time;
   }
 
   /** Go to the beginning of a phase before or after this one. */
@@ -108,15 +130,36 @@ export class App {
   }
 
   show(key: keyof Shows): void {
-    const on = (this.overlays.shows[key] = !this.overlays.shows[key]);
+    const on = !this.overlays.shows[key];
+    // A workspace is asked for of one robot; all else is shown of all or of none.
+    for (const member of key === 'workspace' ? [this.member] : this.members) member.overlays.shows[key] = on;
     if (key === 'workspace') this.ask('workspace', { on });
-    this.world.touch();
+    this.showAround();
+  }
+
+  /** Show the surroundings as the switches say. */
+  showAround(): void {
+    this.surroundings.show(!this.hidden, this.overlays.shows.labels);
     this.refresh();
+  }
+
+  /** Let the controls speak of another robot. */
+  choose(index: number): void {
+    if (index === this.model.chosen || !this.members[index]) return;
+    this.model.chosen = index;
+    this.build();
+  }
+
+  /** Take what was hit; the controls then speak of that robot. */
+  take(hit: Hit): boolean {
+    this.choose(this.members.indexOf(hit.member));
+    return this.grab.start(hit);
   }
 
   setLook(look: Look, seeThrough = this.xr.presenting && this.xr.blend !== 'opaque'): void {
     this.world.setLook(look, seeThrough);
-    this.robot?.brighten(look === 'additive');
+    for (const { robot } of this.members) robot?.brighten(look === 'additive');
+    this.surroundings.brighten(look === 'additive');
     this.xrPanel.look = look;
     setAccent(look === 'additive');
     document.documentElement.dataset['look'] = look;
@@ -151,6 +194,15 @@ export class App {
     return `client ${this.model.client ?? '–'}, ${trip}\n${frames} frames, ${reconnects} reconnects`;
   }
 
+  /** Draw again after some ms, if nothing else lets it be drawn before. */
+  later(wait: number): void {
+    if (this.waiting) return;
+    this.waiting = window.setTimeout(() => {
+      this.waiting = 0;
+      this.world.dirty = true;
+    }, wait);
+  }
+
   /** Something that the controls show has changed. */
   refresh(): void {
     this.stale = true;
@@ -159,28 +211,49 @@ export class App {
 
   // -- loading ------------------------------------------------------------------------------------------
 
-  private adopt(robot: Robot): void {
-    const { world, overlays, model } = this;
-    const info = model.info as RobotInfo;
-    this.robot = robot;
-    world.robotWorld.add(robot.root);
-    robot.root.rotation.set(0, 0, 0); // its turn from z-up to y-up is that of `robotWorld`, once
-    if (model.frame) robot.apply(model.frame, info.links);
-    const box = robot.box();
-    if (info.scenery) box.min.z = Math.min(box.min.z, info.scenery.floor);
-    world.size = box.getSize(new Vector3()).length() / 1.5;
-    const middle = box.getCenter(new Vector3());
-    world.robotWorld.position.set(-middle.x, -box.min.z, middle.y);
-    this.grab.setRobot(robot);
-    if (info.scenery) overlays.setScenery(info.scenery);
-    robot.brighten(world.look === 'additive');
-    this.place.reset();
-    this.frameAll(box);
-    world.touch();
-    this.refresh();
+  private join(): void {
+    const model = this.model.robots[this.members.length] as RobotModel;
+    this.members.push(new Member(this.world, model));
   }
 
-  /** Let the camera see the whole robot. */
+  private async load(): Promise<void> {
+    const scene = await describe();
+    this.model.meet(scene);
+    while (this.members.length < this.model.robots.length) this.join();
+    document.title = `${scene.name} · twin`;
+    this.fields.meet(scene.fields);
+    if (scene.console) this.console = new Console(this, scene, scene.console);
+    for (const message of this.early.splice(0)) this.hear(message);
+    this.build();
+    const around = this.surroundings.load(scene);
+    const robots = await Promise.all(scene.robots.map((info) => Robot.load(info)));
+    await around;
+    this.adopt(scene, robots);
+  }
+
+  private adopt(scene: SceneInfo, robots: readonly Robot[]): void {
+    const { world, members } = this;
+    members.forEach((member, i) => member.adopt(robots[i] as Robot));
+    const box = new Box3();
+    for (const member of members) box.union(member.box());
+    const around = this.surroundings.box();
+    if (!around.isEmpty()) box.union(around).min.setZ(Math.min(0, box.min.z));
+    world.size = box.getSize(new Vector3()).length() / 1.5;
+    if (members.length > 1) for (const { overlays } of members) overlays.setSize(overlays.size, 0.013 * world.size);
+    const middle = box.getCenter(new Vector3());
+    world.robotWorld.position.set(-middle.x, -box.min.z, middle.y);
+    this.surroundings.mark(scene, members);
+    this.setLook(world.look);
+    this.place.reset();
+    this.frameAll(box);
+    this.console?.views.mount();
+    this.bend();
+    this.showAround();
+    world.touch();
+    this.loaded = true;
+  }
+
+  /** Let the camera see all robots. */
   private frameAll(box: Box3): void {
     this.world.cover(...this.dom.covers());
     const size = box.getSize(new Vector3());
@@ -207,6 +280,7 @@ export class App {
     this.line.onMessage = (message) => this.hear(message);
     this.line.onLine = (line) => {
       this.model.line = line;
+      if (line !== 'open') this.console?.pens.drop();
       if (line !== 'open' && this.grab.held) this.grab.drop('The connection was lost: the robot was let go.');
       this.refresh();
     };
@@ -214,16 +288,24 @@ export class App {
 
   private hear(message: Message): void {
     const had = this.model.state.recording;
-    if (message.type === 'path') this.overlays.setPath(message.points);
-    if (message.type === 'cloud') {
-      if (message.first) this.overlays.clearCloud();
-      this.overlays.shows.workspace = true;
-      this.overlays.addCloud(message.points, message.values, message.done);
+    if (message.type === 'path' || message.type === 'cloud') {
+      if (message.robot !== undefined && !this.model.scene) {
+        this.early.push(message);
+        return;
+      }
+      const overlays = this.members[this.model.named(message.robot)]?.overlays;
+      if (message.type === 'path') overlays?.setPath(message.points);
+      else if (overlays) {
+        if (message.first) overlays.clearCloud();
+        overlays.shows.workspace = true;
+        overlays.addCloud(message.points, message.values, message.done);
+      }
     }
     if (message.type === 'error' && message.code === 'released') this.grab.drop(message.message);
     this.model.hear(message);
     if (message.type === 'state') {
-      if (!this.model.state.workspace && this.overlays.cloudCount) this.overlays.clearCloud();
+      for (const { model, overlays } of this.members)
+        if (!model.state.workspace && overlays.cloudCount) overlays.clearCloud();
       if (this.model.info && (had === undefined) !== (this.model.state.recording === undefined)) this.build();
     }
   }
@@ -231,17 +313,18 @@ export class App {
   // -- each picture -------------------------------------------------------------------------------------
 
   private picture(now: number, frame?: XRFrame): void {
-    const { world, model, robot } = this;
+    const { world } = this;
     const buffer = this.line.take();
     if (buffer) this.takeFrame(buffer);
     if (frame && this.xr.presenting) this.xr.update(frame, now);
     this.hands.update(now);
     this.mouse.update();
+    this.console?.update(now);
     this.grab.update();
     if (this.stale || now - this.refreshed > 250) {
       this.stale = false;
       this.refreshed = now;
-      if (robot) this.overlays.update(model, robot);
+      for (const member of this.members) if (member.robot) member.overlays.update(member.model, member.robot);
       this.header.refresh();
       if (!this.xr.presenting) {
         this.dom.refresh();
@@ -252,38 +335,43 @@ export class App {
     this.xrPanel.update(now);
     if (!this.xr.presenting && !world.dirty) return;
     world.dirty = false;
-    world.renderer.render(world.scene, world.camera);
-    if (robot && Number.isNaN(this.firstPicture)) this.firstPicture = performance.now();
+    if (this.console && this.loaded && !this.xr.presenting) this.console.views.render();
+    else world.renderer.render(world.scene, world.camera);
+    if (this.loaded && Number.isNaN(this.firstPicture)) this.firstPicture = performance.now();
   }
 
   private takeFrame(buffer: ArrayBuffer): void {
-    const { model, robot } = this;
-    let same: boolean;
+    const { model } = this;
+    const before = model.robots.map((r) => r.frame);
     try {
-      const frame = parseFrame(buffer);
-      same = sameFrame(frame, model.frame);
-      model.take(frame);
+      const scene = parseScene(buffer);
+      model.take(scene);
+      this.bends = scene.fields;
     } catch (error) {
       model.say((error as Error).message);
       return;
     }
-    if (same) return; // a robot that stands still needs no new picture
-    if (robot && model.info && model.frame) {
-      robot.apply(model.frame, model.info.links);
-      this.overlays.update(model, robot);
-      this.world.touch();
-    }
+    const moved = this.members.filter(({ model: m }, i) => m.frame && !sameFrame(m.frame, before[i] ?? null));
+    for (const member of moved) member.follow();
+    const bent = this.bend();
+    if (!moved.length && !bent) return; // an unchanged scene needs no new picture
+    this.world.touch();
     this.stale = true;
+  }
+
+  /** Bring deformables to the newest frame. */
+  private bend(): boolean {
+    return this.fields.update(this.bends);
   }
 }
 
-async function describe(): Promise<RobotInfo> {
-  const response = await fetch('robot.json');
+async function describe(): Promise<SceneInfo> {
+  const response = await fetch('scene.json');
   if (!response.ok)
     throw new Error(
       response.status === 403
         ? 'Not admitted: open the address with the token that the terminal of twin serve shows.'
-        : `The server does not describe its robot (${response.status}).`,
+        : `The server does not describe what it shows (${response.status}).`,
     );
-  return (await response.json()) as RobotInfo;
+  return (await response.json()) as SceneInfo;
 }

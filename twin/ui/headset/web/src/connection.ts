@@ -126,7 +126,7 @@ export class Connection {
   /** A socket does not say why it was refused: ask for a file that needs the same admission. */
   private async admitted(): Promise<void> {
     try {
-      const status = (await fetch('robot.json', { cache: 'no-store' })).status;
+      const status = (await fetch('scene.json', { cache: 'no-store' })).status;
       if ((status === 401 || status === 403) && this.line !== 'open') this.say('refused');
     } catch {
       // the server is away: the line already says so

@@ -1,33 +1,25 @@
 /** Holding the robot: what the hand has taken, where it leads it, and how the server's answer is shown. */
 
-import {
-  BufferGeometry,
-  Group,
-  Line,
-  LineDashedMaterial,
-  Matrix4,
-  Mesh,
-  Quaternion,
-  SphereGeometry,
-  TorusGeometry,
-  Vector3,
-} from 'three';
+import { BufferGeometry, Line, LineDashedMaterial, Matrix4, Mesh, Quaternion, SphereGeometry, Vector3 } from 'three';
 import type { Connection } from './connection';
 import { Label } from './label';
-import { isAngle, length, type Model, seven } from './model';
-import { BLUE, flat, RED, toolPose } from './overlays';
+import type { Member } from './member';
+import { isAngle, length, seven } from './model';
+import { BLUE, flat, RED } from './ink';
+import { toolPose } from './overlays';
+import type { Hit } from './pick';
 import type { JointInfo } from './protocol';
-import type { Robot } from './robot';
 import type { World } from './world';
 
 export type Mode = 'auto' | 'joint' | 'link';
 
 interface Held {
+  member: Member;
   target: 'tool' | 'joint' | 'link';
   /** Link that is coloured. */
   link: string;
   joint?: JointInfo;
-  /** Where it was taken, in the robot's world. */
+  /** Where it was taken, in the robot's base. */
   from: Vector3;
   /** In the frame of the held link. */
   local: Vector3;
@@ -45,35 +37,22 @@ export class Grab {
   mode: Mode = 'auto';
   /** Whether the tool turns with a hand or controller. */
   turning = false;
-  /** A handle at the tool, that is easier to hit than the tool. */
-  readonly handle = new Group();
   held: Held | null = null;
   onChange: () => void = () => undefined;
 
-  private readonly ball: Mesh<SphereGeometry, ReturnType<typeof flat>>;
   private readonly ghostHand: Mesh;
   private readonly thread: Line;
   private readonly label = new Label();
   private wanted: Vector3 | null = null;
   private pending: object | null = null;
   private sentAt = 0;
-  private hovered = '';
+  private hovered: Member | null = null;
 
   constructor(
     private readonly world: World,
-    private readonly model: Model,
+    private readonly members: readonly Member[],
     private readonly line: Connection,
-    private robot: Robot | null = null,
   ) {
-    this.ball = new Mesh(new SphereGeometry(1, 24, 16), flat(BLUE, 0.35));
-    const ring = new Mesh(new TorusGeometry(1.25, 0.09, 8, 40), flat(BLUE));
-    this.handle.add(this.ball, ring);
-    for (const part of [this.ball, ring]) {
-      part.material.depthTest = false; // the hand finds it behind the tool as well
-      part.renderOrder = 4;
-    }
-    this.handle.visible = false;
-    this.ball.userData['twinHandle'] = true;
     this.ghostHand = new Mesh(new SphereGeometry(1, 20, 12), flat(RED, 0.6));
     this.thread = new Line(
       new BufferGeometry().setFromPoints([new Vector3(), new Vector3()]),
@@ -82,58 +61,52 @@ export class Grab {
     this.thread.frustumCulled = false;
     this.thread.renderOrder = 6;
     this.ghostHand.visible = this.thread.visible = false;
-    world.robotWorld.add(this.handle, this.ghostHand, this.thread, this.label.sprite);
   }
 
-  setRobot(robot: Robot): void {
-    this.robot = robot;
+  /** Colour the link that would be taken at a hit. */
+  hover(hit: Hit | null): void {
+    if (this.held) return;
+    const link = hit ? (hit.link ?? hit.member.model.info?.tool.link ?? '') : '';
+    if (this.hovered !== (hit?.member ?? null) && this.hovered?.robot?.mark('', 'none')) this.world.touch();
+    this.hovered = hit?.member ?? null;
+    if (hit?.member.robot?.mark(link, link ? 'hover' : 'none')) this.world.touch();
   }
 
-  get target(): Mesh {
-    return this.ball;
-  }
-
-  /** Which link would be taken at a hit; colours it. An empty name is nothing. */
-  hover(link: string): void {
-    if (this.held || !this.robot || this.hovered === link) return;
-    this.hovered = link;
-    this.robot.mark(link, link ? 'hover' : 'none');
-    this.world.touch();
-  }
-
-  /** Take the tool (null) or a link at a point of the scene. False if that cannot be taken. */
-  start(link: string | null, point: Vector3, mode: Mode = this.mode): boolean {
-    const info = this.model.info;
-    if (!info || !this.robot || this.held) return false;
+  /** Take the tool (null) or a link of a robot at a point of the scene. False if that cannot be taken. */
+  start({ member, link, point }: Hit, mode: Mode = this.mode): boolean {
+    const info = member.model.info;
+    if (!info || !member.robot || this.held) return false;
     const name = link ?? info.tool.link;
     const tool = link === null || (mode === 'auto' && name === info.tool.link);
-    const joint = !tool && mode === 'joint' ? this.drivenBy(name) : undefined;
+    const joint = !tool && mode === 'joint' ? drivenBy(info.joints, name) : undefined;
     if (!tool && mode === 'joint' && !joint) {
-      this.model.say(`No driven joint carries ${name}.`);
+      member.model.say(`No driven joint carries ${name}.`);
       return false;
     }
-    return this.take(tool ? 'tool' : joint ? 'joint' : 'link', name, point, joint);
+    return this.take(member, tool ? 'tool' : joint ? 'joint' : 'link', name, point, joint);
   }
 
   /** Take a joint by its slider. */
-  startJoint(joint: JointInfo): boolean {
-    return this.take('joint', joint.link, new Vector3(), joint);
+  startJoint(member: Member, joint: JointInfo): boolean {
+    return this.take(member, 'joint', joint.link, new Vector3(), joint);
   }
 
-  private take(target: Held['target'], link: string, point: Vector3, joint?: JointInfo): boolean {
-    const node = this.robot?.links.get(link)?.node;
-    const pose = this.robot ? toolPose(this.model, this.robot) : null;
+  private take(member: Member, target: Held['target'], link: string, point: Vector3, joint?: JointInfo): boolean {
+    const { model, robot } = member;
+    const node = robot?.links.get(link)?.node;
+    const pose = robot ? toolPose(model, robot) : null;
     if (!node || !pose || this.held) return false;
-    if (this.model.line !== 'open') {
-      this.model.say('There is no connection: the robot cannot be moved.');
+    if (model.page.line !== 'open') {
+      model.say('There is no connection: the robot cannot be moved.');
       return false;
     }
-    const from = this.toRobot(point);
+    const from = member.place.worldToLocal(point.clone());
     const local = from.clone().applyMatrix4(new Matrix4().compose(node.position, node.quaternion, ONE).invert());
     const tool = { p: new Vector3(), q: new Quaternion() };
     pose.decompose(tool.p, tool.q, new Vector3());
-    const value = joint ? this.model.joint(joint.name) : 0;
+    const value = joint ? model.joint(joint.name) : 0;
     const held: Held = {
+      member,
       target,
       link,
       joint,
@@ -142,20 +115,21 @@ export class Grab {
       tool,
       value,
       last: 0,
-      axis: this.axisOf(joint),
+      axis: axisOf(member, joint),
       sent: false,
       granted: false,
     };
     this.held = held;
-    this.hovered = '';
-    this.model.holding = true;
+    this.hovered = null;
+    model.holding = true;
+    member.place.add(this.ghostHand, this.thread, this.label.sprite);
     const fields =
       target === 'tool'
         ? { target }
         : target === 'joint'
           ? { target, name: joint?.name }
           : { target, name: link, point: local.toArray() };
-    void this.line.ask('grab', fields).then((answer) => {
+    void this.line.ask('grab', model.fields('grab', fields)).then((answer) => {
       if (answer.ok) held.granted = true;
       else if (this.held === held) this.drop(answer.code === 'held' ? `${answer.message}.` : answer.message);
     });
@@ -167,10 +141,10 @@ export class Grab {
   move(point: Vector3, turn: Quaternion): void {
     const held = this.held;
     if (!held) return;
-    const p = this.toRobot(point);
+    const p = held.member.place.worldToLocal(point.clone());
     this.wanted = p.clone();
     if (held.target === 'tool') {
-      const Q = this.world.robotWorld.getWorldQuaternion(new Quaternion());
+      const Q = held.member.place.getWorldQuaternion(new Quaternion());
       const R = Q.clone().invert().multiply(turn).multiply(Q);
       const at = held.tool.p.clone().sub(held.from).applyQuaternion(R).add(p);
       const q = R.multiply(held.tool.q).normalize();
@@ -191,35 +165,39 @@ export class Grab {
   end(): void {
     if (!this.held) return;
     this.flush(true);
-    void this.line.ask('release');
+    void this.line.ask('release', this.held.member.model.fields('release', {}));
     this.drop('');
   }
 
   /** The line was lost or the grab was given to another. */
   drop(why: string): void {
+    const member = this.held?.member;
     this.held = null;
     this.pending = this.wanted = null;
-    this.model.holding = false;
-    this.robot?.mark('', 'none');
-    if (why) this.model.say(why);
+    if (member) {
+      member.model.holding = false;
+      member.robot?.mark('', 'none');
+      if (why) member.model.say(why);
+    }
     this.onChange();
   }
 
-  /** Bring handle, colours and the ghost of the hand to the newest state; send what is waiting. */
+  /** Bring handles, colours and the ghost of the hand to the newest state; send what is waiting. */
   update(): void {
     this.flush();
-    const robot = this.robot;
-    const pose = robot ? toolPose(this.model, robot) : null;
+    for (const member of this.members) this.draw(member);
+  }
+
+  private draw(member: Member): void {
+    const { model, robot, handle } = member;
+    const held = this.held?.member === member ? this.held : null;
+    const pose = robot ? toolPose(model, robot) : null;
     if (!robot || !pose) return;
-    const size = this.world.size;
-    this.handle.visible = this.model.line === 'open';
-    pose.decompose(this.handle.position, this.handle.quaternion, this.handle.scale);
-    this.handle.scale.setScalar(0.026 * size);
-    const refused = this.held !== null && this.model.refused;
-    if (this.held) robot.mark(this.held.link, refused ? 'refused' : 'held');
-    const color = refused ? RED : this.model.heldByOther ? 0x8a93a0 : BLUE;
-    for (const part of this.handle.children) ((part as Mesh).material as ReturnType<typeof flat>).color.setHex(color);
-    this.drawGhostHand(refused, pose);
+    handle.group.visible = model.page.line === 'open';
+    const refused = held !== null && model.refused;
+    if (held) robot.mark(held.link, refused ? 'refused' : 'held');
+    handle.put(pose, 0.026 * member.size, refused ? RED : model.heldByOther ? 0x8a93a0 : BLUE);
+    if (held || !this.held) this.drawGhostHand(refused, pose);
   }
 
   private drawGhostHand(refused: boolean, tool: Matrix4): void {
@@ -228,9 +206,9 @@ export class Grab {
     this.ghostHand.visible = this.thread.visible = on;
     this.label.sprite.visible = on;
     if (!on) return;
-    const size = this.world.size;
+    const size = held.member.size;
     const wanted = this.wanted as Vector3;
-    const node = this.robot?.links.get(held.link)?.node;
+    const node = held.member.robot?.links.get(held.link)?.node;
     const is =
       held.target === 'tool' || !node
         ? new Vector3().setFromMatrixPosition(tool)
@@ -251,36 +229,10 @@ export class Grab {
     const time = performance.now();
     const held = this.held;
     if (!held || !this.pending || (!now && time - this.sentAt < INTERVAL)) return;
-    if (!this.line.tell('drag', this.pending)) return;
+    if (!this.line.tell('drag', held.member.model.fields('drag', this.pending))) return;
     this.sentAt = time;
     held.sent = true;
     this.pending = null;
-  }
-
-  /** The driven joint that moves a link: its own, or the nearest one on the way to the base. */
-  private drivenBy(link: string): JointInfo | undefined {
-    const joints = this.model.info?.joints ?? [];
-    const seen = new Set<string>();
-    let front = [link];
-    while (front.length) {
-      const here = joints.filter((j) => front.includes(j.link));
-      const driven = here.find((j) => j.active);
-      if (driven) return driven;
-      front.forEach((name) => seen.add(name));
-      front = here.map((j) => j.parent).filter((name) => !seen.has(name));
-    }
-    return undefined;
-  }
-
-  private axisOf(joint: JointInfo | undefined): Held['axis'] {
-    const o = new Vector3();
-    const d = new Vector3(0, 0, 1);
-    const node = joint ? this.robot?.links.get(joint.parent)?.node : undefined;
-    if (joint && node) {
-      o.fromArray(joint.axis.origin).applyQuaternion(node.quaternion).add(node.position);
-      d.fromArray(joint.axis.direction).applyQuaternion(node.quaternion).normalize();
-    }
-    return { o, d };
   }
 
   /** Value to which a joint must go to bring the taken point as near as it can to p. */
@@ -294,10 +246,32 @@ export class Grab {
     held.last = angle;
     return held.value + angle;
   }
+}
 
-  private toRobot(point: Vector3): Vector3 {
-    return this.world.robotWorld.worldToLocal(point.clone());
+/** The driven joint that moves a link: its own, or the nearest one on the way to the base. */
+function drivenBy(joints: readonly JointInfo[], link: string): JointInfo | undefined {
+  const seen = new Set<string>();
+  let front = [link];
+  while (front.length) {
+    const here = joints.filter((j) => front.includes(j.link));
+    const driven = here.find((j) => j.active);
+    if (driven) return driven;
+    front.forEach((name) => seen.add(name));
+    front = here.map((j) => j.parent).filter((name) => !seen.has(name));
   }
+  return undefined;
+}
+
+/** A point of a joint's axis and its direction, in the robot's base. */
+function axisOf(member: Member, joint: JointInfo | undefined): Held['axis'] {
+  const o = new Vector3();
+  const d = new Vector3(0, 0, 1);
+  const node = joint ? member.robot?.links.get(joint.parent)?.node : undefined;
+  if (joint && node) {
+    o.fromArray(joint.axis.origin).applyQuaternion(node.quaternion).add(node.position);
+    d.fromArray(joint.axis.direction).applyQuaternion(node.quaternion).normalize();
+  }
+  return { o, d };
 }
 
 const ONE = new Vector3(1, 1, 1);

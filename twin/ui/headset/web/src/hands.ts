@@ -17,7 +17,7 @@ import {
 } from 'three';
 import type { XRGripSpace, XRHandSpace, XRTargetRaySpace } from 'three';
 import type { App } from './app';
-import { accentuate, BLUE, flat } from './overlays';
+import { accentuate, BLUE, flat } from './ink';
 import { pickNear, pickRay, rayOf } from './pick';
 
 const SLOTS = 4; // input sources that are listened to
@@ -165,10 +165,10 @@ export class Hands {
       return;
     }
     const tip = hand.pinch();
-    const touched = tip && app.robot ? pickNear(tip, app.robot, app.grab) : null;
-    const hit = touched ?? (app.robot ? pickRay(caster, app.robot, app.grab) : null);
+    const touched = tip ? pickNear(tip, app.members) : null;
+    const hit = touched ?? pickRay(caster, app.members);
     if (app.place.leading || !hit) return this.lead(hand, app.place.leading ? 'lead' : 'free');
-    if (!app.grab.start(hit.link, hit.point)) return;
+    if (!app.take(hit)) return;
     hand.doing = 'grab';
     hand.near = touched !== null;
     hand.first.copy(hand.pose());
@@ -268,10 +268,10 @@ export class Hands {
     const caster = rayOf(this.gaze.matrixWorld, this.caster);
     const panel = app.xrPanel.group.visible ? caster.intersectObject(app.xrPanel.mesh, false)[0] : undefined;
     const id = panel?.uv ? app.xrPanel.hover(panel.uv) : '';
-    const robotHit = panel || !app.robot ? null : pickRay(caster, app.robot, app.grab);
+    const robotHit = panel ? null : pickRay(caster, app.members);
     const aim = app.place.placing && app.place.reticle.visible && !panel;
     const target =
-      id || (hand.doing === 'grab' ? 'holding' : aim ? 'floor' : robotHit ? (robotHit.link ?? 'handle') : '');
+      id || (hand.doing === 'grab' ? 'holding' : aim ? 'floor' : robotHit ? `${robotHit.member.model.info?.name}/${robotHit.link ?? 'handle'}` : '');
     const at = panel?.point ?? robotHit?.point ?? caster.ray.at(1.5, new Vector3());
     if (hand.doing === 'grab') this.drag(hand);
     this.timeLook(now, target, at);

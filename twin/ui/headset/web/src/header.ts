@@ -24,7 +24,7 @@ export class Header {
     this.about.className = 'about';
     this.help.className = 'help';
     this.help.textContent =
-      'Drag the blue ball: the tool follows. Drag any link: the mechanism follows. Drag beside the robot: look around. Wheel: nearer.';
+      'Drag a blue ball: the tool follows. Drag any link: the mechanism follows. Drag beside the robot: look around. Wheel: nearer.';
     const title = document.createElement('div');
     title.className = 'title';
     title.append(this.dot, this.name);
@@ -39,7 +39,7 @@ export class Header {
 
   refresh(): void {
     const { xr, model } = this.app;
-    this.name.textContent = model.info?.title || model.info?.name || 'twin';
+    this.name.textContent = model.scene?.title || model.scene?.name || 'twin';
     this.dot.dataset['line'] = model.line;
     this.dot.title = model.line;
     this.enter.textContent = xr.ar ? 'Enter AR' : xr.vr ? 'Enter VR' : 'No headset here';
@@ -47,6 +47,8 @@ export class Header {
     this.other.textContent = 'Enter VR';
     this.other.hidden = !(xr.ar && xr.vr);
     this.about.textContent = xr.text;
+    if (this.app.console) this.help.textContent = this.app.console.help;
+    document.documentElement.toggleAttribute('data-console', this.app.console !== null);
     this.help.hidden = model.status().tone !== 'plain'; // there a longer sentence needs the place
   }
 }

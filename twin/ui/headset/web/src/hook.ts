@@ -1,17 +1,21 @@
 /** `window.twin`: what tests and the curious may look at. Nothing of the page depends on it. */
 
+import type { Object3D } from 'three';
 import type { App } from './app';
+import type { Member } from './member';
 import type { SelfTest } from './selftest';
 
 export interface Hook {
   app: App;
   /** With `?selftest`. */
   test?: SelfTest;
-  /** World matrix (16 numbers, column after column) of each link's node. */
+  /** World matrix (16 numbers, column after column) of each link's node; of several robots by "<robot>/<link>". */
   links: () => Record<string, number[]>;
-  /** Matrix of the world of the robot (z up) in the scene. */
+  /** Matrix of the world (z up) in the scene. */
   root: () => number[];
-  /** Poses of the newest frame by link. */
+  /** Vertices of deformables, in world, as they are drawn. */
+  field: (name: string) => number[];
+  /** Poses of the newest frame by link, likewise; each in its robot's base. */
   poses: () => Record<string, number[]>;
   /** View and projection of the camera that drew last (the left eye in XR). */
   camera: () => { view: number[]; projection: number[]; width: number; height: number };
@@ -28,18 +32,29 @@ declare global {
 export function hook(app: App): void {
   const { world } = app;
   const hidden: { visible: boolean }[] = [];
+  const named = (member: Member, link: string) =>
+    app.members.length > 1 ? `${member.model.info?.name}/${link}` : link;
   window.twin = {
     app,
     links: () => {
       world.scene.updateMatrixWorld(true);
-      return Object.fromEntries([...(app.robot?.links ?? [])].map(([n, l]) => [n, l.node.matrixWorld.toArray()]));
+      return Object.fromEntries(
+        app.members.flatMap((m) =>
+          [...(m.robot?.links ?? [])].map(([n, l]) => [named(m, n), l.node.matrixWorld.toArray()]),
+        ),
+      ) as Record<string, number[]>;
     },
     root: () => world.robotWorld.matrixWorld.toArray(),
     poses: () => {
-      const { info, frame } = app.model;
-      if (!info || !frame) return {};
-      return Object.fromEntries(info.links.map((n, i) => [n, [...frame.poses.subarray(7 * i, 7 * i + 7)]]));
+      return Object.fromEntries(
+        app.members.flatMap((m) => {
+          const { info, frame } = m.model;
+          if (!info || !frame) return [];
+          return info.links.map((n, i) => [named(m, n), [...frame.poses.subarray(7 * i, 7 * i + 7)]]);
+        }),
+      ) as Record<string, number[]>;
     },
+    field: (name) => app.fields.vertices(name),
     camera: () => {
       const xr = world.renderer.xr;
       const eye = xr.isPresenting ? (xr.getCamera().cameras[0] ?? world.camera) : world.camera;
@@ -47,10 +62,16 @@ export function hook(app: App): void {
       return { view: eye.matrixWorldInverse.toArray(), projection: eye.projectionMatrix.toArray(), width, height };
     },
     paint: (on) => {
-      app.robot?.paint(on);
+      let first = 0;
+      for (const { robot } of app.members) {
+        robot?.paint(on, first);
+        first += robot?.links.size ?? 0;
+      }
       if (on) {
+        const places = app.members.map((m) => m.place as Object3D);
         const others = world.scene.children.filter((o) => o !== world.placement);
-        others.push(...world.robotWorld.children.filter((o) => o !== app.robot?.root));
+        others.push(...world.robotWorld.children.filter((o) => !places.includes(o)));
+        for (const m of app.members) others.push(...m.place.children.filter((o) => o !== m.robot?.root));
         for (const thing of others.flatMap((o) => [o, ...o.children]))
           // a device sets its rays visible itself
           if (thing.visible) {
@@ -59,10 +80,12 @@ export function hook(app: App): void {
           }
       } else for (const thing of hidden.splice(0)) thing.visible = true;
       world.touch();
-      const colors = Object.entries(app.robot ? Object.fromEntries(app.robot.links) : {}).map(([name, link]) => {
-        const material = link.skins[0]?.mesh.material as { color?: { getHexString: () => string } } | undefined;
-        return [name, material?.color?.getHexString() ?? ''];
-      });
+      const colors = app.members.flatMap((m) =>
+        [...(m.robot?.links ?? [])].map(([name, link]) => {
+          const material = link.skins[0]?.mesh.material as { color?: { getHexString: () => string } } | undefined;
+          return [named(m, name), material?.color?.getHexString() ?? ''];
+        }),
+      );
       return Object.fromEntries(colors) as Record<string, string>;
     },
   };

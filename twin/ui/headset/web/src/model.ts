@@ -1,9 +1,16 @@
-/** What the page knows: the robot's description, the newest state and frame, and what has been said last. */
+/** What the page knows: the scene's description, the newest state and frame, and what has been said last. */
 
 import type { Line } from './connection';
-import type { Frame } from './frame';
-import { HELD, REFUSED } from './frame';
-import { FIRST_STATE, type Message, type Numbers, type RobotInfo, type State } from './protocol';
+import { type Frame, HELD, REFUSED, type SceneFrame } from './frame';
+import {
+  type ConsoleState,
+  FIRST_STATE,
+  type Message,
+  type Numbers,
+  type RobotInfo,
+  type SceneInfo,
+  type State,
+} from './protocol';
 
 export interface Status {
   tone: 'plain' | 'good' | 'warn' | 'bad';
@@ -12,45 +19,20 @@ export interface Status {
 
 const SAID_FOR = 6000; // ms that an answer stays on the screen
 
-export class Model {
+/** What is said of one robot only: with several its name stands in the message. */
+const OF_ROBOT = new Set(['protocol', 'posture', 'grab', 'drag', 'release', 'variant', 'workspace']);
+
+/** What the page knows of one robot. */
+export class RobotModel {
   info: RobotInfo | null = null;
   state: State = { ...FIRST_STATE };
   frame: Frame | null = null;
-  line: Line = 'connecting';
-  /** This page's name at the server. */
-  client: string | number | null = null;
-  /** Whether this page holds the robot. */
+  /** Whether this page holds it. */
   holding = false;
-  /** Why there is no robot to see. */
-  failure = '';
-  onChange: () => void = () => undefined;
-  /** What to do next, or nothing. */
-  hint: () => string = () => '';
+  /** When it was last asked for what it cannot reach. */
+  refusedAt = -Infinity;
 
-  private said = '';
-  private saidAt = -Infinity;
-  private refusedAt = -Infinity;
-
-  /** Take over a message of the server. */
-  hear(message: Message): void {
-    if (message.type === 'hello') {
-      this.client = message.client;
-      if (this.info && message.model_hash !== this.info.model_hash)
-        this.failure = 'The server now shows another robot. Load this page again.';
-    } else if (message.type === 'state') {
-      const { type: _, ...news } = message;
-      this.state = { ...this.state, ...news };
-    } else if (message.type === 'error') this.say(message.message);
-    // The line is measured every two seconds: that is no reason to draw the robot.
-    if (message.type !== 'pong') this.onChange();
-  }
-
-  /** Show a sentence for some seconds. */
-  say(text: string): void {
-    this.said = text;
-    this.saidAt = performance.now();
-    this.onChange();
-  }
+  constructor(readonly page: Model) {}
 
   /** A frame has come in. */
   take(frame: Frame): void {
@@ -67,7 +49,12 @@ export class Model {
   /** Whether somebody else holds the robot. */
   get heldByOther(): boolean {
     const held = this.frame !== null && (this.frame.flags & HELD) !== 0;
-    return held && !this.holding && this.state.holder !== null && this.state.holder !== this.client;
+    return held && !this.holding && this.state.holder !== null && this.state.holder !== this.page.client;
+  }
+
+  /** What a sentence calls it. */
+  get called(): string {
+    return this.page.several ? (this.info?.name ?? '') : 'the robot';
   }
 
   /** Name of the protocol that is played, or will be first; empty if there is none. */
@@ -83,6 +70,137 @@ export class Model {
     return index < 0 || !this.frame ? NaN : (this.frame.q[index] ?? NaN);
   }
 
+  /** A message of this robot as the server must have it. */
+  fields(type: string, fields: object): object {
+    return this.page.several && OF_ROBOT.has(type) ? { robot: this.info?.name, ...fields } : fields;
+  }
+
+  say(text: string): void {
+    this.page.say(text);
+  }
+}
+
+export class Model {
+  scene: SceneInfo | null = null;
+  /** One for each robot of the scene; before the scene is known, one. */
+  readonly robots: RobotModel[] = [new RobotModel(this)];
+  /** Which of them the controls speak of. */
+  chosen = 0;
+  line: Line = 'connecting';
+  /** This page's name at the server. */
+  client: string | number | null = null;
+  /** Why there is no robot to see. */
+  failure = '';
+  onChange: () => void = () => undefined;
+  /** Of a scene with a console, what its hands lead. */
+  console: ConsoleState | null = null;
+  /** What the console has to say, or nothing. */
+  atConsole: () => Status | null = () => null;
+  /** What to do next, or nothing. */
+  hint: () => string = () => '';
+
+  private news: Extract<Message, { type: 'state' }> | null = null;
+  private newest: SceneFrame | null = null;
+  private hash = '';
+  private said = '';
+  private saidAt = -Infinity;
+
+  /** The robot that the controls speak of. */
+  get robot(): RobotModel {
+    return this.robots[this.chosen] as RobotModel;
+  }
+
+  get info(): RobotInfo | null {
+    return this.robot.info;
+  }
+
+  get state(): State {
+    return this.robot.state;
+  }
+
+  get frame(): Frame | null {
+    return this.robot.frame;
+  }
+
+  get refused(): boolean {
+    return this.robot.refused;
+  }
+
+  get heldByOther(): boolean {
+    return this.robot.heldByOther;
+  }
+
+  joint(name: string): number {
+    return this.robot.joint(name);
+  }
+
+  /** Whether a message must say which robot it means. */
+  get several(): boolean {
+    return this.robots.length > 1;
+  }
+
+  /** Time of the newest frame: of the clock of all. */
+  get time(): number {
+    return this.newest?.time ?? this.state.time;
+  }
+
+  /** The description has come. */
+  meet(scene: SceneInfo): void {
+    this.scene = scene;
+    while (this.robots.length < scene.robots.length) this.robots.push(new RobotModel(this));
+    scene.robots.forEach((info, i) => ((this.robots[i] as RobotModel).info = info));
+    this.check();
+    if (this.news) this.hear(this.news);
+    if (this.newest) this.take(this.newest);
+    this.onChange();
+  }
+
+  /** The robot of a name; without one the only one, as a stream of one robot has it. */
+  named(name: string | undefined): number {
+    return name === undefined ? 0 : this.robots.findIndex((r) => r.info?.name === name);
+  }
+
+  /** Take over a message of the server. */
+  hear(message: Message): void {
+    if (message.type === 'hello') {
+      this.client = message.client;
+      this.hash = message.model_hash;
+      this.check();
+    } else if (message.type === 'state') {
+      this.news = message;
+      const { type: _, robots, console, ...shared } = message;
+      this.console = console ?? null;
+      for (const robot of this.robots) {
+        const own = robots?.find((r) => r.name === robot.info?.name);
+        // The time of all is the clock's; a robot that is done before the others rests.
+        robot.state = { ...robot.state, ...own, ...shared };
+      }
+    } else if (message.type === 'error') this.say(message.message);
+    // The line is measured every two seconds: that is no reason to draw the robot.
+    if (message.type !== 'pong') this.onChange();
+  }
+
+  private check(): void {
+    if (this.scene && this.hash && this.hash !== this.scene.model_hash)
+      this.failure = 'The server now shows something else. Load this page again.';
+  }
+
+  /** Show a sentence for some seconds. */
+  say(text: string): void {
+    this.said = text;
+    this.saidAt = performance.now();
+    this.onChange();
+  }
+
+  /** A frame has come in. */
+  take(scene: SceneFrame): void {
+    this.newest = scene;
+    this.robots.forEach((robot, i) => {
+      const frame = scene.robots[i];
+      if (frame) robot.take(frame);
+    });
+  }
+
   /** The one sentence that matters most now. */
   status(): Status {
     const s = this.state;
@@ -94,14 +212,23 @@ export class Model {
       };
     if (this.line === 'reconnecting') return { tone: 'warn', text: 'Connection lost: reconnecting …' };
     if (this.line === 'connecting') return { tone: 'plain', text: 'Connecting …' };
-    if (this.refused && s.reason && performance.now() - this.refusedAt < SAID_FOR)
+    if (this.refused && s.reason && performance.now() - this.robot.refusedAt < SAID_FOR)
       return { tone: 'bad', text: `Not reached: ${s.reason}` };
     if (performance.now() - this.saidAt < SAID_FOR) return { tone: 'warn', text: this.said };
-    if (this.heldByOther) return { tone: 'warn', text: `Client ${s.holder} holds the robot.` };
-    if (this.holding) return { tone: 'good', text: 'You hold the robot.' };
+    const console = this.atConsole();
+    if (console) return console;
+    const other = this.robots.find((r) => r.heldByOther);
+    if (other) return { tone: 'warn', text: `Client ${other.state.holder} holds ${other.called}.` };
+    const mine = this.robots.find((r) => r.holding);
+    if (mine) return { tone: 'good', text: `You hold ${mine.called}.` };
     const hint = this.hint();
     if (hint) return { tone: 'good', text: hint };
-    if (s.planning) return { tone: 'plain', text: 'Planning the protocol …' };
+    const waits = this.robots.filter((r) => r.state.planning);
+    if (waits.length)
+      return {
+        tone: 'plain',
+        text: this.several ? `Planning: ${waits.map((r) => r.info?.name).join(', ')} …` : 'Planning the protocol …',
+      };
     if (s.playing && s.phase) return { tone: 'plain', text: `Playing: ${s.phase}` };
     return { tone: 'plain', text: 'Ready.' };
   }

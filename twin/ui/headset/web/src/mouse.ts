@@ -22,24 +22,23 @@ export class Mouse {
     canvas.addEventListener('pointerup', (e) => this.up(e), capture);
     canvas.addEventListener('pointercancel', (e) => this.up(e), capture);
     canvas.addEventListener('wheel', (e) => this.wheel(e), { capture: true, passive: false });
-    canvas.addEventListener('pointerleave', () => this.app.grab.hover(''));
+    canvas.addEventListener('pointerleave', () => this.app.grab.hover(null));
   }
 
   /** Once a picture: what is under a mouse that has moved. */
   update(): void {
     const { app } = this;
-    if (!this.moved || app.xr.presenting || this.pointer !== null) return;
+    if (!this.moved || app.xr.presenting || this.pointer !== null || app.console) return;
     this.moved = false;
     const hit = this.pick();
-    app.grab.hover(hit ? (hit.link ?? app.model.info?.tool.link ?? '') : '');
+    app.grab.hover(hit);
     app.world.renderer.domElement.style.cursor = hit ? 'grab' : '';
   }
 
   private pick(): Hit | null {
-    const { robot, grab, world } = this.app;
-    if (!robot) return null;
+    const { members, world } = this.app;
     this.caster.setFromCamera(this.at, world.camera);
-    return pickRay(this.caster, robot, grab);
+    return pickRay(this.caster, members);
   }
 
   private read(e: PointerEvent): void {
@@ -49,10 +48,10 @@ export class Mouse {
 
   private down(e: PointerEvent): void {
     const { app } = this;
-    if (e.button !== 0 || this.pointer !== null || app.xr.presenting) return;
+    if (e.button !== 0 || this.pointer !== null || app.xr.presenting || app.console) return;
     this.read(e);
     const hit = this.pick();
-    if (!hit || !app.grab.start(hit.link, hit.point)) return;
+    if (!hit || !app.take(hit)) return;
     const canvas = app.world.renderer.domElement;
     this.pointer = e.pointerId;
     canvas.setPointerCapture(e.pointerId);

@@ -20,18 +20,13 @@ import {
   Vector3,
 } from 'three';
 import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
+import { bytesOf } from './fields';
+import { accent, flat, ORANGE, VIOLET } from './ink';
 import { Label } from './label';
-import { length, type Model } from './model';
+import { length, type RobotModel } from './model';
 import type { Numbers, Scenery, State } from './protocol';
 import { matrixOf, poseOf, type Robot } from './robot';
 import { discard, type World } from './world';
-
-export const BLUE = 0x2268c9;
-/** The same for displays that add light: a dark blue would hardly be seen. */
-const LIGHT_BLUE = 0x62adff;
-export const ORANGE = 0xe07b00;
-export const RED = 0xd81b2a;
-const VIOLET = 0x8a3fd1;
 
 /** Factors by which the ghost's distance may be enlarged. */
 const ENLARGEMENTS = [1, 10, 100, 1000, 10000, 100000];
@@ -50,12 +45,13 @@ export interface Shows {
 export class Overlays {
   readonly group = new Group();
   readonly shows: Shows = { path: true, rcm: true, workspace: false, ghost: true, scenery: false, labels: true };
-  /** How the ghost is drawn, in words; empty when there is none. */
+  /** How the ghost is drawn, as text; empty when there is none. */
   ghostText = '';
   /** Points of the workspace that have come in. */
   cloudCount = 0;
   cloudDone = false;
 
+  private points: Numbers = [];
   private path: InstancedMesh | null = null;
   private readonly rcmBall: Mesh;
   private readonly shaft: Mesh;
@@ -70,20 +66,37 @@ export class Overlays {
   private cloud: Points | null = null;
   private cloudParts: { points: Float32Array; values: Float32Array | null }[] = [];
 
-  constructor(private readonly world: World) {
+  /** Edge of the robot's box, in m. */
+  size = 1;
+  /** Height of a line of text, in m. */
+  line = 0.024;
+
+  constructor(
+    private readonly world: World,
+    parent: Group,
+  ) {
     this.rcmBall = new Mesh(new SphereGeometry(1, 20, 12), flat(ORANGE));
     this.shaft = new Mesh(new CylinderGeometry(1, 1, 1, 8), flat(ORANGE));
     this.rcmBall.visible = this.shaft.visible = false;
     this.group.add(this.rcmBall, this.shaft, this.rcmLabel.sprite, this.ghostLabel.sprite, this.scenery);
-    world.robotWorld.add(this.group);
+    parent.add(this.group);
   }
 
   /** Draw the way of the tool's tip: x y z after x y z. */
   setPath(points: Numbers): void {
+    this.points = points;
     if (this.path) discard(this.path);
-    this.path = points.length >= 6 ? tube(points, 0.0016 * this.world.size) : null;
+    this.path = points.length >= 6 ? tube(points, 0.0016 * this.size) : null;
     if (this.path) this.group.add(this.path);
     this.world.touch();
+  }
+
+  /** Let everything be as large as suits the robot, and words as large as suits all that is seen. */
+  setSize(size: number, line = 0.024 * size): void {
+    this.size = size;
+    this.line = line;
+    this.setPath(this.points);
+    if (this.cloudCount) this.drawCloud();
   }
 
   setScenery(scenery: Scenery): void {
@@ -91,14 +104,14 @@ export class Overlays {
   }
 
   /** What is assumed of the patient that is shown, or why there is none. */
-  sceneryText(model: Model): string {
+  sceneryText(model: RobotModel): string {
     const name = model.protocol();
     if (!this.shows.scenery || !this.around || !name) return '';
     return this.around.patients[name]?.assumed ?? this.around.no_patient[name] ?? '';
   }
 
   /** Let patient and table be those of the protocol; a phantom in their place is not shown. */
-  private standScenery(model: Model, robot: Robot): void {
+  private standScenery(model: RobotModel, robot: Robot): void {
     const name = model.protocol();
     const patient = this.shows.scenery ? this.around?.patients[name] : undefined;
     robot.hide(patient?.replaces ?? []);
@@ -106,7 +119,7 @@ export class Overlays {
     if (!patient || this.lying === name) return;
     this.lying = name;
     for (const thing of [...this.scenery.children]) discard(thing);
-    void new GLTFLoader().loadAsync(`patient/${name}.glb`).then(
+    void new GLTFLoader().loadAsync(`${model.info?.files ?? ''}patient/${name}.glb`).then(
       (gltf) => {
         if (this.lying !== name) return;
         this.scenery.add(...partsOf(gltf.scene));
@@ -138,7 +151,7 @@ export class Overlays {
   }
 
   /** Bring everything to the newest state. */
-  update(model: Model, robot: Robot): void {
+  update(model: RobotModel, robot: Robot): void {
     const s = this.shows;
     if (this.path) {
       this.path.visible = s.path;
@@ -151,7 +164,7 @@ export class Overlays {
     this.drawGhost(model, robot, tool);
   }
 
-  private drawRcm(model: Model, tool: Matrix4 | null): void {
+  private drawRcm(model: RobotModel, tool: Matrix4 | null): void {
     const at = model.state.rcm;
     const on = this.shows.rcm && at !== null && tool !== null;
     // A shaft that misses the RCM visibly does not lead from the tool to it.
@@ -161,7 +174,7 @@ export class Overlays {
     const trocars = model.state.trocars;
     this.drawFurther(on ? trocars.slice(1) : []);
     if (!on) return;
-    const size = this.world.size;
+    const size = this.size;
     const rcm = new Vector3().fromArray(at);
     const tip = new Vector3().setFromMatrixPosition(tool);
     const along = rcm.clone().sub(tip);
@@ -173,12 +186,16 @@ export class Overlays {
     this.rcmBall.scale.setScalar(0.009 * size);
     stretch(this.shaft, tip, beyond, 0.0018 * size);
     const several = trocars.length > 1;
+    const port = model.info?.ports.find((p) => !several || p.trocar === trocars[0].name);
+    // Of several robots at one patient only the one that the controls speak of says more than its name.
+    const full = model === model.page.robot;
+    this.rcmLabel.sprite.renderOrder = full ? 10 : 9;
     this.sayOf(
       this.rcmLabel,
       rcm,
-      several ? trocars[0].name : 'RCM',
-      several ? trocars[0].error_m : model.state.rcm_error_m,
-      several ? trocars[0].depth_m : model.state.depth_m,
+      port ? `${model.info?.name}, port ${port.name}` : several ? trocars[0].name : 'RCM',
+      full ? (several ? trocars[0].error_m : model.state.rcm_error_m) : null,
+      full ? (several ? trocars[0].depth_m : model.state.depth_m) : null,
     );
   }
 
@@ -195,21 +212,21 @@ export class Overlays {
       label.sprite.visible = on && this.shows.labels;
       if (!on) return;
       ball.position.fromArray(trocars[i].at);
-      ball.scale.setScalar(0.009 * this.world.size);
+      ball.scale.setScalar(0.009 * this.size);
       this.sayOf(label, ball.position, trocars[i].name, trocars[i].error_m, trocars[i].depth_m);
     });
   }
 
   private sayOf(label: Label, at: Vector3, name: string, error: number | null, depth: number | null): void {
-    const size = this.world.size;
+    const size = this.size;
     const lines = [name];
     if (error !== null) lines.push(`shaft misses it by ${length(error)}`);
     if (depth !== null) lines.push(`depth ${length(depth)}`);
     label.sprite.position.copy(at).addScaledVector(new Vector3(0, 0, 1), 0.012 * size);
-    label.say(lines.join('\n'), '#9a4f00', this.world.look, 0.024 * size);
+    label.say(lines.join('\n'), '#9a4f00', this.world.look, this.line);
   }
 
-  private drawGhost(model: Model, robot: Robot, tool: Matrix4 | null): void {
+  private drawGhost(model: RobotModel, robot: Robot, tool: Matrix4 | null): void {
     const info = model.info;
     const seven = model.frame?.ghost;
     const on = this.shows.ghost && info !== null && tool !== null && !!seven;
@@ -233,7 +250,7 @@ export class Overlays {
     if (difference.w < 0) difference.set(-difference.x, -difference.y, -difference.z, -difference.w);
     const sine = Math.hypot(difference.x, difference.y, difference.z);
     const angle = 2 * Math.atan2(sine, difference.w);
-    const factor = enlargement(Math.max(gap.length() / this.world.size, angle / 6));
+    const factor = enlargement(Math.max(gap.length() / this.size, angle / 6));
     const shown = position.clone().addScaledVector(gap, factor);
     const axis =
       sine > 1e-9 ? new Vector3(difference.x, difference.y, difference.z).divideScalar(sine) : gap.set(0, 0, 1);
@@ -249,12 +266,12 @@ export class Overlays {
       ? `Equations ↔ mechanism: ${length(far)}, ${degrees}°${times}`
       : 'Equations and mechanism agree to what the stream can hold (float32).';
     this.ghostLabel.sprite.visible = this.ghost.visible && this.shows.labels;
-    this.ghostLabel.sprite.position.copy(shown).addScaledVector(new Vector3(0, 0, 1), 0.09 * this.world.size);
+    this.ghostLabel.sprite.position.copy(shown).addScaledVector(new Vector3(0, 0, 1), 0.09 * this.size);
     this.ghostLabel.say(
       `by the equations: ${length(far)} off\n${factor > 1 ? `drawn ×${factor.toLocaleString('en')}` : 'drawn to scale'}`,
       '#6a25ad',
       this.world.look,
-      0.024 * this.world.size,
+      this.line,
     );
   }
 
@@ -280,7 +297,7 @@ export class Overlays {
     geometry.setAttribute('color', new Float32BufferAttribute(colors, 3));
     const material = new PointsMaterial({
       vertexColors: true,
-      size: 0.018 * this.world.size,
+      size: 0.018 * this.size,
       transparent: true,
       opacity: 0.75,
       depthWrite: false,
@@ -293,7 +310,7 @@ export class Overlays {
 }
 
 /** The tool in the robot's world, from the newest link poses; null before there is one. */
-export function toolPose(model: Model, robot: Robot): Matrix4 | null {
+export function toolPose(model: RobotModel, robot: Robot): Matrix4 | null {
   const info = model.info;
   const node = info ? robot.links.get(info.tool.link)?.node : undefined;
   if (!info || !node) return null;
@@ -315,32 +332,6 @@ export function stretch(mesh: Object3D, a: Vector3, b: Vector3, radius: number):
   mesh.scale.set(radius, long, radius);
 }
 
-const accented: { color: Color }[] = [];
-let accent = BLUE;
-
-/** Let a material have the colour of what can be taken and pressed, as the display needs it. */
-export function accentuate<M extends { color: Color }>(material: M): M {
-  material.color.setHex(accent);
-  accented.push(material);
-  return material;
-}
-
-export function setAccent(additive: boolean): void {
-  accent = additive ? LIGHT_BLUE : BLUE;
-  for (const material of accented) material.color.setHex(accent);
-}
-
-/** A material that shows one colour and takes no light. */
-export function flat(color: number, opacity = 1): MeshBasicMaterial {
-  return new MeshBasicMaterial({
-    color,
-    opacity,
-    transparent: opacity < 1,
-    depthWrite: opacity >= 1,
-    toneMapped: false,
-  });
-}
-
 function tube(points: Numbers, radius: number): InstancedMesh {
   const n = points.length / 3 - 1;
   const mesh = new InstancedMesh(new CylinderGeometry(1, 1, 1, 6, 1, true), flat(accent), n);
@@ -356,7 +347,7 @@ function tube(points: Numbers, radius: number): InstancedMesh {
 }
 
 /** The parts of a patient, in the robot's world: z up. */
-function partsOf(scene: Group): Object3D[] {
+export function partsOf(scene: Group): Object3D[] {
   const root = scene.children.length === 1 && scene.children[0] ? scene.children[0] : scene;
   const parts = [...root.children].filter((o) => !o.name.startsWith('frame_'));
   for (const part of parts) {
@@ -376,8 +367,5 @@ function partsOf(scene: Group): Object3D[] {
 }
 
 function floats(base64: string): Float32Array {
-  const text = atob(base64);
-  const bytes = new Uint8Array(text.length);
-  for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
-  return new Float32Array(bytes.buffer);
+  return new Float32Array(bytesOf(base64).buffer);
 }

@@ -25,6 +25,8 @@ export class DomPanel implements Drawer {
   show(sheet: Sheet): void {
     this.updates = [];
     this.side.replaceChildren();
+    this.bodies.clear();
+    this.heads.clear();
     this.foot.replaceChildren();
     const heads = make('div', 'tabs');
     heads.setAttribute('role', 'tablist');
@@ -42,7 +44,7 @@ export class DomPanel implements Drawer {
       this.side.append(body);
     }
     this.foot.append(this.draw(sheet.status), ...sheet.transport.map((c) => this.draw(c)));
-    this.choose(this.open);
+    this.choose(this.bodies.has(this.open) ? this.open : (sheet.tabs[0]?.id ?? ''));
     this.refresh();
   }
 

@@ -1,10 +1,11 @@
-/** What a ray or a finger tip meets: the handle at the tool, a link, nothing. */
+/** What a ray or a finger tip meets: the handle at a tool, a link, nothing. */
 
 import { Matrix4, Raycaster, Vector3 } from 'three';
-import type { Grab } from './grab';
-import type { Robot } from './robot';
+import type { Member } from './member';
 
 export interface Hit {
+  /** Of which robot. */
+  member: Member;
   /** The link, or null for the handle at the tool. */
   link: string | null;
   point: Vector3;
@@ -13,25 +14,47 @@ export interface Hit {
 
 const REACH = 0.035; // m in the room: a finger tip this near to a link takes it
 
-/** First hit of a ray of the scene. The handle is met even where links hide it: it belongs to the hand. */
-export function pickRay(caster: Raycaster, robot: Robot, grab: Grab): Hit | null {
-  if (grab.handle.visible) {
-    const hit = caster.intersectObject(grab.target, false)[0];
-    if (hit) return { link: null, point: grab.handle.getWorldPosition(new Vector3()), distance: hit.distance };
-  }
-  const hit = caster.intersectObjects(robot.targets(), false)[0];
-  const link = hit ? robot.linkOf(hit.object) : null;
-  return hit && link !== null ? { link, point: hit.point, distance: hit.distance } : null;
+/** First hit of a ray of the scene. A handle is met even where links hide it: it belongs to the hand. */
+export function pickRay(caster: Raycaster, members: readonly Member[]): Hit | null {
+  return nearest(members, (m) => ballHit(caster, m)) ?? nearest(members, (m) => linkHit(caster, m));
 }
 
 /** What a finger tip at a point of the scene touches. */
-export function pickNear(tip: Vector3, robot: Robot, grab: Grab): Hit | null {
-  const handle = grab.handle.getWorldPosition(new Vector3());
-  const radius = grab.handle.getWorldScale(new Vector3()).x;
-  const far = handle.distanceTo(tip);
-  if (grab.handle.visible && far < radius + REACH) return { link: null, point: tip.clone(), distance: far };
-  const near = robot.nearest(tip);
-  return near && near.distance < REACH ? { link: near.link, point: tip.clone(), distance: near.distance } : null;
+export function pickNear(tip: Vector3, members: readonly Member[]): Hit | null {
+  return nearest(members, (m) => ballNear(tip, m)) ?? nearest(members, (m) => linkNear(tip, m));
+}
+
+function nearest(members: readonly Member[], hitOf: (member: Member) => Hit | null): Hit | null {
+  let best: Hit | null = null;
+  for (const member of members) {
+    const hit = member.robot ? hitOf(member) : null;
+    if (hit && (!best || hit.distance < best.distance)) best = hit;
+  }
+  return best;
+}
+
+function ballHit(caster: Raycaster, member: Member): Hit | null {
+  const { group, ball } = member.handle;
+  const hit = group.visible ? caster.intersectObject(ball, false)[0] : undefined;
+  return hit ? { member, link: null, point: group.getWorldPosition(new Vector3()), distance: hit.distance } : null;
+}
+
+function linkHit(caster: Raycaster, member: Member): Hit | null {
+  const hit = caster.intersectObjects(member.robot?.targets() ?? [], false)[0];
+  const link = hit ? (member.robot?.linkOf(hit.object) ?? null) : null;
+  return hit && link !== null ? { member, link, point: hit.point, distance: hit.distance } : null;
+}
+
+function ballNear(tip: Vector3, member: Member): Hit | null {
+  const { group } = member.handle;
+  const distance = group.getWorldPosition(new Vector3()).distanceTo(tip);
+  const radius = group.getWorldScale(new Vector3()).x;
+  return group.visible && distance < radius + REACH ? { member, link: null, point: tip.clone(), distance } : null;
+}
+
+function linkNear(tip: Vector3, member: Member): Hit | null {
+  const near = member.robot?.nearest(tip);
+  return near && near.distance < REACH ? { member, link: near.link, point: tip.clone(), distance: near.distance } : null;
 }
 
 export function rayOf(matrix: Matrix4, caster: Raycaster): Raycaster {

@@ -1,7 +1,7 @@
 /** Where the robot stands in the room, and how large it is drawn. */
 
 import { Group, Matrix4, Mesh, Quaternion, RingGeometry, Vector3 } from 'three';
-import { accentuate, BLUE, flat } from './overlays';
+import { accentuate, BLUE, flat } from './ink';
 import { VIEW, type World } from './world';
 
 export const SMALLEST = 0.1;

@@ -1,4 +1,7 @@
-/** What the server says and hears. Lengths in m, angles in rad, poses as x y z qx qy qz qw, world with z up. */
+/**
+ * What the server says and hears. Lengths in m, angles in rad, poses as x y z qx qy qz qw, z up. What is said of a robot
+ * is in its base; what is said of the scene is in world.
+ */
 
 export type Numbers = readonly number[];
 
@@ -44,6 +47,72 @@ export interface RobotInfo {
   has_workspace: boolean;
   scenery: Scenery | null;
   assumed: string[];
+  /** Where it stands in world. */
+  T_world_base: Numbers;
+  /** Folder of its files, empty or with a slash at its end. */
+  files: string;
+  /** Through which it works in the scene. */
+  ports: { trocar: string; name: string; at: Numbers }[];
+}
+
+export interface FieldInfo {
+  name: string;
+  /** Base64 of u32, three for each triangle. */
+  triangles: string;
+  color: Numbers;
+  opacity: number;
+}
+
+export interface CameraInfo {
+  name: string;
+  robot: string;
+  link: string;
+  T_link_camera: Numbers;
+  /** Angle of view in rad. */
+  view: number;
+}
+
+/** Hands that lead robots, and the camera that both drag. */
+export interface ConsoleInfo {
+  /** Robots of each hand, in the order of taps. */
+  hands: Record<Side, string[]>;
+  camera: string;
+  /** Smallest and largest motion scale. */
+  scale: Numbers;
+  /** Seconds without a message after which nothing moves. */
+  patience: number;
+}
+
+export type Side = 'right' | 'left';
+
+export interface ConsoleState {
+  owner: string | null;
+  /** Number of the message that is answered by this state. */
+  heard: number;
+  silent: boolean;
+  mode: 'instruments' | 'nothing' | 'camera';
+  scale: number;
+  hands: Record<Side, { robot: string; follows: boolean; wall: string | null; jumps: number }>;
+  /** Which limit the camera is at. */
+  camera: string | null;
+  /** Of the World against the clock. */
+  rate: number;
+  stopped: string | null;
+}
+
+/** One robot or several, and the props. */
+export interface SceneInfo {
+  schema: string;
+  version: number;
+  name: string;
+  title: string;
+  model_hash: string;
+  robots: RobotInfo[];
+  props: { name: string; file: string } | null;
+  cameras: CameraInfo[];
+  fields: FieldInfo[];
+  assumed: string[];
+  console?: ConsoleInfo;
 }
 
 export type Phase = readonly [name: string, start: number, end: number];
@@ -79,10 +148,10 @@ export interface State {
 }
 
 export type Message =
-  | { type: 'hello'; protocol: number; client: string | number; robot: string; model_hash: string; resume?: string }
-  | ({ type: 'state' } & Partial<State>)
-  | { type: 'path'; protocol: string | null; points: Numbers }
-  | { type: 'cloud'; first?: boolean; points: string; values?: string; done: boolean }
+  | { type: 'hello'; protocol: number; client: string | number; model_hash: string; resume?: string }
+  | ({ type: 'state'; robots?: ({ name: string } & Partial<State>)[]; console?: ConsoleState } & Partial<State>)
+  | { type: 'path'; robot?: string; protocol: string | null; points: Numbers }
+  | { type: 'cloud'; robot?: string; first?: boolean; points: string; values?: string; done: boolean }
   | { type: 'error'; id?: number; code: string; message: string }
   | { type: 'ack'; id?: number }
   | { type: 'pong'; t: number };

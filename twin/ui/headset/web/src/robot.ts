@@ -16,8 +16,8 @@ import {
   Quaternion,
   Vector3,
 } from 'three';
-import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import type { Frame } from './frame';
+import { loadGlb } from './glb';
 import type { RobotInfo } from './protocol';
 
 const SAMPLES = 400; // vertices of a link that a hand is compared with
@@ -53,8 +53,8 @@ export class Robot {
   }
 
   /** Load the GLB and find its links. Links that it does not hold are named in an Error. */
-  static async load(url: string, info: Promise<RobotInfo>): Promise<Robot> {
-    const [gltf, about] = await Promise.all([new GLTFLoader().loadAsync(url), info]);
+  static async load(about: RobotInfo): Promise<Robot> {
+    const gltf = await loadGlb(`${about.files}robot.glb`);
     const robot = new Robot(gltf.scene);
     const nodes = new Map<string, Object3D>();
     gltf.scene.traverse((o) => {
@@ -122,9 +122,9 @@ export class Robot {
     return best;
   }
 
-  /** Colour one link: under the pointer, held, or held and not following. */
-  mark(name: string, mark: Mark): void {
-    if (this.marked[0] === name && this.marked[1] === mark) return;
+  /** Colour one link: under the pointer, held, or held and not following; false if it is so already. */
+  mark(name: string, mark: Mark): boolean {
+    if (this.marked[0] === name && this.marked[1] === mark) return false;
     this.marked = [name, mark];
     this.outline?.removeFromParent();
     this.outline = null;
@@ -134,6 +134,7 @@ export class Robot {
       this.outline = outlineOf(link);
       link.node.add(this.outline);
     }
+    return true;
   }
 
   /** Raise dark colours, for displays on which black cannot be seen. */
@@ -142,9 +143,9 @@ export class Robot {
     for (const link of this.links.values()) this.tint(link);
   }
 
-  /** Paint each link in one flat colour by its number (for pixel probes), or as it was. */
-  paint(on: boolean): void {
-    let i = 0;
+  /** Paint each link in one flat colour by its number from `first` on (for pixel probes), or as it was. */
+  paint(on: boolean, first = 0): void {
+    let i = first;
     for (const link of this.links.values()) {
       const flat = new MeshBasicMaterial({ color: paintOf(i++), toneMapped: false });
       for (const s of link.skins) s.mesh.material = on ? flat : s.material;

@@ -8,7 +8,7 @@ import type { App } from './app';
 import type { Sheet, Tone } from './controls';
 import { parseFrame } from './frame';
 import { Label } from './label';
-import { flat } from './overlays';
+import { flat } from './ink';
 import { checkPicture } from './selftest_picture';
 import type { Robot } from './robot';
 
@@ -122,14 +122,14 @@ export class SelfTest {
 
   private links(robot: Robot): void {
     this.attempt('links stand where the stream says', () => {
-      const { model, world } = this.app;
+      const { member, model, world } = this.app;
       world.scene.updateMatrixWorld(true);
       const poses = model.frame?.poses ?? new Float32Array();
       return Math.max(
         ...(model.info?.links ?? []).map((name, i) => {
           const node = robot.links.get(name)?.node;
           if (!node) return Infinity;
-          const p = world.robotWorld.worldToLocal(node.getWorldPosition(new Vector3()));
+          const p = member.place.worldToLocal(node.getWorldPosition(new Vector3()));
           return p.distanceTo(new Vector3().fromArray(poses, 7 * i));
         }),
       );

@@ -5,15 +5,31 @@ import type { Button, Control, Sheet, Slider, Tab, Tone } from './controls';
 import type { Mode } from './grab';
 import { isAngle, jointValue, length } from './model';
 import type { State } from './protocol';
+import { atConsole } from './sheet_console';
 import { robot, scene } from './sheet_scene';
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 
 export function makeSheet(app: App): Sheet {
+  const led = app.console ? [atConsole(app, app.console)] : [simulation(app), interaction(app)];
+  const tabs = [...led, scene(app), robot(app)];
+  if (app.model.several) for (const tab of tabs) if (tab.id !== 'console') tab.controls.unshift(which(app, tab.id));
   return {
-    tabs: [simulation(app), interaction(app), scene(app), robot(app)],
-    transport: transport(app),
+    tabs,
+    transport: app.console ? [] : transport(app),
     status: { kind: 'text', id: 'status', text: () => app.model.status().text, tone: () => app.model.status().tone },
+  };
+}
+
+/** Of which robot the controls of a tab speak. */
+function which(app: App, tab: string): Control {
+  return {
+    kind: 'choice',
+    id: `robot-${tab}`,
+    label: 'Robot',
+    options: () => app.model.robots.map((r, i) => [String(i), r.info?.name ?? '']),
+    get: () => String(app.model.chosen),
+    set: (value) => app.choose(Number(value)),
   };
 }
 
@@ -268,7 +284,7 @@ function interaction(app: App): Tab {
       range: () => [joint.lower ?? (angle ? -Math.PI : -1), joint.upper ?? (angle ? Math.PI : 1)],
       get: () => m.joint(joint.name),
       show: (v) => jointValue(v, angle),
-      begin: () => void app.grab.startJoint(joint),
+      begin: () => void app.grab.startJoint(app.member, joint),
       set: (v) => app.grab.moveJoint(v),
       end: () => app.grab.end(),
       off: () => m.heldByOther || m.line !== 'open',

@@ -14,9 +14,34 @@ export function scene(app: App): Tab {
     on: () => app.overlays.shows[key],
     press: () => app.show(key),
   });
+  const toggle = (id: string, label: string, on: () => boolean, flip: () => void): Button => ({
+    kind: 'button',
+    id,
+    label: () => label,
+    on,
+    press: () => {
+      flip();
+      app.showAround();
+    },
+  });
   const rows: Button[][] = [[show('path', 'Tool path'), show('rcm', 'RCM and shaft')], []];
   if (m.info?.has_workspace) rows[1]?.push(show('workspace', 'Workspace'));
   if (m.info?.scenery) rows[1]?.push(show('scenery', 'Table and patient'));
+  const around = m.scene?.props;
+  const marks = m.scene?.cameras.length || m.robots.some((r) => r.info?.ports.length);
+  if (around)
+    rows.push([
+      toggle('surroundings', 'Surroundings', () => !app.hidden, () => (app.hidden = !app.hidden)),
+      toggle('through', 'See through them', () => app.surroundings.seeThrough, () => {
+        app.surroundings.seeThrough = !app.surroundings.seeThrough;
+      }),
+    ]);
+  if (marks)
+    rows.push([
+      toggle('marks', 'Ports and cameras', () => app.surroundings.marks, () => {
+        app.surroundings.marks = !app.surroundings.marks;
+      }),
+    ]);
   rows.push([
     show('labels', 'Labels'),
     {
@@ -31,7 +56,7 @@ export function scene(app: App): Tab {
     { kind: 'head', text: 'Show' },
     ...rows.filter((r) => r.length).map((items): Control => ({ kind: 'row', items })),
   ];
-  controls.push({ kind: 'text', id: 'patient', tone: () => 'faint', text: () => app.overlays.sceneryText(m) });
+  controls.push({ kind: 'text', id: 'patient', tone: () => 'faint', text: () => app.overlays.sceneryText(m.robot) });
   controls.push({ kind: 'text', id: 'cloud', tone: () => 'faint', text: () => app.cloudText() });
   if (m.info?.variants.length)
     controls.push(
@@ -107,7 +132,8 @@ export function scene(app: App): Tab {
 
 export function robot(app: App): Tab {
   const m = app.model;
-  const count = m.info?.assumed.length ?? 0;
+  const assumed = [...(m.info?.assumed ?? []), ...(m.scene?.assumed ?? [])];
+  const count = assumed.length;
   return {
     id: 'robot',
     label: 'Robot',
@@ -135,7 +161,7 @@ export function robot(app: App): Tab {
         kind: 'text',
         id: 'assumed',
         tone: () => 'faint',
-        text: () => (count ? assumptions(m.info?.assumed ?? []) : 'None: every number has a source.'),
+        text: () => (count ? assumptions(assumed) : 'None: every number has a source.'),
       },
     ],
   };

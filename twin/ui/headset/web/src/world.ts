@@ -108,6 +108,12 @@ export class World {
     this.resize();
   }
 
+  /** What the controls leave free, in pixels from the left and from the top. */
+  free(): [right: number, bottom: number] {
+    const { clientWidth: w, clientHeight: h } = this.renderer.domElement;
+    return [w - this.covered.right, h - this.covered.bottom];
+  }
+
   /** Look at the robot's box from the front right, so that it fills the picture. */
   frameAll(middle: Vector3, radius: number): void {
     const { clientWidth: w, clientHeight: h } = this.renderer.domElement;

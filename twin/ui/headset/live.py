@@ -1,0 +1,229 @@
+"""Live source of a server: one robot or the robots of a scene on one clock, and deformables."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from twin.core.errors import TwinError, unknown
+from twin.ui.headset import protocol as wire
+from twin.ui.headset.protocol import RefusedError
+from twin.ui.headset.scene_frame import pack_field, pack_scene
+from twin.ui.headset.twin import Twin
+from twin.ui.session.feed import Feed, vertices_of
+from twin.ui.session.timeline import RATE, Clock
+
+HEARTBEAT = 6
+"""Ticks after which a frame is sent even if nothing has moved."""
+
+_NOTHING = pack_field(np.zeros((0, 3)))
+
+
+class Live:
+    """Source of a server: robots that all clients play and move together.
+
+    A single robot is sent in version 1 of the stream protocol; several robots, a scene or a feed of deformables in
+    version 2.
+
+    Attributes:
+        twins: the robots by name, in the order of their parts in a frame.
+        clock: clock of all robots.
+        send: function called with every document for all clients.
+    """
+
+    replays = False
+
+    def __init__(self, twins: Sequence[Twin], clock: Clock, feed: Feed | None = None) -> None:
+        """Create the source for robots that use this clock."""
+        self.twins = {t.name: t for t in twins}
+        self.clock, self.feed = clock, feed
+        self.send: Callable[[dict[str, Any]], object] = lambda document: None
+        self.alone = feed is None and len(twins) == 1 and twins[0].place is None
+        self._tick, self._sent, self._seq = -1, -HEARTBEAT, 0
+        self._told: tuple[Any, ...] = ()
+        self._fields: tuple[bytes, ...] = ()
+        self._broken = ""
+        for twin in twins:
+            twin.send = self._sender(twin)
+            twin.planned = self._planned
+        self._bend()
+        self._measure()
+
+    @property
+    def version(self) -> int:
+        """Version of the stream protocol."""
+        return wire.ALONE if self.alone else wire.VERSION
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Names of all links: those of the robot, or "<robot>/<link>"."""
+        return self._names({n: t.links for n, t in self.twins.items()})
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of all active joints: those of the robot, or "<robot>/<joint>"."""
+        return self._names({n: t.robot.joints for n, t in self.twins.items()})
+
+    def _names(self, of: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+        return tuple(n if self.alone else f"{robot}/{n}" for robot, names in of.items() for n in names)
+
+    def close(self) -> None:
+        """End all processes and threads."""
+        for twin in self.twins.values():
+            twin.close()
+
+    # -- time -----------------------------------------------------------------------------------------
+
+    def frame(self, tick: int, server_time: float) -> bytes | None:
+        """Advance to a tick (of 1 / RATE s); return a frame if something changed or `HEARTBEAT` ticks have passed.
+
+        Args:
+            tick: counts from 0; ticks may be skipped.
+            server_time: time of the frame in s on the monotonic clock.
+        """
+        passed = (tick - self._tick) / RATE if self._tick >= 0 else 0.0
+        self._tick = tick
+        twins = tuple(self.twins.values())
+        for twin in twins:
+            twin.poll(tick)
+        if self.clock.advance(passed):
+            self._stand()
+        for twin in twins:
+            twin.look()
+        told = (*(t.told for t in twins), self._fields)
+        if told == self._told and tick - self._sent < HEARTBEAT:
+            return None
+        self._told, self._sent = told, tick
+        self._seq += 1
+        robots = [t.frame(self._seq - 1, server_time) for t in twins]
+        if self.alone:
+            return robots[0]
+        flags = wire.PLAYING * self.clock.playing | wire.HELD * any(t.holder for t in twins)
+        return pack_scene(self._seq - 1, server_time, self.clock.time, flags, robots, self._fields)
+
+    def _planned(self) -> None:
+        """Restart all robots, because one has another protocol."""
+        self._measure()
+        self.clock.seek(0.0)
+        self._bend()
+        for twin in self.twins.values():
+            if twin.holder is None:
+                twin.stand()
+
+    def _measure(self) -> None:
+        durations = [t.duration for t in self.twins.values()]
+        self.clock.duration = max([*durations, 0.0 if self.feed is None else self.feed.duration])
+
+    def _stand(self) -> None:
+        """Move all robots to the clock's time; a robot whose protocol has ended rests."""
+        for twin in self.twins.values():
+            twin.stand()
+        self._bend()
+
+    def _bend(self) -> None:
+        """Read the deformables (fields) at the clock's time; a missing field has no vertices, and is reported once."""
+        if self.feed is None:
+            return
+        fields = dict.fromkeys(self.feed.surfaces, _NOTHING)
+        try:
+            frame = self.feed.at(self.clock.time)
+            for name, surface in self.feed.surfaces.items():
+                fields[name] = pack_field(vertices_of(frame, name, surface))
+        except Exception as error:  # deformables must not stop the robots
+            if not self._broken:
+                self._broken = str(error) if isinstance(error, TwinError) else f"{type(error).__name__}: {error}"
+                logging.getLogger(__name__).warning("a field: %s", self._broken)
+                self.send({"type": "error", "code": "failed", "message": self._broken[:500]})
+        self._fields = tuple(fields.values())
+
+    # -- what clients ask for -------------------------------------------------------------------------
+
+    def holds(self, client: str) -> bool:
+        """Return whether a client has grabbed any robot."""
+        return any(t.holder == client for t in self.twins.values())
+
+    def release(self, client: str) -> None:
+        """Release all grabs of a client."""
+        for twin in self.twins.values():
+            twin.release(client)
+
+    def ask(self, client: str, message: wire.Message) -> None:
+        """Handle a request of a client.
+
+        Raises:
+            RefusedError: the request cannot be fulfilled; nothing has changed.
+        """
+        if isinstance(message, wire.OfRobot):
+            if isinstance(message, wire.Release) and message.robot is None:
+                return self.release(client)
+            return self._of(client, message).ask(client, message)
+        for twin in self.twins.values():
+            twin.leave_to(client)
+        if isinstance(message, wire.Speed):
+            self.clock.speed = message.value
+        elif isinstance(message, wire.Loop):
+            self.clock.loop = message.on
+        else:
+            self._time(message)
+            for twin in self.twins.values():
+                twin.let_go(client)
+        return None
+
+    def _of(self, client: str, message: wire.OfRobot) -> Twin:
+        """Return the robot of a request: the named one, the only one, or for a drag the only one held by the client."""
+        if message.robot is not None:
+            if message.robot not in self.twins:
+                raise RefusedError("unknown", unknown("robot", message.robot, self.twins))
+            return self.twins[message.robot]
+        meant = list(self.twins.values())
+        if isinstance(message, wire.Drag) and len(meant) > 1:
+            meant = [t for t in meant if t.holder == client]
+            if not meant:
+                raise RefusedError("not_held", "grab first, then drag")
+        if len(meant) > 1:
+            raise RefusedError("invalid", f"robot: name one of {', '.join(t.name for t in meant)}")
+        return meant[0]
+
+    def _time(self, message: wire.Message) -> None:
+        if not self.clock.duration > 0:
+            why = [(n, t.why_not) for n, t in self.twins.items()]
+            text = why[0][1] if self.alone else "; ".join(f"{n}: {w}" for n, w in why)
+            raise RefusedError("refused", f"no protocol is planned yet: {text}")
+        if isinstance(message, wire.Seek):
+            self.clock.seek(message.t)
+        elif isinstance(message, wire.Play) and message.on:
+            self.clock.play()
+        else:
+            self.clock.playing = False
+            return
+        self._stand()
+
+    # -- documents ------------------------------------------------------------------------------------
+
+    def _sender(self, twin: Twin) -> Callable[[dict[str, Any]], object]:
+        return lambda document: self.send(self._signed(twin, document))
+
+    def _signed(self, twin: Twin, document: dict[str, Any]) -> dict[str, Any]:
+        return document if self.alone else {**document, "robot": twin.name}
+
+    def welcome(self) -> list[dict[str, Any]]:
+        """Return the documents for a new client: paths and workspaces."""
+        return [self._signed(t, d) for t in self.twins.values() for d in t.welcome()]
+
+    def state(self) -> dict[str, Any]:
+        """Return the document `state`: the clock, and the state of each robot."""
+        clock = self.clock
+        shared = {
+            "type": "state",
+            "playing": clock.playing,
+            "time": clock.time,
+            "duration": clock.duration,
+            "speed": clock.speed,
+            "loop": clock.loop,
+        }
+        if self.alone:
+            return shared | next(iter(self.twins.values())).state()
+        return {**shared, "robots": [{"name": n, **t.state()} for n, t in self.twins.items()]}

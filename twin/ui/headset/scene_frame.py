@@ -1,0 +1,115 @@
+"""Frame of a scene: the frames of its robots in sequence, and the vertices of its deformables (fields).
+
+A robot's part is a complete frame of `protocol`, as for a single robot, so that a client for one robot can be reused. A
+vertex is stored as 16-bit fractions of the field's bounding box: the resolution is 16 um in a box of 1 m.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.ui.headset import protocol as wire
+
+MAGIC = 0x324E5754
+"""First four bytes of a scene's frame: "TWN2"."""
+
+VERTICES = 1 << 16
+"""Maximum number of vertices in a field."""
+
+LEVELS = 65535
+"""Number of steps along an edge of the bounding box."""
+
+_HEADER = struct.Struct("<IIddHHI")
+_BOX = struct.Struct("<I3f3f")
+
+
+@dataclass(frozen=True, eq=False)
+class SceneFrame:
+    """One whole frame of a scene.
+
+    Attributes:
+        seq, server_time: as in `wire.Frame`.
+        time: time of the scene's clock in s.
+        flags: `wire.PLAYING`, and `wire.HELD` if a client holds a robot.
+        robots: frames of the robots, in the order of the scene.
+        fields: vertices (n, 3) float32 in m in world, in the order of the scene; n = 0: unknown at this time.
+    """
+
+    seq: int
+    server_time: float
+    time: float
+    flags: int
+    robots: tuple[wire.Frame, ...]
+    fields: tuple[np.ndarray, ...]
+
+
+def pack_scene(
+    seq: int, server_time: float, time: float, flags: int, robots: Sequence[bytes], fields: Sequence[bytes]
+) -> bytes:
+    """Return a scene's frame as bytes, from robots' frames made by `wire.pack` and fields made by `pack_field`."""
+    head = _HEADER.pack(MAGIC, seq & 0xFFFFFFFF, server_time, time, len(robots), len(fields), flags)
+    return b"".join([head, *robots, *fields])
+
+
+def pack_field(vertices: Array) -> bytes:
+    """Return vertices (n, 3) in m in wire format; the error is at most half a step of the box, plus rounding.
+
+    Raises:
+        TwinError: there are too many vertices.
+    """
+    v = np.asarray(vertices, float).reshape(-1, 3)
+    if len(v) > VERTICES:
+        raise TwinError(f"a field of {len(v)} vertices exceeds the maximum of {VERTICES}: send a coarser surface")
+    low = (v.min(axis=0) if len(v) else np.zeros(3)).astype("<f4")
+    step = ((v.max(axis=0) - low) / LEVELS if len(v) else np.zeros(3)).astype("<f4")
+    parts = np.divide(v - low, step, out=np.zeros_like(v), where=step > 0)
+    levels = np.clip(np.rint(parts), 0, LEVELS).astype("<u2").tobytes()
+    return _BOX.pack(len(v), *low.tolist(), *step.tolist()) + levels + bytes(-len(levels) % 4)
+
+
+def unpack_scene(data: bytes) -> SceneFrame:
+    """Return the scene's frame in a binary message.
+
+    Raises:
+        TwinError: the message is not a frame of a scene, or its length does not match its parts.
+    """
+    if len(data) < _HEADER.size:
+        raise TwinError(f"frame of a scene: {len(data)} bytes; the header needs {_HEADER.size}")
+    magic, seq, server_time, time, robots, fields, flags = _HEADER.unpack_from(data)
+    if magic != MAGIC:
+        raise TwinError(f"frame of a scene: begins with {magic:#010x}, not with {MAGIC:#010x}")
+    at, parts, bends = _HEADER.size, [], []
+    for _ in range(robots):
+        end = at + wire.size_of(data[at:])
+        parts.append(wire.unpack(data[at:end]))
+        at = end
+    for k in range(fields):
+        if len(data) < at + _BOX.size:
+            raise TwinError(f"frame of a scene: {len(data)} bytes; field {k} begins at {at} and is truncated")
+        n, *box = _BOX.unpack_from(data, at)
+        at += _BOX.size
+        end = at + 6 * n + (-6 * n) % 4
+        if n > VERTICES or len(data) < end:
+            raise TwinError(f"frame of a scene: {len(data)} bytes; field {k} of {n} vertices ends at {end}")
+        levels = np.frombuffer(data, "<u2", 3 * n, at).reshape(n, 3)
+        low, step = np.array(box[:3], np.float32), np.array(box[3:], np.float32)
+        bends.append(low + step * levels.astype(np.float32))
+        at = end
+    if at != len(data):
+        raise TwinError(f"frame of a scene: {len(data)} bytes; its parts need {at}")
+    return SceneFrame(seq, server_time, time, flags, tuple(parts), tuple(bends))
+
+
+def unpack_any(data: bytes) -> wire.Frame | SceneFrame:
+    """Return the frame of a robot or of a scene in a binary message.
+
+    Raises:
+        TwinError: the message is neither.
+    """
+    return unpack_scene(data) if data[:4] == MAGIC.to_bytes(4, "little") else wire.unpack(data)

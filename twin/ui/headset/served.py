@@ -1,0 +1,193 @@
+"""Content that `twin serve` serves: the live robot or scene, and the files that display it."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin.api import Robot
+from twin.core import spatial
+from twin.core.errors import TwinError
+from twin.core.units import DEG
+from twin.model.mechanism import Mechanism
+from twin.model.scene import Place, Scene
+from twin.ui.door.answers import File
+from twin.ui.headset import files
+from twin.ui.headset.description import describe, numbers, pose
+from twin.ui.headset.live import Live
+from twin.ui.headset.operation import Operation
+from twin.ui.headset.twin import Twin
+from twin.ui.session.desk import Desk
+from twin.ui.session.feed import Feed, Surface
+from twin.ui.session.timeline import Clock
+
+_ROBOTS = "robots/{}/"
+"""Path of the files of a robot in a scene."""
+
+_PROPS = "props.glb"
+
+
+@dataclass(frozen=True)
+class Served:
+    """Content of a server.
+
+    Attributes:
+        live: source of the stream.
+        name: of the robot or the scene.
+        model_hash: hash of the shown geometry.
+        files: all files except the page, by path.
+        preload: paths of files that a page requests first.
+    """
+
+    live: Live | Operation
+    name: str
+    model_hash: str
+    files: dict[str, File]
+    preload: tuple[str, ...]
+
+    @property
+    def hello(self) -> dict[str, Any]:
+        """First document that a client receives."""
+        return {"robot" if self.live.alone else "scene": self.name, "model_hash": self.model_hash}
+
+
+def of_robot(
+    robot: Robot, source: str, protocol: str | None = None, plans: bool = True, feed: Feed | None = None
+) -> Served:
+    """Return the content for one robot, with the patients of its protocols; call it in an event loop.
+
+    The arguments are those of `Twin`.
+    """
+    from twin.exchange.write.glb import glb_bytes
+
+    clock = Clock()
+    twin = Twin(robot, source, protocol, plans, clock)
+    about = twin.description
+    own = files.robot_files(glb_bytes(robot.mechanism), about)
+    own |= files.patient_files({n: glb_bytes(p.mechanism, (), p.poses) for n, p in twin.patients.items()})
+    scene = _describe(robot.name, about["title"], [{**about, "files": "", "ports": []}], feed)
+    scene["model_hash"] = about["model_hash"]
+    own |= files.scene_file(scene)
+    live = Live([twin], clock, feed)
+    return Served(live, robot.name, about["model_hash"], own, ("robot.glb",))
+
+
+def of_scene(
+    scene: Scene, robots: Mapping[str, Robot], props: Mechanism | None, plans: bool = True, feed: Feed | None = None
+) -> Served:
+    """Return the content for a scene: robots at their places, and props; call it in an event loop.
+
+    Args:
+        scene: the scene.
+        robots: robots by the name of their place.
+        props: mechanism of the props, or None.
+        plans: whether the robots plan and play their protocols.
+        feed: deformables, or None.
+    """
+    clock = Clock()
+    twins = [Twin(robots[p.name], p.robot, p.protocol, plans, clock, p) for p in scene.places]
+    about = [t.description for t in twins]
+    return _placed(scene, robots, Live(twins, clock, feed), about, props, feed)
+
+
+def of_console(scene: Scene, robots: Mapping[str, Robot], props: Mechanism | None) -> Served:
+    """Return the robots of a scene under the hands of its console; the arguments are those of `of_scene`.
+
+    Raises:
+        TwinError: the console does not fit its robots.
+    """
+    operation = Operation(scene, robots)
+    about = [describe(robots[p.name], Desk(robots[p.name]), {}, {}, p) for p in scene.places]
+    nothing = {"protocols": [], "variants": [], "postures": [], "has_workspace": False}
+    return _placed(scene, robots, operation, [a | nothing for a in about], props, None)
+
+
+def _placed(
+    scene: Scene,
+    robots: Mapping[str, Robot],
+    live: Live | Operation,
+    about: Sequence[dict[str, Any]],
+    props: Mechanism | None,
+    feed: Feed | None,
+) -> Served:
+    from twin.exchange.write.glb import glb_bytes
+
+    own, placed = {}, []
+    for place, one in zip(scene.places, about, strict=True):
+        folder = _ROBOTS.format(place.name)
+        own |= files.robot_files(glb_bytes(robots[place.name].mechanism), one, folder)
+        placed.append({**one, "files": folder, "ports": _ports(place)})
+    described = _describe(scene.name, scene.title, placed, feed)
+    described["cameras"] = _cameras(scene, robots)
+    described["assumed"] = [f"{p.name}: {p.note}" for p in scene.parameters if p.provenance == "ASSUMED"]
+    if isinstance(live, Operation):
+        described["console"] = live.about
+    preload = [f"{_ROBOTS.format(p.name)}robot.glb" for p in scene.places]
+    if props is not None:
+        glb = glb_bytes(props)
+        own |= files.glb_file(_PROPS, glb)
+        digest = hashlib.sha256(glb).hexdigest()
+        described["props"] = {"name": props.name, "file": _PROPS, "sha256": digest}
+        preload.append(_PROPS)
+    text = json.dumps(described, sort_keys=True).encode()
+    described["model_hash"] = "sha256:" + hashlib.sha256(text).hexdigest()
+    own |= files.scene_file(described)
+    return Served(live, scene.name, described["model_hash"], own, tuple(preload))
+
+
+def _describe(name: str, title: str, robots: Sequence[dict[str, Any]], feed: Feed | None) -> dict[str, Any]:
+    return {
+        "schema": "twin-scene",
+        "version": 1,
+        "name": name,
+        "title": title,
+        "frame": "z-up right-handed",
+        "robots": list(robots),
+        "props": None,
+        "cameras": [],
+        "fields": [] if feed is None else [_field(n, s) for n, s in feed.surfaces.items()],
+        "assumed": [],
+    }
+
+
+def _field(name: str, surface: Surface) -> dict[str, Any]:
+    triangles = np.ascontiguousarray(surface.triangles, "<u4")
+    return {
+        "name": name,
+        "triangles": base64.b64encode(triangles.tobytes()).decode(),
+        "color": list(surface.color),
+        "opacity": surface.opacity,
+    }
+
+
+def _ports(place: Place) -> list[dict[str, Any]]:
+    """Return the patient's ports for a robot, in the frame of its base."""
+    T = spatial.inverse(place.T_world_base)
+    return [
+        {"trocar": trocar, "name": place.ports[trocar], "at": numbers((T @ np.append(p, 1.0))[:3])}
+        for trocar, p in place.p_world_ports.items()
+    ]
+
+
+def _cameras(scene: Scene, robots: Mapping[str, Robot]) -> list[dict[str, Any]]:
+    out = []
+    for name, camera in scene.cameras.items():
+        frame = next((f for f in robots[camera.robot].mechanism.frames if f.name == camera.frame), None)
+        if frame is None:
+            raise TwinError(f"{scene.file}: camera '{name}': {camera.robot} has no frame '{camera.frame}'")
+        out.append(
+            {
+                "name": name,
+                "robot": camera.robot,
+                "link": frame.body,
+                "T_link_camera": pose(frame.T_body_frame @ camera.in_frame),
+                "view": camera.view_deg * DEG,
+            }
+        )
+    return out

@@ -1,0 +1,92 @@
+/** The mouse in the endoscope's picture: left button an instrument, right button the camera, wheel the depth. */
+
+import type { App } from './app';
+import type { Console } from './console';
+import { SIDES } from './pens';
+import type { Side } from './protocol';
+
+const TURN = 0.008; // rad for a pixel
+const NOTCH = 0.006; // m of the hand for a notch of the wheel
+const ROLL = 0.12; // rad for a notch
+
+export class ConsoleMouse {
+  private pointer: number | null = null;
+  private side: Side = 'right';
+  private last = { x: 0, y: 0 };
+
+  constructor(
+    private readonly app: App,
+    private readonly console: Console,
+  ) {
+    const canvas = app.world.renderer.domElement;
+    canvas.addEventListener('pointerdown', (e) => this.down(e), { capture: true });
+    canvas.addEventListener('pointermove', (e) => this.move(e), { capture: true });
+    canvas.addEventListener('pointerup', (e) => this.up(e), { capture: true });
+    canvas.addEventListener('pointercancel', (e) => this.up(e), { capture: true });
+    canvas.addEventListener('wheel', (e) => this.wheel(e), { capture: true, passive: false });
+    canvas.addEventListener('contextmenu', (e) => e.preventDefault());
+  }
+
+  /** Whether the endoscope's picture is under the pointer. */
+  private works(e: MouseEvent): boolean {
+    return !this.app.xr.presenting && this.console.views.at(e.clientX, e.clientY) === 'scope';
+  }
+
+  /** The hand whose instrument is seen nearest to the pointer. */
+  private nearest(e: MouseEvent): Side {
+    const { console } = this;
+    const away = (side: Side) => {
+      const tip = console.tip(side);
+      if (!tip) return Infinity;
+      const at = console.views.project(tip, 'scope');
+      return Math.hypot(at.x - e.clientX, at.y - e.clientY);
+    };
+    return away(SIDES[0] as Side) <= away(SIDES[1] as Side) ? (SIDES[0] as Side) : (SIDES[1] as Side);
+  }
+
+  private down(e: PointerEvent): void {
+    if (!this.works(e)) return;
+    e.stopImmediatePropagation(); // the room does not turn
+    if (this.pointer !== null) return;
+    const canvas = this.app.world.renderer.domElement;
+    canvas.focus();
+    this.pointer = e.pointerId;
+    canvas.setPointerCapture(e.pointerId);
+    this.side = this.nearest(e);
+    this.console.chosen = this.side;
+    if (e.button === 2) this.console.pens.camera = true;
+    this.console.pens.use();
+    this.last = { x: e.clientX, y: e.clientY };
+    canvas.style.cursor = 'grabbing';
+  }
+
+  private move(e: PointerEvent): void {
+    const canvas = this.app.world.renderer.domElement;
+    if (this.pointer === null) canvas.style.cursor = this.works(e) ? 'crosshair' : '';
+    if (e.pointerId !== this.pointer) return;
+    e.stopImmediatePropagation();
+    const [dx, dy] = [e.clientX - this.last.x, e.clientY - this.last.y];
+    this.last = { x: e.clientX, y: e.clientY };
+    const { console, side } = this;
+    if (e.shiftKey) console.turn(side, TURN * dy, TURN * dx, 0);
+    else console.move(side, console.perPixel * dx, -console.perPixel * dy, 0);
+  }
+
+  private wheel(e: WheelEvent): void {
+    if (!this.works(e)) return;
+    e.preventDefault();
+    e.stopImmediatePropagation();
+    const by = Math.sign(e.deltaY || e.deltaX);
+    const side = this.pointer === null ? this.nearest(e) : this.side;
+    if (e.shiftKey) this.console.turn(side, 0, 0, -ROLL * by);
+    else this.console.move(side, 0, 0, NOTCH * by);
+  }
+
+  private up(e: PointerEvent): void {
+    if (e.pointerId !== this.pointer) return;
+    e.stopImmediatePropagation();
+    this.pointer = null;
+    this.console.pens.camera = false;
+    this.app.world.renderer.domElement.style.cursor = '';
+  }
+}

@@ -1,0 +1,81 @@
+/** Deformables: surfaces whose vertices come with every frame. */
+
+import { BufferAttribute, BufferGeometry, Color, DoubleSide, Group, Mesh, MeshStandardMaterial } from 'three';
+import { type Field, sameBytes } from './frame';
+import type { FieldInfo } from './protocol';
+
+export class Fields {
+  /** Below the world (z up). */
+  readonly group = new Group();
+  private readonly meshes: Mesh[] = [];
+  /** Coordinates that the triangles ask for. */
+  private readonly needed: number[] = [];
+  private readonly shown: (Uint8Array | undefined)[] = [];
+
+  /** Make a mesh for each, still without vertices. */
+  meet(infos: readonly FieldInfo[]): void {
+    for (const info of infos) {
+      const geometry = new BufferGeometry();
+      const corners = new Uint32Array(bytesOf(info.triangles).buffer);
+      geometry.setIndex(new BufferAttribute(corners, 1));
+      this.needed.push(3 * (corners.reduce((a, b) => Math.max(a, b), -1) + 1));
+      const [r, g, b] = info.color;
+      const material = new MeshStandardMaterial({
+        color: new Color().setRGB(r ?? 1, g ?? 1, b ?? 1),
+        roughness: 0.75,
+        side: DoubleSide,
+        opacity: info.opacity,
+        transparent: info.opacity < 1,
+      });
+      const mesh = new Mesh(geometry, material);
+      mesh.name = info.name;
+      mesh.castShadow = mesh.receiveShadow = info.opacity >= 1;
+      mesh.frustumCulled = false; // its place is known from frame to frame only
+      mesh.visible = false;
+      this.meshes.push(mesh);
+      this.group.add(mesh);
+    }
+  }
+
+  /** Bend as a frame says; true if anything is to be drawn anew. */
+  update(fields: readonly Field[]): boolean {
+    let news = false;
+    this.meshes.forEach((mesh, i) => {
+      const field = fields[i];
+      if (!field || sameBytes(field.body, this.shown[i])) return;
+      this.shown[i] = field.body;
+      // None: not known at this time.
+      mesh.visible = field.levels.length > 0 && field.levels.length >= (this.needed[i] ?? 0);
+      if (mesh.visible) bend(mesh.geometry, field);
+      news = true;
+    });
+    return news;
+  }
+
+  /** Where a field's vertices are drawn, in world. For tests. */
+  vertices(name: string): number[] {
+    const mesh = this.meshes.find((m) => m.name === name && m.visible);
+    return mesh ? [...mesh.geometry.getAttribute('position').array] : [];
+  }
+}
+
+function bend(geometry: BufferGeometry, { low, step, levels }: Field): void {
+  let position = geometry.getAttribute('position') as BufferAttribute | undefined;
+  if (position?.array.length !== levels.length) {
+    position = new BufferAttribute(new Float32Array(levels.length), 3);
+    geometry.dispose(); // the size on the graphics card cannot change
+    geometry.deleteAttribute('normal');
+    geometry.setAttribute('position', position);
+  }
+  for (let k = 0; k < levels.length; k++)
+    position.array[k] = (low[k % 3] as number) + (step[k % 3] as number) * (levels[k] as number);
+  position.needsUpdate = true;
+  geometry.computeVertexNormals();
+}
+
+export function bytesOf(base64: string): Uint8Array {
+  const text = atob(base64);
+  const bytes = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
+  return bytes;
+}

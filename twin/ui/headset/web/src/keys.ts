@@ -1,0 +1,88 @@
+/** The keyboard: a block of keys for each hand, where they are on any layout; pedals, scale and views. */
+
+import type { Console } from './console';
+import type { Side } from './protocol';
+
+const SPEED = 0.06; // m/s of the hand
+const TURN = 1.2; // rad/s
+
+type Way = readonly [side: Side, x: number, y: number, z: number];
+
+const WAYS: Readonly<Record<string, Way>> = {
+  KeyW: ['left', 0, 1, 0],
+  KeyS: ['left', 0, -1, 0],
+  KeyA: ['left', -1, 0, 0],
+  KeyD: ['left', 1, 0, 0],
+  KeyQ: ['left', 0, 0, -1],
+  KeyE: ['left', 0, 0, 1],
+  KeyI: ['right', 0, 1, 0],
+  KeyK: ['right', 0, -1, 0],
+  KeyJ: ['right', -1, 0, 0],
+  KeyL: ['right', 1, 0, 0],
+  KeyU: ['right', 0, 0, -1],
+  KeyO: ['right', 0, 0, 1],
+};
+
+const JAWS: Readonly<Record<string, Side>> = { KeyF: 'left', KeyH: 'right' };
+
+/** What is shown beside the picture. */
+export const KEYS: readonly (readonly [what: string, keys: string])[] = [
+  ['Left instrument', 'W A S D, depth Q E'],
+  ['Right instrument', 'I J K L, depth U O'],
+  ['Jaws, open and shut', 'left F, right H'],
+  ['Turn', 'Shift with these'],
+  ['Camera', 'hold C with these'],
+  ['Clutch (instruments stand)', 'hold Space'],
+  ['Motion scale', '– and +'],
+  ['Swap the pictures', 'V'],
+];
+
+export class Keys {
+  private readonly down = new Set<string>();
+  private shift = false;
+  private last = 0;
+
+  constructor(private readonly console: Console) {
+    window.addEventListener('keydown', (e) => this.press(e));
+    window.addEventListener('keyup', (e) => this.lift(e));
+    window.addEventListener('blur', () => this.down.clear());
+  }
+
+  /** Each picture: hands go on while keys are down. */
+  update(now: number): void {
+    const seconds = Math.min(0.1, (now - this.last) / 1000);
+    this.last = now;
+    for (const code of this.down) {
+      const way = WAYS[code];
+      if (!way) continue;
+      const [side, x, y, z] = way;
+      const [v, w] = [SPEED * seconds, TURN * seconds];
+      if (this.shift) this.console.turn(side, -w * y, w * x, w * z);
+      else this.console.move(side, v * x, v * y, v * z);
+    }
+  }
+
+  private press(e: KeyboardEvent): void {
+    const typing = e.target instanceof HTMLSelectElement; // sliders take no letters
+    if (typing || e.ctrlKey || e.metaKey || e.altKey) return;
+    this.shift = e.shiftKey;
+    const { console } = this;
+    if (e.code === 'Space') console.pens.clutch = true;
+    else if (e.code === 'KeyC') console.pens.camera = true;
+    else if (e.key === '+' || e.key === '=') console.setScale(console.scale + 0.05);
+    else if (e.key === '-') console.setScale(console.scale - 0.05);
+    else if (e.code === 'KeyV' && !e.repeat) console.views.swap();
+    else if (JAWS[e.code] && !e.repeat) console.toggleJaw(JAWS[e.code] as Side);
+    else if (WAYS[e.code]) this.down.add(e.code);
+    else return;
+    if (e.code === 'Space' || e.code === 'KeyC') console.pens.use();
+    e.preventDefault();
+  }
+
+  private lift(e: KeyboardEvent): void {
+    this.shift = e.shiftKey;
+    this.down.delete(e.code);
+    if (e.code === 'Space') this.console.pens.clutch = false;
+    if (e.code === 'KeyC') this.console.pens.camera = false;
+  }
+}

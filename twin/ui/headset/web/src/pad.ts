@@ -1,0 +1,87 @@
+/** A gamepad: a stick for each hand, pressed in it turns; triggers are the grippers, bumpers the pedals; it rumbles. */
+
+import type { Console } from './console';
+import { SIDES } from './pens';
+
+const DEAD = 0.15; // part of a stick's way that is nothing
+const SPEED = 0.08; // m/s of the hand with the stick pushed over
+const TURN = 1.5; // rad/s
+
+/** Numbers in the standard layout of browsers. */
+const STICK = { left: 0, right: 2 } as const;
+const TRIGGER = { left: 6, right: 7 } as const;
+const PRESSED = { left: 10, right: 11 } as const;
+const DEEPER = { left: 12, right: 3 } as const;
+const NEARER = { left: 13, right: 0 } as const;
+const CLUTCH = 4;
+const CAMERA = 5;
+
+/** What is shown beside the picture. */
+export const PAD: readonly (readonly [what: string, how: string])[] = [
+  ['Instruments', 'left and right stick'],
+  ['Turn', 'push the stick in'],
+  ['Depth', 'cross up, down; Y, A'],
+  ['Jaws', 'triggers: pull to open'],
+  ['Clutch, camera', 'left, right bumper'],
+];
+
+export class Pad {
+  /** Its name, empty without one. */
+  name = '';
+  private last = 0;
+  private pulled = { right: 0, left: 0 };
+  private pedals = { clutch: false, camera: false };
+  private walls = '';
+
+  constructor(private readonly console: Console) {}
+
+  update(now: number): void {
+    const seconds = Math.min(0.1, (now - this.last) / 1000);
+    this.last = now;
+    const pad = navigator.getGamepads().find((p) => p?.connected && p.mapping === 'standard');
+    this.name = pad?.id ?? '';
+    if (!pad) return;
+    const held = (k: number) => pad.buttons[k]?.pressed ?? false;
+    const { console } = this;
+    this.pedal('clutch', held(CLUTCH));
+    this.pedal('camera', held(CAMERA));
+    for (const side of SIDES) {
+      const [x, y] = [live(pad.axes[STICK[side]]), -live(pad.axes[STICK[side] + 1])];
+      const z = Number(held(NEARER[side])) - Number(held(DEEPER[side]));
+      const [v, w] = [SPEED * seconds, TURN * seconds];
+      if (x || y || z) {
+        if (held(PRESSED[side])) console.turn(side, -w * y, w * x, w * z);
+        else console.move(side, v * x, v * y, v * z);
+      }
+      const pull = pad.buttons[TRIGGER[side]]?.value ?? 0;
+      if (Math.abs(pull - this.pulled[side]) > 0.02) {
+        this.pulled[side] = pull;
+        console.squeeze(side, pull);
+      }
+    }
+    this.rumble(pad);
+  }
+
+  /** A pedal follows its button when that changes: keys may hold it too. */
+  private pedal(name: 'clutch' | 'camera', on: boolean): void {
+    if (on === this.pedals[name]) {
+      if (on) this.console.pens.use();
+      return;
+    }
+    this.pedals[name] = this.console.pens[name] = on;
+    this.console.pens.use();
+  }
+
+  /** Each wall that is new is felt once. */
+  private rumble(pad: Gamepad): void {
+    const walls = this.console.walls();
+    if (walls && walls !== this.walls)
+      void pad.vibrationActuator?.playEffect('dual-rumble', { duration: 150, strongMagnitude: 0.8, weakMagnitude: 0.4 });
+    this.walls = walls;
+  }
+}
+
+function live(axis: number | undefined): number {
+  const size = Math.abs(axis ?? 0);
+  return size < DEAD ? 0 : (Math.sign(axis as number) * (size - DEAD)) / (1 - DEAD);
+}

@@ -1,0 +1,60 @@
+"""Write any result as a self-contained HTML page: verdict, findings, picture, and the text of the command."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from importlib.resources import files
+from typing import TYPE_CHECKING
+
+from twin.core.findings import Finding, by_severity
+from twin.core.result import Line, Part, Result, Table
+from twin.core.version import __version__
+from twin.ui.report import style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def render(result: Result, name: str, figure: Figure | None = None) -> str:
+    """Return the page of a result; the same text for the same result.
+
+    Args:
+        result: the result.
+        name: of the file with its data, without suffix.
+        figure: its picture, or None.
+    """
+    from jinja2 import DictLoader, Environment, StrictUndefined
+    from markupsafe import Markup
+
+    folder = files("twin.ui.report")
+    sources = {n: folder.joinpath(n).read_text("utf-8") for n in ("page.html.j2", "report.css")}
+    environment = Environment(
+        loader=DictLoader(sources), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    title, *parts = merged(result.text())
+    title, _, rest = title.partition("\n") if isinstance(title, str) else (result.kind, "", "")
+    return environment.get_template("page.html.j2").render(
+        result=result,
+        title=title,
+        judged=result.judges,
+        findings=by_severity(result.findings),
+        parts=[*([rest.strip("\n")] if rest.strip() else []), *parts],
+        picture=None if figure is None else Markup(style.svg(figure, name, title)),
+        version=__version__,
+        name=name,
+    )
+
+
+def merged(parts: Iterable[Part]) -> Iterator[str | Table]:
+    """Yield the tables of a text, and each group of lines between them as one block; without findings."""
+    block: list[str] = []
+    for part in parts:
+        if isinstance(part, Table):
+            if "\n".join(block).strip():
+                yield "\n".join(block).strip("\n")
+            block = []
+            yield part
+        elif not isinstance(part, Finding):
+            block.append(part.text if isinstance(part, Line) else part)
+    if "\n".join(block).strip():
+        yield "\n".join(block).strip("\n")

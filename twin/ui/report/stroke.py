@@ -1,0 +1,63 @@
+"""Draw sweeps: error of the tool over the range of a joint, on a logarithmic axis."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twin.core.units import DEG, MM, UM
+from twin.ui.report.style import PALETTE, WIDTH, styled
+from twin.validation.sweep import Strokes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_LEAST = 1e-9
+"""Difference in um below which it is rounding, and is drawn at the lower end of the axis."""
+
+_UNITS = {-9: "1 fm", -6: "1 pm", -3: "1 nm", 0: "1 µm", 3: "1 mm"}
+"""Axis labels for powers of ten of a micrometre."""
+
+
+def figure(strokes: Strokes) -> Figure:
+    """Return a figure with one panel for each joint."""
+    robot, sweeps, requirement = strokes.robot, strokes.sweeps, strokes.requirement
+    with styled():
+        from matplotlib.figure import Figure
+        from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+        drawn = [c.distance.max() / UM for s in sweeps for c in (s.formula, *s.standins.values()) if len(c.offset)]
+        most = 10 * max(*drawn, requirement[0] / UM if requirement else 0.0, 1e-3)
+        height = 0.9 + 2.3 * len(sweeps)
+        out = Figure(figsize=(WIDTH, height))
+        axes = out.subplots(len(sweeps), 1, squeeze=False)[:, 0]
+        out.subplots_adjust(left=0.09, right=0.83, top=1 - 0.5 / height, bottom=0.55 / height, hspace=0.5)
+        title = f"{robot}: position error of the tool over the range of each joint, the other joints at home"
+        out.text(0.012, 1 - 0.24 / height, title, fontsize=11, fontweight="bold", va="center")
+        for ax, one in zip(axes, sweeps, strict=True):
+            x = one.q / (DEG if one.angle else MM)
+            curves = {"equations": one.formula, **one.standins}
+            for color, (name, curve) in zip(PALETTE, curves.items(), strict=False):
+                if len(curve.offset):
+                    ax.plot(x, np.maximum(curve.distance / UM, _LEAST), color=color, label=name, linewidth=1.3)
+            if requirement is not None:
+                needed = f"required: {requirement[0] / UM:g} µm"
+                ax.axhline(
+                    requirement[0] / UM,
+                    color="#555555",
+                    linewidth=0.9,
+                    linestyle="--",
+                    label=needed,
+                )
+            ax.set_yscale("log")
+            ax.set_ylim(_LEAST / 3, most)
+            ax.yaxis.set_major_locator(FixedLocator([10.0**k for k in range(-9, 6, 3)]))
+            ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: _UNITS.get(round(math.log10(v)), "")))
+            ax.yaxis.set_minor_locator(NullLocator())
+            ax.set_ylabel("error")
+            ax.set_xlabel(f"{one.joint} [{'deg' if one.angle else 'mm'}]")
+            ax.set_xlim(x[0], x[-1])
+            ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+        return out

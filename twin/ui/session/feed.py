@@ -1,0 +1,61 @@
+"""Source of deformables for the pages: surfaces whose vertices are a function of the scene's time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.simulation.frame import Frame
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The constant data of a deformable: triangles and appearance.
+
+    Attributes:
+        triangles: (m, 3) indices of vertices, counter-clockwise seen from outside; both sides are drawn.
+        color: red, green, blue in 0..1.
+        opacity: in 0..1.
+    """
+
+    triangles: Array
+    color: tuple[float, float, float] = (0.85, 0.45, 0.4)
+    opacity: float = 1.0
+
+
+class Feed(Protocol):
+    """Deformables as a function of time; the same time always gives the same frame.
+
+    Attributes:
+        surfaces: by the names in `Frame.fields`.
+        duration: in s.
+    """
+
+    @property
+    def surfaces(self) -> Mapping[str, Surface]: ...  # noqa: D102
+    @property
+    def duration(self) -> float: ...  # noqa: D102
+    def at(self, t: float) -> Frame: ...  # noqa: D102
+
+
+def vertices_of(frame: Frame, name: str, surface: Surface) -> Array:
+    """Return the vertices (n, 3) in m, world, of one surface in a frame.
+
+    Raises:
+        TwinError: the vertices are missing or not finite, or a triangle refers to a vertex that does not exist.
+    """
+    if name not in frame.fields:
+        raise TwinError(f"field '{name}': not in the frame at t = {frame.t:g} s")
+    v = np.asarray(frame.fields[name], float)
+    needed = int(np.max(surface.triangles, initial=-1)) + 1
+    if v.ndim != 2 or v.shape[1] != 3 or len(v) < needed:
+        raise TwinError(f"field '{name}': vertices of shape {v.shape}; its triangles need ({needed}, 3)")
+    if not np.isfinite(v).all():
+        bad = int(np.count_nonzero(~np.isfinite(v).all(axis=1)))
+        raise TwinError(f"field '{name}': {bad} of {len(v)} vertices are not finite at t = {frame.t:g} s")
+    return v

@@ -1,0 +1,48 @@
+"""Deformables in the viewer: a mesh for each field (deformable) of the feed, whose vertices change with time."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+
+from twin.core.errors import TwinError
+from twin.ui.session.feed import Feed, vertices_of
+
+
+class FieldNodes:
+    """Scene nodes of a feed's fields, below /fields; vertices are in m in world."""
+
+    def __init__(self, server: viser.ViserServer, feed: Feed) -> None:
+        self._server, self._feed = server, feed
+        self._meshes: dict[str, viser.MeshHandle] = {}
+        self.broken = ""
+
+    def show(self, t: float) -> str:
+        """Show all fields at a time in s; return the first error. A field without vertices then is not drawn."""
+        first = not self.broken
+        try:
+            frame = self._feed.at(t)
+        except Exception as error:  # deformables must not stop the page
+            self.broken = f"{type(error).__name__}: {error}"
+            for handle in self._meshes.values():
+                handle.visible = False
+            return self.broken if first else ""
+        with self._server.atomic():
+            for name, surface in self._feed.surfaces.items():
+                try:
+                    vertices = vertices_of(frame, name, surface).astype(np.float32)
+                except TwinError as error:
+                    self.broken = str(error)
+                    if name in self._meshes:
+                        self._meshes[name].visible = False
+                    continue
+                if name in self._meshes:
+                    self._meshes[name].vertices = vertices
+                    self._meshes[name].visible = True
+                else:
+                    red, green, blue = (round(255 * c) for c in surface.color)
+                    self._meshes[name] = self._server.scene.add_mesh_simple(
+                        f"/fields/{name}", vertices, np.asarray(surface.triangles, np.uint32), color=(red, green, blue),
+                        opacity=surface.opacity if surface.opacity < 1 else None, side="double",
+                    )  # fmt: skip
+        return self.broken if first else ""
