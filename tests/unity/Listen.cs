@@ -1,7 +1,7 @@
 // A client of the stream as a scene would be one: a model, StreamClient and Grab, and a loop that ticks them. It prints
 // a line for each frame that it shows and takes orders from its input, one a line.
 //
-//     Listen.exe <address> <link> ...
+//     Listen.exe <address> [--robot=<of a scene>] <link> ...
 //     pause <ms>          show nothing for a while, like a scene that loads
 //     tool <x y z>        take hold of the tool with a hand there, in Unity's world
 //     link <name x y z>   take hold of a link
@@ -25,13 +25,21 @@ public static class Listen
     public static void Main(string[] arguments)
     {
         var model = new GameObject("model");
+        string robot = "";
         for (int i = 1; i < arguments.Length; i++)
         {
+            if (arguments[i].StartsWith("--robot="))
+            {
+                robot = arguments[i].Substring(8);
+                continue;
+            }
+
             new GameObject(arguments[i]).transform.SetParent(model.transform, false);
         }
 
         client = model.AddComponent<StreamClient>();
         client.url = arguments[0];
+        client.robot = robot;
         grab = model.AddComponent<Grab>();
         grab.stream = client;
         client.Connect();
@@ -91,9 +99,16 @@ public static class Listen
             shown = "[" + Text(p.x) + "," + Text(p.y) + "," + Text(p.z) + "]";
         }
 
+        string vertex = "null";
+        if (client.Frame != null && client.Frame.Fields.Length > 0)
+        {
+            float[] v = client.Frame.Fields[0];
+            vertex = "[" + Text(v[v.Length - 3]) + "," + Text(v[v.Length - 2]) + "," + Text(v[v.Length - 1]) + "]";
+        }
+
         string age = client.Frame == null ? "null" : Text(client.Age);
         Console.WriteLine("{\"what\":\"" + what + "\",\"state\":\"" + line.State + "\",\"sequence\":"
-            + (client.Frame == null ? "null" : client.Frame.Sequence.ToString()) + ",\"last\":" + shown + ",\"age\":" + age
+            + (client.Frame == null ? "null" : client.Frame.Sequence.ToString()) + ",\"last\":" + shown + ",\"age\":" + age + ",\"vertex\":" + vertex
             + ",\"connects\":" + line.Connects + ",\"received\":" + line.Received + ",\"skipped\":" + line.Skipped
             + ",\"refused\":" + line.Refused + ",\"holding\":" + (grab.IsHolding ? "true" : "false")
             + ",\"phase\":\"" + client.State.phase + "\",\"refusal\":\"" + client.Refusal + "\",\"error\":\""

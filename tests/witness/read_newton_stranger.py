@@ -4,7 +4,8 @@
 
 The job: {"stage" or "mjcf", "seconds", "step", "ties": [[body, point, body, point]], "stiff", "times", "ways"}. "stiff"
 gives the springs of loops that time constant, which Newton's importer of stages cannot be told. "ways" are how far each
-joint is driven from where it is loaded, {joint: [m or rad]}, at "times". Prints {"start": gap, "unplaced": m, "held":
+joint is driven from where it is loaded, {joint: [m or rad]}, at "times"; "controls" are the same for the actuators of
+an MJCF, in their order. Prints {"start": gap, "unplaced": m, "held":
 gap, "moved": m, "late": m or rad, "skipped": warnings}: how far the farthest tie is open, m, how far forward kinematics
 is from the authored poses, how far a link has moved, how far a driven joint is from its way at the end, and what the
 solver left out.
@@ -66,12 +67,13 @@ if job.get("stiff"):
 # An MJCF's actuators have controls of their own, in the order of the file; a stage's drives have targets by joint.
 inputs = control.mujoco.ctrl if "mjcf" in job else control.joint_target_q
 rest = inputs.numpy().copy()
-slots = list(range(len(driven))) if "mjcf" in job else list(driven.values())
+steered = job.get("controls", list(job.get("ways", {}).values()))
+slots = list(range(len(steered))) if "mjcf" in job else list(driven.values())
 held = moved = 0.0
 for step in range(round(job["seconds"] / job["step"])):
     if driven:
         wanted = rest.copy()
-        for slot, way in zip(slots, job["ways"].values(), strict=True):
+        for slot, way in zip(slots, steered, strict=True):
             wanted[slot] += np.interp((step + 1) * job["step"], job["times"], way)
         inputs.assign(wanted)
     now.clear_forces()

@@ -40,11 +40,8 @@ class Case:
 
 @cache
 def case(name: str, protocol: str) -> Case:
-    from twin.cad.build import read_mechanism
 
-    robot = twin.load(name)
-    robot.cad = read_mechanism(robot.files.description)
-    robot.mechanism = robot.cad.mechanism
+    robot = twin.load(name).weighed()
     chosen = robot.protocol(protocol)
     trajectory = twin.plan(robot, chosen)
     bound = robot.bound(chosen)

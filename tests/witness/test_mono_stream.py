@@ -84,8 +84,8 @@ class Listener:
 
 
 @asynccontextmanager
-async def listening(folder: Path, address: str, links):
-    command = ["mono", str(folder / "Listen.exe"), address, *links]
+async def listening(folder: Path, address: str, links, robot: str = ""):
+    command = ["mono", str(folder / "Listen.exe"), address, *([f"--robot={robot}"] if robot else []), *links]
     pipe = asyncio.subprocess.PIPE
     process = await asyncio.create_subprocess_exec(
         *command, stdin=pipe, stdout=pipe, stderr=pipe, env=mono.surroundings()
@@ -185,7 +185,7 @@ async def newest_only(folder: Path) -> None:
 
 
 async def nothing_torn(folder: Path) -> None:
-    """What is no whole frame of this robot, or an old one, changes nothing and ends nothing."""
+    """What is not a whole frame of this robot, or an old one, changes nothing and ends nothing."""
     async with Station(free_port()) as station, listening(folder, f"http://127.0.0.1:{station.port}/", LINKS) as seen:
         ws = await station.line(1)
         await ws.send(frame(10, 1.0))
@@ -262,7 +262,49 @@ async def orders(folder: Path) -> None:
         assert any(m["type"] == "ping" for m in station.heard)
 
 
-SCENARIOS = {f.__name__: f for f in (newest_only, nothing_torn, comes_back, silence, orders)}
+async def a_scene(folder: Path) -> None:
+    """`twin serve vsrs` with a field: a client follows one of the robots, holds that one and no other."""
+    import twin
+    from twin.cli import scene as scenes
+    from twin.model.scene import load_scene
+    from twin.ui.door.gate import Gate
+    from twin.ui.headset import served
+    from twin.ui.headset.server import StreamServer
+
+    sys.path.insert(0, str(ROOT / "tests"))
+    from made.cloth import Cloth
+
+    scene = load_scene(scenes.find("vsrs"))
+    robots = {p.name: twin.load(p.name) for p in scene.places}
+    name = scene.places[1].name
+    port, cloth = free_port(), Cloth(n=5)
+    shown = served.of_scene(scene, robots, None, False, cloth)
+    server = StreamServer(shown.live, shown.hello, shown.files, Gate("127.0.0.1", port, False, lambda t: None))
+    await server.start("127.0.0.1", port)
+    running = asyncio.ensure_future(server.run())
+    own = shown.live.twins[name]
+    try:
+        async with listening(folder, f"http://127.0.0.1:{port}/", own.links, name) as seen:
+            before = await seen.until(lambda s: s["what"] == "frame", 20)
+            x, y, z = own.desk.assembly.link_poses[own.links[-1]][:3, 3]
+            assert before["last"] == pytest.approx([-x, y, z], abs=1e-6)  # in its base, mirrored as glTFast does
+            # The last vertex of the field, in the scene's world and not mirrored.
+            assert before["vertex"] == pytest.approx(cloth.at(0.0).fields["cloth"][-1].tolist(), abs=1e-4)
+            seen.order("tool 0 0 0")
+            await seen.until(lambda s: s["holding"])
+            for _ in range(100):
+                if own.holder is not None:
+                    break
+                await asyncio.sleep(0.05)
+            assert [t.holder is not None for t in shown.live.twins.values()] == [n == name for n in robots]
+            seen.order("end")
+            await seen.until(lambda s: not s["holding"])
+    finally:
+        server.stopping.set()
+        await running
+
+
+SCENARIOS = {f.__name__: f for f in (newest_only, nothing_torn, comes_back, silence, orders, a_scene)}
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -298,6 +340,19 @@ MUTATIONS = {
         "private const double SilentSeconds = 5.0;",
         "private const double SilentSeconds = 500.0;",
     ),
+    "another robot of the scene is shown": (
+        "a_scene",
+        "StreamFrame.cs",
+        "mine = i == robot ? at : mine;",
+        "mine = at;",
+    ),
+    "all fields are at the corner of their box": (
+        "a_scene",
+        "StreamFrame.cs",
+        "box[i % 3] + box[3 + i % 3] * U16(data, next + 2 * i)",
+        "box[i % 3]",
+    ),
+    "requests name no robot": ("a_scene", "StreamConnection.cs", "Requests.Of(door.Robot, json)", "json"),
     "no release": ("orders", "Grab.cs", "Send(Requests.Release(), false);", ""),
 }
 """Name: scenario that must fail, file of the runtime, text that is there once, what takes its place."""
@@ -316,17 +371,14 @@ async def our_own(folder: Path) -> None:
     import twin
     from twin.ui.door.answers import File
     from twin.ui.door.gate import Gate
-    from twin.ui.headset.files import robot_files
+    from twin.ui.headset import served
     from twin.ui.headset.server import StreamServer
-    from twin.ui.headset.twin import Twin
 
-    robot = twin.load("sils")
     port, tokens = free_port(), []
-    shown = Twin(robot, "sils", None, plans=False)
-    about = shown.description
-    pages = {"/": File(b"<html></html>", "text/html; charset=utf-8")} | robot_files(b"glTF", about)
-    hello = {"robot": "sils", "model_hash": about["model_hash"]}
-    server = StreamServer(shown, hello, pages, Gate("0.0.0.0", port, False, tokens.append))
+    shown = served.of_robot(twin.load("sils"), "sils", None, plans=False)
+    about = shown.live.twins["sils"].description
+    pages = {"/": File(b"<html></html>", "text/html; charset=utf-8")} | shown.files
+    server = StreamServer(shown.live, shown.hello, pages, Gate("0.0.0.0", port, False, tokens.append))
     await server.start("127.0.0.1", port)
     running = asyncio.ensure_future(server.run())
     try:
@@ -346,7 +398,6 @@ async def our_own(folder: Path) -> None:
     finally:
         server.stopping.set()
         await running
-        shown.close()
 
 
 def test_our_own_server_is_followed(build):

@@ -40,12 +40,9 @@ LEAD = 2.0
 @cache
 def scene(name: str, protocol: str):
     """Return the mechanism with its trocar where the protocol has it, the one as drawn, and the clip."""
-    from twin.cad.build import read_mechanism
     from twin.exchange.write.clip import make_clip
 
-    robot = twin.load(name)
-    robot.cad = read_mechanism(robot.files.description)
-    robot.mechanism = robot.cad.mechanism
+    robot = twin.load(name).weighed()
     chosen = robot.protocol(protocol)
     mechanism = robot.bound(chosen).mechanism
     return mechanism, robot.mechanism, make_clip(mechanism, twin.plan(robot, chosen))
@@ -120,50 +117,54 @@ def test_mujoco_follows_a_track(figures, tmp_path, name, protocol):
     ties = ties_of(mechanism)
     track = track_of(name, protocol, tmp_path)
     q = np.reshape(track["positions"], (track["frames"], -1))
-    driven = [
-        (model.actuator(n).id, i, model.joint(n).qposadr[0])
-        for i, n in enumerate(track["joints"])
-        if track["joint_active"][i]
-    ]
-    assert len(driven) == model.nu
+    columns, home = driven_in(mechanism, model, track)
+    ways = mechanism.motors(q[:, columns] - home)  # of motors, which cables may lead to several joints
+    actuators = [model.actuator(n).id for n in mechanism.motor_names]
+    assert len(actuators) == model.nu
     held, step = 0.0, model.opt.timestep
-    for k in range(round((LEAD + track["times"][-1]) / step)):
-        t = (k + 1) * step
+    for step_number in range(round((LEAD + track["times"][-1]) / step)):
+        t = (step_number + 1) * step
         s = min(t / LEAD, 1.0)
         way = s**3 * (10 - 15 * s + 6 * s * s)
-        for actuator, i, at in driven:
-            wanted = np.interp(max(t - LEAD, 0.0), track["times"], q[:, i])
-            data.ctrl[actuator] = way * (wanted - model.qpos0[at])
+        for k, actuator in enumerate(actuators):
+            data.ctrl[actuator] = way * np.interp(max(t - LEAD, 0.0), track["times"], ways[:, k])
         mujoco.mj_step(model, data)
         held = max(held, open_by(ties, data))
     figures.add("mujoco, as loaded", name, f"{protocol}, driven", held, float("nan"), "loop gap")
     assert held <= HELD
     assert not any(w.number for w in data.warning)
-    last = [abs(data.qpos[at] - q[-1, i]) for _, i, at in driven]
+    last = [abs(data.joint(j.name).qpos[0] - q[-1, i]) for j, i in zip(mechanism.active, columns, strict=True)]
     assert max(last) < 0.05  # its drives are springs, and the weight at home is all that they know of
 
 
-def targets_of(mujoco, model, track) -> tuple[list[float], dict[str, list[float]], dict[str, tuple[float, float]]]:
-    """Return times, where each drive is to go, and stiffness and damping of each: from home along a track.
+def driven_in(mechanism, model, track) -> tuple[list[int], np.ndarray]:
+    """Return the columns of a track that are driven joints, in the mechanism's order, and their values at home."""
+    columns = [track["joints"].index(j.name) for j in mechanism.active]
+    assert sorted(columns) == [i for i, active in enumerate(track["joint_active"]) if active]
+    return columns, np.array([model.joint(j.name).qpos0[0] for j in mechanism.active])
 
-    What the drive bears at home is added as the way that its stiffness needs for it, as the file's controls do.
+
+def targets_of(mechanism, model, track) -> tuple[list[float], dict[str, list[float]], dict[str, tuple[float, float]]]:
+    """Return times, where each joint is to go, and stiffness and damping at each joint: from home along a track.
+
+    Motors that cables lead to several joints are to each joint the spring that they are to it alone. What a drive bears
+    at home is added as the way that its stiffness needs for it, as the file's controls do.
     """
-    q = np.reshape(track["positions"], (track["frames"], -1))
+    columns, home = driven_in(mechanism, model, track)
+    q = np.reshape(track["positions"], (track["frames"], -1))[:, columns]
+    actuators = [model.actuator(n) for n in mechanism.motor_names]
+    offset, stiffness, damping = np.array([a.biasprm[:3] for a in actuators]).T * [[1], [-1], [-1]]
+    assert [a.gainprm[0] for a in actuators] == stiffness.tolist()
+    to_motors = mechanism.motors(np.eye(len(home))).T  # (motors, joints)
+    efforts = to_motors.T @ (offset - stiffness * (to_motors @ home))
+    kp, kv = ((to_motors**2).T @ gains for gains in (stiffness, damping))
     s = np.linspace(0, 1, 100)
-    way = s**3 * (10 - 15 * s + 6 * s * s)
-    values, gains = {}, {}
-    for i, joint in enumerate(track["joints"]):
-        if not track["joint_active"][i]:
-            continue
-        actuator = model.actuator(joint)
-        kp, kv = -actuator.biasprm[1], -actuator.biasprm[2]
-        home = model.joint(joint).qpos0[0]
-        ahead = actuator.biasprm[0] / kp - home
-        assert actuator.gainprm[0] == kp
-        values[joint] = [*(home + ahead + way * (q[0, i] - home)), *(ahead + q[1:, i])]
-        gains[joint] = (kp, kv)
+    way = (s**3 * (10 - 15 * s + 6 * s * s))[:, None]
+    values = efforts / kp + np.concatenate([home + way * (q[0] - home), q[1:]])
     times = [*(LEAD * s), *(LEAD + np.array(track["times"][1:]))]
-    return times, {n: np.asarray(v).tolist() for n, v in values.items()}, gains
+    names = [j.name for j in mechanism.active]
+    gains = zip(kp.tolist(), kv.tolist(), strict=True)
+    return times, dict(zip(names, values.T.tolist(), strict=True)), dict(zip(names, gains, strict=True))
 
 
 @pytest.mark.parametrize(("name", "protocol"), DRIVEN)
@@ -172,8 +173,8 @@ def test_drake_holds_the_loops_of_the_mjcf(foreign, figures, tmp_path, name, pro
     foreign.need("drake")
     mechanism = scene(name, protocol)[0]
     ties = [(a, p.tolist(), b, q.tolist()) for a, p, b, q in ties_of(mechanism)]
-    mujoco, model, _ = load_mjcf(mechanism, tmp_path)
-    times, values, gains = targets_of(mujoco, model, track_of(name, protocol, tmp_path))
+    _, model, _ = load_mjcf(mechanism, tmp_path)
+    times, values, gains = targets_of(mechanism, model, track_of(name, protocol, tmp_path))
     file, path = str(tmp_path / f"{mechanism.name}.xml"), tmp_path / "job.json"
     job = {"mjcf": file, "step": 1e-3, "drives": gains, "ties": ties}
     for what, t, goals in (
@@ -235,14 +236,20 @@ def test_newton_is_driven_along_a_protocol(foreign, figures, tmp_path, file, nam
 
     foreign.need("newton")
     mechanism = scene(name, protocol)[0]
-    mujoco, model, _ = load_mjcf(mechanism, tmp_path)
-    times, values, _ = targets_of(mujoco, model, track_of(name, protocol, tmp_path))
-    ways = {model.actuator(i).name: None for i in range(model.nu)}  # in the order of the file's controls
-    ways = {n: (np.array(values[n]) - values[n][0]).tolist() for n in ways}
+    _, model, _ = load_mjcf(mechanism, tmp_path)
+    times, values, _ = targets_of(mechanism, model, track_of(name, protocol, tmp_path))
+    ways = {n: np.array(v) - v[0] for n, v in values.items()}
+    motors = dict(zip(mechanism.motor_names, mechanism.motors(np.array(list(ways.values())).T).T, strict=True))
+    controls = [motors[model.actuator(i).name].tolist() for i in range(model.nu)]  # in the order of the file
     ties = [(a, p.tolist(), b, q.tolist()) for a, p, b, q in ties_of(mechanism)]
-    job = {"step": 1e-3, "ties": ties, "times": list(map(float, times)), "ways": ways}
+    job = {
+        "step": 1e-3,
+        "ties": ties,
+        "times": list(map(float, times)),
+        "ways": {n: w.tolist() for n, w in ways.items()},
+    }
     if file == "MJCF":
-        job["mjcf"] = str(tmp_path / f"{mechanism.name}.xml")
+        job |= {"mjcf": str(tmp_path / f"{mechanism.name}.xml"), "controls": controls}
     else:
         write_usd(mechanism, [], tmp_path)
         job |= {"stage": str(tmp_path / f"{mechanism.name}_sim.usda"), "stiff": 1e-3}

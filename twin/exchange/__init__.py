@@ -1,1 +1,1 @@
-"""Foreign formats: `read` them, `write` them, `audit` what was written; none of the three imports another."""
+"""Other formats: `read` imports files, `write` exports them, `audit` checks exports. They do not import each other."""

@@ -1,15 +1,15 @@
-"""Read files that describe moving robots, whoever wrote them, and say what is wrong. Shares no code with a writer.
+"""Read files that describe moving robots and report their faults. Shares no code with a writer.
 
-poses       quaternions and matrices, written once more
-motion      what every reader returns: clips of link poses in one world
+poses       quaternions and matrices, implemented independently of the writers
+motion      the result of every reader: clips of link poses in one world
 gltf, usd, tracks, mjcf, urdf      readers
-physics     what a file says of a mechanism, in words for all formats; physics_<format> translate
-sense       what is physically impossible in one file
+physics     mechanism data of a file, in a common form for all formats; physics_<format> translate
+sense       physically impossible data in one file
 compare     every link at every key, between files
 compare_physics    joints, drives, masses, frames, surfaces, colours, between files and with the mechanism
-claims      what files state of themselves: errors between keys, assumptions, README.txt
-unity, proof                       what else lies in a bundle
-diagnose    which of the usual mistakes explains a difference
+claims      statements of files about themselves: errors between keys, assumptions, README.txt
+unity, proof                       other contents of a bundle
+diagnose    which common mistake explains a difference
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
 __all__ = ["AuditReport", "Check", "audit", "key_times"]
 
 Truth = Mapping[str, tuple[np.ndarray, Mapping[str, np.ndarray]]]
-"""By clip: times (k,) in s, and T_world_link (k, 4, 4) by link."""
+"""For each clip, by name: its times (k,) in s, and T_world_link (k, 4, 4) by link."""
 
 Progress = Callable[[str, float], None]
-"""Called with what is being read and the fraction done."""
+"""Function called during the audit with the name of the file being read and the fraction done (0..1)."""
 
 
 def audit(
@@ -53,19 +53,19 @@ def audit(
     mechanism: Mechanism | None = None,
     progress: Progress | None = None,
 ) -> AuditReport:
-    """Read a file or a folder of exported files, check each, and hold all against one another.
+    """Read a file or a folder of exported files, check each, and compare them with each other.
 
     Args:
         path: a .glb, .gltf, USD, .usdz, track, MJCF or URDF file, or a folder with any of them.
-        truth: poses from the reference model, by clip; without it the tracks are what others are held against.
-        mechanism: what the files are to be of: masses, joints, drives and frames are compared with it.
+        truth: poses from the reference model, by clip; if None, the other files are compared with the tracks.
+        mechanism: the expected mechanism: masses, joints, drives and frames are compared with it.
         progress: see `Progress`.
 
     Returns:
-        What was measured and found; `verdict` is "unchecked" if a file could not be read.
+        A report of the measurements and findings; its `verdict` is "unchecked" if a file could not be read.
 
     Raises:
-        TwinError: there is no such path, or nothing there that can be audited.
+        TwinError: the path does not exist, or has no file that can be audited.
     """
     found = find(Path(path))
     tell = progress or (lambda label, fraction: None)
@@ -76,7 +76,7 @@ def audit(
         if content is not None:
             contents.append(content)
     ledgers += [_package(found, folder) for folder in found.unity]
-    with np.errstate(all="ignore"):  # numbers that are not finite have been told, and stay wrong
+    with np.errstate(all="ignore"):  # values that are not finite were reported before
         declared = frozenset(n for c in contents for n in c.declared or ())
         for content in contents:
             content.known = declared or None
@@ -101,20 +101,20 @@ def audit(
 
 
 def key_times(path: str | Path) -> dict[str, np.ndarray]:
-    """Return the key times (k,) in s of every clip at a path, from its tracks, or else from other files.
+    """Return the key times (k,) in s of every clip at a path, by clip: from the tracks, else from other files.
 
     Raises:
-        TwinError: as `audit`.
+        TwinError: the path does not exist, or has no file that can be audited.
     """
     found = find(Path(path))
-    if found.tracks:  # they alone say it all, and are read in no time
+    if found.tracks:  # tracks alone contain all key times, and are read fast
         found = Found(found.root, tracks=found.tracks)
     contents = [c for _, c in _read(found, lambda label, fraction: None) if c is not None]
     return {name: ref.clip.times for name, ref in references(contents, {}).items()}
 
 
 def _read(found: Found, tell: Progress) -> Iterator[tuple[Ledger, Content | None]]:
-    """Yield a ledger for each file, and what it holds if it could be read."""
+    """Yield (ledger, content) for each file; content is None if the file could not be read."""
     stages = (*found.stages, *found.usdz)
     if stages:
         tell("try the stages", 0)
@@ -139,22 +139,22 @@ def _read(found: Found, tell: Progress) -> Iterator[tuple[Ledger, Content | None
 
 
 _STRANGE = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, MemoryError)
-"""Exceptions that malformed input can raise."""
+"""Exceptions that the readers may raise for malformed input."""
 
 
 def _guarded(read: Callable[[Path, Ledger], Any], path: Path, ledger: Ledger) -> Content | None:
-    """Read a file; whatever keeps it from being read becomes a finding."""
+    """Read a file; a reading error becomes a finding."""
     try:
         if not path.stat().st_size:
-            ledger.add("file.empty", "error", "it is empty.")
+            ledger.add("file.empty", "error", "the file is empty.")
             return None
         return read(path, ledger)
     except (BudgetError, SourceError) as error:
         ledger.add("file.budget", "error", f"{error}")
     except OSError as error:
-        ledger.add("file.unreadable", "error", f"it cannot be read: {error.strerror or error}.")
+        ledger.add("file.unreadable", "error", f"the file cannot be read: {error.strerror or error}.")
     except _STRANGE as error:
-        text = f"it is malformed: {type(error).__name__}, {str(error)[:120]}."
+        text = f"the file is malformed: {type(error).__name__}, {str(error)[:120]}."
         ledger.add("file.malformed", "error", text)
     return None
 
@@ -196,8 +196,12 @@ def _usd(path: Path, ledger: Ledger, admitted: Collection[Path]) -> Content | No
         check_usd(path, bool(content.extra["physics"]), ledger)
     except UsdError as error:
         ledger.add("usd.unreadable", "error", f"{error}.")
-    except Tf.ErrorException as error:  # broken in a way that OpenUSD notices late
-        ledger.add("usd.unreadable", "error", f"OpenUSD gives up: {str(error).strip().splitlines()[-1].strip()[:200]}.")
+    except Tf.ErrorException as error:  # a fault that OpenUSD detects only when data are read
+        ledger.add(
+            "usd.unreadable",
+            "error",
+            f"OpenUSD cannot read the stage: {str(error).strip().splitlines()[-1].strip()[:200]}.",
+        )
     else:
         return content
     return None
@@ -216,15 +220,15 @@ def _tracks(path: Path, ledger: Ledger) -> Content | None:
 
 
 def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
-    """Return whether a model plays a clip: a model called <robot>_<clip> plays that alone, and no other plays it."""
+    """Return whether a model plays a clip: <robot>_<clip> is the only model of its clip, and plays no other clip."""
     own = [f"{m}_{clip}" for m in models if f"{m}_{clip}" in models]
     return stem in own if own else not any(stem.startswith(f"{m}_") for m in models)
 
 
 def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[str]) -> Content | None:
-    """Read a file that holds a tree of joints, and let it play every track.
+    """Read an MJCF or URDF file, and compute its link poses for the joint values of every track.
 
-    `models` are the files beside it; one may be for a single clip, whose loops have other places.
+    `models` are the other models in the folder; a model may be for a single clip with its own trocar positions.
     """
     from twin.exchange.audit.urdf import Urdf, UrdfError
 
@@ -254,7 +258,7 @@ def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[st
         low, high = track.extra.get("lower", {}), track.extra.get("upper", {})
         tree.check_limits(track.file, low, high)
     if not tracks:
-        text = "no track lies beside it: its joints stay where the file has them."
+        text = "there is no track for this file: its joints are checked only at the values in the file."
         ledger.add("compare.no_track", "info", text)
     return tree.content
 
@@ -268,7 +272,7 @@ def _package(found: Found, folder: Path) -> Ledger:
 
 
 def _proof(found: Found, file: Path) -> tuple[Ledger, str]:
-    """Check a proof; return the model hash that it states as well."""
+    """Check a proof.json; return (ledger, model hash that the proof states)."""
     from twin.exchange.audit.proof import check_proof
 
     ledger = Ledger(found.name(file), "sha256", "2")

@@ -1,7 +1,7 @@
-"""What a motion loses between its keys, as far as the keys themselves show: every second one is left out.
+"""Interpolation error between keys, estimated by leaving out every second key.
 
-A straight line over two intervals is off by four times what it is over one, as long as accelerations change slowly.
-So a stated error can be held against a quarter of what leaving out keys costs.
+If accelerations change slowly, linear interpolation over two intervals has four times the error of interpolation over
+one. So a stated error is compared with a quarter of the error measured with every second key left out.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from twin.exchange.audit.poses import Array
 
 @dataclass(frozen=True)
 class Loss:
-    """Worst error of any point of a link in m, of its rotation in rad, opening of a joint in m."""
+    """Largest interpolation errors: any point of a link in m, rotation of a link in rad, gap of a joint in m."""
 
     position: float
     rotation: float
@@ -28,7 +28,7 @@ class Loss:
 
 
 def halved(clip: Clip, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> Loss | None:
-    """Return what leaving out every second key costs there; None if there are too few even keys."""
+    """Return the interpolation error at every second key if these keys are left out; None if there are too few keys."""
     t = clip.times
     inner = np.arange(1, len(t) - 1, 2)
     inner = inner[np.abs(t[inner + 1] + t[inner - 1] - 2 * t[inner]) < 1e-6] if len(inner) else inner
@@ -50,14 +50,14 @@ def halved(clip: Clip, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> 
 
 
 def midway(A: Array, B: Array) -> Array:
-    """Return poses (k, 4, 4) halfway between A and B: on the straight line, by an even turn."""
+    """Return the poses (k, 4, 4) halfway between A and B: midpoint of the positions, half of the rotation."""
     a, b = poses.quaternion(A[:, :3, :3]), poses.quaternion(B[:, :3, :3])
     half = poses.slerp(a, b, np.full(len(a), 0.5))
     return poses.pose(poses.rotation(half), (A[:, :3, 3] + B[:, :3, 3]) / 2)
 
 
 def gap_of(joint: Joint, links: Mapping[str, Array]) -> float:
-    """Return by how much in m the two sides of a joint come apart along what it locks; 0 if it cannot be told."""
+    """Return the gap in m between a joint's two sides in the directions that the joint locks; 0 if unknown."""
     if joint.parent not in links or joint.child not in links:
         return 0.0
     here, there = joint.end(joint.parent), joint.end(joint.child)

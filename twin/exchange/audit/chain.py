@@ -1,7 +1,7 @@
-"""Joints in a row: poses from joint values, and joint values that reach given poses where nobody wrote them down.
+"""A chain of joints: poses from joint values, and joint values from given poses where the file has no joint values.
 
-A ball, for one, has no single coordinate that a table could hold; its turn is taken from the poses of the two links,
-so that its centre and everything behind it are still checked.
+A ball joint, for example, has no single coordinate that a table could hold; its rotation is computed from the poses of
+its two links, so that its centre and all further links are still checked.
 """
 
 from __future__ import annotations
@@ -16,18 +16,19 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
 
 _STEP = 1e-6
-"""Of the finite differences, in m and rad."""
+"""Step of the finite differences, in m and rad."""
 
 _GOOD = 1e-5
-"""Residual in m and rad that is rounding of the poses; other solutions are much farther off."""
+"""Residual in m and rad up to which a solution counts as correct (rounding of poses); wrong solutions have a much
+larger residual."""
 
 _TRIES = 24
-"""Starts for frames that end elsewhere."""
+"""Number of starting points tried for frames that did not converge."""
 
 
 @dataclass(frozen=True)
 class Link:
-    """A fixed pose (4, 4), then one joint: "turn" or "slide" along an axis (3,), or "fixed"."""
+    """A fixed pose (4, 4), followed by one joint: "turn" about or "slide" along an axis (3,), or "fixed"."""
 
     fixed: Array
     kind: str = "fixed"
@@ -35,7 +36,7 @@ class Link:
     name: str = ""
 
     def poses(self, q: Array | None) -> Array:
-        """Return poses (k, 4, 4) for joint values (k,), or (4, 4) of a fixed one."""
+        """Return the poses (k, 4, 4) of the link for joint values (k,), or the pose (4, 4) of a fixed link."""
         if self.kind == "fixed" or q is None or self.axis is None:
             return self.fixed
         if self.kind == "turn":
@@ -44,7 +45,7 @@ class Link:
 
 
 def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array:
-    """Return poses (k, 4, 4) of the end of a chain seen from its start."""
+    """Return the poses (k, 4, 4) of the end of a chain in the frame of its start."""
     T = np.broadcast_to(np.eye(4), (count, 4, 4))
     for link, value in zip(links, q, strict=True):
         T = T @ link.poses(value)
@@ -52,10 +53,10 @@ def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array
 
 
 def fit(links: Sequence[Link], given: Sequence[Array | None], goal: Array) -> list[Array | None]:
-    """Return values (k,) of all joints of a chain, those that are None found so that it ends at goal (k, 4, 4).
+    """Return the values (k,) of all joints of a chain whose end reaches goal (k, 4, 4); None values are solved for.
 
-    Gauss-Newton, all frames at once; frames that end elsewhere start again from their neighbour's solution. What
-    cannot be reached is left at its best: the comparison that follows shows how far off that is.
+    Gauss-Newton, all frames at once; frames that do not converge start again from their neighbour's solution. For an
+    unreachable goal the best result is returned; the later comparison of poses shows its error.
     """
     count = len(goal)
     free = [i for i, (link, g) in enumerate(zip(links, given, strict=True)) if g is None and link.kind != "fixed"]
@@ -68,7 +69,7 @@ def fit(links: Sequence[Link], given: Sequence[Array | None], goal: Array) -> li
         if not bad.any():
             break
         good = np.flatnonzero(~bad)
-        if len(good) and attempt % 2 == 0:  # from the nearest frame that was solved: a motion is continuous
+        if len(good) and attempt % 2 == 0:  # start at the nearest solved frame, because a motion is continuous
             begin = q[:, good[np.clip(np.searchsorted(good, np.flatnonzero(bad)), 0, len(good) - 1)]]
         else:
             begin = np.zeros((len(free), int(bad.sum())))

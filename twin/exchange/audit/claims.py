@@ -1,4 +1,4 @@
-"""What files state of themselves beside their poses: errors between keys, heads of tables, assumptions, README.txt."""
+"""Check what files state besides poses: errors between keys, header entries, assumptions, README.txt."""
 
 from __future__ import annotations
 
@@ -14,28 +14,29 @@ from twin.exchange.audit.physics import Joint, Physics
 from twin.exchange.audit.report import Ledger, quantity
 
 TOO_GOOD = 3.0
-"""A stated error may be so many times smaller than a quarter of what leaving out every second key costs."""
+"""Minimum ratio of a stated error to its estimate (a quarter of the error with every second key left out)."""
 
 TOO_BAD = 20.0
-"""And so many times larger: a stage's own samples are judged by leaving out every second one, which is four times."""
+"""Maximum ratio of a stated error to its estimate: a stage states its error with every second sample left out, which is
+four times the estimate."""
 
 _FLOOR = (1e-6, 1e-6, 1e-6)
-"""m, rad, m of estimates that the decimals of a track bury."""
+"""Estimates up to these (m, rad, m) are below the decimals of a track and are not compared."""
 
 _STATED = (
     ("between_position", "any point of a link between keys", "m"),
     ("between_rotation", "rotation of a link between keys", "rad"),
-    ("joint_gap", "opening of a joint between keys", "m"),
+    ("joint_gap", "gap of a joint between keys", "m"),
 )
 
 
 def check_claims(contents: Sequence[Content]) -> None:
-    """Note claims that the files themselves contradict."""
+    """Report statements of a file that contradict its own data."""
     tracks = [c for c in contents if c.format in ("tracks", "csv") and "data" in c.extra]
     shapes = next((c.shapes for c in contents if c.shapes and c.declared), {})
     physics = next((c.physics for c in contents if c.physics is not None and c.physics.complete), Physics())
     held = physics.held or frozenset()
-    # A motion may have a place of its own for what is tied to the world, as for a trocar.
+    # A motion may have its own positions of joints on the world, such as trocars.
     joints = [
         j for j in physics.joints if not physics.trocars & set(j.names) and not (j.tied and held & {j.parent, j.child})
     ]
@@ -59,18 +60,23 @@ def _check_between(content: Content, shapes: Mapping[str, Shape], joints: Sequen
             continue
         low = said < estimate / TOO_GOOD and estimate > floor
         high = said > TOO_BAD * max(estimate, floor) and (shapes or key != "between_position")
-        content.ledger.row(f"{key}: keys left out against what is stated", abs(estimate - said), unit, fits=not low)
+        content.ledger.row(
+            f"{key}: stated error against the error with every second key left out",
+            abs(estimate - said),
+            unit,
+            fits=not low,
+        )
         if low or high:
             content.ledger.add(
                 f"claims.{key}",
                 "disagreement",
-                f"{key} states {quantity(said, unit)} for {text}; leaving out every second key costs "
-                f"{quantity(cost, unit)}, of which a quarter is {quantity(estimate, unit)}.",
+                f"{key} states {quantity(said, unit)} for {text}; with every second key left out it is "
+                f"{quantity(cost, unit)}; a quarter of it, the estimate, is {quantity(estimate, unit)}.",
                 where=key,
                 size=float(said),
                 unit=unit,
                 limit=estimate,
-                suggestion="measure between the keys again",
+                suggestion="measure the error between keys again",
             )
 
 
@@ -79,12 +85,12 @@ def _check_heads(table: Content, other: Content) -> None:
     for key in dict.fromkeys((*its, *mine)):
         if key not in mine or key not in its:
             here, there = (other.file, table.file) if key in its else (table.file, other.file)
-            text = f"{here} has '{key}', {there} has not."
+            text = f"{here} has the entry '{key}', {there} does not."
         elif not _equal(mine[key], its[key]):
-            text = f"'{key}' is {_short(mine[key])}, in {other.file} {_short(its[key])}."
+            text = f"'{key}' is {_short(mine[key])}; in {other.file} it is {_short(its[key])}."
         else:
             continue
-        table.ledger.add("claims.head", "disagreement", text, where=key, suggestion="write both from one source")
+        table.ledger.add("claims.head", "disagreement", text, where=key, suggestion="write both files from one source")
 
 
 def _equal(a: Any, b: Any) -> bool:
@@ -101,7 +107,7 @@ def _short(value: Any) -> str:
 
 
 def _check_same_robot(tracks: Sequence[Content]) -> None:
-    """Note what is of the robot and not of the motion, and differs between tracks."""
+    """Report robot data that differ between tracks."""
     if not tracks:
         return
     first = tracks[0]
@@ -109,12 +115,12 @@ def _check_same_robot(tracks: Sequence[Content]) -> None:
         for key in ("robot", "tool_link", "tool_frame", "frame_names", "frame_links", "joints", "joint_types"):
             a, b = (c.extra["data"].get(key) for c in (content, first))
             if not _equal(a, b):
-                text = f"'{key}' is {_short(a)}, in {first.file} {_short(b)}."
+                text = f"'{key}' is {_short(a)}; in {first.file} it is {_short(b)}."
                 content.ledger.add("claims.robot", "disagreement", text, where=key)
 
 
 def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> None:
-    """Hold lists of assumed numbers against one another: a stage knows those of the robot by their provenance."""
+    """Compare the lists of assumed numbers; in a stage these are the numbers of the robot with provenance ASSUMED."""
     known = next((c for c in contents if c.extra.get("assumed")), None)
     names: Mapping[str, str] = {} if known is None else known.extra["assumed"]
     for content in tracks:
@@ -125,12 +131,14 @@ def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> No
         lacking = [n for n in names if n not in listed and not n.startswith("drawing.")]
         if known is not None and lacking:
             more = f" and {len(lacking) - 1} more" if len(lacking) > 1 else ""
-            text = f"its list of assumed numbers lacks '{lacking[0]}'{more}, assumed by {known.file}."
+            text = (
+                f"the file's list of assumed numbers lacks '{lacking[0]}'{more}, which {known.file} lists as assumed."
+            )
             content.ledger.add("claims.assumed", "disagreement", text, where="assumed", size=float(len(lacking)))
 
 
 def head(line: str) -> str:
-    """Return the name in "name = value unit: reason"."""
+    """Return the name from a text "name = value unit: reason"."""
     return line.split("=", 1)[0].strip()
 
 
@@ -144,21 +152,21 @@ STATEMENTS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ),
     ("the robot's world", r"own world is (\S+) up, (\w+)-handed", ("z", "right")),
     ("up axis of GLB and USDZ", r"GLB and USDZ are (\S+) up", ("y",)),
-    ("turn of the root", r"(\S+) degrees about (\w)", ("-90", "x")),
+    ("rotation of the root", r"(\S+) degrees about (\w)", ("-90", "x")),
     ("order of quaternions", r"Quaternions are (\w \w \w \w) \(USD: (\w \w \w \w)\)", ("x y z w", "w x y z")),
     ("Unity's hand", r"Unity is (\w+)-handed", ("left",)),
     (
-        "what a glTF importer makes of a pose",
+        "pose conversion of a glTF importer",
         r"\(x, y, z\) becomes (\([^)]*\)), the quaternion (\([^)]*\))",
         ("(-x, y, z)", "(x, -y, -z, w)"),
     ),
     (
-        "what ROS importers make of a pose",
+        "pose conversion of ROS importers",
         r"ROS importers use (\([^)]*\)) and (\([^)]*\))",
         ("(-y, z, x)", "(-y, z, x, -w)"),
     ),
 )
-"""What README.txt says in prose that can be right or wrong: topic, where it stands, what it must say."""
+"""Checked statements of README.txt: (topic, pattern, expected text)."""
 
 _MOTION = re.compile(
     r"- (?P<name>\w+): (?P<title>.*?); (?P<duration>[\d.]+) s, (?P<keys>\d+) keys at (?P<rate>[\d.]+) Hz\..*?at most "
@@ -167,18 +175,18 @@ _MOTION = re.compile(
 
 
 def check_readme(path: Path, contents: Sequence[Content], ledger: Ledger) -> None:
-    """Note what a README.txt of an export says otherwise than the files beside it."""
+    """Report statements of a README.txt that differ from the files in its folder."""
     try:
         raw = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        ledger.add("readme.unreadable", "disagreement", f"it cannot be read: {error}.")
+        ledger.add("readme.unreadable", "disagreement", f"README.txt cannot be read: {error}.")
         return
     text = re.sub(r"[ \t]*\n[ \t]+", " ", raw)  # items that were wrapped
     for topic, pattern, expected in STATEMENTS:
         found = re.search(pattern, text)
         if found and tuple(g.lower() for g in found.groups()) != expected:
             said = " / ".join(found.groups())
-            message = f"of {topic} it says '{said}'; the files have '{' / '.join(expected)}'."
+            message = f"statement about {topic}: '{said}'; the files have '{' / '.join(expected)}'."
             ledger.add("readme.convention", "disagreement", message, where=topic)
     _check_listed(path.parent, raw, contents, ledger)
     _check_motions(text, contents, ledger)
@@ -193,10 +201,12 @@ def _check_listed(folder: Path, raw: str, contents: Sequence[Content], ledger: L
     for name, also, what in rows:
         for file in (name, *([str(Path(name).with_suffix(also))] if also else [])):
             if file != "proof.json" and not (folder / file).exists():
-                ledger.add("readme.file", "disagreement", f"it lists '{file}', which is not there.", where=file)
+                ledger.add(
+                    "readme.file", "disagreement", f"README.txt lists '{file}', which does not exist.", where=file
+                )
         playing = re.search(r"playing (\w+)", what)
         if playing and clips and playing[1] not in clips and not any(c.endswith(f"_{playing[1]}") for c in clips):
-            message = f"it says that '{name}' plays '{playing[1]}', which is no motion of these files."
+            message = f"README.txt states that '{name}' plays '{playing[1]}', but the files have no such motion."
             ledger.add("readme.file", "disagreement", message, where=name)
 
 
@@ -204,7 +214,9 @@ def _check_motions(text: str, contents: Sequence[Content], ledger: Ledger) -> No
     tables = {str(c.extra["data"].get("protocol")): c for c in contents if c.format == "tracks" and c.clips}
     said = {m["name"]: m for m in _MOTION.finditer(text)}
     for name in tables.keys() - said.keys() if said else ():
-        ledger.add("readme.motion", "disagreement", f"motion '{name}' is not in its list.", where=name)
+        ledger.add(
+            "readme.motion", "disagreement", f"motion '{name}' is missing in the list of README.txt.", where=name
+        )
     for name, m in said.items():
         if (track := tables.get(name)) is None:
             if tables:
@@ -212,12 +224,12 @@ def _check_motions(text: str, contents: Sequence[Content], ledger: Ledger) -> No
             continue
         data, clip = track.extra["data"], track.clips[0]
         for what, value, real in (
-            ("its length in s", m["duration"], clip.duration),
-            ("its number of keys", m["keys"], len(clip.times)),
-            ("its rate in Hz", m["rate"], data.get("rate")),
+            ("the duration in s", m["duration"], clip.duration),
+            ("the number of keys", m["keys"], len(clip.times)),
+            ("the key rate in Hz", m["rate"], data.get("rate")),
             ("the error between keys in um", m["position"], _times(data.get("between_position"), 1e6)),
             ("the error between keys in degrees", m["rotation"], _times(data.get("between_rotation"), 57.29577951)),
-            ("the opening of joints in um", m["gap"], _times(data.get("joint_gap"), 1e6)),
+            ("the gap of joints in um", m["gap"], _times(data.get("joint_gap"), 1e6)),
         ):
             digits = len(value.partition(".")[2])
             if isinstance(real, int | float) and abs(float(value) - real) > 0.51 * 10.0**-digits:
@@ -257,17 +269,17 @@ def _clipped(line: str) -> str:
 
 
 def _section(text: str, title: str) -> str:
-    """Return the lines below a title that is underlined, up to the next."""
+    """Return the lines below an underlined title, up to the next title."""
     found = re.search(rf"^{title}[^\n]*\n-+\n(.*?)(?=^[^\n]+\n-{{3,}}\n|\Z)", text, re.MULTILINE | re.DOTALL)
     return found[1] if found else ""
 
 
 def check_proof_clips(path: Path, contents: Iterable[Content], ledger: Ledger) -> None:
-    """Hold what proof.json says of motions against the tracks."""
+    """Compare the motions in proof.json with the tracks."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValueError, RecursionError):
-        return  # told where its hashes are read
+        return  # reported where its hashes are read
     rows = data.get("clips") if isinstance(data, dict) else None
     tables = {str(c.extra["data"].get("protocol")): c for c in contents if c.format == "tracks" and c.clips}
     for row in rows if isinstance(rows, list) else ():

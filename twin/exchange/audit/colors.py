@@ -1,4 +1,4 @@
-"""Colours of links: which share of a link's area has which, in linear light whatever the format shows."""
+"""Measure the colours of links: the share of a link's area by colour, in linear light."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from twin.exchange.audit.poses import Array
 Rgba = tuple[float, float, float, float]
 
 SAME = 0.02
-"""Difference of a linear component that is rounding of eight bits of display values."""
+"""Difference of a linear colour component up to which two colours are equal: rounding of display values to eight bits.
+"""
 
 
 class Palette:
-    """Collects areas in m2 by link and colour."""
+    """Accumulator of surface areas in m2 by link and colour."""
 
     def __init__(self) -> None:
         self._areas: dict[str, dict[Rgba, float]] = {}
@@ -27,7 +28,7 @@ class Palette:
         own[r, g, b, a] = own.get((r, g, b, a), 0.0) + area
 
     def shares(self) -> dict[str, dict[Rgba, float]]:
-        """Return the share of each colour in each link's area; links without area are left out."""
+        """Return the share (0..1) of each colour in each link's area; links without area are left out."""
         out = {}
         for link, areas in self._areas.items():
             total = sum(areas.values())
@@ -49,7 +50,7 @@ def surface_area(vertices: Array, triangles: Array) -> float:
 
 
 def apart(one: Mapping[Rgba, float], other: Mapping[Rgba, float]) -> float:
-    """Return the share of the area (0..1) that has another colour in the one than in the other."""
+    """Return the share of the area (0..1) whose colour differs between two palettes of one link."""
     left = dict(other)
     matched = 0.0
     for color, share in one.items():

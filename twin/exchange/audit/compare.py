@@ -1,4 +1,4 @@
-"""Hold files against one another: every link at every key, by name; joints, shapes, clips and model hashes."""
+"""Compare files with each other: every link at every key, by name; joints, shapes, clips and model hashes."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import POSITION_TOL, ROTATION_TOL, quantity, told_apart
 
 TIME_TOL = 1e-5
-"""Largest difference in s between two files' times of one key: glTF keeps them in single precision."""
+"""Largest difference in s between two files' times of one key: glTF stores times in single precision."""
 
 BETWEEN_TOL = 1e-5
-"""Largest distance in m (or tenths of a rad) from the straight way between two keys."""
+"""Largest distance in m (or in tenths of a rad) of a pose halfway between two keys from the linear interpolation."""
 
 BOX_TOL = 2e-5
-"""Largest difference in m between the boxes around one link's meshes."""
+"""Largest difference in m between the bounding boxes that two files give one link's meshes."""
 
 STAGES = ("usd", "usda", "usdc")
 _RANK = {"truth": 0, "tracks": 1, "usda": 2, "usd": 2, "usdc": 2, "glb": 3, "gltf": 3, "csv": 4, "usdz": 5}
-"""What others are held against first: what has most digits and says most."""
+"""Formats in order of preference as reference: those with the most digits and data first."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """A clip that others are held against, and what it comes from ("the mechanism", or a file)."""
+    """A reference clip, and its source ("the mechanism", or a file)."""
 
     clip: Clip
     source: str
 
 
 def references(contents: Sequence[Content], truth: Mapping[str, tuple[Array, Mapping[str, Array]]]) -> dict:
-    """Return what to hold each clip against: the truth if it is given, else the track, else the first file."""
+    """Return the reference of each clip: poses of the reference model if given, else the track, else the first file."""
     out = {
         name: Reference(Clip(name, np.asarray(t, float), links), "the mechanism") for name, (t, links) in truth.items()
     }
@@ -49,7 +49,7 @@ def references(contents: Sequence[Content], truth: Mapping[str, tuple[Array, Map
 
 
 def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
-    """Note in each file's ledger how its clips differ from the references."""
+    """Compare the clips of each file with the references, and report differences in the file's ledger."""
     agreeing: dict[str, list[tuple[Content, Clip, bool]]] = {}
     for content in contents:
         for clip in content.clips:
@@ -71,7 +71,7 @@ def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
 
 
 def _named(name: str, known: Mapping[str, object]) -> str | None:
-    """Return the known name that a stage is called after, as in <robot>_<name> or <robot>_<name>_ar."""
+    """Return the known clip name that the name of a stage contains: <robot>_<name> or <robot>_<name>_ar."""
     stem = name.removesuffix("_ar")
     fits = [k for k in known if k and (stem == k or stem.endswith(f"_{k}"))]
     return max(fits, key=len) if fits else None
@@ -84,7 +84,7 @@ def _counterpart(content: Content, clip: Clip, refs: Mapping[str, Reference]) ->
         return None
     if (name := _named(clip.name, refs)) is not None:
         return name
-    # The file does not say which one it plays: the one that it plays best.
+    # The file does not state which clip it plays: choose the clip that it plays best.
     scores = {name: _score(clip, ref.clip) for name, ref in refs.items()}
     scores = {name: s for name, s in scores.items() if s is not None}
     return min(scores, key=lambda n: scores[n]) if scores else None
@@ -119,7 +119,7 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
         k = int(np.argmax(off))
         ledger.row(f"{label}: key times {against}", float(off[k]), "s", TIME_TOL, when=_at(clip.times[mine][k]))
     if (len(clip.times) == len(ref.clip.times) and len(mine) < len(its)) or len(mine) < 2 < len(clip.times):
-        mine = its = np.arange(min(len(clip.times), len(ref.clip.times)))  # key by key: tells more than nothing
+        mine = its = np.arange(min(len(clip.times), len(ref.clip.times)))  # key by key: better than no comparison
     missing = [n for n in ref.clip.links if n not in clip.links]
     extra = [n for n in content.declared or () if n not in ref.clip.links]
     for names, code, text in ((missing, "missing", "is missing"), (extra, "extra", f"is not in {ref.source}")):
@@ -155,7 +155,7 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
             size=p * 1e6 if by_place else float(np.degrees(r)),
             unit="um" if by_place else "deg",
             limit=POSITION_TOL * 1e6 if by_place else float(np.degrees(ROTATION_TOL)),
-            suggestion="see which of the two is right: `twin audit --robot NAME` recomputes the poses",
+            suggestion="find out which of the two is right: `twin audit --robot NAME` recomputes the poses",
         )
     _compare_joints(content, clip, ref, name, mine, its)
     if clip.middle and len(mine) == len(clip.times) == len(ref.clip.times):
@@ -163,12 +163,12 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
 
 
 def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
-    """Say which keys have no counterpart: some of them, or all because the one clip lasts longer."""
+    """Describe the keys without counterpart in the other clip: single keys, or the rest of a longer clip."""
     if abs(clip.duration - ref.clip.duration) > TIME_TOL:
         ratio = clip.duration / ref.clip.duration if ref.clip.duration else float("nan")
         here, there = told_apart(clip.duration, ref.clip.duration)
         return (
-            f"it lasts {here} s, in {ref.source} {there} s (x {ratio:.6g}); {len(mine)} "
+            f"the clip lasts {here} s, in {ref.source} {there} s (x {ratio:.6g}); {len(mine)} "
             f"of its {len(clip.times)} keys are at the times of the {len(ref.clip.times)} there"
         )
     said = []
@@ -184,7 +184,7 @@ def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
 
 
 def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> None:
-    """Note links that do not go straight from key to key, as the errors between keys are stated for."""
+    """Report links whose poses halfway between keys are not those of linear interpolation."""
     worst, where, k = 0.0, "", 0
     for link in (n for n in ref.clip.links if n in clip.middle):
         T = np.asarray(ref.clip.links[link])
@@ -199,8 +199,8 @@ def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> 
         content.ledger.add(
             "compare.between",
             "disagreement",
-            f"clip '{name}': halfway between two keys link '{where}' is {quantity(worst, 'm')} off the straight way "
-            f"between those of {ref.source}.",
+            f"clip '{name}': halfway between two keys link '{where}' is {quantity(worst, 'm')} off the linear "
+            f"interpolation of {ref.source}.",
             where=where,
             when=_at(float(clip.times[k])),
             size=worst * 1e6,
@@ -245,7 +245,7 @@ def _compare_joints(content: Content, clip: Clip, ref: Reference, name: str, min
 
 
 def _common(a: Array, b: Array) -> tuple[Array, Array]:
-    """Return the indices of keys that two increasing rows of times share."""
+    """Return the indices (i, j) of the equal times in two increasing time arrays (k,) and (l,)."""
     if len(a) == len(b) and np.all(np.abs(a - b) <= TIME_TOL):
         return np.arange(len(a)), np.arange(len(b))
     near = np.clip(np.searchsorted(b, a), 1, max(len(b) - 1, 1)) if len(b) > 1 else np.zeros(len(a), int)
@@ -256,7 +256,7 @@ def _common(a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def _blame(contents: Sequence[Content], refs: Mapping[str, Reference], compared: Mapping) -> None:
-    """Where all others differ from a file but agree with each other, say that it is that file."""
+    """Report a file as wrong if all other files differ from it and agree with each other."""
     for name, rows in compared.items():
         independent = {"csv": "tracks"}
         bad = [(c, clip) for c, clip, fits in rows if not fits and independent.get(c.format, c.format) != "tracks"]
@@ -273,7 +273,7 @@ def _blame(contents: Sequence[Content], refs: Mapping[str, Reference], compared:
         if same and shared:
             text = (
                 f"clip '{name}': {first.file} and {', '.join(c.file for c, _ in others)} agree with each other, and "
-                "all differ from this file: it is the one that is wrong."
+                "all differ from this file, so this file is wrong."
             )
             source.ledger.add("compare.odd_one_out", "disagreement", text, where=name)
 
@@ -284,15 +284,15 @@ def _agrees(A: Array, B: Array) -> bool:
 
 
 def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
-    """Note a file of links that plays nothing, where others play something."""
+    """Report a file that has no motion while other files have one."""
     for content in contents:
         if content.format in ("glb", "gltf") and content.declared and not content.clips and refs:
-            text = f"it has no motion; {next(iter(refs.values())).source} has '{next(iter(refs))}'."
+            text = f"the file has no motion; {next(iter(refs.values())).source} has '{next(iter(refs))}'."
             content.ledger.add("compare.no_motion", "warning", text, where="animations")
 
 
 def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
-    """Note clips that a file of all clips lacks, and protocols without a file where others have one."""
+    """Report missing clips: in a file of all clips, and clips without a file in a format of one file for each clip."""
     for content in contents:
         if content.format in ("glb", "gltf") and content.clips and content.declared:
             for name in sorted(set(refs) - {c.name for c in content.clips}):
@@ -302,12 +302,12 @@ def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -
         group = [c for c in contents if c.format in kinds and c.clips]
         have = {_counterpart(c, clip, refs) for c in group for clip in c.clips}
         if len(group) and (missing := sorted(set(refs) - have)):
-            text = f"no file beside it holds clip '{missing[0]}' of {refs[missing[0]].source}."
+            text = f"no file of this format holds clip '{missing[0]}' of {refs[missing[0]].source}."
             group[0].ledger.add("compare.missing_clip", "disagreement", text, where=missing[0])
 
 
 def compare_rest(contents: Sequence[Content]) -> None:
-    """Hold the resting poses of files that have no motion of their own at rest against one another."""
+    """Compare the rest poses of files, and report differences in each file's ledger."""
     having = [
         c for c in contents if c.rest and c.declared and (c.format == "glb" or (c.format in STAGES and not c.clips))
     ]
@@ -323,7 +323,7 @@ def compare_rest(contents: Sequence[Content]) -> None:
         content.ledger.row(f"rest: position against {first.file}", apart[far], "m", POSITION_TOL, where=far)
         content.ledger.row(f"rest: rotation against {first.file}", turn[turned], "rad", ROTATION_TOL, where=turned)
         if (apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL) and (clip := _begins(content)):
-            text = f"at rest it stands as at the start of clip '{clip}', not as {first.file}."
+            text = f"its rest pose is the first pose of clip '{clip}', not the rest pose of {first.file}."
             content.ledger.add("compare.rest", "info", text, where=clip)
         elif apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL:
             text = f"at rest link '{far}' is {quantity(apart[far], 'm')} off {first.file}, '{turned}' turned."
@@ -331,7 +331,7 @@ def compare_rest(contents: Sequence[Content]) -> None:
 
 
 def _begins(content: Content) -> str:
-    """Return the clip with whose first poses a file rests, as Blender writes it, "" if it is none."""
+    """Return the clip whose first poses are the rest poses of a file, as in files of Blender; "" if there is none."""
     for clip in content.clips:
         if all(_agrees(T[:1], content.rest[n][None]) for n, T in clip.links.items() if n in content.rest):
             return clip.name
@@ -339,7 +339,7 @@ def _begins(content: Content) -> str:
 
 
 def compare_shapes(contents: Sequence[Content]) -> None:
-    """Hold the boxes and volumes of the links' meshes against one another."""
+    """Compare the bounding boxes and volumes of the links' meshes, and report differences in each file's ledger."""
     having = [c for c in contents if c.shapes]
     having.sort(key=lambda c: _RANK.get(c.format, 9))
     for content in having[1:]:
@@ -354,13 +354,14 @@ def compare_shapes(contents: Sequence[Content]) -> None:
                 content.ledger.add(
                     "compare.shape",
                     "disagreement",
-                    f"the meshes of link '{name}' fill another box than in {first.file}: {off * 1e3:.4g} mm off, its "
+                    f"the meshes of link '{name}' have another bounding box than in {first.file}: {off * 1e3:.4g} mm "
+                    "off, its "
                     f"diagonal {float(np.linalg.norm(a.high - a.low)):.4g} m against {size:.4g} m.",
                     where=name,
                     size=off * 1e3,
                     unit="mm",
                     limit=BOX_TOL * 1e3,
-                    suggestion="check units, mirroring and which link the mesh is on",
+                    suggestion="check units, mirroring and the link of each mesh",
                 )
             elif a.closed and b.closed and abs(a.volume - b.volume) > 0.01 * abs(b.volume):
                 content.ledger.add(
@@ -376,7 +377,7 @@ def compare_shapes(contents: Sequence[Content]) -> None:
 
 
 def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
-    """Note files that say they were made from another model than the others."""
+    """Report files whose model hash differs from that of the other files."""
     said: dict[str, dict[str, str]] = {}
     for c in contents:
         if c.model_hash:
@@ -391,7 +392,7 @@ def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
             content.ledger.add(
                 "compare.model_hash",
                 "disagreement",
-                f"it was made from model {content.model_hash[:23]}…, {others} from {common[:23]}…."
+                f"the file was made from model {content.model_hash[:23]}…, {others} from {common[:23]}…."
                 + (" One of the two is wrong." if tie else ""),
                 where="model_hash",
                 suggestion="export all files again, together",

@@ -1,7 +1,7 @@
-"""Hold what files say of one mechanism against one another: a table of quantities, and one comparison for all.
+"""Compare the mechanism data of files: a table of quantities, and one comparison for all.
 
-Formats are independent witnesses, files of one format are not: five stages may share one layer. What most formats say
-is taken for right; the mechanism itself outweighs them all.
+Different formats count as independent sources, files of one format as a single source, because five stages may share
+one layer. The value of most formats counts as right; the value of the mechanism, if it is given, overrides them.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ TRUTH = "the mechanism"
 
 _TRUST = ("truth", "usda", "usd", "usdc", "mjcf", "tracks", "urdf", "csv", "glb", "gltf", "usdz")
 _FAMILY = {"usda": "usd", "usdc": "usd", "gltf": "glb", "csv": "tracks"}
-"""Formats that come from one source: their files have one voice."""
+"""Formats that are written from the same data: together they count as one source."""
 
 
 def _number(a: float, b: float) -> float:
@@ -36,7 +36,7 @@ def _number(a: float, b: float) -> float:
 
 
 def _row(a: Mapping[str, float], b: Mapping[str, float]) -> float:
-    """Return how far two sums of joints are apart, as a share of the larger one; a joint that is missing counts 0."""
+    """Return the relative difference of two sets of factors by joint; a missing joint has factor 0."""
     both = np.array([(a.get(n, 0.0), b.get(n, 0.0)) for n in dict.fromkeys((*a, *b))], float).reshape(-1, 2)
     size = float(np.linalg.norm(both, axis=0).max(initial=0.0))
     return float(np.linalg.norm(both[:, 0] - both[:, 1])) / size if size else 0.0
@@ -67,12 +67,12 @@ def _direction(a: Array, b: Array) -> float:
 
 
 def _sense(a: tuple[Array, bool], b: tuple[Array, bool]) -> float:
-    """Return how far two directions are apart; their sign counts only where both files know it."""
+    """Return the distance between two unit vectors; their sign counts only if both files state it."""
     return _distance(a[0], b[0]) if a[1] and b[1] else _direction(a[0], b[0])
 
 
 def _line(a: tuple[Array, Array | None], b: tuple[Array, Array | None]) -> float:
-    """Return the distance in m between two points, or of a point from a line."""
+    """Return the distance in m of b's point from line a (point, direction); of the two points without directions."""
     off = b[0] - a[0]
     if a[1] is None or b[1] is None:
         return float(np.linalg.norm(off))
@@ -84,9 +84,10 @@ def _place(a: Array, b: Array) -> float:
 
 
 def _surface(a: Array, b: Array) -> float:
-    """Return how far in m a point of the one mesh is from the nearest of the other.
+    """Return the largest distance in m of a point of either mesh from the nearest point of the other mesh.
 
-    Meshes of which few points coincide were made with other triangles; that their boxes agree is checked elsewhere.
+    Return 0 if few points coincide: the meshes have different triangles, and only their bounding boxes are compared
+    (elsewhere).
     """
     if a.shape == b.shape and np.array_equal(a, b):
         return 0.0
@@ -101,18 +102,19 @@ def _tree(points: Array) -> cKDTree:
 
 
 ALIKE = 3e-6
-"""Distance in m between two points that are one: files of millimetres with three decimals, and single precision."""
+"""Distance in m below which two points count as equal: rounding of millimetres to three decimals, and of single
+precision."""
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """One thing that files say of a subject.
+class Compared:
+    """One compared quantity.
 
     Attributes:
-        apart: how far two values are apart.
-        tolerance: up to where they are the same.
-        unit: of the values, or of `apart` where `relative` is not set.
-        relative: whether `apart` is a share, so that the ratio is told.
+        apart: function that returns the difference of two values.
+        tolerance: difference up to which two values are equal.
+        unit: unit of the values, or of `apart` if `relative` is not set.
+        relative: whether `apart` is a relative difference; the message then shows the ratio.
     """
 
     apart: Callable[[Any, Any], float]
@@ -121,42 +123,42 @@ class Quantity:
     relative: bool = False
 
 
-QUANTITIES: Mapping[str, Quantity] = {
-    "weighed": Quantity(_word, 0.0),
-    "mass": Quantity(_number, 1e-5, "kg", True),
-    "mass centre": Quantity(_distance, 2e-6, "m"),
-    "inertia": Quantity(_tensor, 1e-4, "", True),
-    "existence": Quantity(_word, 0.0),
-    "name": Quantity(_word, 0.0),
-    "kind": Quantity(_word, 0.0),
-    "links": Quantity(_word, 0.0),
-    "place": Quantity(_line, 2e-6, "m"),
-    "axis": Quantity(_sense, 1e-5),
-    "pose": Quantity(_place, 5e-6, "m"),
-    "limits": Quantity(_ends, 1e-5, "m or rad"),
-    "driven": Quantity(_word, 0.0),
-    "stiffness": Quantity(_number, 1e-5, "N/m or N m/rad", True),
-    "damping": Quantity(_number, 1e-5, "N s/m or N m s/rad", True),
-    "largest effort": Quantity(_number, 1e-5, "N or N m", True),
-    "largest speed": Quantity(_number, 1e-5, "m/s or rad/s", True),
-    "frame pose": Quantity(_place, 2e-6, "m"),
-    "link": Quantity(_word, 0.0),
-    "surface": Quantity(_surface, ALIKE, "m"),
-    "closed": Quantity(_word, 0.0),
-    "colours": Quantity(apart, 0.02),
-    "gravity": Quantity(_distance, 1e-3, "m/s2"),
-    "held": Quantity(_word, 0.0),
-    "ratios": Quantity(_distance, 1e-5),
-    "sum": Quantity(_difference, 1e-6, "m or rad"),
-    "row": Quantity(_row, 1e-6, "", True),
-    "rotor inertia": Quantity(_number, 1e-5, "kg m2 or kg", True),
+QUANTITIES: Mapping[str, Compared] = {
+    "weighed": Compared(_word, 0.0),
+    "mass": Compared(_number, 1e-5, "kg", True),
+    "mass centre": Compared(_distance, 2e-6, "m"),
+    "inertia": Compared(_tensor, 1e-4, "", True),
+    "existence": Compared(_word, 0.0),
+    "name": Compared(_word, 0.0),
+    "kind": Compared(_word, 0.0),
+    "links": Compared(_word, 0.0),
+    "place": Compared(_line, 2e-6, "m"),
+    "axis": Compared(_sense, 1e-5),
+    "pose": Compared(_place, 5e-6, "m"),
+    "limits": Compared(_ends, 1e-5, "m or rad"),
+    "driven": Compared(_word, 0.0),
+    "stiffness": Compared(_number, 1e-5, "N/m or N m/rad", True),
+    "damping": Compared(_number, 1e-5, "N s/m or N m s/rad", True),
+    "largest effort": Compared(_number, 1e-5, "N or N m", True),
+    "largest speed": Compared(_number, 1e-5, "m/s or rad/s", True),
+    "frame pose": Compared(_place, 2e-6, "m"),
+    "link": Compared(_word, 0.0),
+    "surface": Compared(_surface, ALIKE, "m"),
+    "closed": Compared(_word, 0.0),
+    "colours": Compared(apart, 0.02),
+    "gravity": Compared(_distance, 1e-3, "m/s2"),
+    "held": Compared(_word, 0.0),
+    "ratios": Compared(_distance, 1e-5),
+    "sum": Compared(_difference, 1e-6, "m or rad"),
+    "row": Compared(_row, 1e-6, "", True),
+    "rotor inertia": Compared(_number, 1e-5, "kg m2 or kg", True),
 }
-"""What is compared, of links, joints, frames, couplings, motors and the world."""
+"""Compared quantities of links, joints, frames, couplings, motors and the world."""
 
 
 @dataclass
 class View:
-    """What one file says: values by (subject, quantity)."""
+    """The values that one file states, by (subject, quantity)."""
 
     file: str
     format: str
@@ -168,12 +170,12 @@ class View:
 
     @property
     def family(self) -> str:
-        """Formats with one source have one."""
+        """The source that the format counts for; formats of one source share it."""
         return _FAMILY.get(self.format, self.format)
 
 
 def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -> None:
-    """Note in each file's ledger where it says something else of links, joints, frames or gravity than the others."""
+    """Compare links, joints, frames and gravity of all files, and report differences in each file's ledger."""
     views = [
         View(c.file, c.format, c.ledger, c.physics or Physics(), c.shapes, c.colors)
         for c in contents
@@ -193,7 +195,7 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
     for view in views:
         _state(view, canonical, known, movable)
         if view.format == "mjcf" and any(view.file.startswith(f"{s}_") for s in stems):
-            # A file for one motion, with a place of its own in the world; playing that motion closes its loops or not.
+            # A file for one motion with its own trocars; whether its loops close is checked by playing that motion.
             for key in [k for k in view.said if k[1] == "place" and k[0].endswith(_ends_on(view.physics.held))]:
                 del view.said[key]
     there = [s for s, name in dict.fromkeys(key for v in views for key in v.said) if name == "existence"]
@@ -223,7 +225,7 @@ def _ends_on(links: Collection[str] | None) -> tuple[str, ...]:
 
 
 def _known_links(views: Sequence[View]) -> set[str]:
-    """Return the links that are meant as such: those of the mechanism, of tracks, GLB and USD; else all."""
+    """Return the links without auxiliary ones: those of the mechanism, tracks, GLB and USD, else all."""
     for family in ("truth", "tracks", "usd", "glb"):
         for v in views:
             if v.family == family and v.physics.links:
@@ -232,31 +234,33 @@ def _known_links(views: Sequence[View]) -> set[str]:
 
 
 def _canonical(views: Sequence[View], known: set[str]) -> dict[str, Joint]:
-    """Return joints by name, of the first file that knows them; those that carry their links are preferred."""
+    """Return joints by name, each from the first file that has it; joints with two known links are preferred."""
     out: dict[str, Joint] = {}
-    elsewhere = [
-        (_stem(j.names), j.kind) for v in views if v.family != "tracks" for j in v.physics.reduced(known) if j.names
-    ]
+    elsewhere = [(_stem(j), j.kind) for v in views if v.family != "tracks" for j in v.physics.reduced(known) if j.names]
     several = tuple(f"{name}_" for name, kind in elsewhere if kind not in ("", "fixed", "revolute", "prismatic"))
     # A GLB has names of joints without their kinds.
     turns = {f"{name}_{part}" for name, kind in elsewhere if not kind for part in ("x", "y", "z", "slide")}
-    for view in sorted(views, key=lambda v: v.format in ("mjcf", "urdf")):  # these may split them
+    for view in sorted(views, key=lambda v: v.format in ("mjcf", "urdf")):  # these formats may split joints
         for joint in view.physics.reduced(known):
             within = {joint.parent, joint.child} <= known | {""}
             if not within or not joint.names or _match(joint, out, view):
                 continue
             if view.family == "tracks" and (joint.names[0].startswith(several) or joint.names[0] in turns):
-                continue  # one of the numbers of a ball
+                continue  # one of the coordinates of a ball
             if joint.kind == "fixed" and view.format == "mjcf":
                 continue
-            out[_stem(joint.names)] = joint
+            out[_stem(joint)] = joint
     return out
 
 
-def _stem(names: Sequence[str]) -> str:
-    """Return what names of the parts of a joint begin with: a tie is called <joint>_0, a ball's turns <joint>_x."""
+def _stem(joint: Joint) -> str:
+    """Return the joint's name from the names of its parts: a tie is named <joint>_0, the hinges of a ball <joint>_x.
+
+    One name that ends in a number is a part's name only if it is a tie; `setup_1` is a joint's own name.
+    """
+    names = joint.names
     if len(names) == 1:
-        return re.sub(r"_\d+$", "", names[0])
+        return re.sub(r"_\d+$", "", names[0]) if joint.tied else names[0]
     short = min(names, key=len)
     if all(n == short or n.startswith(f"{short}_") for n in names):
         return short
@@ -268,11 +272,11 @@ def _stem(names: Sequence[str]) -> str:
 
 
 def _match(joint: Joint, canonical: Mapping[str, Joint], view: View) -> str:
-    """Return the canonical name of a joint, by its name, or else by the links that it joins; "" if it has none."""
-    for name in (*joint.names[:1], _stem(joint.names)) if joint.names else ():
+    """Return the reference name of a joint, found by its name or by the links that it joins; "" if there is none."""
+    for name in (*joint.names[:1], _stem(joint)) if joint.names else ():
         if name in canonical:
             return name
-    if len(joint.names) > 1 or view.family == "tracks":  # a table holds a ball as numbers of its own
+    if len(joint.names) > 1 or view.family == "tracks":  # a table holds the coordinates of a ball as separate joints
         begins = [
             n
             for n, j in canonical.items()
@@ -283,7 +287,7 @@ def _match(joint: Joint, canonical: Mapping[str, Joint], view: View) -> str:
     if not joint.parent:
         return ""
     pair = {joint.parent, joint.child}
-    taken = {p for j in view.physics.joints for p in (*j.names, _stem(j.names) if j.names else "")}
+    taken = {p for j in view.physics.joints for p in (*j.names, _stem(j) if j.names else "")}
     fits = [n for n, j in canonical.items() if {j.parent, j.child} == pair and n not in taken]
     return fits[0] if len(fits) == 1 else ""
 
@@ -315,7 +319,7 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
         name = _match(joint, canonical, view)
         if not name:
             if joint.names and (joint.kind != "fixed" or joint.tied):
-                say[f"joint '{_stem(joint.names)}'", "existence"] = True
+                say[f"joint '{_stem(joint)}'", "existence"] = True
             continue
         found.add(name)
         _state_joint(say, name, joint, canonical[name], name in movable)
@@ -377,8 +381,8 @@ def _state_joint(say: dict, name: str, joint: Joint, canonical: Joint, movable: 
     say[subject, "existence"] = True
     part = joint.kind_said and joint.names != canonical.names  # one turn of a ball, in a table of numbers
     if joint.names and not part:
-        own = name in (*joint.names, _stem(joint.names)) or (len(joint.names) > 1 and _parts(joint, name))
-        say[subject, "name"] = name if own else _stem(joint.names)
+        own = name in (*joint.names, _stem(joint)) or (len(joint.names) > 1 and _parts(joint, name))
+        say[subject, "name"] = name if own else _stem(joint)
     if joint.kind and not part:
         say[subject, "kind"] = joint.kind
     if joint.parent:
@@ -447,7 +451,7 @@ def _hold(subject: str, name: str, views: Sequence[View], worst: dict) -> None:
             size=off if np.isfinite(off) else None,
             unit="" if q.relative else q.unit,
             limit=q.tolerance,
-            suggestion="see which of the two is right: `twin audit --robot NAME` compares with the mechanism",
+            suggestion="find out which of the two is right: `twin audit --robot NAME` compares with the mechanism",
         )
 
 
@@ -461,7 +465,7 @@ def _listed(files: Sequence[str], most: int = 3) -> str:
     return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
 
 
-def _text(subject: str, name: str, q: Quantity, mine: Any, right: Any, others: str) -> str:
+def _text(subject: str, name: str, q: Compared, mine: Any, right: Any, others: str) -> str:
     if name == "existence":
         return f"{subject} is in this file, not in {others}." if mine else f"{subject} is missing; it is in {others}."
     if name in _SAID:
@@ -469,38 +473,38 @@ def _text(subject: str, name: str, q: Quantity, mine: Any, right: Any, others: s
         return f"{subject} {said[bool(mine)]}; in {others} it {said[bool(right)]}."
     if q.relative and isinstance(mine, int | float):
         ratio = f" (x {mine / right:.4g})" if right else ""
-        return f"{subject}: {name} is {mine:.6g} {q.unit}, in {others} {right:.6g} {q.unit}{ratio}."
+        return f"{subject}: {name} is {mine:.6g} {q.unit}; in {others} it is {right:.6g} {q.unit}{ratio}."
     off = q.apart(mine, right)
     if name in ("mass centre", "place", "frame pose", "pose"):
         return f"{subject}: {_WORDS.get(name, name)} is {quantity(off, 'm')} off {others}."
     if name == "surface":
-        return f"{subject}: a point of its mesh is {quantity(off, 'm')} off that of {others}."
+        return f"{subject}: a point of its mesh is {quantity(off, 'm')} from the mesh of {others}."
     if name == "colours":
         return f"{subject}: {100 * off:.3g} % of its surface has another colour than in {others}."
     if name == "inertia":
         return f"{subject}: inertia differs from {others} by {100 * off:.3g} %."
     if name == "axis":
-        return f"{subject}: axis is {_vector(mine[0])}, in {others} {_vector(right[0])}."
-    return f"{subject}: {_WORDS.get(name, name)} is {_plain(mine)}, in {others} {_plain(right)}{_unit(q)}."
+        return f"{subject}: axis is {_vector(mine[0])}; in {others} it is {_vector(right[0])}."
+    return f"{subject}: {_WORDS.get(name, name)} is {_plain(mine)}; in {others} it is {_plain(right)}{_unit(q)}."
 
 
 _SAID = {
-    "closed": ("has a mesh with a hole", "has closed meshes"),
+    "closed": ("has an open mesh", "has closed meshes"),
     "driven": ("is passive", "is driven"),
     "weighed": ("has no mass", "has a mass"),
 }
 
 _WORDS = {
-    "frame pose": "its pose on its link",
-    "pose": "the pose of one link in the other",
-    "place": "the line or point of the joint",
+    "frame pose": "pose of the frame on its link",
+    "pose": "relative pose of the two links",
+    "place": "line or point of the joint",
     "link": "its link",
-    "held": "what is fixed to the world",
-    "row": "what it does for its joints",
+    "held": "bodies fixed to the world",
+    "row": "joint factors of the transmission",
 }
 
 
-def _unit(q: Quantity) -> str:
+def _unit(q: Compared) -> str:
     return f" {q.unit}" if q.unit else ""
 
 

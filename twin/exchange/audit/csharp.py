@@ -1,8 +1,8 @@
-"""A small part of C#, enough to run static functions of numbers: what a script computes is checked by running it.
+"""Interpreter of a small part of C#, enough to run static functions of numbers: a script is checked by running it.
 
-Understood: constants, static methods with overloads by the types of their parameters, local variables, assignment,
+Supported: constants, static methods with overloads by the types of their parameters, local variables, assignment,
 `if`, `return`, the conditional operator, arithmetic, casts of numbers, members and constructors of plain values,
-`Math` and enumerations. Anything else is refused by name.
+`Math` and enumerations. Anything else raises.
 """
 
 from __future__ import annotations
@@ -44,24 +44,24 @@ _APPLY: dict[str, Callable[[Any, Any], Any]] = {
 
 
 def _divided(a: float, b: float) -> float:
-    """Return a / b as C# has it: by zero it is infinite or no number, without an exception."""
+    """Return a / b as in C#: division by zero gives infinity or NaN, without an exception."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(np.float64(a) / np.float64(b))
 
 
 class CSharpError(Exception):
-    """Something that is not understood, or fails."""
+    """The C# code is unsupported, or fails when it runs."""
 
 
 @dataclass(frozen=True)
 class Value:
-    """A plain value: its type, and its numbers x, y, z (w)."""
+    """A C# struct such as a vector or quaternion: its type name, and its components x, y, z (and w)."""
 
     type: str
     numbers: tuple[float, ...]
 
     def member(self, name: str) -> float:
-        """Return one of its numbers."""
+        """Return the component of that name (x, y, z or w)."""
         if name not in "xyzw"[: len(self.numbers)]:
             raise CSharpError(f"{self.type} has no '{name}'")
         return self.numbers["xyzw".index(name)]
@@ -71,7 +71,7 @@ class Script:
     """The static methods of a source file.
 
     Raises:
-        CSharpError: it holds what is not understood; told when the method is called.
+        CSharpError: a method has unsupported code; raised when that method is called.
     """
 
     def __init__(self, source: str) -> None:
@@ -83,14 +83,14 @@ class Script:
         self._constants = {m[1]: m[2] for m in _CONSTANT.finditer(text)}
 
     def has(self, name: str) -> bool:
-        """Return whether there is a method of that name."""
+        """Return whether the script has a method of this name."""
         return name in self._methods
 
     def call(self, name: str, *given: Any) -> Any:
-        """Run a method; `given` are numbers, `Value`s and names of enumerated values.
+        """Run a method; its arguments `given` are numbers, `Value`s or names of enumerated values.
 
         Raises:
-            CSharpError: there is none for these arguments, or it does what is not understood.
+            CSharpError: no overload takes these arguments, or the code is unsupported.
         """
         for params, body in self._methods.get(name, []):
             pairs = zip(params, given, strict=False)
@@ -100,27 +100,27 @@ class Script:
                 if not done:
                     raise CSharpError(f"{name} returns nothing")
                 return result
-        raise CSharpError(f"there is no {name} for {len(given)} such arguments")
+        raise CSharpError(f"there is no {name} for {len(given)} arguments of these types")
 
     def constant(self, name: str) -> float:
-        """Return a constant of the class."""
+        """Return the value of a constant of the script."""
         if name not in self._constants:
             raise CSharpError(f"'{name}' is not known")
         return _Run(self, self._constants[name], {}).expression()
 
 
 def _block(text: str, start: int) -> str:
-    """Return what is between the brace at `start` and its partner."""
+    """Return the text between the opening brace at `start` and the matching closing brace."""
     depth = 0
     for i in range(start, len(text)):
         depth += {"{": 1, "}": -1}.get(text[i], 0)
         if depth == 0:
             return text[start + 1 : i]
-    raise CSharpError("a brace is not closed")
+    raise CSharpError("an opening brace has no closing brace")
 
 
 class _Run:
-    """Reads and runs at once: methods are short, and run a few hundred times."""
+    """Run of one method: it parses and runs in one pass, because methods are short and run only a few hundred times."""
 
     def __init__(self, script: Script, text: str, scope: dict[str, Any]) -> None:
         self._script, self._scope = script, scope
@@ -132,7 +132,10 @@ class _Run:
     # ------------------------------------------------------------------------------------------ statements
 
     def statements(self, live: bool = True) -> tuple[bool, Any]:
-        """Run up to the end or a closing brace; return whether `return` was met, and what it gave."""
+        """Run statements up to the end or a closing brace.
+
+        Return (returned, value): whether a `return` ran, and its value.
+        """
         done, result = False, None
         while self._at < len(self._tokens) and self._peek() != "}":
             one, value = self._statement(live and not done)
@@ -163,7 +166,7 @@ class _Run:
             name = self._next()
         operator = self._next()
         if operator not in ("=", "+=", "-=", "*=", "/="):
-            raise CSharpError(f"'{name} {operator}' is not understood")
+            raise CSharpError(f"'{name} {operator}' is not supported")
         if live:
             value = self.expression()
             self._scope[name] = value if operator == "=" else _APPLY[operator[0]](self._scope[name], value)
@@ -215,7 +218,7 @@ class _Run:
         while self._take("."):
             name = self._next()
             if not isinstance(value, Value):
-                raise CSharpError(f"'.{name}' is not understood")
+                raise CSharpError(f"'.{name}' is not supported")
             value = value.member(name)
         return value
 
@@ -248,7 +251,7 @@ class _Run:
         if (owner, name) == ("Quaternion", "identity"):
             return Value("Quaternion", (0.0, 0.0, 0.0, 1.0))
         if self._peek() == "(":
-            raise CSharpError(f"{owner}.{name}() is not understood")
+            raise CSharpError(f"{owner}.{name}() is not supported")
         return name  # a member of an enumeration
 
     def _arguments(self) -> list[Any]:
@@ -267,7 +270,7 @@ class _Run:
     def _next(self) -> str:
         token = self._peek()
         if not token:
-            raise CSharpError("the source ends too early")
+            raise CSharpError("the source ends within a statement")
         self._at += 1
         return token
 
@@ -279,4 +282,4 @@ class _Run:
 
     def _need(self, token: str) -> None:
         if not self._take(token):
-            raise CSharpError(f"'{token}' is expected, not '{self._peek()}'")
+            raise CSharpError(f"'{token}' is expected, found '{self._peek()}'")

@@ -1,4 +1,4 @@
-"""Why two files disagree: the usual mistakes, tried one after the other on the poses themselves."""
+"""Find out why two files disagree: apply each known common mistake to the poses, and see whether it explains them."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import quantity
 
 _FACTORS = {
-    1e3: "lengths look like millimetres in metres",
-    1e-3: "lengths look like metres taken for millimetres",
-    1e2: "lengths look like centimetres in metres",
-    1e-2: "lengths look like metres taken for centimetres",
-    1 / 0.0254: "lengths look like inches in metres",
+    1e3: "lengths look like millimetres read as metres",
+    1e-3: "lengths look like metres read as millimetres",
+    1e2: "lengths look like centimetres read as metres",
+    1e-2: "lengths look like metres read as centimetres",
+    1 / 0.0254: "lengths look like inches read as metres",
 }
 _LOOKS = 20
-"""Frames that are tried."""
+"""Number of frames on which each mistake is tried."""
 
 
 def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
-    """Return the mistake that turns poses (k, 4, 4) by link as they were meant into those found, "" if none known."""
+    """Return the mistake that turns expected poses (k, 4, 4), by link, into the found ones; "" if none is known."""
     names = [n for n in found if n in meant]
     if not names:
         return ""
     every = len(found[names[0]])
     rows = set(np.linspace(0, every - 1, _LOOKS).astype(int).tolist())
-    rows |= {k for n in names for k in (largest(found[n], meant[n])[1::2])}  # what is wrong may be at one key only
+    rows |= {k for n in names for k in (largest(found[n], meant[n])[1::2])}  # the fault may be at one key only
     looks = np.array(sorted(rows))
     F = np.stack([found[n][looks] for n in names])
     M = np.stack([meant[n][looks] for n in names])
@@ -39,7 +39,7 @@ def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
     if not off:
         return ""
     for text, mistake in _mistakes():
-        if off and _same(F[off], mistake(M[off])):  # what is right, a base at the origin say, may well be so by chance
+        if off and _same(F[off], mistake(M[off])):  # others (a base at the origin) may agree by chance
             return text
     for i in off:
         for j in off:
@@ -49,12 +49,12 @@ def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
     if _same(F, first[:1] @ M):
         move = float(np.linalg.norm(first[0, 0, :3, 3]))
         turn = np.degrees(float(poses.angle(first[0, 0, :3, :3], np.eye(3))))
-        return f"the whole robot is moved by {quantity(move, 'm')} and turned by {turn:.4g} deg"
+        return f"the whole robot is moved by {quantity(move, 'm')} and rotated by {turn:.4g} deg"
     wrong = [k for k in looks.tolist() if not all(_same(found[n][[k]], meant[n][[k]]) for n in names)]
     if len(off) == 1 and len(wrong) < len(looks) / 2:
         keys = [k for k in range(every) if not _same(found[names[off[0]]][[k]], meant[names[off[0]]][[k]])]
         if len(keys) <= max(2, every // 10):
-            return f"it is this link alone, at {'one key' if len(keys) == 1 else f'{len(keys)} keys'} of {every}"
+            return f"only this link differs, at {'one key' if len(keys) == 1 else f'{len(keys)} keys'} of {every}"
     return ""
 
 
@@ -62,8 +62,8 @@ def _mistakes() -> list[tuple[str, Callable[[Array], Array]]]:
     up = poses.pose(poses.R_Z_UP_Y_UP)
     down = poses.inverse(up)
     out: list[tuple[str, Callable[[Array], Array]]] = [
-        ("the up axis is wrong: z up is taken for y up", lambda M: up @ M),
-        ("the up axis is wrong: y up is taken for z up", lambda M: down @ M),
+        ("the up axis is wrong: z up is read as y up", lambda M: up @ M),
+        ("the up axis is wrong: y up is read as z up", lambda M: down @ M),
         ("quaternions are written w, x, y, z and read x, y, z, w", _reordered([3, 0, 1, 2])),
         ("quaternions are written x, y, z, w and read w, x, y, z", _reordered([1, 2, 3, 0])),
         ("rotations are inverted", lambda M: poses.pose(np.swapaxes(M[..., :3, :3], -1, -2), M[..., :3, 3])),

@@ -1,4 +1,4 @@
-"""Which files of a folder are audited, and by what."""
+"""Find the files of a folder that can be audited, by kind."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from twin.core.errors import TwinError
 from twin.core.foreign.budget import check_size
 
 MOST_FILES = 20_000
-"""A folder with more is no bundle."""
+"""Maximum number of files in an audited folder."""
 
 _TEXT = {".json": "JSON", **dict.fromkeys((".meta", ".asmdef", ".cs", ".txt", ".md"), "text")}
-"""Text of which all is read, by the ends of names."""
+"""File name suffixes of text formats."""
 
 STAGES = (".usd", ".usda", ".usdc")
 _SUBLAYER = re.compile(r"@([^@]+\.usd[ac]?)@")
@@ -22,7 +22,7 @@ _SUBLAYER = re.compile(r"@([^@]+\.usd[ac]?)@")
 
 @dataclass
 class Found:
-    """Files by kind, each in order of its path."""
+    """The files found, by kind, each kind sorted by path."""
 
     root: Path
     gltf: list[Path] = field(default_factory=list)
@@ -38,19 +38,19 @@ class Found:
 
     @property
     def count(self) -> int:
-        """How many there are that can be audited by themselves."""
+        """Number of files that can be audited without other files."""
         return sum(len(v) for k, v in vars(self).items() if k not in ("root", "readmes"))
 
     def name(self, path: Path) -> str:
-        """Return a path as it is shown."""
+        """Return a path as reports show it."""
         return path.relative_to(self.root).as_posix() if path != self.root else path.name
 
 
 def find(path: Path) -> Found:
-    """Return what there is to audit at a path.
+    """Return the files to audit at a path.
 
     Raises:
-        TwinError: nothing is there, or nothing that can be audited.
+        TwinError: the path does not exist, or has no file that can be audited.
     """
     if path.is_file():
         out = Found(path.parent)
@@ -62,7 +62,7 @@ def find(path: Path) -> Found:
             )
         return out
     if not path.is_dir():
-        raise TwinError(f"{path}: there is no such file or folder")
+        raise TwinError(f"{path}: the file or folder does not exist")
     out = Found(path)
     files = []
     for file in sorted(path.rglob("*")):
@@ -80,7 +80,7 @@ def find(path: Path) -> Found:
             _sort(out, file, alone=False)
     _leave_sublayers(out)
     if not out.count:
-        raise TwinError(f"{path}: nothing in it can be audited (.glb, .gltf, USD, .usdz, tracks, MJCF, URDF, Unity)")
+        raise TwinError(f"{path}: no file in it can be audited (.glb, .gltf, USD, .usdz, tracks, MJCF, URDF, Unity)")
     return out
 
 
@@ -107,7 +107,7 @@ def _sort(out: Found, file: Path, alone: bool) -> None:
 
 
 def _starts(file: Path, mark: bytes) -> bool:
-    """Return whether a mark stands in the first 4 kB of a file."""
+    """Return whether the first 4 kB of a file contain a marker."""
     try:
         with file.open("rb") as f:
             return mark in f.read(4096)
@@ -116,7 +116,7 @@ def _starts(file: Path, mark: bytes) -> bool:
 
 
 def _is_package(file: Path) -> bool:
-    """Return whether a package.json is that of a Unity package: `unity` names the version it is for."""
+    """Return whether a package.json is that of a Unity package: it has an entry `unity`, the editor version."""
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -125,7 +125,7 @@ def _is_package(file: Path) -> bool:
 
 
 def _leave_sublayers(out: Found) -> None:
-    """Take out stages that are mere layers of others: below motion/, or named by a root layer and naming none."""
+    """Remove from `out.stages` the files that another stage uses as a sublayer and that have no sublayer themselves."""
     named: set[Path] = set()
     naming: set[Path] = set()
     for stage in out.stages:

@@ -1,4 +1,4 @@
-"""Read a glTF scene: nodes, clips, meshes and materials, and what is wrong with them. glTF is metres, y up."""
+"""Read a glTF scene: nodes, clips, meshes and materials, and their faults. glTF is metres, y up."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger
 
 SCALE_TOL = 1e-4
-"""Relative deviation from unit scale that is still rounding."""
+"""Relative deviation from unit scale that counts as rounding."""
 
 TOOL, VERSION = "twin.exchange.audit gltf", "2.0"
 
 
 def read_gltf(path: Path, ledger: Ledger) -> Content:
-    """Return what a .glb or .gltf file holds, and note what is wrong with it.
+    """Return the content of a .glb or .gltf file, and report its faults.
 
     Raises:
-        GltfError: its container, its tree or its accessors cannot be read.
+        GltfError: the container, the tree of nodes or an accessor cannot be read.
     """
     file = open_gltf(path, ledger)
     nodes = read_nodes(file)
@@ -44,7 +44,7 @@ def read_gltf(path: Path, ledger: Ledger) -> Content:
         "generator": str(asset.get("generator", "")),
     }
     if required := [e for e in file.json.get("extensionsRequired", []) if e not in _UNDERSTOOD]:
-        text = f"it requires {', '.join(map(str, required))}, which is not read here."
+        text = f"the file requires the extension {', '.join(map(str, required))}, which the audit does not support."
         ledger.add("gltf.extension", "warning", text)
     for i in range(len(file.items("accessors"))):
         file.accessor(i)
@@ -98,10 +98,10 @@ def _check_names(file: Gltf, nodes: list[Node], animated: set[int]) -> None:
             file.ledger.add(
                 "gltf.duplicate_name",
                 "disagreement" if grave else "warning",
-                f"nodes {other.index} and {n.index} are both named '{n.name}': players that go by name move the wrong "
-                "one.",
+                f"nodes {other.index} and {n.index} are both named '{n.name}': players that find nodes by name move "
+                "the wrong one.",
                 where=n.name,
-                suggestion="give each node a name of its own",
+                suggestion="give each node a unique name",
             )
     for i in sorted(animated):
         if not nodes[i].name:
@@ -112,9 +112,9 @@ def _check_names(file: Gltf, nodes: list[Node], animated: set[int]) -> None:
             file.ledger.add(
                 "gltf.link_name",
                 "disagreement",
-                f"node '{n.label}' says in its extras that it is link '{told}'.",
+                f"node '{n.label}' states in its extras that it is link '{told}'.",
                 where=n.label,
-                suggestion="name the node as its link",
+                suggestion="give the node the name of its link",
             )
 
 
@@ -124,9 +124,9 @@ def _check_matrices(nodes: list[Node], animated: set[int], ledger: Ledger) -> No
             ledger.add(
                 "gltf.matrix",
                 "disagreement",
-                f"node '{n.label}' is animated and has a matrix: players show the one or the other.",
+                f"node '{n.label}' is animated and has a matrix: some players use the matrix, others the animation.",
                 where=n.label,
-                suggestion="write translation, rotation and scale",
+                suggestion="write translation, rotation and scale instead of a matrix",
             )
 
 
@@ -138,11 +138,11 @@ def _check_scales(nodes: list[Node], world: list[Array], animated: set[int], led
             ledger.add(
                 "gltf.mirrored",
                 "disagreement" if n.is_link else "warning",
-                f"node '{n.label}' is mirrored: no rotation of a rigid body.",
+                f"node '{n.label}' is mirrored, which is not a rigid motion.",
                 where=n.label,
                 size=-1.0,
                 limit=0.0,
-                suggestion="mirror the points of the mesh and turn its faces round",
+                suggestion="mirror the points of the mesh and reverse its faces",
             )
         elif (n.is_link if declared else n.index in animated) and np.max(np.abs(size - 1)) > SCALE_TOL:
             ledger.add(
@@ -175,7 +175,7 @@ def _check_materials(file: Gltf) -> None:
 
 
 def _physics(nodes: list[Node], world: list[Array]) -> Physics:
-    """Return what the extras of links and frames say: masses, names of joints, places of frames."""
+    """Return the data in the extras of links and frames: masses, names of joints, poses of frames."""
     out = Physics(tuple(n.name for n in nodes if n.is_link))
     for n in nodes:
         extras = n.spec.get("extras")
@@ -195,7 +195,7 @@ def _physics(nodes: list[Node], world: list[Array]) -> Physics:
 
 
 def _shapes(file: Gltf, nodes: list[Node], world: list[Array]) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
-    """Check every mesh once; return shapes and colours of the links by name, shapes in their link's frame."""
+    """Check every mesh once. Return (shapes, colours) by link name; shapes are in their link's frame."""
     palette = Palette()
     known: dict[int, list[tuple[Array, Array]]] = {}
     found: dict[str, list[Shape]] = {}
@@ -222,7 +222,7 @@ def _shapes(file: Gltf, nodes: list[Node], world: list[Array]) -> tuple[dict[str
 
 
 def _color(file: Gltf, mesh: dict[str, Any], link: str, palette: Palette) -> None:
-    """Add what a mesh is painted with."""
+    """Add the coloured areas of a mesh to the palette of its link."""
     for primitive in mesh.get("primitives", []):
         attributes = primitive.get("attributes", {})
         if "POSITION" not in attributes or primitive.get("mode", 4) != 4:
@@ -239,7 +239,7 @@ def _color(file: Gltf, mesh: dict[str, Any], link: str, palette: Palette) -> Non
 
 
 def _corners(file: Gltf, mesh: dict[str, Any], name: str) -> tuple[Array, Array]:
-    """Return points (n, 3) and triangles (m, 3) of all primitives of a mesh, which is checked on the way."""
+    """Check a mesh, and return the points (n, 3) and triangles (m, 3) of all its primitives."""
     points, faces, normals = [np.zeros((0, 3))], [np.zeros((0, 3), int)], []
     count, all_normals = 0, True
     for primitive in mesh.get("primitives", []):
@@ -248,7 +248,7 @@ def _corners(file: Gltf, mesh: dict[str, Any], name: str) -> tuple[Array, Array]
             continue
         spec = file.item("accessors", attributes["POSITION"])
         if not ("min" in spec and "max" in spec):
-            text = f"mesh '{name}': its positions state no min and max."
+            text = f"mesh '{name}': the accessor of its positions lacks min and max."
             file.ledger.add("gltf.minmax", "disagreement", text, where=name)
         vertices = file.accessor(attributes["POSITION"])
         index = primitive.get("indices")

@@ -1,4 +1,4 @@
-"""Animations of a glTF file, evaluated at their own keys."""
+"""Read the animations of a glTF file: link poses at the animation's own keys."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ PATHS = {"translation": 3, "rotation": 4, "scale": 3}
 MODES = ("LINEAR", "STEP", "CUBICSPLINE")
 
 MOST_POSES = 20_000_000
-"""Poses of all moving nodes of one clip; more would fill the memory."""
+"""Maximum number of node poses in one clip, a limit on memory."""
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One animated property: times (k,), values (k, n), for CUBICSPLINE also tangents (k, n)."""
+    """One animated property of a node: key times (k,) in s, values (k, n), and for CUBICSPLINE tangents (k, n)."""
 
     node: int
     path: str
@@ -34,7 +34,7 @@ class Channel:
     outgoing: Array | None = None
 
     def at(self, t: Array) -> Array:
-        """Return the value (j, n) at times t (j,) in s, held before the first key and after the last."""
+        """Return the values (j, n) at times t (j,) in s; constant before the first key and after the last."""
         x = np.clip(t, self.times[0], self.times[-1])
         i = np.clip(np.searchsorted(self.times, x, side="right") - 1, 0, max(len(self.times) - 2, 0))
         if len(self.times) == 1:
@@ -54,7 +54,7 @@ class Channel:
 
 
 class Clips:
-    """The animations of one file over its tree of nodes."""
+    """The animations of one file, evaluated on its tree of nodes."""
 
     def __init__(self, file: Gltf, nodes: list[Node], order: list[int]) -> None:
         self._nodes, self._order, self._ledger = nodes, order, file.ledger
@@ -65,7 +65,7 @@ class Clips:
         self.animated = {c.node for _, clip in self._clips for c in clip}
 
     def world(self, moved: dict[int, dict[str, Array]]) -> list[Array]:
-        """Return the maps (k or 1, 4, 4) of all nodes to the world of the file."""
+        """Return T_world_node (k, 4, 4) of every node in the file's own world; (1, 4, 4) if the node does not move."""
         out: list[Array] = [np.eye(4)[None]] * len(self._nodes)
         for i in self._order:
             node = self._nodes[i]
@@ -74,16 +74,18 @@ class Clips:
         return out
 
     def z_up(self, M: Array) -> Array:
-        """Return poses (k, 4, 4) in a world with z up, of maps in the file's world."""
+        """Return poses (k, 4, 4) in a world with z up from matrices in the file's world (y up)."""
         T, _ = poses.split(M)
         return poses.pose(poses.R_Z_UP_Y_UP) @ T
 
     def read(self, shown: list[Node]) -> Iterator[Clip]:
-        """Yield each clip, with the poses of the shown nodes at all its key times."""
+        """Yield each clip with the poses of the nodes `shown` at all key times of the clip."""
         for name, found in self._clips:
             usable = [c for c in found if len(c.times)]
             if not usable:
-                self._ledger.add("gltf.empty_clip", "warning", f"clip '{name}' moves nothing that is read.", where=name)
+                self._ledger.add(
+                    "gltf.empty_clip", "warning", f"clip '{name}' moves no node that is a link.", where=name
+                )
                 continue
             times = np.unique(np.concatenate([c.times for c in usable]))
             if len(times) * len(self._nodes) > MOST_POSES:
@@ -102,18 +104,18 @@ class Clips:
         return {n.name: np.broadcast_to(self.z_up(world[n.index]), (len(times), 4, 4)) for n in shown}
 
     def _tell_jumps(self, clip: str, channels: list[Channel]) -> None:
-        """Note channels that hold one key until the next, and so show a motion as jumps."""
+        """Report channels with STEP interpolation, with which a motion jumps from key to key."""
         jumping = [
             c for c in channels if c.mode == "STEP" and len(c.values) > 2 and np.ptp(c.values, axis=0).max() > 1e-6
         ]
         if jumping:
             node = self._nodes[jumping[0].node].label
             text = f"clip '{clip}' jumps from key to key (STEP) in {len(jumping)} channels, first of '{node}'."
-            self._ledger.add("gltf.jumps", "info", text, where=clip, suggestion="LINEAR, if it is a motion")
+            self._ledger.add("gltf.jumps", "info", text, where=clip, suggestion="use LINEAR for a motion")
 
 
 def channels(file: Gltf, spec: dict[str, Any], clip: str) -> Iterator[Channel]:
-    """Yield the channels of an animation that can be used; what is wrong with the others is noted."""
+    """Yield the valid channels of an animation; report the faults of the others."""
     samplers = spec.get("samplers", [])
     seen: set[tuple[int, str]] = set()
     timed: dict[bytes, bool] = {}
@@ -122,7 +124,7 @@ def channels(file: Gltf, spec: dict[str, Any], clip: str) -> Iterator[Channel]:
         path, node = target.get("path"), target.get("node")
         if path not in PATHS or node is None:
             if path not in ("weights", "pointer"):
-                text = f"clip '{clip}', channel {i}: path '{path}' is none."
+                text = f"clip '{clip}', channel {i}: target path '{path}' is not in the glTF specification."
                 file.ledger.add("gltf.channel", "disagreement", text, where=clip)
             continue
         file.item("nodes", node)
@@ -148,13 +150,13 @@ def _channel(
     spec = file.item("accessors", sampler.get("input"))
     times, values = file.accessor(sampler["input"]), file.accessor(sampler.get("output"))
     if not ("min" in spec and "max" in spec):
-        text = f"clip '{clip}': its key times state no min and max, by which players know its length."
+        text = f"clip '{clip}': the accessor of its key times lacks min and max, from which players take the duration."
         ledger.add("gltf.minmax", "disagreement", text, where=where)
     if mode not in MODES:
-        ledger.add("gltf.channel", "disagreement", f"clip '{clip}': interpolation '{mode}' is none.", where=where)
+        ledger.add("gltf.channel", "disagreement", f"clip '{clip}': interpolation '{mode}' is unknown.", where=where)
         return None
     times = times[:, 0]
-    if (key := times.tobytes()) not in timed:  # all channels of a clip mostly share one row
+    if (key := times.tobytes()) not in timed:  # channels of a clip mostly share one array of times
         timed[key] = check_times(ledger, times, clip, "gltf")
     if not timed[key]:
         return None
@@ -171,12 +173,14 @@ def _channel(
         )
         return None
     if not np.all(np.isfinite(values)):
-        return None  # noted where the accessor was read
+        return None  # reported where the accessor was read
     incoming = outgoing = None
     if mode == "CUBICSPLINE":
         incoming, values, outgoing = values[0::3], values[1::3], values[2::3]
     if path == "rotation":
         check_quaternions(ledger, values, times, where, "gltf", mode != "STEP")
     if path == "scale" and np.min(values) <= 0:
-        ledger.add("gltf.mirrored", "disagreement", f"clip '{clip}' mirrors '{where}' by its scale.", where=where)
+        ledger.add(
+            "gltf.mirrored", "disagreement", f"clip '{clip}' mirrors '{where}' by a negative scale.", where=where
+        )
     return Channel(node, path, mode, times, values, incoming, outgoing)

@@ -1,4 +1,4 @@
-"""The container of glTF: .glb and .gltf opened, buffers found, accessors read with every bound checked."""
+"""Open .glb and .gltf files: find their buffers, and read accessors with every bound checked."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _MAGIC, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
 
 MOST_NUMBERS = 50_000_000
-"""Numbers in one accessor; a header that asks for more is not believed."""
+"""Maximum count of numbers in one accessor; a larger count is an error."""
 
 
 class GltfError(Exception):
-    """The file cannot be read on; `code` is the finding's."""
+    """The file cannot be read further; `code` is the code of the finding."""
 
     def __init__(self, code: str, message: str) -> None:
         super().__init__(message)
@@ -34,7 +34,7 @@ class GltfError(Exception):
 
 @dataclass
 class Gltf:
-    """An opened file: its JSON, its buffers, and what was wrong on the way."""
+    """An opened glTF file: its JSON, its buffers, and its faults."""
 
     path: Path
     ledger: Ledger
@@ -43,32 +43,32 @@ class Gltf:
     _read: dict[int, Array] = field(default_factory=dict)
 
     def items(self, name: str) -> list[dict[str, Any]]:
-        """Return a top-level array of objects; [] if it is missing.
+        """Return a top-level array of objects of the JSON; [] if it is missing.
 
         Raises:
-            GltfError: it is something else.
+            GltfError: the entry is not an array of objects.
         """
         value = self.json.get(name, [])
         if not isinstance(value, list) or not all(isinstance(v, dict) for v in value):
-            raise GltfError("gltf.json", f"'{name}' is no array of objects")
+            raise GltfError("gltf.json", f"'{name}' is not an array of objects")
         return value
 
     def item(self, name: str, index: Any) -> dict[str, Any]:
         """Return one object of a top-level array.
 
         Raises:
-            GltfError: there is none of that index.
+            GltfError: the index does not exist.
         """
         values = self.items(name)
         if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(values):
-            raise GltfError("gltf.reference", f"{name}[{index}] does not exist, there are {len(values)}")
+            raise GltfError("gltf.reference", f"{name}[{index}] does not exist; the file has {len(values)}")
         return values[index]
 
     def accessor(self, index: Any) -> Array:
-        """Return an accessor as float64 (count, width), normalised integers as fractions; indices stay exact.
+        """Return the numbers of an accessor as float64 (count, width); normalised integers become fractions.
 
         Raises:
-            GltfError: it leaves its buffer, or is of no known type.
+            GltfError: the accessor exceeds its buffer, or has an unknown type.
         """
         spec = self.item("accessors", index)
         if index not in self._read:
@@ -79,11 +79,13 @@ class Gltf:
         name = f"accessor {index}"
         kind, width = _TYPES.get(spec.get("componentType", 0)), _WIDTH.get(spec.get("type", ""))
         if kind is None or width is None:
-            text = f"{name}: componentType {spec.get('componentType')} and type {spec.get('type')} are not read"
+            text = f"{name}: componentType {spec.get('componentType')} and type {spec.get('type')} are not supported"
             raise GltfError("gltf.accessor", text)
         count = natural(spec, "count", name, 0)
         if count * width > MOST_NUMBERS:
-            raise GltfError("gltf.bounds", f"{name} asks for {count} elements of {width} numbers: not believed")
+            raise GltfError(
+                "gltf.bounds", f"{name} asks for {count} elements of {width} numbers, more than the audit accepts"
+            )
         dtype = np.dtype(kind)
         if "bufferView" in spec:
             out = self._view(spec["bufferView"], natural(spec, "byteOffset", name, 0), count, width, dtype, name)
@@ -101,37 +103,44 @@ class Gltf:
         view = self.item("bufferViews", index)
         label = f"bufferView {index}"
         if "extensions" in view:
-            raise GltfError("gltf.extension", f"{label} is compressed by {', '.join(view['extensions'])}: not read")
+            raise GltfError(
+                "gltf.extension",
+                f"{label} is compressed by {', '.join(view['extensions'])}, which the audit does not support",
+            )
         start, length = natural(view, "byteOffset", label, 0), natural(view, "byteLength", label)
         which = natural(view, "buffer", label)
         self.item("buffers", which)
         data = self.buffers[which]
         if start + length > len(data):
-            raise GltfError("gltf.bounds", f"{label} ends at byte {start + length} of a buffer that has {len(data)}")
+            raise GltfError("gltf.bounds", f"{label} ends at byte {start + length} of a buffer of {len(data)} bytes")
         size = dtype.itemsize * width
         stride = natural(view, "byteStride", label, 0) or size
         end = offset + stride * (count - 1) + size if count else offset
         if end > length or stride < size:
-            raise GltfError("gltf.bounds", f"{name} ends at byte {end} of {label}, which has {length}")
+            raise GltfError("gltf.bounds", f"{name} ends at byte {end} of {label}, which has {length} bytes")
         if offset % dtype.itemsize or start % dtype.itemsize:
-            self.ledger.add("gltf.alignment", "disagreement", f"{name} is not aligned to its component.", where=name)
+            self.ledger.add(
+                "gltf.alignment", "disagreement", f"{name} is not aligned to the size of its components.", where=name
+            )
         return np.ndarray((count, width), dtype, data, start + offset, (stride, dtype.itemsize))
 
     def _sparse(self, sparse: Any, out: Array, count: int, width: int, dtype: np.dtype, name: str) -> Array:
         n = natural(sparse, "count", name)
         if n > count:
-            raise GltfError("gltf.bounds", f"{name}: {n} sparse elements of {count}")
+            raise GltfError("gltf.bounds", f"{name}: {n} sparse elements, but the accessor has {count}")
         where, what = sparse["indices"], sparse["values"]
         kind = np.dtype(_TYPES[where["componentType"]])
         rows = self._view(where["bufferView"], natural(where, "byteOffset", name, 0), n, 1, kind, name)[:, 0]
         values = self._view(what["bufferView"], natural(what, "byteOffset", name, 0), n, width, dtype, name)
         if n and int(rows.max()) >= count:
-            raise GltfError("gltf.bounds", f"{name}: sparse index {int(rows.max())} of {count}")
+            raise GltfError(
+                "gltf.bounds", f"{name}: sparse index {int(rows.max())}, but the accessor has {count} elements"
+            )
         out[rows.astype(int)] = values
         return out
 
     def _check_bounds(self, index: int, spec: dict[str, Any], values: Array) -> None:
-        """Hold stated min and max against the numbers: viewers frame, cull and time clips by them."""
+        """Compare the stated min and max with the numbers: viewers use them for framing, culling and timing."""
         name = f"accessor {index}"
         if not np.all(np.isfinite(values)):
             self.ledger.add("gltf.finite", "disagreement", f"{name} holds numbers that are not finite.", where=name)
@@ -157,15 +166,15 @@ class Gltf:
                     where=name,
                     size=float(told[k]),
                     limit=float(real[k]),
-                    suggestion="state min and max of what is stored",
+                    suggestion="state the minimum and maximum of the stored numbers",
                 )
 
 
 def natural(spec: Any, key: str, name: str, default: int | None = None) -> int:
-    """Return a whole number >= 0 of an object.
+    """Return an entry of an object that must be a whole number >= 0.
 
     Raises:
-        GltfError: it is missing, or something else.
+        GltfError: the entry is missing, or is not a whole number >= 0.
     """
     value = spec.get(key, default) if isinstance(spec, dict) else None
     if isinstance(value, float) and value.is_integer():
@@ -179,7 +188,7 @@ def open_gltf(path: Path, ledger: Ledger) -> Gltf:
     """Open a .glb or .gltf file.
 
     Raises:
-        GltfError: it is none, or its parts do not fit together.
+        GltfError: the file is not glTF, or is inconsistent.
     """
     data = path.read_bytes()
     if data[:4] == b"glTF":
@@ -191,7 +200,7 @@ def open_gltf(path: Path, ledger: Ledger) -> Gltf:
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise GltfError("gltf.json", f"its JSON cannot be read: {str(error)[:120]}") from error
     if not isinstance(parsed, dict) or not isinstance(parsed.get("asset"), dict):
-        raise GltfError("gltf.json", "its JSON is no glTF: 'asset' is missing")
+        raise GltfError("gltf.json", "its JSON is not glTF: 'asset' is missing")
     if not str(parsed["asset"].get("version", "")).startswith("2."):
         raise GltfError("gltf.version", f"it is glTF {parsed['asset'].get('version')!r}, not 2.0")
     out = Gltf(path, ledger, parsed, [])
@@ -207,16 +216,18 @@ def _chunks(data: bytes, ledger: Ledger) -> tuple[bytes, bytes | None]:
     if magic != _MAGIC or version != 2:
         raise GltfError("gltf.version", f"its header says version {version}, not 2")
     if length > len(data):
-        raise GltfError("gltf.header", f"its header states {length} bytes, it has {len(data)}: cut off")
+        raise GltfError(
+            "gltf.header", f"its header states {length} bytes, but it has {len(data)}: the file is truncated"
+        )
     if length != len(data):
-        text = f"its header states {length} bytes, it has {len(data)}."
+        text = f"its header states {length} bytes, but it has {len(data)}."
         ledger.add("gltf.header", "disagreement", text, size=float(len(data)), limit=float(length))
     found: dict[int, bytes] = {}
     at = 12
     while at + 8 <= length:
         size, kind = struct.unpack_from("<II", data, at)
         if at + 8 + size > length:
-            raise GltfError("gltf.header", f"a chunk of {size} bytes at byte {at} leaves the file")
+            raise GltfError("gltf.header", f"a chunk of {size} bytes at byte {at} extends beyond the end of the file")
         if size % 4:
             ledger.add("gltf.alignment", "disagreement", f"the chunk at byte {at} is not padded to 4 bytes.")
         found.setdefault(kind, data[at + 8 : at + 8 + size])
@@ -235,26 +246,26 @@ def _buffer(path: Path, index: int, spec: dict[str, Any], binary: bytes | None) 
             raise GltfError("gltf.buffer", f"{name} has neither a uri nor a binary chunk")
         data = binary
     elif not isinstance(uri, str):
-        raise GltfError("gltf.json", f"{name}: its uri is no text")
+        raise GltfError("gltf.json", f"{name}: its uri is not text")
     elif uri.startswith("data:"):
         try:
             data = base64.b64decode(uri.partition(",")[2], validate=True)
         except (binascii.Error, ValueError) as error:
-            raise GltfError("gltf.buffer", f"{name}: its data uri is no base64") from error
+            raise GltfError("gltf.buffer", f"{name}: its data uri is not base64") from error
     else:
         data = _beside(path, name, unquote(uri))
     if length > len(data):
-        raise GltfError("gltf.bounds", f"{name} states {length} bytes, {len(data)} are there")
+        raise GltfError("gltf.bounds", f"{name} states {length} bytes, but {len(data)} exist")
     return data[:length]
 
 
 def _beside(path: Path, name: str, uri: str) -> bytes:
     folder = path.resolve().parent
     if "\0" in uri or "://" in uri:
-        raise GltfError("gltf.buffer", f"{name}: '{uri[:80]}' is not in a file beside it: not read")
+        raise GltfError("gltf.buffer", f"{name}: '{uri[:80]}' is not a file in the same folder and is not read")
     file = (folder / uri).resolve()
     if not file.is_relative_to(folder):
-        raise GltfError("gltf.buffer", f"{name}: '{uri[:80]}' lies outside the file's folder: not read")
+        raise GltfError("gltf.buffer", f"{name}: '{uri[:80]}' is outside of the file's folder and is not read")
     try:
         return file.read_bytes()
     except OSError as error:

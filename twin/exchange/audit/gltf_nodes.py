@@ -1,4 +1,4 @@
-"""The tree of nodes of a glTF file."""
+"""Read the tree of nodes of a glTF file."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from twin.exchange.audit.poses import Array
 
 @dataclass(frozen=True)
 class Node:
-    """One node: its parent's index (-1 for none), its resting translation, rotation xyzw and scale, or its matrix.
+    """One node: its parent's index (-1 for none); at rest its translation, rotation xyzw and scale, or its matrix.
 
-    `copied`: its extras repeat those of a node above it, as exporters do that hand them down to the meshes.
+    `copied`: its extras repeat the extras of a node above it, because some exporters copy them to meshes.
     """
 
     index: int
@@ -32,25 +32,25 @@ class Node:
 
     @property
     def label(self) -> str:
-        """Name, or index if it has none."""
+        """The node's name, or its index if it has no name."""
         return self.name or f"node {self.index}"
 
     @property
     def is_link(self) -> bool:
-        """Whether the file itself calls it a link of a robot."""
+        """Whether the file marks the node as a link of a robot."""
         extras = self.spec.get("extras")
         return isinstance(extras, dict) and bool(extras.get("link")) and not self.copied
 
 
 def link_above(nodes: list[Node], node: Node) -> Node | None:
-    """Return the link that a node is, or is on; None if there is none."""
+    """Return the link that a node represents or is mounted on; None if there is none."""
     while not node.is_link and node.parent >= 0:
         node = nodes[node.parent]
     return node if node.is_link else None
 
 
 def local(node: Node, moved: dict[str, Array]) -> Array:
-    """Return the map (k or 1, 4, 4) of a node to its parent; `moved` holds what a clip animates."""
+    """Return the matrices T_parent_node (k or 1, 4, 4) of a node; `moved` holds its animated properties."""
     if node.matrix is not None and not moved:
         return node.matrix[None]
     T = poses.pose(
@@ -97,13 +97,13 @@ def read_nodes(file: Gltf) -> list[Node]:
                 where=out[-1].label,
                 size=size,
                 limit=1.0,
-                suggestion="normalise it; glTF is x, y, z, w",
+                suggestion="normalise the quaternion; its order in glTF is x, y, z, w",
             )
     return out
 
 
 def _repeats(specs: list[dict[str, Any]], parent: list[int], i: int) -> bool:
-    """Return whether a node above says that it is the same link."""
+    """Return whether an ancestor of a node is marked as the same link."""
     told = _told(specs[i])
     seen = set()
     while told and parent[i] >= 0 and i not in seen:
@@ -120,25 +120,25 @@ def _told(spec: dict[str, Any]) -> Any:
 
 
 def numbers(value: Any, n: int, name: str) -> Array:
-    """Return n finite numbers (n,).
+    """Return a list of n finite numbers of the JSON as an array (n,).
 
     Raises:
-        GltfError: they are not.
+        GltfError: the value is not a list of n finite numbers.
     """
     try:
         out = np.array(value, float)
     except (TypeError, ValueError) as error:
-        raise GltfError("gltf.json", f"{name} is no list of {n} numbers") from error
+        raise GltfError("gltf.json", f"{name} is not a list of {n} numbers") from error
     if out.shape != (n,) or not np.all(np.isfinite(out)):
-        raise GltfError("gltf.json", f"{name} is no list of {n} finite numbers")
+        raise GltfError("gltf.json", f"{name} is not a list of {n} finite numbers")
     return out
 
 
 def parents_first(nodes: list[Node]) -> list[int]:
-    """Return the indices, parents first.
+    """Return the indices of the nodes, parents before children.
 
     Raises:
-        GltfError: some node is its own ancestor.
+        GltfError: a node is its own ancestor.
     """
     children: dict[int, list[int]] = {}
     for n in nodes:

@@ -1,4 +1,4 @@
-"""Triangle meshes: indices, winding, normals, and the shape of a link that other files can be held against."""
+"""Check triangle meshes (indices, winding, normals), and measure their shape for comparison with other files."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger
 
 AGAINST = 0.01
-"""Share of a mesh's area whose normals may point against its winding: slivers do."""
+"""Maximum share of a mesh's area whose normals may point against the winding, as those of very thin triangles do."""
 
 
 def check_mesh(
     ledger: Ledger, where: str, vertices: Array, triangles: Array, normals: Array | None, code: str
 ) -> Shape | None:
-    """Note what is wrong with a mesh, and return its shape; None if its triangles cannot be used.
+    """Report the faults of a mesh. Return its shape, or None if its triangles are invalid.
 
     Args:
-        ledger: gets the findings.
+        ledger: receives the findings.
         where: name of the mesh.
         vertices: (n, 3) in m.
         triangles: (m, 3) indices.
-        normals: one for each corner (3 m, 3), or None.
-        code: first part of the findings' codes.
+        normals: unit normals (3 m, 3), one for each corner of a triangle, or None.
+        code: first part of the codes of the findings.
     """
     if not len(vertices) or not len(triangles):
         return None
@@ -39,11 +39,11 @@ def check_mesh(
         ledger.add(
             f"{code}.index",
             "disagreement",
-            f"mesh '{where}': a face names point {bad}, there are {len(vertices)}.",
+            f"mesh '{where}': a face uses point {bad}, but the mesh has {len(vertices)} points.",
             where=where,
             size=float(bad),
             limit=float(len(vertices) - 1),
-            suggestion="indices count from 0 to the number of points less 1",
+            suggestion="indices run from 0 to the number of points minus 1",
         )
         return None
     shape, mixed = _measured(np.asarray(vertices, float).tobytes(), np.asarray(triangles, np.int64).tobytes())
@@ -52,9 +52,9 @@ def check_mesh(
         ledger.add(
             f"{code}.winding_mixed",
             "disagreement",
-            f"mesh '{where}' is closed, but its faces do not all turn the same way.",
+            f"mesh '{where}' is closed, but its faces are not consistently oriented.",
             where=where,
-            suggestion="turn the faces the same way round, counter-clockwise seen from outside",
+            suggestion="orient all faces counter-clockwise seen from outside",
         )
     elif closed and volume < 0:
         ledger.add(
@@ -65,7 +65,7 @@ def check_mesh(
             size=volume,
             unit="m3",
             limit=0.0,
-            suggestion="turn its faces round: counter-clockwise seen from outside",
+            suggestion="reverse its faces: counter-clockwise seen from outside",
         )
     if normals is not None:
         _check_normals(ledger, where, vertices, triangles, normals, code)
@@ -74,7 +74,10 @@ def check_mesh(
 
 @lru_cache(maxsize=512)
 def _measured(points: bytes, faces: bytes) -> tuple[Shape, bool]:
-    """Return the shape, and whether it is closed but mixed; once for a mesh that several files of a bundle repeat."""
+    """Return (shape, mixed): mixed is whether the mesh is closed but inconsistently oriented.
+
+    Cached: files share meshes.
+    """
     vertices = np.frombuffer(points).reshape(-1, 3)
     triangles = np.frombuffer(faces, np.int64).reshape(-1, 3)
     closed, mixed = edges(weld(vertices, triangles))
@@ -113,7 +116,7 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
             f"{code}.normals_against",
             "disagreement",
             f"mesh '{where}': normals of {100 * against / total:.3g} % of its area point against the winding of the "
-            "faces: it looks lit from inside.",
+            "faces: the mesh looks lit from inside.",
             where=where,
             size=against / total,
             limit=AGAINST,
@@ -122,17 +125,17 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
 
 
 def weld(vertices: Array, triangles: Array) -> Array:
-    """Return the triangles (m, 3) with equal points made one, as exporters split them at edges of the shading."""
-    rows = np.ascontiguousarray(vertices + 0.0)  # no negative zero
+    """Return the triangles (m, 3) with equal points merged, because exporters duplicate points at shading edges."""
+    rows = np.ascontiguousarray(vertices + 0.0)  # adding 0.0 removes negative zeros
     keys = rows.view(np.dtype((np.void, rows.dtype.itemsize * 3))).ravel()
     _, first = np.unique(keys, return_inverse=True)
     return first[triangles]
 
 
 def edges(triangles: Array) -> tuple[bool, bool]:
-    """Return whether a mesh is closed and consistently wound, and whether it is closed but mixed.
+    """Return (consistent, mixed): closed with consistent orientation; closed with inconsistent orientation.
 
-    Consistent: each directed edge has its opposite as often. Triangles that welding made degenerate are left out.
+    Consistent: each directed edge occurs as often as its opposite. Triangles that welding made degenerate are left out.
     """
     t = triangles[(triangles[:, 0] != triangles[:, 1]) & (triangles[:, 1] != triangles[:, 2])]
     t = t[t[:, 0] != t[:, 2]].astype(np.int64)
@@ -148,14 +151,14 @@ def edges(triangles: Array) -> tuple[bool, bool]:
 
 
 def signed_volume(vertices: Array, triangles: Array) -> float:
-    """Return the volume, negative if the faces turn inwards; about the box's centre, so that far meshes keep digits."""
+    """Return the volume in m3, negative if the faces point inwards; relative to the box's centre, for precision."""
     p = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     a, b, c = (p[triangles[:, i]] for i in range(3))
     return float(np.sum(a * np.cross(b, c)) / 6)
 
 
 def joined(shapes: Iterable[Shape]) -> Shape | None:
-    """Return the shape of several meshes of one link together."""
+    """Return the combined shape of several meshes of one link."""
     parts = list(shapes)
     if not parts:
         return None

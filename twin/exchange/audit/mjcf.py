@@ -1,4 +1,4 @@
-"""Read an MJCF: MuJoCo compiles it and places its bodies by the joint values of a track, to see where loops close."""
+"""Read an MJCF: MuJoCo compiles the file and computes body poses from the joint values of a track; loops must close."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from twin.exchange.audit.report import Ledger, quantity
 from twin.exchange.audit.urdf import named_mesh, numbers, parse_xml
 
 LOOP_TOL = 1e-6
-"""Largest residual in m (or rad of a weld) of an equality constraint where the track says that loops are closed."""
+"""Largest residual in m (or in rad for a weld) of an equality constraint at the joint values of a track."""
 
 LIMIT_TOL = 1e-5
-"""Relative difference of limits that is rounding: MuJoCo saves a model with six digits."""
+"""Relative difference of limits that counts as rounding: MuJoCo saves a model with six digits."""
 
 _BALL, _SLIDE, _HINGE, _FREE = 1, 2, 3, 0
 
 
 class MjcfError(Exception):
-    """MuJoCo does not take the file."""
+    """MuJoCo rejects the file."""
 
 
 class Mjcf:
@@ -46,7 +46,7 @@ class Mjcf:
         try:
             self.model = mujoco.MjModel.from_xml_path(str(path))
         except (ValueError, mujoco.FatalError) as error:
-            raise MjcfError(f"MuJoCo refuses it: {str(error).strip()[:200]}") from error
+            raise MjcfError(f"MuJoCo rejects the file: {str(error).strip()[:200]}") from error
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.data = mujoco.MjData(self.model)
         m = self.model
@@ -67,7 +67,7 @@ class Mjcf:
         return poses.pose(poses.rotation(q[[1, 2, 3, 0]]), self.data.xpos[body].copy())
 
     def play(self, clip: Clip) -> Clip:
-        """Return the links (k, 4, 4) of a track as MuJoCo places them, and note how far the loops then are open."""
+        """Return the poses T_world_link (k, 4, 4) that MuJoCo computes for a track; report open loops."""
         m, d = self.model, self.data
         count = len(clip.times)
         qpos = np.tile(m.qpos0, (count, 1))
@@ -91,19 +91,19 @@ class Mjcf:
             self._ledger.add(
                 "mjcf.loop",
                 "disagreement",
-                f"clip '{clip.name}': equality '{where}' is {quantity(worst, 'm')} open.",
+                f"clip '{clip.name}': equality '{where}' is open by {quantity(worst, 'm')}.",
                 where=where,
                 when=when,
                 size=worst * 1e6,
                 unit="um",
                 limit=LOOP_TOL * 1e6,
-                suggestion="check the anchors of its ties, and the joint zeros",
+                suggestion="check the anchors of the equality constraints, and the zero positions of the joints",
             )
         T = poses.pose(poses.rotation(turn[..., [1, 2, 3, 0]]), place)
         return Clip(clip.name, clip.times, {n: T[:, self.bodies[n]] for n in names})
 
     def _set(self, body: int, clip: Clip, qpos: Array) -> None:
-        """Write the coordinates of one body's joints for all frames: the track's, or what its poses ask for."""
+        """Set the coordinates of one body's joints for all frames, from joint values or link poses of the track."""
         m = self.model
         joints = range(m.body_jntadr[body], m.body_jntadr[body] + m.body_jntnum[body]) if m.body_jntnum[body] else ()
         if not joints:
@@ -125,7 +125,7 @@ class Mjcf:
                 qpos[:, at] = values[0] + m.qpos0[at]
 
     def _chain(self, body: int, joints, clip: Clip) -> tuple[list[Link], list[Array | None], list[int]]:
-        """Return the body's joints as a chain from its parent, the values known of them, and whose they are."""
+        """Return the chain from a body's parent: links, their known values (or None), MuJoCo joint numbers (or -1)."""
         m = self.model
         links = [Link(poses.pose(poses.rotation(m.body_quat[body][[1, 2, 3, 0]]), m.body_pos[body]))]
         given: list[Array | None] = [None]
@@ -148,7 +148,7 @@ class Mjcf:
         return links, given, owners
 
     def _goal(self, body: int, clip: Clip) -> Array | None:
-        """Return where a body stands (k, 4, 4), seen from its parent: by the track, or by what it is welded to."""
+        """Return the poses T_parent_body (k, 4, 4): from the track, or from the body that it is welded to."""
         upper = self._known(self.model.body_parentid[body], clip)
         here = self._known(body, clip)
         if here is None:
@@ -176,7 +176,7 @@ class Mjcf:
         return None
 
     def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
-        """Hold the ranges of the joints against those of a track."""
+        """Compare the joint ranges with the joint limits in a track."""
         m = self.model
         for j in range(m.njnt):
             joint = m.joint(j).name
@@ -186,18 +186,19 @@ class Mjcf:
             off = float(np.max(np.abs(got - [low[joint], high[joint]])))
             if not off <= LIMIT_TOL * max(1.0, *(abs(v) for v in (low[joint], high[joint]) if abs(v) < 1e29)):
                 text = (
-                    f"joint '{joint}' has range {got[0]:g} .. {got[1]:g}, in {name} {low[joint]:g} .. {high[joint]:g}."
+                    f"joint '{joint}' has range {got[0]:g} .. {got[1]:g}; in {name} it is {low[joint]:g} .. "
+                    f"{high[joint]:g}."
                 )
                 self._ledger.add("mjcf.limits", "disagreement", text, where=joint, size=off)
 
 
 def _holds(root: ET.Element) -> bool:
-    """Return whether the world itself holds a body by a joint, so that it is the base of the robot."""
+    """Return whether an equality constraint ties a body to the world, so that the world is the base of the robot."""
     return any(b.find("joint") is not None for world in root.iter("worldbody") for b in world.findall("body"))
 
 
 def _colors(m: mujoco.MjModel) -> dict[str, dict[Rgba, float]]:
-    """Return colours by body; a mesh that is drawn and collided with counts once."""
+    """Return colours by body; a mesh that is used for both display and collision counts once."""
     out = Palette()
     seen = set()
     for g in range(m.ngeom):

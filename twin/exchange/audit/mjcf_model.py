@@ -1,4 +1,4 @@
-"""What can be wrong with an MJCF by itself: actuators that drive another joint, keyframes that cannot be held."""
+"""Checks of an MJCF by itself: actuators on the wrong joint, keyframes with open loops or not in equilibrium."""
 
 from __future__ import annotations
 
@@ -8,19 +8,25 @@ import numpy as np
 from twin.exchange.audit.report import Ledger, quantity
 
 KEY_GAP = 1e-4
-"""Largest residual in m or rad of an equality constraint at a keyframe: simulators start there."""
+"""Largest residual in m or rad of an equality constraint at a keyframe, where simulations start."""
 
 
 def check_model(m: mujoco.MjModel, d: mujoco.MjData, ledger: Ledger) -> None:
-    """Note what is wrong with actuators and keyframes."""
+    """Report faults of actuators and keyframes."""
     names = {m.joint(j).name: j for j in range(m.njnt) if m.joint(j).name}
     for a in range(m.nu):
         name, j = m.actuator(a).name, int(m.actuator_trnid[a, 0])
         if int(m.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_JOINT):
             continue
         if names.get(name, j) != j:
-            text = f"actuator '{name}' drives joint '{m.joint(j).name}', not the joint of its name."
-            ledger.add("mjcf.actuator", "disagreement", text, where=name, suggestion="exchange their joints or names")
+            text = f"actuator '{name}' drives joint '{m.joint(j).name}', not the joint of the same name."
+            ledger.add(
+                "mjcf.actuator",
+                "disagreement",
+                text,
+                where=name,
+                suggestion="exchange the joints or the names of the actuators",
+            )
     for k in range(m.nkey):
         _check_key(m, d, k, ledger)
     mujoco.mj_resetData(m, d)
@@ -48,7 +54,7 @@ def _check_key(m: mujoco.MjModel, d: mujoco.MjData, k: int, ledger: Ledger) -> N
 
 
 def _check_push(m: mujoco.MjModel, d: mujoco.MjData, name: str, ledger: Ledger) -> None:
-    """Note actuators that push at their bound where the keyframe is meant to rest."""
+    """Report actuators whose force is at its bound at a keyframe with zero velocity."""
     mujoco.mj_fwdVelocity(m, d)
     mujoco.mj_fwdActuation(m, d)
     for a in range(m.nu):
@@ -56,7 +62,7 @@ def _check_push(m: mujoco.MjModel, d: mujoco.MjData, name: str, ledger: Ledger) 
             continue
         bound = float(np.abs(m.actuator_forcerange[a]).max())
         if abs(d.actuator_force[a]) >= bound:
-            text = f"keyframe '{name}': actuator '{m.actuator(a).name}' pushes with all its {bound:g} N or N m at once."
+            text = f"keyframe '{name}': actuator '{m.actuator(a).name}' starts at its maximum of {bound:g} N or N m."
             ledger.add(
                 "mjcf.keyframe",
                 "disagreement",
@@ -64,5 +70,5 @@ def _check_push(m: mujoco.MjModel, d: mujoco.MjData, name: str, ledger: Ledger) 
                 where=m.actuator(a).name,
                 size=float(d.actuator_force[a]),
                 limit=bound,
-                suggestion="set its control to where its joint is",
+                suggestion="set its control to the value of its joint",
             )

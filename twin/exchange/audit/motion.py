@@ -1,6 +1,6 @@
-"""What every reader returns, whatever the format: clips of link poses in one world, and the file's conventions.
+"""The result of every reader: clips of link poses in one world, and the file's conventions.
 
-Poses are T_world_link (k, 4, 4): metres, z up, right-handed, scale taken out.
+Poses are T_world_link (k, 4, 4): metres, z up, right-handed, without scale.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import Ledger
 
 UNIT_TOL = 1e-4
-"""Deviation of a quaternion's length from one that is still rounding of single precision."""
+"""Deviation of a quaternion's length from 1 that counts as rounding of single precision."""
 
 MAX_STEP = np.radians(120)
-"""Largest turn between two keys: players turn the short way, so that half a turn is lost."""
+"""Largest rotation in rad between two keys: players take the shorter way, so larger rotations play backwards."""
 
 START_TOL = 1e-9
-"""A clip that starts later than this in s shows its rest pose first."""
+"""Largest start time in s of a clip: players show the rest pose before a later start."""
 
 FAR = 50.0
-"""Distance of a link from the origin in m above which the unit is in doubt."""
+"""Distance in m of a link from the origin above which the unit of length is probably wrong."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """All meshes of one link in the link's frame: corners of their box (3,) in m, and signed volume in m3.
+    """All meshes of one link, in its frame: corners (3,) of the bounding box in m, and signed volume in m3.
 
-    `closed` says whether all of them are, so that the volume means something; `points` (n, 3) are those that a
-    triangle uses, `area` is in m2.
+    `closed`: whether all meshes are closed; otherwise the volume has no meaning. `points` (n, 3) in m: those that
+    triangles use. `area` is in m2.
     """
 
     low: Array
@@ -47,9 +47,9 @@ class Shape:
 
 @dataclass(frozen=True)
 class Clip:
-    """One motion: times (k,) in s, T_world_link (k, 4, 4) by name, and joint values (k,) in rad or m where known.
+    """One motion: times (k,) in s, T_world_link (k, 4, 4) by link, and joint values (k,) in rad or m where known.
 
-    `middle` holds poses (k - 1, 4, 4) halfway between keys where a format says how it gets from one to the next.
+    `middle`: poses (k - 1, 4, 4) halfway between keys, if the format states the interpolation.
     """
 
     name: str
@@ -60,27 +60,27 @@ class Clip:
 
     @property
     def duration(self) -> float:
-        """From zero to the last key, in s."""
+        """Time of the last key in s."""
         return float(self.times[-1]) if len(self.times) else 0.0
 
 
 @dataclass
 class Content:
-    """What a file holds.
+    """The content of a file.
 
     Attributes:
-        ledger: what its reader found.
+        ledger: findings of the reader.
         format: "glb", "usd", "usdz", "tracks", "csv", "mjcf", "urdf".
-        clips: its motions, in order.
-        rest: T_world_link (4, 4) without any motion.
-        declared: names that the file itself calls links (rigid bodies, extras), None if it calls nothing so.
+        clips: motions, in the order of the file.
+        rest: T_world_link (4, 4) by link, without any motion.
+        declared: names that the file marks as links (rigid bodies, extras), None if it marks none.
         shapes: meshes by link.
-        colors: share of a link's area by linear rgba, by link.
+        colors: for each link, the share of its area by colour (linear rgba).
         physics: masses, joints and frames in the file, None if it has none.
-        model_hash: of the mechanism that the file says it was made from, "" if it says none.
+        model_hash: hash of the mechanism that the file was made from, as the file states it, or "".
         facts: conventions found, for the report: units, up_axis, handedness, ...
-        known: links of the files beside it, None if there are none.
-        extra: what only one kind of check wants (limits, phases).
+        known: links of the other files in the folder, None if there are none.
+        extra: data that only one check needs (limits, phases).
     """
 
     ledger: Ledger
@@ -98,11 +98,11 @@ class Content:
 
     @property
     def file(self) -> str:
-        """Shown name."""
+        """Name of the file as reports show it."""
         return self.ledger.file
 
     def as_facts(self) -> dict[str, Any]:
-        """Return what the report says of the file as such."""
+        """Return the entry of the file in the report."""
         links: int | None = len(self.links) if self.links is not None else None
         clips = [{"name": c.name, "keys": len(c.times), "duration_s": c.duration} for c in self.clips]
         return {
@@ -116,19 +116,19 @@ class Content:
 
     @property
     def links(self) -> tuple[str, ...] | None:
-        """Names of its links: those that it declares, or that other files know; None if nobody says which they are."""
+        """Names of the links: those that the file marks as links, else those that other files name; None if unknown."""
         if self.declared is not None:
             return self.declared
         return None if self.known is None else tuple(n for n in self.rest if n in self.known)
 
 
 def check_times(ledger: Ledger, times: Array, clip: str, code: str) -> bool:
-    """Note what is wrong with key times (k,) in s; return whether they can be used."""
+    """Report faults of key times (k,) in s; return whether they can be used."""
     if not len(times):
         ledger.add(f"{code}.times", "disagreement", f"clip '{clip}' has no keys.", where=clip)
         return False
     if not np.all(np.isfinite(times)):
-        ledger.add(f"{code}.finite", "disagreement", f"clip '{clip}': a key time is no finite number.", where=clip)
+        ledger.add(f"{code}.finite", "disagreement", f"clip '{clip}': a key time is not a finite number.", where=clip)
         return False
     steps = np.diff(times)
     if len(steps) and np.min(steps) <= 0:
@@ -149,7 +149,7 @@ def check_times(ledger: Ledger, times: Array, clip: str, code: str) -> bool:
         ledger.add(
             f"{code}.start",
             "warning",
-            f"clip '{clip}' starts at {times[0]:.6g} s, not at zero: players wait, or cut.",
+            f"clip '{clip}' starts at {times[0]:.6g} s, not at 0: players wait before its start or cut it.",
             where=clip,
             size=float(times[0]),
             unit="s",
@@ -159,12 +159,12 @@ def check_times(ledger: Ledger, times: Array, clip: str, code: str) -> bool:
 
 
 def check_rate(ledger: Ledger, times: Array, stated: float, clip: str, code: str) -> None:
-    """Hold a stated rate in Hz against key times (k,) in s; the last step may be shorter."""
+    """Compare a stated rate in Hz with the key times (k,) in s; the last interval may be shorter."""
     steps = np.diff(times)
     if not len(steps):
         return
     if not (np.isfinite(stated) and stated > 0):
-        ledger.add(f"{code}.rate", "disagreement", f"clip '{clip}': rate {stated:g} Hz is no rate.", where=clip)
+        ledger.add(f"{code}.rate", "disagreement", f"clip '{clip}': rate {stated:g} Hz must be above 0.", where=clip)
         return
     inner = steps[:-1] if len(steps) > 1 else steps
     off = np.abs(inner * stated - 1)
@@ -176,14 +176,14 @@ def check_rate(ledger: Ledger, times: Array, stated: float, clip: str, code: str
         ledger.add(
             f"{code}.rate",
             "disagreement",
-            f"clip '{clip}': its rate is stated as {stated:g} Hz, but keys {k} and {k + 1} are {steps[k]:.6g} s apart "
+            f"clip '{clip}': its stated rate is {stated:g} Hz, but keys {k} and {k + 1} are {steps[k]:.6g} s apart "
             f"({1 / steps[k]:.6g} Hz).",
             where=clip,
             when=f"t = {times[k]:.4g} s",
             size=float(1 / steps[k]),
             unit="Hz",
             limit=float(stated),
-            suggestion="state the rate of the keys",
+            suggestion="state the actual rate of the keys",
         )
     ledger.row("stated rate against key times", worst, "1", 1e-3, where=clip)
 
@@ -191,7 +191,7 @@ def check_rate(ledger: Ledger, times: Array, stated: float, clip: str, code: str
 def check_quaternions(
     ledger: Ledger, xyzw: Array, times: Array | Sequence[float], where: str, code: str, blended: bool = True
 ) -> None:
-    """Note what is wrong with the quaternions (k, 4) of one link along its keys: length; if blended, sign and step."""
+    """Report faults of the quaternions (k, 4) of one link: length; if players interpolate them, also sign and step."""
     if not np.all(np.isfinite(xyzw)):
         text = f"{where}: a quaternion is not finite."
         ledger.add(f"{code}.finite", "disagreement", text, where=where)
@@ -202,7 +202,7 @@ def check_quaternions(
         ledger.add(
             f"{code}.quaternion",
             "disagreement",
-            f"{where}: a quaternion has length {size[k]:.6g}: players normalise it, scale by it, or fail.",
+            f"{where}: a quaternion has length {size[k]:.6g}: players normalise it, scale the node by it, or fail.",
             where=where,
             when=f"t = {times[k]:.4g} s",
             size=float(size[k]),
@@ -224,7 +224,7 @@ def check_quaternions(
             when=f"t = {times[k]:.4g} s",
             size=float(len(flips)),
             limit=0.0,
-            suggestion="negate quaternions so that neighbours have a positive dot product",
+            suggestion="negate quaternions so that successive quaternions have a positive dot product",
         )
     turn = 2 * np.arccos(np.clip(np.abs(dots) / (size[1:] * size[:-1]), 0, 1))
     if len(turn) and np.max(turn) > MAX_STEP:
@@ -232,8 +232,8 @@ def check_quaternions(
         ledger.add(
             f"{code}.step",
             "disagreement",
-            f"{where} turns {np.degrees(turn[k]):.4g} deg between {times[k]:.4g} and {times[k + 1]:.4g} s: above 180 "
-            "it plays backwards.",
+            f"{where} turns {np.degrees(turn[k]):.4g} deg between {times[k]:.4g} and {times[k + 1]:.4g} s; above 180 "
+            "deg players rotate backwards.",
             where=where,
             when=f"t = {times[k]:.4g} s",
             size=float(np.degrees(turn[k])),
@@ -244,7 +244,7 @@ def check_quaternions(
 
 
 def check_poses(ledger: Ledger, clip: Clip, code: str) -> None:
-    """Note links that jump out of the world, as lengths in mm do, and poses that are not finite."""
+    """Report poses that are not finite, and links far from the origin, which suggests lengths in mm."""
     for name, T in clip.links.items():
         if not np.all(np.isfinite(T)):
             ledger.add(
@@ -256,8 +256,8 @@ def check_poses(ledger: Ledger, clip: Clip, code: str) -> None:
             ledger.add(
                 f"{code}.size",
                 "warning",
-                f"clip '{clip.name}': link '{name}' is {np.max(away):.4g} m from the origin, as if millimetres stood "
-                "in a file in metres.",
+                f"clip '{clip.name}': link '{name}' is {np.max(away):.4g} m from the origin: its numbers look like "
+                "millimetres, but the file is in metres.",
                 where=name,
                 when=f"t = {clip.times[int(np.argmax(away))]:.4g} s",
                 size=float(np.max(away)),
@@ -268,7 +268,7 @@ def check_poses(ledger: Ledger, clip: Clip, code: str) -> None:
 
 
 def largest(poses: Array, others: Array) -> tuple[float, int, float, int]:
-    """Return the largest distance in m, its key, the largest angle in rad, its key, of poses (k, 4, 4)."""
+    """Return (distance, key, angle, key): largest distance in m and angle in rad between two arrays of poses."""
     apart = np.linalg.norm(poses[:, :3, 3] - others[:, :3, 3], axis=1)
     turn = angle(poses[:, :3, :3], others[:, :3, :3])
     i, j = int(np.argmax(apart)), int(np.argmax(turn))
@@ -276,13 +276,13 @@ def largest(poses: Array, others: Array) -> tuple[float, int, float, int]:
 
 
 def check_names(content: Content) -> None:
-    """Note names of links and joints that no program can go by: empty, with line breaks, or with spaces around."""
+    """Report unusable names of links and joints: empty, with line breaks, or with spaces at an end."""
     joints = [n for j in (content.physics.joints if content.physics else ()) for n in j.names]
     for kind, names in (("link", content.declared or ()), ("joint", joints)):
         for name in dict.fromkeys(names):
             if not name or name != name.strip() or not name.isprintable():
                 trouble = (
-                    "is empty" if not name.strip() else "has a line break, a control character or spaces around it"
+                    "is empty" if not name.strip() else "has a line break, a control character or spaces at an end"
                 )
                 text = f"the name {name!r} of a {kind} {trouble}."
                 content.ledger.add(

@@ -1,4 +1,4 @@
-"""Wavefront OBJ as MJCF and URDF name it: points and triangles, nothing else."""
+"""Read Wavefront OBJ meshes of MJCF and URDF: points and triangles only."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from twin.exchange.audit.poses import Array
 
 
 class ObjError(Exception):
-    """The file is no OBJ that can be read."""
+    """The file is not a readable OBJ."""
 
 
 def read_obj(path: Path) -> tuple[Array, Array]:
-    """Return points (n, 3) and triangles (m, 3) from 0; larger faces become fans.
+    """Return points (n, 3) and triangles (m, 3), indices from 0; larger faces are split into triangles.
 
     Raises:
         ObjError: a line cannot be read, or a face names a point that does not exist.
@@ -28,7 +28,7 @@ def read_obj(path: Path) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=1000)
 def _read(path: Path, time: int, size: int) -> tuple[Array, Array]:
-    """Read a file once, as long as it does not change: MJCF and URDF share their meshes."""
+    """Read a file, cached until it changes, because MJCF and URDF share meshes."""
     points: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []
     try:
@@ -47,5 +47,7 @@ def _read(path: Path, time: int, size: int) -> tuple[Array, Array]:
     vertices = np.array(points, float).reshape(-1, 3)
     triangles = np.array(faces, int).reshape(-1, 3)
     if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(vertices)):
-        raise ObjError(f"{path.name}: a face names point {int(triangles.max()) + 1} of {len(vertices)}")
+        raise ObjError(
+            f"{path.name}: a face uses point {int(triangles.max()) + 1}, but the file has {len(vertices)} points"
+        )
     return vertices, triangles

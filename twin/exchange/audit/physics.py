@@ -1,8 +1,8 @@
-"""What a file says of a mechanism, in words that every format can be translated into: links, joints, frames, gravity.
+"""Mechanism data of a file in a common form for all formats: links, joints, frames, gravity.
 
 A joint is the pose of its child in its parent with all coordinates zero, and lines in the parent along or about which
-it moves. Formats split joints differently (a ball as three turns over small links, a loop as two ties): `reduced`
-leaves only the links that others know, so that joints can be compared whatever they were split into.
+it moves. Formats split joints differently (a ball as three hinges with auxiliary links, a loop closure as two ties):
+`reduced` removes the auxiliary links, so that joints of different formats can be compared.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
 
 _SAME = 1e-5
-"""Distance in m, and part of a unit vector, below which two lines are one and three lines meet."""
+"""Tolerance in m, and in components of unit vectors, within which two lines coincide or three lines meet in a point."""
 
 
 @dataclass(frozen=True)
 class Mass:
-    """Mass in kg, its centre (3,) in m and the inertia (3, 3) in kg m2 about it, in the frame of the link."""
+    """Mass in kg, centre of mass (3,) in m and inertia (3, 3) in kg m2 about that centre, in the frame of the link."""
 
     mass: float
     center: Array | None = None
@@ -30,27 +30,27 @@ class Mass:
 
 @dataclass(frozen=True)
 class Line:
-    """A motion: "turn" about or "slide" along a direction (3,) through a point (3,) in m, in the parent's frame."""
+    """A motion: "turn" about or "slide" along a unit vector (3,) through a point (3,) in m, in the parent's frame."""
 
     kind: str
     point: Array
     direction: Array
 
     def seen(self, T: Array, sign: float = 1.0) -> Line:
-        """Return the line in the frame that T (4, 4) leads to."""
+        """Return the line transformed by the pose T (4, 4) into another frame."""
         return Line(self.kind, T[:3, :3] @ self.point + T[:3, 3], sign * T[:3, :3] @ self.direction)
 
 
 @dataclass(frozen=True)
 class Drive:
-    """What drives a joint; None is what the file does not say. SI per m or per rad.
+    """The drive of a joint; None means that the file does not state the value. SI units.
 
     Attributes:
-        limits: in m or rad; infinite where there is none.
+        limits: in m or rad; infinite without a limit.
         driven: whether an actuator moves it.
-        stiffness, damping: of a position drive.
-        effort: the largest, N or N m.
-        speed: the largest, m/s or rad/s.
+        stiffness, damping: of a position drive, in N/m and N s/m, or N m/rad and N m s/rad.
+        effort: maximum in N or N m.
+        speed: maximum in m/s or rad/s.
     """
 
     limits: tuple[float, float] | None = None
@@ -63,15 +63,15 @@ class Drive:
 
 @dataclass(frozen=True)
 class Motor:
-    """A motor that a transmission leads to joints; None is what the file does not say. SI of its side.
+    """A motor with a transmission to joints; None: not stated in the file. SI units, on the motor's side.
 
     Attributes:
-        row: its coordinate is the sum of these factors times the coordinates of these joints.
+        row: factors by joint; the motor's coordinate is the sum of factor times joint coordinate.
         kind: "angle" or "length".
-        limits: in m or rad; infinite where there is none.
-        effort, speed: the largest; infinite where there is no bound.
-        inertia: of its rotor in kg m2 or kg; 0 where there is none.
-        stiffness, damping: of its position drive; 0 where there is none.
+        limits: in m or rad; infinite without a limit.
+        effort, speed: maximum; infinite without a bound.
+        inertia: of the rotor in kg m2 or kg; 0 if it has none.
+        stiffness, damping: of the position drive; 0 if there is none.
     """
 
     row: Mapping[str, float] | None = None
@@ -85,9 +85,9 @@ class Motor:
 
 
 def felt(motors: Mapping[str, Motor], joint: str) -> tuple[float, float] | None:
-    """Return stiffness and damping that the drives of motors have at a joint, the others held; None if none moves it.
+    """Return (stiffness, damping) of the motors' drives at a joint, other joints fixed; None if no motor moves it.
 
-    Each motor that turns by its factor for every rad or m of the joint works back with the same factor.
+    A motor's stiffness and damping act on the joint multiplied by the square of its factor.
     """
     moving = [(m, m.row[joint]) for m in motors.values() if m.row and joint in m.row]
     if not moving:
@@ -100,13 +100,13 @@ class Joint:
     """A joint between two links.
 
     Attributes:
-        names: of the parts that it is made of in the file; one, mostly.
+        names: of its parts in the file; usually one.
         parent, child: links.
         T: pose (4, 4) of the child in the parent at zero.
         motions: lines in the parent's frame, from the parent outwards.
         drive: see `Drive`.
-        tied: points (3,) of the parent and of the child that coincide, if that is all the file says (MJCF connect).
-        kind_said: where a format names the kind without saying how it lies (tracks, GLB), else "".
+        tied: points (3,) in m of parent and child that coincide, if the file states nothing else (MJCF connect).
+        kind_said: the kind, if a format states it without the axis (tracks, GLB), else "".
     """
 
     names: tuple[str, ...]
@@ -120,7 +120,7 @@ class Joint:
 
     @property
     def kind(self) -> str:
-        """Fixed, revolute, prismatic, cylindrical, spherical, free, or what else its motions are; "" if unsaid."""
+        """Fixed, revolute, prismatic, cylindrical, spherical, free, or a list of its motions; "" if not stated."""
         if self.kind_said:
             return self.kind_said
         if self.tied:
@@ -128,9 +128,9 @@ class Joint:
         return "" if self.T is None else _kind(self.motions)
 
     def end(self, link: str) -> tuple[Array, Array | None] | None:
-        """Return a point (3,) and the direction (3,), None for a ball, of the joint in the frame of one of its links.
+        """Return (point (3,) in m, direction (3,) or None for a ball) of the joint in the frame of one of its links.
 
-        The direction is that of the joint seen from the link whose name comes first; ties know it up to sign.
+        The sign of the direction is that seen from the link whose name comes first; a tie has no sign.
         """
         flip = 1.0 if self.parent < self.child else -1.0
         if self.tied:
@@ -147,7 +147,7 @@ class Joint:
         return line.point, flip * line.direction
 
     def turned(self) -> Joint:
-        """Return the same joint with parent and child exchanged; its coordinates keep their signs."""
+        """Return the joint with parent and child exchanged; its coordinates keep their signs."""
         tied = tuple((b, a) for a, b in self.tied)
         if self.T is None:
             return replace(self, parent=self.child, child=self.parent, tied=tied)
@@ -158,7 +158,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Frame:
-    """A named frame: its link and its pose (4, 4) there."""
+    """A named frame: its link, and its pose (4, 4) in the link."""
 
     link: str
     T: Array
@@ -166,21 +166,21 @@ class Frame:
 
 @dataclass
 class Physics:
-    """What a file says of a mechanism.
+    """Mechanism data of a file.
 
     Attributes:
-        links: all that it names.
+        links: names of all links.
         masses: by link.
         joints: in the order of the file.
         frames: named ones.
-        gravity: (3,) in m/s2 in a world with z up, None if the file does not say.
-        held: links that are fixed to the world, None if the format has no word for it.
-        tool: name of the frame that is moved, "" if unsaid.
-        trocars: names of joints that hold to a place which protocols choose.
-        couplings: ratios by joint and their sum, by name; None if the format has no word for them.
-        motors: that transmissions lead to joints, by name; None if the format or the file has no word for them.
-        all_motors: whether one that is not listed does not exist.
-        complete: whether a joint that is not listed does not exist.
+        gravity: (3,) in m/s2 in a world with z up, None if not stated.
+        held: links that are fixed to the world, None if the format cannot state this.
+        tool: name of the moved frame, "" if not stated.
+        trocars: names of joints whose positions protocols choose.
+        couplings: (factors by joint, constant sum) by name; None if the format cannot state couplings.
+        motors: motors of transmissions, by name; None if not stated.
+        all_motors: whether `motors` is complete.
+        complete: whether `joints` is complete.
     """
 
     links: tuple[str, ...] = ()
@@ -197,7 +197,7 @@ class Physics:
     complete: bool = False
 
     def reduced(self, known: Collection[str]) -> list[Joint]:
-        """Return the joints between known links; chains over other links become one joint, ties of a pair as well."""
+        """Return the joints between known links; chains over other links and several ties of a pair become one."""
         joints = [j for j in self.joints if not j.tied]
         pending = [n for n in dict.fromkeys(n for j in joints for n in (j.parent, j.child)) if n and n not in known]
         while pending:
@@ -250,7 +250,7 @@ def _kind(motions: tuple[Line, ...]) -> str:
 
 
 def meeting(lines: Collection[Line]) -> Array:
-    """Return the point (3,) that is nearest to all lines."""
+    """Return the point (3,) with the least squared distance from all lines."""
     projectors = [np.eye(3) - np.outer(m.direction, m.direction) for m in lines]
     b = np.sum([P @ m.point for P, m in zip(projectors, lines, strict=True)], axis=0)
     return np.linalg.lstsq(np.sum(projectors, axis=0), b, rcond=None)[0]
@@ -266,7 +266,7 @@ def _unit(v: Array) -> Array:
 
 
 def along(kind: str, T: Array, axis: int = 2) -> tuple[Line, ...]:
-    """Return the motions of a joint of a kind whose frame in its parent is T (4, 4), along or about one of its axes."""
+    """Return the motions of a joint of this kind along or about one axis of its frame T_parent_joint (4, 4)."""
     point, directions = T[:3, 3], T[:3, :3].T
     own = directions[axis]
     return {

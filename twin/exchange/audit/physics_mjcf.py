@@ -1,4 +1,4 @@
-"""What an MJCF says of a mechanism, as MuJoCo compiled it: whatever defaults and classes it was written with."""
+"""Read the mechanism data of an MJCF from the model that MuJoCo compiles."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from twin.exchange.audit.physics import Drive, Frame, Joint, Line, Mass, Motor, 
 from twin.exchange.audit.poses import Array
 
 MARK = "frame_"
-"""How sites are called that mark a named frame; sites that close loops are none."""
+"""Prefix of the names of sites that mark named frames; other sites close loops."""
 
 _BALL, _SLIDE, _HINGE = (
     int(k) for k in (mujoco.mjtJoint.mjJNT_BALL, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
@@ -29,7 +29,7 @@ _CONNECT, _WELD, _COUPLE, _TENDON = (
 
 
 def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
-    """Return what a compiled model says; `bodies` are the links by name, one of them may be the world."""
+    """Return the data of a compiled model; `bodies` gives body numbers by link name; one may be the world."""
     m = model
     out = Physics(tuple(bodies), complete=True, gravity=np.array(m.opt.gravity), couplings=_couplings(m))
     out.motors, out.all_motors = _motors(m), True
@@ -88,7 +88,7 @@ def _texts(m: mujoco.MjModel) -> Iterator[tuple[str, str]]:
 
 
 def _motors(m: mujoco.MjModel) -> dict[str, Motor]:
-    """Return the actuators that pull fixed tendons: the length of one is its gear times that of its tendon."""
+    """Return the actuators that pull fixed tendons; an actuator's length is its gear times the tendon's length."""
     out = {}
     kinds = dict(_texts(m))
     for a in range(m.nu):
@@ -115,7 +115,7 @@ def _motors(m: mujoco.MjModel) -> dict[str, Motor]:
 
 
 def _drives(m: mujoco.MjModel, motors: dict[str, Motor]) -> list[Drive]:
-    """Return by joint what its actuator and its range say."""
+    """Return drives by joint, from its actuator and its range."""
     acting = {
         int(m.actuator_trnid[a, 0]): a
         for a in range(m.nu)
@@ -141,7 +141,7 @@ def _drives(m: mujoco.MjModel, motors: dict[str, Motor]) -> list[Drive]:
 
 
 def _ties(m: mujoco.MjModel, names: list[str]) -> list[Joint]:
-    """Return what closes loops: a connect is a point of two bodies, a weld is a fixed joint."""
+    """Return the loop closures as joints: a <connect> ties a point of two bodies, a <weld> is a fixed joint."""
     out = []
     for e in range(m.neq):
         kind = int(m.eq_type[e])

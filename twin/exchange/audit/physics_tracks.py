@@ -1,4 +1,4 @@
-"""What a track says of a mechanism: its joints with one coordinate, their limits, which are driven, named frames."""
+"""Read the mechanism data of a track: joints with one coordinate, limits, driven joints, named frames."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.physics import Drive, Frame, Joint, Physics
 
 TOOL = "(tool)"
-"""Stands for the frame that is moved by default, which a track gives without its name."""
+"""Name of the moved frame if the track does not name it."""
 
 NO_LIMIT = 1e29
-"""JSON has no infinity."""
+"""Value in m or rad from which a limit means no limit, because JSON has no infinity."""
 
 
 def track_physics(data: dict[str, Any], links: Sequence[str], joints: Sequence[str]) -> Physics:
-    """Return what the entries of a track say; entries that lack are left out, the reader has told of them."""
+    """Return the data of a track's entries; missing entries are skipped, because the reader has reported them."""
     out = Physics(tuple(links))
     kinds, active = data.get("joint_types", []), data.get("joint_active", [])
     low, high = data.get("joint_lower", []), data.get("joint_upper", [])

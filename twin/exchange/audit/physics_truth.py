@@ -1,4 +1,4 @@
-"""What the mechanism says of itself, in the words that files are translated into."""
+"""The data of the expected mechanism in the common form, to compare files with."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
 
 GRAVITY = 9.81
-"""m/s2, downwards."""
+"""Gravity in m/s2, downwards."""
 
 
 def mechanism_physics(mechanism: Mechanism) -> Physics:
-    """Return what a mechanism says; its loops need not be closed."""
+    """Return the data of a mechanism; its loops may be open."""
     m = mechanism
     out = Physics(
         tuple(b.name for b in m.bodies),

@@ -1,4 +1,4 @@
-"""What a URDF says of a mechanism: its tree, inertias and limits; it has no word for loops, frames and gravity."""
+"""Read the mechanism data of a URDF: tree, inertias and limits; URDF cannot state loops, frames and gravity."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from twin.exchange.audit.physics import Drive, Joint, Line, Mass, Motor, Physics
 from twin.exchange.audit.poses import Array
 
 NO_LIMIT = 100.0
-"""Metres: URDF has no slide without limits, and no robot slides as far."""
+"""Limit in m from which a slide counts as unlimited: URDF requires a limit, and no robot slides as far."""
 
 NO_BOUND = 1e6
-"""An effort or a speed from which on a number, which URDF insists on, says that nobody knows any."""
+"""Efforts and speeds above this count as unknown, because URDF requires a number."""
 
 
 def inertial(element: ET.Element, pose_of, numbers) -> Mass | None:
-    """Return the mass of a <link>, None if it has no <inertial>.
+    """Return mass, centre and inertia of a <link>; None if it has no <inertial>.
 
     Args:
         element: the link.
-        pose_of: reads an <origin>.
-        numbers: reads numbers of an attribute.
+        pose_of: function that reads an <origin>.
+        numbers: function that reads the numbers of an attribute.
     """
     here = element.find("inertial")
     if here is None:
@@ -40,7 +40,7 @@ _PARTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def tree_physics(links: Iterable[str], masses: dict[str, Mass], joints: Iterable) -> Physics:
-    """Return what a tree of `UrdfJoint` says."""
+    """Return the data of a tree of `UrdfJoint`."""
     out = Physics(tuple(links), masses)
     for j in joints:
         T, axis = j.link.fixed, j.link.axis
@@ -57,9 +57,9 @@ def tree_physics(links: Iterable[str], masses: dict[str, Mass], joints: Iterable
 
 
 def motors(root: ET.Element, number) -> dict[str, Motor]:
-    """Return the motors that <transmission> elements give one joint each; `number` reads a number of a text.
+    """Return the motors of <transmission> elements with one joint; `number` converts a text to a number.
 
-    One with the name of its joint is the joint's own drive.
+    A motor with the name of its joint is the joint's own drive and is left out.
     """
     out = {}
     for t in root.findall("transmission"):

@@ -1,4 +1,4 @@
-"""What a USD stage says of a mechanism: UsdPhysics bodies, joints, drives and scene, named frames."""
+"""Read the mechanism data of a USD stage: UsdPhysics bodies, joints, drives and scene, named frames."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SIX = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
 
 
 def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: str) -> Physics:
-    """Return what a stage says, in m, kg and rad; `bodies` are its rigid bodies."""
+    """Return the data of a stage, in m, kg and rad; `bodies` are its rigid bodies."""
     names = {str(p.GetPath()): p.GetName() for p in bodies}
     out = Physics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters))
     if robot := stage.GetDefaultPrim():
@@ -69,7 +69,7 @@ def _mass(prim: Usd.Prim, meters: float, kilograms: float) -> Mass | None:
 
 
 def _gravity(scene: UsdPhysics.Scene, meters: float, up: str) -> Array:
-    """Return gravity (3,) in m/s2, z up; what is not authored is the earth's, downwards."""
+    """Return gravity (3,) in m/s2, z up; default: 9.81 downwards."""
     direction, size = scene.GetGravityDirectionAttr().Get(), scene.GetGravityMagnitudeAttr().Get()
     down = np.array([0.0, 0.0, -1.0])
     given = np.array(direction if direction is not None else (0, 0, 0), float)
@@ -106,7 +106,7 @@ def _joint(prim: Usd.Prim, names: dict[str, str], meters: float, kilograms: floa
 
 
 def kind_and_axis(prim: Usd.Prim) -> tuple[str, int]:
-    """Return the kind of a joint prim and the axis 0, 1, 2 of its frame along or about which it moves."""
+    """Return (kind, axis) of a joint prim: axis 0, 1 or 2 of the joint's frame, along or about which it moves."""
     for schema, kind in (
         (UsdPhysics.RevoluteJoint, "revolute"),
         (UsdPhysics.PrismaticJoint, "prismatic"),
@@ -157,7 +157,7 @@ def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> Drive:
 
 
 def _motors(root: Usd.Prim) -> dict[str, Motor]:
-    """Return what customData says of transmissions; UsdPhysics has no word for them."""
+    """Return the motors from customData, because UsdPhysics cannot express transmissions."""
     rows = {}
     for told in (root.GetCustomDataByKey("twin:transmissions") or {}).values():
         joints, names = list(told["joints"]), list(told["actuators"])
@@ -174,7 +174,7 @@ def _motors(root: Usd.Prim) -> dict[str, Motor]:
 
 
 def _couplings(stage: Usd.Stage, meters: float) -> dict[str, tuple[dict[str, float], float]]:
-    """Return what PhysX tendons hold together."""
+    """Return the couplings of joints, which a stage states as PhysX tendons."""
     out: dict[str, tuple[dict[str, float], float]] = {}
     for prim in stage.Traverse():
         for name in prim.GetAppliedSchemas():

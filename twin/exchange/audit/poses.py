@@ -1,6 +1,6 @@
-"""Quaternions, matrices and poses, written once more: the audit borrows no line of what it audits.
+"""Quaternions, matrices and poses, implemented again: the audit shares no code with what it audits.
 
-Poses are float64 (4, 4), column vectors; quaternions x, y, z, w. Leading axes are kept throughout.
+Poses are float64 (4, 4), column vectors; quaternions x, y, z, w. All functions accept and keep leading axes.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 Array = np.ndarray
 
 R_Z_UP_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Turns what stands in a world with y up into one with z up: y becomes z, z becomes -y."""
+"""Rotation (3, 3) from a world with y up to a world with z up: y becomes z, z becomes -y."""
 
 
 def rotation(xyzw: ArrayLike) -> Array:
-    """Return rotations (..., 3, 3) of quaternions (..., 4); they are normalised first, zero gives identity."""
+    """Return rotations (..., 3, 3) of quaternions (..., 4), normalised first; a zero quaternion gives the identity."""
     q = np.asarray(xyzw, float)
     n = np.sum(q * q, axis=-1, keepdims=True)
     usable = np.isfinite(n) & (n > 1e-24)
@@ -27,7 +27,7 @@ def rotation(xyzw: ArrayLike) -> Array:
 
 
 def cross_matrix(v: ArrayLike) -> Array:
-    """Return the matrices (..., 3, 3) that take u to the cross product of v (..., 3) and u."""
+    """Return the skew matrices (..., 3, 3) of v (..., 3): matrix times u is the cross product of v and u."""
     v = np.asarray(v, float)
     out = np.zeros((*v.shape[:-1], 3, 3))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -54,7 +54,7 @@ def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
 
 
 def from_seven(rows: ArrayLike) -> Array:
-    """Return poses (..., 4, 4) of rows (..., 7): x y z qx qy qz qw."""
+    """Return poses (..., 4, 4) from (..., 7): x y z in m, then the quaternion x y z w."""
     rows = np.asarray(rows, float)
     return pose(rotation(rows[..., 3:]), rows[..., :3])
 
@@ -67,16 +67,17 @@ def inverse(T: ArrayLike) -> Array:
 
 
 def angle(A: ArrayLike, B: ArrayLike) -> Array:
-    """Return the angles (...) in rad between rotations (..., 3, 3); exact for small ones and up to pi.
+    """Return the angles (...) in rad between rotations (..., 3, 3); accurate from 0 to pi.
 
-    The Frobenius norm of the difference is 2 sqrt(2) sin(angle / 2): no arc cosine, which loses small angles.
+    The Frobenius norm of the difference of two rotations is 2 sqrt(2) sin(angle / 2); an arc cosine would be inaccurate
+    for small angles.
     """
     size = np.linalg.norm(np.asarray(A, float) - np.asarray(B, float), axis=(-2, -1))
     return 2 * np.arcsin(np.clip(size / np.sqrt(8), 0.0, 1.0))
 
 
 def split(M: ArrayLike) -> tuple[Array, Array]:
-    """Return rigid poses (..., 4, 4) and scales (..., 3) of affine maps (..., 4, 4); a mirror is a negative x scale."""
+    """Return (poses (..., 4, 4), scales (..., 3)) of affine matrices (..., 4, 4); a mirror is a negative x scale."""
     M = np.asarray(M, float)
     A = M[..., :3, :3]
     size = np.linalg.norm(A, axis=-2)
@@ -86,7 +87,7 @@ def split(M: ArrayLike) -> tuple[Array, Array]:
 
 
 def slerp(a: Array, b: Array, u: Array) -> Array:
-    """Return quaternions (k, 4) between a and b (k, 4) at fractions u (k,), the short way."""
+    """Return quaternions (k, 4) between a and b (k, 4) at fractions u (k,), turning the shorter way."""
     d = np.sum(a * b, axis=-1, keepdims=True)
     b = np.where(d < 0, -b, b)
     half = np.arccos(np.clip(np.abs(d), 0.0, 1.0))
@@ -106,7 +107,7 @@ def rpy(angles: ArrayLike) -> Array:
 def quaternion(R: ArrayLike) -> Array:
     """Return quaternions (..., 4), x y z w, of rotations (..., 3, 3), up to sign.
 
-    The unit quaternion spans the range of a symmetric 4 x 4 matrix of rank one; its largest column has it.
+    The quaternion is the normalised largest column of a symmetric 4 x 4 matrix of rank one.
     """
     R = np.asarray(R, float)
     K = np.zeros((*R.shape[:-2], 4, 4))

@@ -1,4 +1,4 @@
-"""proof.json against the files on disk: nothing changed, nothing missing, nothing slipped in."""
+"""Compare proof.json with the files on disk: changed, missing and additional files."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ SCHEMA = "twin-proof"
 
 
 def check_proof(path: Path, ledger: Ledger) -> str:
-    """Note where a proof and the folder that it lies in differ; return the model hash that it states."""
+    """Report differences between a proof.json and its folder; return the model hash that the proof states."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
         ledger.add("proof.unreadable", "error", f"its JSON cannot be read: {str(error)[:120]}.")
         return ""
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or data.get("version") != 1:
-        ledger.add("proof.schema", "error", f'it does not say "schema": "{SCHEMA}" and "version": 1.')
+        ledger.add("proof.schema", "error", f'it does not contain "schema": "{SCHEMA}" and "version": 1.')
         return ""
     rows = data.get("files")
     if not isinstance(rows, list) or not all(isinstance(r, dict) and isinstance(r.get("file"), str) for r in rows):
-        ledger.add("proof.schema", "error", "'files' is no list of files.")
+        ledger.add("proof.schema", "error", "'files' is not a list of files.")
         return ""
     folder = path.parent
     listed = {path.name}
@@ -35,11 +35,11 @@ def check_proof(path: Path, ledger: Ledger) -> str:
     there = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
     for name in sorted(there - listed):
         if not any(part.startswith(".") for part in Path(name).parts):
-            text = f"'{name}' lies in the folder, but the proof knows nothing of it."
-            ledger.add("proof.unlisted", "warning", text, where=name, suggestion="export again, or take it away")
+            text = f"'{name}' is in the folder, but not in the proof."
+            ledger.add("proof.unlisted", "warning", text, where=name, suggestion="export again, or remove the file")
     ledger.row(f"hashes of {len(rows)} files", float(wrong), "differ", 0.0)
     if data.get("verdict") not in ("agree", None):
-        text = f"its verdict is '{data['verdict']}': the export itself found something wrong."
+        text = f"its verdict is '{data['verdict']}': the export itself reported a fault."
         ledger.add("proof.verdict", "disagreement", text, where="verdict")
     return str(data.get("model_hash", ""))
 
@@ -48,10 +48,10 @@ def _fits(folder: Path, row: dict[str, Any], ledger: Ledger) -> bool:
     name = row["file"]
     file = (folder / name).resolve()
     if not file.is_relative_to(folder.resolve()):
-        ledger.add("proof.file", "disagreement", f"'{name}' lies outside the folder.", where=name)
+        ledger.add("proof.file", "disagreement", f"'{name}' is outside of the folder.", where=name)
         return False
     if not file.is_file():
-        ledger.add("proof.missing", "disagreement", f"'{name}' is listed, but is not there.", where=name)
+        ledger.add("proof.missing", "disagreement", f"'{name}' is listed, but missing.", where=name)
         return False
     said = str(row.get("sha256", "")).removeprefix("sha256:")
     real = hashlib.sha256(file.read_bytes()).hexdigest()
@@ -60,8 +60,9 @@ def _fits(folder: Path, row: dict[str, Any], ledger: Ledger) -> bool:
     ledger.add(
         "proof.hash",
         "disagreement",
-        f"'{name}' is not the file that was proved: sha256 {real[:12]}…, in the proof {said[:12] or 'nothing'}….",
+        f"'{name}' has changed since the proof was written: sha256 {real[:12]}…, in the proof "
+        f"{said[:12] or 'nothing'}….",
         where=name,
-        suggestion="export again; whatever was measured holds for the file that is listed",
+        suggestion="export again; the measured values are those of the original file",
     )
     return False

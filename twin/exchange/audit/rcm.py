@@ -1,7 +1,8 @@
-"""Remote centres of motion of a track: how far the shaft passes the stated point, and about which point it turns.
+"""Check the remote centres of motion (RCM) of a track against the motion of the shaft.
 
-A file may only watch an RCM, so that a shaft which passes it by is no fault. But lines that all meet in one point
-turn about that one: a stated point beside it is wrong, whether the RCM is enforced or not.
+Measured are the distance of the shaft from the stated RCM, and the point about which the shaft turns. If the RCM is
+only monitored, a distance is not a fault. But if all shaft lines meet in one point, a different stated RCM is wrong in
+any case.
 """
 
 from __future__ import annotations
@@ -18,15 +19,15 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import POSITION_TOL, Ledger, quantity
 
 SHAFT = 5e-3
-"""Distance in m within which a shaft is meant to go through its RCM, where the file does not say that it must."""
+"""Distance in m up to which an RCM counts as enforced, if the file does not state whether it is enforced."""
 
 SPREAD = 1e-4
-"""Least of the mean squared sines between lines by which the point where they meet is known well."""
+"""Minimum mean squared sine of the angles between lines, below which their meeting point is undetermined."""
 
 
 @dataclass(frozen=True)
 class _Stay:
-    """One phase with an RCM: its name, the stated point, and the shaft's lines by frame at the keys inside."""
+    """One phase with an RCM: its name, the stated RCM, and the shaft lines at its keys, by frame."""
 
     name: str
     point: Array
@@ -35,18 +36,18 @@ class _Stay:
     lines: Mapping[str, tuple[Array, Array]]
 
     def missed(self, point: Array) -> dict[str, Array]:
-        """Return the distances (k,) in m of a point from the lines, by frame."""
+        """Return the distances (k,) in m of the RCM from the lines, by frame."""
         return {n: np.linalg.norm(np.cross(d, point - p), axis=1) for n, (p, d) in self.lines.items()}
 
 
 def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> None:
-    """Note shafts that miss the RCM of their phase, and RCMs beside the point about which the shaft turns.
+    """Report shafts that miss the RCM of their phase, and RCMs that are not where the shaft turns.
 
     Args:
         data: the track.
         clip: its motion.
-        local: (7 n,) of its named frames.
-        ledger: gets the findings.
+        local: poses of its n named frames in their links, (7 n,): x y z in m, quaternion x y z w.
+        ledger: receives the findings.
     """
     stays = _stays(data, clip, local, ledger)
     if stays is None:
@@ -77,8 +78,8 @@ def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) ->
             continue
         if missed > SHAFT and stay.enforced is None:
             text = (
-                f"phase '{stay.name}': the shaft (z of '{name}') passes the RCM {missed * 1e3:.4g} mm away; the file "
-                "does not say whether the RCM is enforced there or only watched."
+                f"phase '{stay.name}': the shaft (z of '{name}') passes the RCM {missed * 1e3:.4g} mm away; the "
+                "file does not state whether the RCM is enforced or only monitored there."
             )
             ledger.add("tracks.rcm_watched", "info", text, where=stay.name, when=at, size=missed * 1e3, unit="mm")
             continue
@@ -96,7 +97,7 @@ def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) ->
                 limit=POSITION_TOL * 1e6,
             )
     if where:
-        ledger.row("RCM: how far the shaft passes it", worst, "m", POSITION_TOL, where=where, when=when)
+        ledger.row("RCM: distance of the shaft", worst, "m", POSITION_TOL, where=where, when=when)
 
 
 def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> list[_Stay] | None:
@@ -108,9 +109,9 @@ def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> li
     if not fits or len(has) > min(len(start), len(end), len(phases)):
         ledger.add("tracks.shape", "disagreement", "frames or RCMs do not have one entry each.", where="frames_local")
         return None
-    enforced = data.get("phase_rcm_enforced")  # tracks of earlier versions do not say
+    enforced = data.get("phase_rcm_enforced")  # tracks of earlier versions do not state this
     if enforced is not None and not (isinstance(enforced, list) and len(enforced) == len(has)):
-        text = f"phase_rcm_enforced is no list with an entry for each of the {len(has)} phases."
+        text = f"phase_rcm_enforced is not a list with an entry for each of the {len(has)} phases."
         ledger.add("tracks.shape", "disagreement", text, where="phase_rcm_enforced")
         return None
     tool, stated = data.get("tool_link"), data.get("rcm")
@@ -129,13 +130,13 @@ def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> li
         first = point[3 * int(np.flatnonzero(has)[0]) :][:3]
         off = float(np.linalg.norm(np.subtract(stated, first)))
         if off > POSITION_TOL:
-            text = f"rcm is {quantity(off, 'm')} from the RCM of the first phase that has one."
+            text = f"entry 'rcm' is {quantity(off, 'm')} from the RCM of the first phase with an RCM."
             ledger.add("tracks.rcm", "disagreement", text, where="rcm", size=off * 1e6, unit="um")
     return out
 
 
 def _centre(stay: _Stay) -> Array | None:
-    """Return the point (3,) in which the shaft's lines meet, None if they do not, or are too much alike to tell."""
+    """Return the point (3,) in m where the lines of the shaft meet; None if they do not meet or are nearly parallel."""
     for p, d in stay.lines.values():
         P = np.eye(3) - d[:, :, None] * d[:, None, :]
         A, b = P.mean(axis=0), np.einsum("kij,kj->i", P, p) / len(p)

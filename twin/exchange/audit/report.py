@@ -1,36 +1,40 @@
-"""What an audit hands back: rows of what was measured, and findings."""
+"""Result of an audit: measurements (checks) and findings."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from twin.core.findings import EXIT_CODES, Finding, Severity, Verdict, by_severity, verdict
+from twin.core.findings import Finding, Severity, Verdict, by_severity, finding
+from twin.core.quantity import Quantity
+from twin.core.result import Part, Result, Table
 
 POSITION_TOL = 1e-6
-"""Largest distance in m between two files' poses of one link that still agree."""
+"""Largest distance in m at which the poses of one link in two files still agree."""
 
 ROTATION_TOL = 1e-4
-"""Largest angle in rad between them."""
+"""Largest angle in rad at which the poses of one link in two files still agree."""
 
 MOST = 5
-"""Findings of one code in one file; what is more is counted in the last of them."""
+"""Maximum number of findings of one code in one file; the last one states how many more there are."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was measured.
+    """One measurement.
 
     Attributes:
-        check: what, in a few words.
-        file: relative to what was audited.
-        tool, version: what did the reading.
-        worst: the largest deviation in `unit`, None if nothing can be measured there.
-        tolerance: what it was compared with, in the same unit.
+        check: short name.
+        file: path relative to the audited folder.
+        tool, version: of the reader.
+        worst: the largest deviation in `unit`, None if nothing can be measured.
+        tolerance: limit of `worst`, in `unit`.
         verdict: agree, disagree, or unchecked.
-        where, when: of the worst.
+        where, when: link or other place, and time, of `worst`.
     """
 
     check: str
@@ -45,19 +49,19 @@ class Check:
     when: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON."""
+        """Return the check as plain data for JSON."""
         return asdict(self)
 
 
 @dataclass(frozen=True)
-class AuditReport:
+class AuditReport(Result):
     """The result of `audit`.
 
     Attributes:
-        path: what was audited.
+        path: the audited file or folder.
         files: for each file its format and the conventions found there (units, up axis, handedness, clips).
-        checks: what was measured.
-        findings: what is wrong, the gravest first.
+        checks: the measurements.
+        findings: the faults, the most severe first.
     """
 
     path: str
@@ -65,35 +69,81 @@ class AuditReport:
     checks: list[Check]
     findings: list[Finding]
 
-    @property
-    def verdict(self) -> Verdict:
-        """agree, disagree, or unchecked if something could not be read."""
-        return verdict(self.findings)
+    kind = "audit"
 
-    @property
-    def exit_code(self) -> int:
-        """Exit code of the command line: 0, 1 or 2."""
-        return EXIT_CODES[self.verdict]
+    def content(self) -> dict[str, Any]:
+        """Return the report as plain data for JSON."""
+        return {"path": self.path, "files": self.files, "checks": [c.as_dict() for c in self.checks]}
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON, without numbers that JSON lacks."""
-        data = {
-            "verdict": self.verdict,
-            "path": self.path,
-            "files": self.files,
-            "checks": [c.as_dict() for c in self.checks],
-            "findings": [f.as_dict() for f in self.findings],
-        }
-        return _plain(data)
+    def text(self, everything: bool = False) -> Iterator[Part]:
+        """Yield lines: files, the worst check of each kind and findings; with `everything` all checks and notes."""
+        yield f"{self.path}\n\n  {_VERDICTS[self.verdict]}\n"
+        if self.files:
+            rows = [
+                (f["file"], *(str(f.get(k, "")) for k in ("units", "up_axis", "handedness")), _links(f), _clips(f))
+                for f in self.files
+            ]
+            yield Table(("file", "units", "up", "handed", "links", "clips"), rows, fit=True)
+            yield ""
+        if rows := [_row(c) for c in (self.checks if everything else worst(self.checks))]:
+            yield Table(("check", "worst in", "worst", "tolerance", "where", "when", ""), rows, fit=True)
+            yield ""
+        shown = [f for f in by_severity(self.findings) if everything or f.severity != "info"]
+        yield from shown
+        notes = len(self.findings) - len(shown)
+        yield ("\n" if shown else "") + (
+            f"  {len(self.checks)} checks, {len(self.findings)} findings"
+            + (f", {notes} of which are notes (--all shows them)" if notes else "")
+            + f"; poses agree within {POSITION_TOL * 1e6:g} µm and {math.degrees(ROTATION_TOL):.3g} deg"
+        )
+
+
+_VERDICTS = {
+    "agree": "PASS: all files are valid and consistent with each other",
+    "disagree": "FAIL: files are invalid or inconsistent with each other; see the findings",
+    "unchecked": "UNCHECKED: something could not be read",
+}
+_MARKS = {"agree": "ok", "disagree": "WRONG", "unchecked": "?"}
+
+
+def worst(checks: Sequence[Check]) -> list[Check]:
+    """Return the worst check of each kind; checks that differ only by clip, file and counts are of one kind."""
+    kinds: dict[str, Check] = {}
+    for check in checks:
+        kind = re.sub(r"clip '[^']*': | against [^,]*|, \d.*|\d+", "", check.check)
+        first = kinds.setdefault(kind, check)
+        if (check.verdict != "agree", check.worst or 0.0) > (first.verdict != "agree", first.worst or 0.0):
+            kinds[kind] = check
+    return list(kinds.values())
+
+
+def _links(file: Mapping[str, Any]) -> str:
+    return f"{file['nodes']} nodes" if file["links"] is None else str(file["links"])
+
+
+def _clips(file: Mapping[str, Any]) -> str:
+    return ", ".join(f"{c['name']} ({c['keys']} keys, {c['duration_s']:.3f} s)" for c in file["clips"]) or "-"
+
+
+def _row(c: Check) -> tuple[str, ...]:
+    return c.check, c.file, _shown(c.worst, c.unit), _shown(c.tolerance, c.unit), c.where, c.when, _MARKS[c.verdict]
+
+
+def _shown(value: float | None, unit: str) -> str:
+    if value is None:
+        return ""
+    if unit == "rad":
+        return f"{math.degrees(value):.3g} deg"
+    return quantity(value, "" if unit == "1" else unit, 3).strip().replace("um", "µm")
 
 
 @dataclass
 class Ledger:
-    """Collects rows and findings on one file while it is read.
+    """Collects checks and findings on one file while the file is read.
 
     Attributes:
-        file: shown name, relative to what is audited.
-        tool, version: what reads it.
+        file: shown name, relative to the audited folder.
+        tool, version: of the reader.
     """
 
     file: str
@@ -116,13 +166,14 @@ class Ledger:
         limit: float | None = None,
         suggestion: str = "",
     ) -> None:
-        """Note a finding; the file's name comes before `where`. Of one code only the first `MOST` are kept."""
+        """Add a finding; the file's name is put before `where`. Only the first `MOST` findings of a code are kept."""
         self._count[code] += 1
         if self._count[code] > MOST:
             return
         place = f"{self.file}: {where}" if where and where != self.file else self.file
         size = None if size is None or not math.isfinite(size) else float(size)
-        self.found.append(Finding(code, severity, message, place, when, size, unit, limit, suggestion))
+        sized, bound = (None if x is None else Quantity(x, unit) for x in (size, limit))
+        self.found.append(finding(severity, code, place, message, sized, bound, suggestion, when=when, word=""))
 
     def row(
         self,
@@ -135,7 +186,7 @@ class Ledger:
         when: str = "",
         fits: bool | None = None,
     ) -> None:
-        """Note a measurement; it agrees if it is within its tolerance, unless `fits` says otherwise."""
+        """Add a check; it agrees if the value is within the tolerance, or as `fits` states if given."""
         if fits is None:
             fits = worst is None or tolerance is None or bool(worst <= tolerance)
         number = None if worst is None or not math.isfinite(worst) else float(worst)
@@ -144,13 +195,13 @@ class Ledger:
 
     @property
     def findings(self) -> list[Finding]:
-        """What was found, with a note where a code was found too often to list."""
+        """The findings; further findings of a code are only counted."""
         out = list(self.found)
         for code, count in self._count.items():
             if count > MOST:
                 last = max(i for i, f in enumerate(out) if f.code == code)
-                more = f"{out[last].message} And {count - MOST} more of the kind."
-                out[last] = Finding(**{**out[last].as_dict(), "message": more})
+                more = f"{out[last].message} And {count - MOST} more of this kind."
+                out[last] = replace(out[last], message=more)
         return out
 
 
@@ -161,7 +212,7 @@ def finished(path: str, files: list[dict[str, Any]], ledgers: list[Ledger]) -> A
 
 
 def quantity(value: float, unit: str, digits: int = 4) -> str:
-    """Return a length in m, or what else, with a unit that keeps its digits few."""
+    """Return a quantity as text with a suitable unit."""
     if unit == "m" and math.isfinite(value):
         factor, unit = next((f, u) for most, f, u in _LENGTHS if abs(value) < most)
         value *= factor
@@ -169,7 +220,7 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
 
 
 def told_apart(a: float, b: float) -> tuple[str, str]:
-    """Return two numbers with as many digits as it takes to see that they differ, four at least."""
+    """Return two numbers as text with enough digits, at least four, to show that they differ."""
     for digits in range(4, 17):
         one, two = f"{a:.{digits}g}", f"{b:.{digits}g}"
         if one != two:
@@ -178,13 +229,3 @@ def told_apart(a: float, b: float) -> tuple[str, str]:
 
 
 _LENGTHS = ((1e-3, 1e6, "um"), (1.0, 1e3, "mm"), (math.inf, 1.0, "m"))
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -1,6 +1,6 @@
-"""What no mechanism on earth has, whatever other files say: masses, inertias, densities, gravity, drives.
+"""Report physically impossible data in a file: masses, inertias, densities, gravity, drives.
 
-A file alone can be judged by this only; in a bundle it says which of two files is wrong.
+A single file has no other file to compare such data with; in a bundle this check shows which of two files is wrong.
 """
 
 from __future__ import annotations
@@ -12,23 +12,24 @@ from twin.exchange.audit.physics import Drive, Mass
 from twin.exchange.audit.report import Ledger, quantity
 
 DENSEST = 23_000.0
-"""kg/m3; osmium has 22 590."""
+"""Maximum density in kg/m3; osmium has 22 590."""
 
 LIGHTEST = 0.5
-"""kg/m3; air has 1.2, and a link that is a shell around it more."""
+"""Minimum density in kg/m3 of a link's bounding box; air has 1.2, a hollow link more."""
 
 OUTSIDE = 0.1
-"""Share of the box's diagonal by which a mass centre may lie outside: not all that has mass is drawn."""
+"""Maximum distance of a centre of mass outside the link's bounding box, as a share of the diagonal: some parts are not
+drawn in the CAD."""
 
 GRAVITY = (9.7, 9.9)
-"""m/s2 on the ground, anywhere on earth; none at all is a choice."""
+"""Range of gravity in m/s2 on earth; zero gravity is allowed."""
 
 TRIANGLE = 1e-5
-"""Relative breach of the triangle inequality that is rounding of single precision."""
+"""Relative violation of the triangle inequality that counts as rounding of single precision."""
 
 
 def check_sense(content: Content) -> None:
-    """Note what is physically impossible in a file."""
+    """Report physically impossible data in a file."""
     p, ledger = content.physics, content.ledger
     if p is None:
         return
@@ -75,7 +76,7 @@ def _check_mass(ledger: Ledger, link: str, mass: Mass, shape: Shape | None) -> N
     if mass.center is not None:
         away = float(np.linalg.norm(np.maximum(np.maximum(shape.low - mass.center, mass.center - shape.high), 0.0)))
         if away > OUTSIDE * diagonal:
-            text = f"its mass centre lies {quantity(away, 'm')} outside the box of its meshes"
+            text = f"its centre of mass is {quantity(away, 'm')} outside the bounding box of its meshes"
             wrong("mass_centre_outside", text, away, "m", OUTSIDE * diagonal)
     if mass.inertia is not None and diagonal > 0:
         gyration = float(np.sqrt(max(np.linalg.eigvalsh((mass.inertia + mass.inertia.T) / 2)[2], 0.0) / mass.mass))
@@ -85,10 +86,10 @@ def _check_mass(ledger: Ledger, link: str, mass: Mass, shape: Shape | None) -> N
     box = float(np.prod(np.maximum(shape.high - shape.low, 1e-4)))
     volume = shape.volume if shape.closed and shape.volume > 0 else box
     if mass.mass / volume > DENSEST:
-        text = f"{mass.mass:.4g} kg in {volume:.3g} m3 are {mass.mass / volume:.3g} kg/m3, more than any matter has"
+        text = f"{mass.mass:.4g} kg in {volume:.3g} m3 are {mass.mass / volume:.3g} kg/m3, more than any material"
         wrong("density", text, mass.mass / volume, "kg/m3", DENSEST)
     elif mass.mass / box < LIGHTEST:
-        text = f"{mass.mass:.4g} kg in a box of {box:.3g} m3 are {mass.mass / box:.3g} kg/m3, less than air has"
+        text = f"{mass.mass:.4g} kg in a box of {box:.3g} m3 are {mass.mass / box:.3g} kg/m3, less than air"
         wrong("density", text, mass.mass / box, "kg/m3", LIGHTEST)
 
 
@@ -110,15 +111,15 @@ def _check_drive(ledger: Ledger, joint: str, drive: Drive) -> None:
 def _check_gravity(ledger: Ledger, gravity: np.ndarray) -> None:
     size = float(np.linalg.norm(gravity))
     if size == 0.0:
-        ledger.add("physics.gravity", "info", "there is no gravity.", where="gravity")
+        ledger.add("physics.gravity", "info", "gravity is zero.", where="gravity")
         return
     shown = ", ".join(f"{g:g}" for g in gravity)
     if not gravity[2] < -0.999 * size:
         text = f"gravity is ({shown}) m/s2 in a world with z up: it does not point down."
-        ledger.add("physics.gravity", "disagreement", text, where="gravity", suggestion="turn it round: (0, 0, -9.81)")
+        ledger.add("physics.gravity", "disagreement", text, where="gravity", suggestion="reverse it: (0, 0, -9.81)")
     elif not GRAVITY[0] <= size <= GRAVITY[1]:
         grave = not 1.0 < size < 20.0  # other planets are legal
-        text = f"gravity is {size:g} m/s2, on earth it is 9.81 (x {size / 9.81:.4g})."
+        text = f"gravity is {size:g} m/s2; on earth it is 9.81 (x {size / 9.81:.4g})."
         ledger.add(
             "physics.gravity",
             "disagreement" if grave else "warning",

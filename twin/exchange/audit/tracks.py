@@ -1,4 +1,4 @@
-"""Read tracks: JSON of flat arrays (schema "twin-track") and its CSV, and what is wrong with them."""
+"""Read tracks and report their faults: JSON of flat arrays (schema "twin-track"), and CSV."""
 
 from __future__ import annotations
 
@@ -25,46 +25,46 @@ WORDS = {
     "angle_unit": "rad",
     "quaternion_order": "xyzw",
 }
-"""What version 1 allows, and players rely on without asking."""
+"""Entries with values that version 1 of the schema fixes and players require."""
 
 LIMIT_TOL = 1e-6
-"""Breach of a joint limit in m or rad that is still rounding."""
+"""Violation of a joint limit in m or rad that counts as rounding."""
 
 
 class TrackError(Exception):
-    """The file cannot be read on."""
+    """The file cannot be read further."""
 
 
 def is_track(data: Any) -> bool:
-    """Return whether parsed JSON says that it is a track."""
+    """Return whether parsed JSON is a track."""
     return isinstance(data, dict) and data.get("schema") == SCHEMA
 
 
 def read_json(path: Path, ledger: Ledger) -> Content:
-    """Return what a track holds, and note what is wrong with it.
+    """Return the content of a track, and report its faults.
 
     Raises:
-        TrackError: it is no JSON, or lacks what a track is made of.
+        TrackError: the file is not JSON, or lacks required entries.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise TrackError(f"its JSON cannot be read: {str(error)[:120]}") from error
     if not is_track(data):
-        raise TrackError(f'it does not say "schema": "{SCHEMA}"')
+        raise TrackError(f'it does not contain "schema": "{SCHEMA}"')
     return _content(data, "tracks", ledger)
 
 
 def read_csv(path: Path, ledger: Ledger) -> Content:
-    """Return what a track written as CSV holds: `# key: value` lines, a header with units, one row a frame.
+    """Return the content of a CSV track: `# key: value` lines, a header with units, one line a frame.
 
     Raises:
-        TrackError: there is no header or no row, or a number is none.
+        TrackError: the header or all lines are missing, or a number is invalid.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError as error:
-        raise TrackError("it is no text") from error
+        raise TrackError("the file is not text") from error
     data: dict[str, Any] = {}
     while lines and lines[0].startswith("#"):
         key, colon, value = lines.pop(0).lstrip("# ").partition(":")
@@ -72,15 +72,17 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
             data[key.strip()] = _parsed(value.strip())
     rows = list(csv.reader(io.StringIO("\n".join(lines))))
     if not is_track(data) or len(rows) < 2:
-        raise TrackError("it has no header, or no rows")
+        raise TrackError("it has no header line, or no lines of numbers")
     header, body = rows[0], rows[1:]
     try:
         numbers = np.array(body, float)
     except ValueError as error:
-        text = f"its rows are not all {len(header)} numbers: {str(error)[:80]}"
+        text = f"its lines do not all have {len(header)} numbers: {str(error)[:80]}"
         raise TrackError(text) from error
     if numbers.shape[1] != len(header) or header[0] != "time_s":
-        raise TrackError(f"its header names {len(header)} columns, first '{header[0]}'; rows have {numbers.shape[1]}")
+        raise TrackError(
+            f"its header names {len(header)} columns, first '{header[0]}'; its lines have {numbers.shape[1]}"
+        )
     links, joints = _list(data, "links", str), _list(data, "joints", str)
     kinds = _list(data, "joint_types", str)
     units = ["rad" if k == "revolute" else "m" for k in kinds]
@@ -88,7 +90,7 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
     expected += [f"{n}_{c}" for n in links for c in ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")]
     if header != expected:
         odd = next((f"'{a}' for '{b}'" for a, b in zip(header, expected, strict=False) if a != b), "")
-        text = f"its columns are not those of its links and joints: {odd or f'{len(header)} for {len(expected)}'}."
+        text = f"its columns do not match its links and joints: {odd or f'{len(header)} for {len(expected)}'}."
         ledger.add("tracks.columns", "disagreement", text, where=odd)
         if len(header) != len(expected):
             raise TrackError(text)
@@ -157,7 +159,7 @@ def _check_words(data: dict[str, Any], ledger: Ledger) -> None:
             ledger.add(
                 "tracks.convention",
                 "disagreement",
-                f"{key} is {data.get(key)!r}; version 1 of the schema has '{value}' alone, and players rely on it.",
+                f"{key} is {data.get(key)!r}; version 1 of the schema allows only '{value}', which players require.",
                 where=key,
                 suggestion=f"convert the numbers and write '{value}'",
             )
@@ -166,7 +168,7 @@ def _check_words(data: dict[str, Any], ledger: Ledger) -> None:
 def _list(data: dict[str, Any], key: str, kind: type) -> list:
     value = data.get(key)
     if not isinstance(value, list) or not all(isinstance(v, kind) for v in value):
-        raise TrackError(f"'{key}' is no list of {kind.__name__}")
+        raise TrackError(f"'{key}' is not a list of {kind.__name__}")
     return value
 
 
@@ -175,7 +177,7 @@ def _numbers(data: dict[str, Any], key: str, ledger: Ledger) -> Array:
     try:
         out = np.array(value if value is not None else [], float)
     except (TypeError, ValueError) as error:
-        raise TrackError(f"'{key}' is no flat list of numbers") from error
+        raise TrackError(f"'{key}' is not a flat list of numbers") from error
     if out.ndim != 1:
         raise TrackError(f"'{key}' is nested: players (JsonUtility) read flat lists only")
     if not np.all(np.isfinite(out)):
@@ -184,7 +186,7 @@ def _numbers(data: dict[str, Any], key: str, ledger: Ledger) -> Array:
 
 
 def _shaped(data: dict[str, Any], key: str, shape: tuple[int, ...], ledger: Ledger) -> Array | None:
-    """Return a flat list in its shape, or None (and a finding) if it has another length."""
+    """Return a flat list as an array of this shape; if its length is wrong, report that and return None."""
     flat = _numbers(data, key, ledger)
     if flat.size != int(np.prod(shape)):
         ledger.add(
@@ -194,7 +196,7 @@ def _shaped(data: dict[str, Any], key: str, shape: tuple[int, ...], ledger: Ledg
             where=key,
             size=float(flat.size),
             limit=float(np.prod(shape)),
-            suggestion="frame-major, then link or joint, then component",
+            suggestion="order the numbers by frame, then by link or joint, then by component",
         )
         return None
     return flat.reshape(shape)
@@ -237,7 +239,7 @@ def _check_limits(data: dict[str, Any], joints: list[str], clip: Clip, ledger: L
             continue
         angle = kinds[i] == "revolute"
         if not low[i] <= high[i]:
-            text = f"joint '{joint}': lower limit {low[i]:g} lies above upper limit {high[i]:g}."
+            text = f"joint '{joint}': lower limit {low[i]:g} is above upper limit {high[i]:g}."
             ledger.add("tracks.limits", "disagreement", text, where=joint, suggestion="swap them")
             continue
         breach = np.maximum(np.maximum(low[i] - q, q - high[i]), 0)
@@ -250,8 +252,8 @@ def _check_limits(data: dict[str, Any], joints: list[str], clip: Clip, ledger: L
             ledger.add(
                 "tracks.limits",
                 "disagreement",
-                f"joint '{joint}' stands at {q[k] * scale:.5g} {unit}, {breach[k] * scale:.4g} {unit} beyond its "
-                f"limits{'; taken for degrees it would be inside' if inside else ''}.",
+                f"joint '{joint}' is at {q[k] * scale:.5g} {unit}, {breach[k] * scale:.4g} {unit} beyond its "
+                f"limits{'; read as degrees it would be inside' if inside else ''}.",
                 where=joint,
                 when=f"t = {clip.times[k]:.4g} s",
                 size=float(breach[k] * scale),

@@ -1,4 +1,4 @@
-"""A Unity package as text: what the editor needs to import it at all, checked without the editor."""
+"""Check a Unity package against the import requirements of the Unity editor, without running the editor."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _BEHAVIOUR = re.compile(r"class\s+(\w+)\s*:[^{]*\b(?:MonoBehaviour|ScriptableObj
 
 
 def check_package(folder: Path, ledger: Ledger) -> None:
-    """Note what keeps Unity from importing a package: fields, assemblies, .meta files, GUIDs, scripts."""
+    """Report faults because of which Unity cannot import a package: fields, assemblies, .meta files, GUIDs, scripts."""
     data = _json(folder / "package.json", folder, ledger)
     if data is None:
         return
@@ -46,7 +46,7 @@ def _json(file: Path, folder: Path, ledger: Ledger) -> dict[str, Any] | None:
         ledger.add("unity.json", "error", f"{name} cannot be read: {str(error)[:120]}.", where=name)
         return None
     if not isinstance(data, dict):
-        ledger.add("unity.json", "error", f"{name} is no JSON object.", where=name)
+        ledger.add("unity.json", "error", f"{name} is not a JSON object.", where=name)
         return None
     return data
 
@@ -59,18 +59,28 @@ def _check_fields(folder: Path, data: dict[str, Any], ledger: Ledger) -> None:
         text = f"package name '{data['name']}' is not like com.company.package."
         ledger.add("unity.package", "disagreement", text, where="package.json")
     if not re.match(r"^\d+\.\d+\.\d+", str(data.get("version", "0.0.0"))):
-        ledger.add("unity.package", "disagreement", f"version {data['version']} is no x.y.z.", where="package.json")
+        ledger.add(
+            "unity.package",
+            "disagreement",
+            f"version {data['version']} is not of the form x.y.z.",
+            where="package.json",
+        )
     if not re.match(r"^\d+\.\d+$", str(data.get("unity", "2022.3"))):
-        ledger.add("unity.package", "disagreement", f"unity {data['unity']} is no year.release.", where="package.json")
+        ledger.add(
+            "unity.package",
+            "disagreement",
+            f"unity {data['unity']} is not of the form year.release.",
+            where="package.json",
+        )
     for sample in data.get("samples", []):
         path = sample.get("path", "") if isinstance(sample, dict) else ""
         if not path or not (folder / path).is_dir():
-            text = f"sample '{path}' is not there."
+            text = f"sample '{path}' does not exist."
             ledger.add("unity.sample", "disagreement", text, where="package.json")
 
 
 def _visible(folder: Path) -> Iterator[Path]:
-    """Yield files and folders that Unity imports: none below `~` folders or hidden ones."""
+    """Yield the files and folders that Unity imports: all except hidden folders and folders whose names end in `~`."""
     for path in sorted(folder.rglob("*")):
         parts = path.relative_to(folder).parts
         if not any(p.endswith("~") or p.startswith(".") for p in parts) and path.suffix != ".tmp":
@@ -78,7 +88,7 @@ def _visible(folder: Path) -> Iterator[Path]:
 
 
 def _check_metas(folder: Path, seen: list[Path], ledger: Ledger) -> dict[str, Path]:
-    """Check that everything has a .meta with a GUID of its own; return the assets by GUID."""
+    """Check that every asset has a .meta file with a unique GUID; return the assets by GUID."""
     assets = {p for p in seen if p.suffix != ".meta"}
     guids: dict[str, Path] = {}
     for asset in sorted(assets):
@@ -88,9 +98,9 @@ def _check_metas(folder: Path, seen: list[Path], ledger: Ledger) -> dict[str, Pa
             ledger.add(
                 "unity.meta_missing",
                 "disagreement",
-                f"'{name}' has no .meta: an installed package is read-only, and Unity leaves the file out.",
+                f"'{name}' has no .meta file: Unity ignores it, because an installed package is read-only.",
                 where=name,
-                suggestion="write one with a GUID that never changes",
+                suggestion="write a .meta file with a constant GUID",
             )
             continue
         match = _GUID.search(meta.read_text(encoding="utf-8", errors="replace"))
@@ -103,15 +113,15 @@ def _check_metas(folder: Path, seen: list[Path], ledger: Ledger) -> dict[str, Pa
             ledger.add(
                 "unity.guid_twice",
                 "disagreement",
-                f"'{name}' and '{other.relative_to(folder).as_posix()}' have the same GUID {match[1]}: Unity gives one "
-                "a new one, and references break.",
+                f"'{name}' and '{other.relative_to(folder).as_posix()}' have the same GUID {match[1]}: Unity "
+                "replaces one of them, and references break.",
                 where=name,
-                suggestion="take the hash of the path",
+                suggestion="use the hash of the path as GUID",
             )
     for meta in (p for p in seen if p.suffix == ".meta"):
         if meta.with_suffix("") not in assets:
             name = meta.relative_to(folder).as_posix()
-            ledger.add("unity.meta_orphan", "warning", f"'{name}' belongs to no file.", where=name)
+            ledger.add("unity.meta_orphan", "warning", f"'{name}' has no matching file.", where=name)
     return guids
 
 
@@ -128,12 +138,12 @@ def _check_assemblies(folder: Path, seen: list[Path], guids: dict[str, Path], le
             ledger.add("unity.asmdef", "disagreement", f"{name} has no name.", where=name)
             continue
         if own in names:
-            text = f"{name} and {names[own]} are both assembly '{own}'."
+            text = f"{name} and {names[own]} are both named assembly '{own}'."
             ledger.add("unity.asmdef", "disagreement", text, where=name)
         names[own] = name
         wanted += [(name, str(r)) for r in data.get("references", [])]
         if "Editor" in file.relative_to(folder).parts and data.get("includePlatforms") != ["Editor"]:
-            text = f"{name} lies in Editor/, but is not for the Editor alone: builds fail."
+            text = f"{name} is in Editor/, but is not limited to the Editor platform: builds fail."
             ledger.add("unity.asmdef", "disagreement", text, where=name, suggestion='"includePlatforms": ["Editor"]')
     for name, reference in wanted:
         if reference.startswith("GUID:"):
@@ -154,11 +164,11 @@ def _check_scripts(folder: Path, seen: list[Path], ledger: Ledger) -> None:
         name = script.relative_to(folder).as_posix()
         text = script.read_text(encoding="utf-8", errors="replace")
         if not any(script.is_relative_to(a) for a in assemblies):
-            message = f"{name} belongs to no assembly definition: packages need one."
+            message = f"{name} belongs to no assembly definition, which packages require."
             ledger.add("unity.asmdef", "disagreement", message, where=name)
         behaviours = _BEHAVIOUR.findall(_without_comments(text))
         if behaviours and script.stem not in behaviours:
-            message = f"{name} holds component {behaviours[0]}: Unity finds it only in a file of its own name."
+            message = f"{name} holds component {behaviours[0]}: Unity finds it only in a file of that name."
             ledger.add("unity.script", "disagreement", message, where=name)
         outside = "Editor" not in script.relative_to(folder).parts and "#if UNITY_EDITOR" not in text
         if outside and "UnityEditor" in _without_comments(text):

@@ -1,4 +1,4 @@
-"""What the scripts of a Unity package compute, run and held against matrices: mirrors, the root's turn, slerp."""
+"""Run the frame conversions of a Unity package's scripts and compare them with matrices."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ MIRRORS = {
     "GltFast": np.diag([-1.0, 1.0, 1.0]),
     "UrdfImporter": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
 }
-"""Unity's local coordinates of a point of the robot: x mirrored; or right-up-forward from forward-left-up."""
+"""Matrices (3, 3) from robot to Unity coordinates by importer: x mirrored (glTF); forward-left-up to right-up-forward
+(ROS)."""
 
 ROOTS = {"GltFast": poses.R_Z_UP_Y_UP.T, "UrdfImporter": np.eye(3)}
-"""The turn of the node that stands the links upright: glTF is y up, and the ROS axes are so already."""
+"""Rotation (3, 3) of the root node by importer: glTF is y up, ROS needs none."""
 
 TOL = 1e-6
 _POINTS = np.array([[0.3, -0.7, 1.1], [-1.3, 0.2, -0.4], [0.0, 2.0, -0.5]])
@@ -27,7 +28,7 @@ _SHARES = (0.0, 0.2, 0.5, 1.0)
 
 
 def check_frames(path: Path, name: str, ledger: Ledger) -> None:
-    """Run the conversions of a Frames.cs and note those that are wrong; `name` is how the file is shown."""
+    """Run the conversions of a Frames.cs and report wrong ones; `name` is the shown name of the file."""
     try:
         script = Script(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, CSharpError) as error:
@@ -57,24 +58,24 @@ def check_frames(path: Path, name: str, ledger: Ledger) -> None:
             for share in _SHARES:
                 meant = poses.slerp(a[None], b[None], np.array([share]))[0]
                 given = (Value("Quaternion", tuple(a)), Value("Quaternion", tuple(b)), share)
-                worst = max(worst, _off(script, ledger, name, "Slerp", given, meant, f"at {share:g} of the way"))
-    ledger.row("conversions of Frames.cs, run", worst, "1", TOL, where=name)
+                worst = max(worst, _off(script, ledger, name, "Slerp", given, meant, f"at fraction {share:g}"))
+    ledger.row("conversions of Frames.cs, executed", worst, "1", TOL, where=name)
 
 
 def _off(script: Script, ledger: Ledger, name: str, method: str, given: tuple, meant: Array, what: str) -> float:
-    """Return how far a result is off, and note it; a rotation and its negative are one."""
+    """Return the error of a result, and report it if it is too large; the sign of a quaternion does not count."""
     if not script.has(method):
         return 0.0
     try:
         result = script.call(method, *given)
     except (CSharpError, ArithmeticError, LookupError, RecursionError, TypeError, ValueError) as error:
-        ledger.add("unity.frames", "warning", f"{name}: {method} cannot be run here: {error}.", where=name)
+        ledger.add("unity.frames", "warning", f"{name}: {method} cannot be executed by the audit: {error}.", where=name)
         return 0.0
     got = np.array(result.numbers if isinstance(result, Value) else (np.nan,))
     ways = (meant, -meant) if len(meant) == 4 else (meant,)
     off = min((float(np.abs(got - m).max()) for m in ways if m.shape == got.shape), default=np.inf)
     if not off <= TOL:
         shown = ", ".join(f"{v:.4g}" for v in got)
-        text = f"{name}: {method} {what} gives ({shown}), it must be ({', '.join(f'{v:.4g}' for v in meant)})."
+        text = f"{name}: {method} {what} gives ({shown}), expected ({', '.join(f'{v:.4g}' for v in meant)})."
         ledger.add("unity.frames", "disagreement", text, where=name, size=off, limit=TOL, suggestion="check the signs")
     return off if np.isfinite(off) else 1e300

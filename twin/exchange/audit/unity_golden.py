@@ -1,4 +1,4 @@
-"""The golden vectors of a Unity package, by which it tests itself on a device: each is computed again by matrices."""
+"""Recompute, with matrices, the golden vectors (test inputs and expected outputs) of a Unity package's self-test."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.unity_frames import MIRRORS, ROOTS
 
 TOL = 1e-5
-"""m, or parts of a unit quaternion: vectors are kept with eight decimals, streams in single precision."""
+"""Tolerance in m, or in components of a unit quaternion: vectors have eight decimals, streams single precision."""
 
 _IMPORTS = {"gltfast": "GltFast", "urdf": "UrdfImporter"}
 _HEAD = struct.Struct("<4sIddHHI")
 
 
 def check_golden(path: Path, name: str, ledger: Ledger) -> None:
-    """Note golden vectors that are not what they must be; `name` is how the file is shown."""
+    """Report wrong golden vectors; `name` is the shown name of the file."""
     try:
         data = json.loads(path.read_text(encoding="utf-8-sig"))
         vectors = _Vectors(data)
@@ -50,9 +50,9 @@ def check_golden(path: Path, name: str, ledger: Ledger) -> None:
         for key, off in rows.items():
             worst = max(worst, off)
             if not off <= TOL:
-                text = f"golden vectors in {name}: '{key}' is {off:.4g} off what its inputs give."
+                text = f"golden vectors in {name}: '{key}' is {off:.4g} from the value computed from its inputs."
                 ledger.add("unity.golden", "disagreement", text, where=name, size=off, limit=TOL)
-    ledger.row("golden vectors, computed again", worst, "m or 1", TOL, where=name)
+    ledger.row("golden vectors, recomputed", worst, "m or 1", TOL, where=name)
 
 
 class _Vectors:
@@ -70,11 +70,11 @@ class _Vectors:
             self.worlds[short] = place @ np.diag([data["scale"]] * 3 + [1.0]) @ W
 
     def rows(self, key: str, width: int) -> Array:
-        """Return a flat list as rows of numbers."""
+        """Return a flat list of numbers as an array (k, n)."""
         return np.array(self.data[key], float).reshape(-1, width)
 
     def points(self) -> dict[str, float]:
-        """Points of links, as importers bring them in, and in Unity's world."""
+        """Check points of links: as imported, and in Unity's world."""
         robot, out = self.rows("point_robot", 3), {}
         where = self.T[self.data["point_key"], self.data["point_link"]]
         world = np.einsum("kij,kj->ki", where, np.column_stack([robot, np.ones(len(robot))]))
@@ -84,7 +84,7 @@ class _Vectors:
         return out
 
     def between(self) -> dict[str, float]:
-        """Poses between two keys."""
+        """Check interpolated poses between two keys."""
         t, got = np.array(self.data["between_time"], float), self.rows("between_pose", 7)
         k = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2)
         share = (t - self.times[k]) / (self.times[k + 1] - self.times[k])
@@ -94,13 +94,13 @@ class _Vectors:
         return {"between_pose": max(_apart(got[:, :3], p), _turned(got[:, 3:], q))}
 
     def turns(self) -> dict[str, float]:
-        """Rotations on the short way between two."""
+        """Check interpolated rotations: the shorter way between two."""
         a, b = self.rows("turn_a", 4), self.rows("turn_b", 4)
         share = np.array(self.data["turn_share"], float)
         return {"turn_want": _turned(self.rows("turn_want", 4), poses.slerp(a, b, share))}
 
     def joints(self) -> dict[str, float]:
-        """Joint values between keys, and targets of drives: held to their limits, turned round, in degrees."""
+        """Check joint values between keys, and drive targets: within limits, with reversed sign, in degrees."""
         names, table = self.track["joints"], np.array(self.track["positions"], float).reshape(len(self.times), -1)
         t = self.data["joint_time"]
         want = [np.interp(t, self.times, table[:, names.index(n)]) for n in self.data["joint_name"]]
@@ -116,13 +116,13 @@ class _Vectors:
         }
 
     def phases(self) -> dict[str, float]:
-        """Names of phases at times."""
+        """Check the names of the phases at given times."""
         starts, names = self.track["phase_start"], self.track["phases"]
         now = [[n for n, s in zip(names, starts, strict=True) if s <= t][-1] for t in self.data["phase_time"]]
         return {"phase_name": 0.0 if now == self.data["phase_name"] else np.inf}
 
     def stream(self) -> dict[str, float]:
-        """Take a frame of the stream apart: its bytes against what is said to be in it."""
+        """Check the parser of the stream: parse a frame and compare it with the stated content."""
         d, raw = self.data, base64.b64decode(self.data["stream"])
         mark, sequence, server, clip, links, joints, flags = _HEAD.unpack_from(raw)
         numbers = np.frombuffer(raw, "<f4", offset=_HEAD.size).astype(float)
@@ -142,7 +142,7 @@ class _Vectors:
         }
 
     def grab(self) -> dict[str, float]:
-        """Where a tool must go that a hand holds and moves, seen from the robot."""
+        """Check the target pose of a grabbed tool, in the robot's frame."""
         hands = poses.from_seven(self.rows("grab_hands", 7))
         moved = hands[1] @ poses.inverse(hands[0])
         link = self.track["links"].index(self.data["tool_link"])

@@ -1,4 +1,4 @@
-"""Read a URDF: its tree placed by the joint values of a track, limits, and the meshes that it names."""
+"""Read a URDF: link poses from the joint values of a track, limits, and its mesh files."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed"
 
 
 class UrdfError(Exception):
-    """The file cannot be read on."""
+    """The file cannot be read further."""
 
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint: the fixed pose and the axis, links by name; limits in rad or m, largest effort and speed, or None.
+    """A joint: its links, pose and axis; limits in rad or m, maximum effort and speed, or None.
 
-    One with a `mimic` (leader, multiplier, offset) follows another.
+    `mimic`: (leader, multiplier, offset) if the joint follows the joint `leader`.
     """
 
     name: str
@@ -45,7 +45,7 @@ class UrdfJoint:
     mimic: tuple[str, float, float] | None
 
     def values(self, clip: Clip) -> Array | None:
-        """Return the joint's values (k,) in a track, those of its leader where it follows one; None if not told."""
+        """Return the joint's values (k,) in a track, from its leader if it has a `mimic`; None if not given."""
         if self.mimic is None or self.mimic[0] not in clip.joints:
             return clip.joints.get(self.name)
         leader, multiplier, offset = self.mimic
@@ -53,7 +53,7 @@ class UrdfJoint:
 
 
 class Urdf:
-    """A URDF with its tree."""
+    """A URDF that was read, with its tree of joints."""
 
     def __init__(self, path: Path, ledger: Ledger) -> None:
         self._ledger = ledger
@@ -69,13 +69,14 @@ class Urdf:
             if joint is None:
                 continue
             if joint.child in self.above:
-                text = f"link '{joint.child}' hangs on two joints, {self.above[joint.child].name} and {joint.name}: "
+                two = f"{self.above[joint.child].name} and {joint.name}"
+                text = f"link '{joint.child}' is the child of two joints, {two}: "
                 ledger.add("urdf.tree", "disagreement", text + "URDF is a tree.", where=joint.child)
                 continue
             self.above[joint.child] = joint
         roots = [n for n in links if n not in self.above]
         if len(roots) != 1:
-            raise UrdfError(f"it has {len(roots)} root links ({', '.join(roots[:3])}), not one")
+            raise UrdfError(f"it has {len(roots)} root links ({', '.join(roots[:3])}), expected one")
         for link in links:
             self._way(link, roots[0])
         self.root, self.links = roots[0], links
@@ -89,7 +90,7 @@ class Urdf:
         self.content.physics.motors = motors(root, numbers)
 
     def _way(self, link: str, stop: str) -> list[UrdfJoint]:
-        """Return the joints from one link up to another, the upper first."""
+        """Return the joints on the path from an ancestor link to a link, the ancestor's joint first."""
         out: list[UrdfJoint] = []
         while link != stop:
             if link not in self.above or len(out) > len(self.above):
@@ -99,7 +100,7 @@ class Urdf:
         return out[::-1]
 
     def play(self, clip: Clip) -> Clip:
-        """Return the links (k, 4, 4) of a track as this file's tree places them by its joint values."""
+        """Return the poses T_world_link (k, 4, 4), by link, from the joint values of a track."""
         count = len(clip.times)
         placed: dict[str, Array] = {}
         T_root = clip.links.get(self.root)
@@ -123,7 +124,7 @@ class Urdf:
         return sorted(self.links, key=lambda n: len(self._way(n, self.root)))
 
     def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
-        """Hold the limits of the joints against those of a track."""
+        """Compare the joint limits with the joint limits in a track."""
         for joint in self.above.values():
             if joint.name not in low or joint.limits is None:
                 continue
@@ -141,28 +142,28 @@ def parse_xml(path: Path) -> ET.Element:
     """Return the root element.
 
     Raises:
-        UrdfError: it is no XML, or declares entities, which can make a small file endless.
+        UrdfError: the text is not XML, or declares entities, which could expand without limit.
     """
     try:
         return read_xml(path)
     except DoctypeError as error:
         raise UrdfError(f"{error}") from error
     except (ET.ParseError, LookupError, ValueError) as error:
-        raise UrdfError(f"it is no XML: {error}") from error
+        raise UrdfError(f"it is not XML: {error}") from error
 
 
 def numbers(text: str | None, n: int, default: tuple[float, ...]) -> Array:
-    """Return n numbers of an attribute.
+    """Return n finite numbers of an attribute.
 
     Raises:
-        UrdfError: they are not.
+        UrdfError: the text is not n finite numbers.
     """
     if text is None:
         return np.array(default, float)
     try:
         out = np.array(text.split(), float)
     except ValueError as error:
-        raise UrdfError(f"'{text[:40]}' are no numbers") from error
+        raise UrdfError(f"'{text[:40]}' are not numbers") from error
     if out.shape != (n,) or not np.all(np.isfinite(out)):
         raise UrdfError(f"'{text[:40]}' are not {n} finite numbers")
     return out
@@ -175,7 +176,7 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
         if end not in links:
             raise UrdfError(f"joint '{name}' names link '{end}', which does not exist")
     if kind not in KINDS:
-        ledger.add("urdf.joint", "warning", f"joint '{name}' of type '{kind}' is not read.", where=name)
+        ledger.add("urdf.joint", "warning", f"joint '{name}' of type '{kind}' is not supported.", where=name)
         return None
     origin, axis = element.find("origin"), element.find("axis")
     T = _origin(origin)
@@ -241,7 +242,7 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, Sha
 def named_mesh(
     path: Path, name: str, scale: Array, checked: dict[str, tuple[Array, Array] | None], ledger: Ledger, code: str
 ) -> tuple[Array, Array] | None:
-    """Return points in m and triangles of a mesh that a file names; each is checked once."""
+    """Return points (n, 3) in m and triangles (m, 3) of a named mesh file; each file is checked once."""
     key = f"{name} {scale.tolist()}"
     if key in checked:
         return checked[key]
@@ -249,10 +250,10 @@ def named_mesh(
     folder = path.resolve().parent
     file = (folder / name.removeprefix("package://").removeprefix("file://")).resolve()
     if not name or not file.is_relative_to(folder) or not file.is_file():
-        ledger.add(f"{code}.mesh", "disagreement", f"it names mesh '{name}', which is not there.", where=name)
+        ledger.add(f"{code}.mesh", "disagreement", f"mesh file '{name}' does not exist.", where=name)
         return None
     if file.suffix.lower() != ".obj":
-        ledger.add(f"{code}.mesh", "info", f"mesh '{name}' is no .obj: not read.", where=name)
+        ledger.add(f"{code}.mesh", "info", f"mesh '{name}' is not an .obj file and is not read.", where=name)
         return None
     try:
         vertices, triangles = read_obj(file)
@@ -261,7 +262,7 @@ def named_mesh(
         return None
     vertices = vertices * scale
     if float(np.prod(scale)) < 0:
-        ledger.add(f"{code}.mirrored", "disagreement", f"mesh '{name}' is mirrored by its scale.", where=name)
+        ledger.add(f"{code}.mirrored", "disagreement", f"mesh '{name}' is mirrored by a negative scale.", where=name)
     check_mesh(ledger, name, vertices, triangles, None, code)
     checked[key] = (vertices, triangles)
     return checked[key]

@@ -1,6 +1,7 @@
-"""Read a USD stage: link poses along its time samples, joint values, meshes, joints that must meet.
+"""Read a USD stage: link poses at its time samples, joint values, meshes, joint gaps.
 
-Poses are read from pxr by the code here. What the stage checker of twin finds is passed on: it trusts no writer.
+Poses are read from pxr independently of `twin.usd`. Findings of the stage checker `twin.usd.check` are included: it
+does not rely on the writer either.
 """
 
 from __future__ import annotations
@@ -24,18 +25,18 @@ from twin.exchange.audit.usd_colors import mesh_color
 from twin.exchange.audit.usd_joints import joint_gaps, joint_values
 
 GAP_TOL = 1e-5
-"""Largest gap in m between the two frames of a joint: UsdPhysics keeps them in single precision."""
+"""Largest gap in m between the two frames of a joint: UsdPhysics stores them in single precision."""
 
 
 class UsdError(Exception):
-    """The stage cannot be read on."""
+    """The stage cannot be read further."""
 
 
 def read_usd(path: Path, ledger: Ledger) -> Content:
-    """Return what a stage holds, and note what is wrong with its materials, meshes and joints.
+    """Return the content of a stage, and report faults of its materials, meshes and joints.
 
     Raises:
-        UsdError: it is no stage, or a layer that it names is missing.
+        UsdError: the file is not a stage, or a layer is missing.
     """
     stage = _open(path)
     with _evaluating():
@@ -59,7 +60,8 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
     }
     out.extra["physics"] = bool(bodies)
     shown: dict[str, Usd.Prim] = {}
-    for prim in bodies or sorted(prims, key=lambda p: not _sampled(p)):  # of one name, the one that moves
+    # Of several prims of one name, the one that moves is shown.
+    for prim in bodies or sorted(prims, key=lambda p: not _sampled(p)):
         shown.setdefault(prim.GetName(), prim)
     out.rest = {name: world.poses(prim, [Usd.TimeCode.Default()])[0] for name, prim in shown.items()}
     codes = np.unique([c for p in shown.values() for c in _codes(p)])
@@ -79,7 +81,7 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
 
 
 class World:
-    """The world of a stage in metres, z up."""
+    """Conversion of a stage's poses to a world in metres with z up."""
 
     def __init__(self, stage: Usd.Stage) -> None:
         self.meters = float(UsdGeom.GetStageMetersPerUnit(stage))
@@ -88,7 +90,7 @@ class World:
         self._cache = UsdGeom.XformCache()
 
     def maps(self, prim: Usd.Prim, codes) -> Array:
-        """Return the maps (k, 4, 4) from a prim to the stage, in its units."""
+        """Return T_stage_prim (k, 4, 4) in the units and axes of the stage, with scale."""
         out = np.zeros((len(codes), 4, 4))
         for k, code in enumerate(codes):
             self._cache.SetTime(code)
@@ -96,17 +98,17 @@ class World:
         return np.swapaxes(out, 1, 2)  # Gf matrices act on rows
 
     def poses(self, prim: Usd.Prim, codes) -> Array:
-        """Return T_world_prim (k, 4, 4)."""
+        """Return the poses T_world_prim (k, 4, 4) of a prim, in metres, z up."""
         return self.placed(self.maps(prim, codes))
 
     def placed(self, M: Array) -> Array:
-        """Return poses (k, 4, 4) in metres, z up, of maps to the stage."""
+        """Return poses (k, 4, 4) in metres, z up, from matrices T_stage_prim."""
         T, _ = poses.split(M)
         T[..., :3, 3] *= self.meters
         return poses.pose(self._R) @ T
 
     def along(self, prims: dict[str, Usd.Prim], codes: Array) -> dict[str, Array]:
-        """Return T_world_prim (k, 4, 4) by name; one pass over time, because the cache forgets at each step."""
+        """Return T_world_prim (k, 4, 4) by name; in one loop over time, because each step clears the cache."""
         moving = {n: p for n, p in prims.items() if len(_codes(p))}
         raw = {n: np.zeros((len(codes), 4, 4)) for n in moving}
         for k, code in enumerate(codes.tolist()):
@@ -125,13 +127,13 @@ def _open(path: Path) -> Usd.Stage:
     try:
         stage = Usd.Stage.Open(str(path))
     except (Tf.ErrorException, RuntimeError) as error:
-        raise UsdError(f"it is no USD that can be read: {_reason(error)}") from error
+        raise UsdError(f"it is not a readable USD file: {_reason(error)}") from error
     if not stage:
-        raise UsdError("it is no USD that can be read")
+        raise UsdError("it is not a readable USD file")
     with contextlib.suppress(Tf.ErrorException):
-        stage.Reload()  # layers stay in memory; the file may have been written anew
+        stage.Reload()  # USD keeps layers in memory; the file may have changed since
     for error in stage.GetCompositionErrors():
-        raise UsdError(f"it does not compose: {str(error).strip()[:200]}")
+        raise UsdError(f"its layers cannot be composed: {str(error).strip()[:200]}")
     return stage
 
 
@@ -159,7 +161,7 @@ def _sampled(prim: Usd.Prim) -> bool:
 
 
 def _codes(prim: Usd.Prim) -> list[float]:
-    """Return the time codes at which a prim, or one above it, is sampled."""
+    """Return the time codes at which a prim or one of its ancestors has samples."""
     out: set[float] = set()
     while prim and not prim.IsPseudoRoot():
         if prim.IsA(UsdGeom.Xformable):
@@ -169,14 +171,14 @@ def _codes(prim: Usd.Prim) -> list[float]:
 
 
 def _assumed(stage: Usd.Stage) -> dict[str, str]:
-    """Return the names of numbers that the stage says are assumed, with the reason."""
+    """Return the reasons of the stage's assumed numbers, by name."""
     root = stage.GetDefaultPrim()
     told = root.GetCustomDataByKey("twin:parameters") if root else None
     return {n: str(p.get("note", "")) for n, p in (told or {}).items() if p.get("provenance") == "ASSUMED"}
 
 
 def _hash(stage: Usd.Stage) -> str:
-    """Return a model hash written anywhere twin could have put it, "" if there is none."""
+    """Return the model hash from any place where twin writes it; "" if there is none."""
     data = dict(stage.GetRootLayer().customLayerData)
     root = stage.GetDefaultPrim()
     if root:
@@ -198,21 +200,21 @@ def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
             ledger.add(
                 "usd.material_api",
                 "disagreement",
-                f"{path} binds a material without MaterialBindingAPI: strict readers leave it grey.",
+                f"{path} binds a material without MaterialBindingAPI: strict readers show it grey.",
                 where=path,
                 suggestion="apply MaterialBindingAPI",
             )
         for target in binding.GetTargets():
             there = prim.GetStage().GetPrimAtPath(target)
             if not there or not there.IsA(UsdShade.Material):
-                text = f"{path} binds {target}, which is no material."
-                ledger.add("usd.material", "disagreement", text, where=path, suggestion="bind one that exists")
+                text = f"{path} binds {target}, which is not a material."
+                ledger.add("usd.material", "disagreement", text, where=path, suggestion="bind an existing material")
 
 
 def _shapes(
     prims: list[Usd.Prim], links: set | None, world: World, ledger: Ledger
 ) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
-    """Check normals of every mesh; return shapes and colours of the links by name, shapes in their link's frame."""
+    """Check the normals of every mesh. Return (shapes, colours) by link name; shapes are in their link's frame."""
     palette = Palette()
     found: dict[str, list[Shape]] = {}
     for prim in prims:
@@ -236,7 +238,7 @@ def _shapes(
                 size = np.linalg.norm(turned, axis=1, keepdims=True)
                 normals = turned / np.where(size > 0, size, 1.0) * np.linalg.norm(normals, axis=1, keepdims=True)
         shape = check_mesh(here, path, vertices, triangles, normals, "usd")
-        for f in here.found:  # winding and indices are the stage checker's
+        for f in here.found:  # the stage checker checks winding and indices
             if f.code not in ("usd.winding", "usd.index"):
                 ledger.add(f.code, f.severity, f.message, where=path, size=f.size, limit=f.limit)
         if shape is not None and owner and not owner.IsPseudoRoot():
@@ -248,7 +250,7 @@ def _shapes(
 
 
 def _corners(mesh: UsdGeom.Mesh) -> tuple[Array, Array, Array | None]:
-    """Return points (n, 3), triangles (m, 3), fans of larger faces, and normals of their corners (3 m, 3) or None."""
+    """Return points (n, 3), triangles (m, 3) (larger faces are split), and corner normals (3 m, 3) or None."""
     nothing = np.zeros((0, 3)), np.zeros((0, 3), int), None
     points = np.array(mesh.GetPointsAttr().Get() or [], float).reshape(-1, 3)
     counts = np.array(mesh.GetFaceVertexCountsAttr().Get() or [], int)
@@ -285,7 +287,7 @@ def _normals(mesh: UsdGeom.Mesh, corners: Array, vertices: Array) -> Array | Non
 def _check_gaps(
     stage: Usd.Stage, world: World, bodies: list[Usd.Prim], codes: Array, per_second: float, ledger: Ledger
 ) -> None:
-    """Measure how far the two frames of every joint come apart, at rest and along the motion."""
+    """Measure the gap between the two frames of every joint, at rest and along the motion."""
     times = [Usd.TimeCode.Default(), *(Usd.TimeCode(c) for c in codes.tolist())]
     raw = {str(p.GetPath()): np.zeros((len(times), 4, 4)) for p in bodies}
     cache = UsdGeom.XformCache()
@@ -312,5 +314,5 @@ def _check_gaps(
             size=worst * 1e6,
             unit="um",
             limit=GAP_TOL * 1e6,
-            suggestion="check joint frames, and the poses of its bodies",
+            suggestion="check the joint's frames and the poses of its bodies",
         )

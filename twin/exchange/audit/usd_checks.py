@@ -1,4 +1,4 @@
-"""What the stage checker and OpenUSD's own validators say of a stage, passed on for every kind of USD file."""
+"""Add findings of the stage checker and of OpenUSD's validators, for every kind of USD file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from twin.usd.scan import Scene
 
 
 def check_usd(path: Path, physics: bool, ledger: Ledger) -> None:
-    """Note what is wrong with a stage, with or without rigid bodies."""
+    """Report faults of a stage; a stage without rigid bodies gets only general checks."""
     try:
         found = check_stage(path) if physics else _bare(path)
         public = run_usd_validators(path)
@@ -30,7 +30,7 @@ def check_usd(path: Path, physics: bool, ledger: Ledger) -> None:
         ledger.add(
             f.code,
             "info" if _is_choice(f, physics) else f.severity,
-            f.message,
+            f.message if f in public or f.message.endswith(".") else f"{f.message}.",
             where=f.where,
             when=f.when,
             size=f.size,
@@ -49,26 +49,26 @@ def check_usd(path: Path, physics: bool, ledger: Ledger) -> None:
 
 
 def version() -> str:
-    """Return the version of OpenUSD as its wheel names it, like 26.11."""
+    """Return the version of OpenUSD in the form of its Python package, such as 26.11."""
     return ".".join(str(n) for n in Usd.GetVersion()[1:])
 
 
 def _bare(path: Path) -> list[Finding]:
-    """Return findings on a stage without rigid bodies: what holds for any stage."""
+    """Return findings on a stage without rigid bodies: only the checks that apply to any stage."""
     scene = Scene(path)
     found = [*check_units(scene), *check_ops(scene), *check_names(scene), *check_samples(scene)]
     return [*found, *check_transforms(scene), *check_meshes(scene)]
 
 
 def _counts(f: Finding, physics: bool) -> bool:
-    """Without physics neither kilograms nor a lack of bodies matters, and y up is what Quick Look wants."""
+    """Return whether a finding matters for a stage without physics; a y-up stage is expected by AR Quick Look."""
     plain = f.code == "stage.kilograms_per_unit" or (f.code == "stage.up_axis" and f.severity == "warning")
     return physics or not plain
 
 
 def _is_choice(f: Finding, physics: bool) -> bool:
-    """Whether a finding is legal in a file for other uses than twin's: said, but not held against it."""
-    authored = f.severity == "warning"  # what is not authored at all is a disagreement
+    """Return whether a finding may be intended in a file for another use; it is then reported as a note."""
+    authored = f.severity == "warning"  # a value that is not authored is a disagreement
     return f.code == "stage.empty" or (f.code in ("stage.up_axis", "stage.meters_per_unit") and authored)
 
 
@@ -77,22 +77,22 @@ _AR_TYPES = {
     *("Material", "Shader", "SkelRoot", "Skeleton", "SkelAnimation", "BlendShape", "SpatialAudio", "PhysicsScene"),
     *("Preliminary_ReferenceImage", "Preliminary_Text", "Preliminary_Trigger"),
 }
-"""Types of prims that AR Quick Look knows, by the ARKit rules of OpenUSD 26.5; those of RealityKit come to it."""
+"""Prim types that AR Quick Look supports, by the ARKit rules of OpenUSD 26.5; in addition to those of RealityKit."""
 
 
 def _check_quick_look(path: Path, ledger: Ledger) -> None:
-    """Note what AR Quick Look refuses: z up, physics, lights and other prims it does not know."""
+    """Report content that AR Quick Look rejects: z up, physics, lights and other unsupported prims."""
     stage = Usd.Stage.Open(str(path))
     if UsdGeom.GetStageUpAxis(stage) != UsdGeom.Tokens.y:
-        text = "AR Quick Look wants y up: this robot lies on its side there."
-        ledger.add("usd.ar_up_axis", "warning", text, suggestion="turn the root prim, and say upAxis Y")
+        text = "AR Quick Look expects y up: it shows this robot lying on its side."
+        ledger.add("usd.ar_up_axis", "warning", text, suggestion="rotate the root prim, and author upAxis Y")
     for prim in stage.Traverse():
         where, kind = str(prim.GetPath()), str(prim.GetTypeName())
         if prim.IsA(UsdPhysics.Joint) or prim.HasAPI(UsdPhysics.RigidBodyAPI):
-            text = f"{where} is physics, which AR Quick Look and its checker refuse."
-            ledger.add("usd.ar_physics", "warning", text, where=where, suggestion="leave physics out of a .usdz")
+            text = f"{where} is a physics prim, which AR Quick Look and its checker reject."
+            ledger.add("usd.ar_physics", "warning", text, where=where, suggestion="remove physics from the .usdz")
             return
         if kind not in _AR_TYPES and not kind.startswith("RealityKit"):
-            text = f"{where} is a {kind}, which AR Quick Look does not know."
-            ledger.add("usd.ar_type", "warning", text, where=where, suggestion="leave it out of a .usdz")
+            text = f"{where} is a {kind}, which AR Quick Look does not support."
+            ledger.add("usd.ar_type", "warning", text, where=where, suggestion="remove the prim from the .usdz")
             return

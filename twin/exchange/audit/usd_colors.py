@@ -1,4 +1,4 @@
-"""The colour of a stage's mesh: of the material that is bound, or else the display colour."""
+"""Read the colour of a mesh in a stage: that of its bound material, else its display colour."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from twin.exchange.audit.colors import Rgba
 
 
 def mesh_color(prim: Usd.Prim) -> Rgba | None:
-    """Return the linear colour of a mesh, None if it has none, several, or a texture."""
+    """Return the linear colour of a mesh; None if it has no colour, several colours, or a texture."""
     if UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Mesh(prim)):
         return None
     material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]

@@ -1,4 +1,4 @@
-"""UsdPhysics joints: what their frames say of a motion, and the coordinates that are sampled with it."""
+"""Compute from UsdPhysics joints the joint gaps along a motion, and read the sampled coordinates."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class _World(Protocol):
 
 
 def joint_gaps(stage: Usd.Stage, placed: Mapping[str, Array], world: _World) -> Iterator[tuple[str, Array]]:
-    """Yield the path of each joint, and how far (k,) in m its frames are apart along what it locks.
+    """Yield (path, gap) of each joint: distance (k,) in m of its two frames in the directions that it locks.
 
     Args:
-        stage: with the joints.
+        stage: the stage that has the joints.
         placed: T_world_body (k, 4, 4) by prim path.
         world: units and up axis of the stage.
     """
@@ -43,13 +43,13 @@ def joint_gaps(stage: Usd.Stage, placed: Mapping[str, Array], world: _World) -> 
             )
         ]
         if ends[0] is None or ends[1] is None:
-            continue  # a dangling end is the stage checker's to tell
+            continue  # the stage checker reports a missing target
         apart = (poses.inverse(ends[0]) @ ends[1])[:, :3, 3]
         yield str(prim.GetPath()), np.linalg.norm(apart[:, _locked(prim)], axis=1)
 
 
 def _frame(stage, rel, pos, rot, placed: Mapping[str, Array], world: _World, count: int) -> Array | None:
-    """Return T_world_joint (k, 4, 4) of one end, None if it dangles."""
+    """Return T_world_joint (k, 4, 4) of one side of a joint; None if its target body is missing."""
     p, q = pos.Get(), rot.Get()
     R = np.eye(3) if q is None else poses.rotation([*q.GetImaginary(), q.GetReal()])
     local = poses.pose(R, np.array(p if p is not None else (0, 0, 0), float) * world.meters)
@@ -75,7 +75,7 @@ def _frame(stage, rel, pos, rot, placed: Mapping[str, Array], world: _World, cou
 
 
 def _locked(prim: Usd.Prim) -> list[int]:
-    """Return the directions x, y, z of the joint's frame along which it lets nothing move."""
+    """Return the axes (0, 1, 2 for x, y, z) of the joint's frame along which translation is locked."""
     if prim.IsA(UsdPhysics.PrismaticJoint):
         free = _AXES.get(str(UsdPhysics.PrismaticJoint(prim).GetAxisAttr().Get()), 2)
         return [i for i in range(3) if i != free]

@@ -1,6 +1,6 @@
-"""The header of a binary USD layer: sections that lie in the file, and counts that a file of its size can hold.
+"""Check the header of a binary USD layer: sections are within the file, and counts are plausible.
 
-OpenUSD believes these numbers and asks for the memory; a broken count costs minutes before it gives up.
+OpenUSD allocates memory by these numbers unchecked, so that a file with a corrupt count takes minutes to fail.
 """
 
 from __future__ import annotations
@@ -9,18 +9,18 @@ import struct
 
 _COUNTED = (b"TOKENS", b"FIELDS", b"FIELDSETS", b"PATHS", b"SPECS")
 _MOST_PER_BYTE = 256
-"""Elements that one byte of a compressed section can stand for, at most."""
+"""Maximum number of elements per byte of a compressed section."""
 
 
 def trouble(data: bytes) -> str:
-    """Return what is wrong with the header of a crate file, "" if nothing is, or if it is no crate file."""
+    """Return the fault in the header of a binary USD file; "" if it has none, or is not binary USD."""
     if not data.startswith(b"PXR-USDC"):
         return ""
     if len(data) < 88:
-        return f"it ends after {len(data)} bytes"
+        return f"the file ends after {len(data)} bytes"
     (table,) = struct.unpack_from("<q", data, 16)
     if not 24 <= table <= len(data) - 8:
-        return f"its table of contents is said to begin at byte {table} of {len(data)}: cut off"
+        return f"its table of contents should begin at byte {table} of {len(data)}: truncated"
     (count,) = struct.unpack_from("<Q", data, table)
     if table + 8 + 32 * count > len(data):
         return f"its table of contents names {count} sections, more than the file can hold"
@@ -29,9 +29,9 @@ def trouble(data: bytes) -> str:
         name = name.split(b"\0", 1)[0]
         label = name.decode("latin-1")
         if start < 0 or size < 0 or start + size > len(data):
-            return f"section {label} leaves the file"
+            return f"section {label} extends beyond the end of the file"
         if name in _COUNTED and size >= 8:
             (number,) = struct.unpack_from("<Q", data, start)
             if number > _MOST_PER_BYTE * size:
-                return f"section {label} of {size} bytes is said to hold {number} elements: not believed"
+                return f"section {label} of {size} bytes states {number} elements, more than it can hold"
     return ""

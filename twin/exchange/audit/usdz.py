@@ -1,4 +1,4 @@
-"""The zip around a USDZ: readers map its files in place, so nothing may be compressed or out of line."""
+"""Check the zip archive of a USDZ: readers map its files into memory, so files must be uncompressed and aligned."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ LAYERS = (".usd", ".usda", ".usdc")
 
 
 def check_usdz(path: Path, ledger: Ledger) -> bool:
-    """Note what is wrong with the archive; return whether the stage in it can be opened.
+    """Report faults of the archive; return whether its stage can be opened.
 
-    Several layers are legal, but three.js shows an archive with sublayers as nothing, without an error.
+    Several layers are legal, but three.js shows nothing, without an error, for an archive with sublayers.
     """
     try:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
             broken = archive.testzip()
     except (zipfile.BadZipFile, OSError, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
-        ledger.add("usdz.archive", "error", f"it is no zip archive that can be read: {error}.")
+        ledger.add("usdz.archive", "error", f"it is not a readable zip archive: {error}.")
         return False
     if broken:
-        ledger.add("usdz.archive", "error", f"its checksum of '{broken}' is wrong.", where=broken)
+        ledger.add("usdz.archive", "error", f"the checksum of '{broken}' in it is wrong.", where=broken)
         return False
     if not entries or Path(entries[0].filename).suffix.lower() not in LAYERS:
         first = entries[0].filename if entries else "nothing"
@@ -37,7 +37,7 @@ def check_usdz(path: Path, ledger: Ledger) -> bool:
         if entry.is_dir():
             continue
         if entry.compress_type != zipfile.ZIP_STORED:
-            text = f"'{entry.filename}' is compressed: readers refuse it."
+            text = f"'{entry.filename}' is compressed: readers reject such an archive."
             ledger.add("usdz.compressed", "disagreement", text, where=entry.filename, suggestion="store it")
             continue
         fields = _LOCAL.unpack_from(data, entry.header_offset)
@@ -46,7 +46,8 @@ def check_usdz(path: Path, ledger: Ledger) -> bool:
             ledger.add(
                 "usdz.alignment",
                 "disagreement",
-                f"'{entry.filename}' starts at byte {start}, no multiple of {ALIGNMENT}: readers that map it fail.",
+                f"'{entry.filename}' starts at byte {start}, not a multiple of {ALIGNMENT}: readers that map it "
+                "into memory fail.",
                 where=entry.filename,
                 size=float(start % ALIGNMENT),
                 limit=0.0,
@@ -54,7 +55,7 @@ def check_usdz(path: Path, ledger: Ledger) -> bool:
             )
     layers = [e.filename for e in entries if Path(e.filename).suffix.lower() in LAYERS]
     if len(layers) > 1:
-        text = f"it holds {len(layers)} layers: three.js shows such a file as nothing, with no error."
-        ledger.add("usdz.layers", "warning", text, where=layers[1], suggestion="flatten them into one")
+        text = f"it holds {len(layers)} layers: three.js shows nothing for such a file, without an error."
+        ledger.add("usdz.layers", "warning", text, where=layers[1], suggestion="flatten the layers into one")
     ledger.row("archive: stored, aligned, one layer", float(len(ledger.found)), "found", 0.0)
     return True

@@ -1,17 +1,17 @@
-"""Foreign descriptions turned into a robot folder: `twin new`.
+"""Turn a robot description in another format into a robot folder, for `twin new`.
 
-    source     what every reader gives: a mechanism with its findings
-    xml        XML that names file and element when it is wrong
+    source      the result of every reader: a mechanism with findings
+    xml        XML with errors that name file and element
     shapes     boxes, cylinders, spheres and mesh files as meshes of a body
     urdf       URDF, with loops from a closure YAML beside it (closures)
-    mjcf       MJCF with equality constraints, as MuJoCo compiles it; mjcf_robots: one of several
+    mjcf       MJCF with equality constraints, as MuJoCo compiles it; mjcf_robots: one of several robots
     sdf        SDF; sdf_world: one model of several, includes and nested models written out
     usd        UsdPhysics stages
-    closing    the loops closed, and what stays open
+    closing     find a pose in which the loops close; report remaining gaps
     step       a STEP assembly as a skeleton: bodies, fitting faces (pairs), proposed joints (proposals)
     folder     the robot folder: description, meshes, notes; templates of formula and protocol
 
-All these formats are data: nothing in them is run.
+Files of all these formats are only read; no code in them is run.
 """
 
 from __future__ import annotations
@@ -33,44 +33,44 @@ SUFFIXES = {
     ".step": "STEP",
     ".stp": "STEP",
 }
-"""Format by the end of the file's name."""
+"""Format by the suffix of the file name."""
 
 
 def kind_of(path: Path) -> str:
-    """Return the format of a file that is there.
+    """Return the format of an existing file.
 
     Raises:
-        SourceError: there is no such file, or its name ends in nothing that is read.
+        SourceError: the file does not exist, or its suffix is not that of a known format.
     """
     kind = SUFFIXES.get(path.suffix.lower())
     if kind is None:
         raise SourceError(f"{path}: '{path.suffix}' is not read; use one of {', '.join(SUFFIXES)}")
     if not path.is_file():
-        raise SourceError(f"{path}: there is no such file")
+        raise SourceError(f"{path}: the file does not exist")
     return kind
 
 
 def read(path: Path, closures: Path | None = None, root: str | None = None, guarded: bool = True) -> Imported:
-    """Return the mechanism of a URDF, MJCF, SDF or USD file in SI units, and what was changed or left out.
+    """Return the mechanism of a URDF, MJCF, SDF or USD file in SI units, and findings on changed or omitted data.
 
     Args:
         path: the file.
-        closures: the closure YAML of a URDF; None: the .yaml of the same name beside it, if there is one.
-        root: which robot of several: its prim path (USD), model (SDF) or a body of it (MJCF).
-        guarded: let the native parsers of MJCF and USD try the file in a process of their own first, so that one that
-            crashes or hangs is an error. It takes about half a second.
+        closures: the closure YAML of a URDF; None: the .yaml file of the same name in the same folder, if it exists.
+        root: selects one of several robots: by prim path (USD), model name (SDF) or the name of a body (MJCF).
+        guarded: first parse an MJCF or USD file in a separate process, so that a crash or hang of the native parser
+            becomes an error. This takes about half a second.
 
     Raises:
-        SourceError: the file cannot be read, or holds what a mechanism here cannot express; it is named.
-        TwinError: a stage that is wrong.
+        SourceError: the file cannot be read, or cannot be expressed as a mechanism.
+        TwinError: the stage is invalid.
     """
     kind = kind_of(path)
     if closures is not None and kind != "URDF":
-        raise SourceError(f"{path}: {kind} holds its loops itself; a closure YAML belongs to a URDF")
+        raise SourceError(f"{path}: {kind} states its own loops; a closure YAML is for URDF only")
     if root is not None and kind not in ("USD", "SDF", "MJCF"):
-        raise SourceError(f"{path}: a {kind} holds one robot: there is no root to choose")
+        raise SourceError(f"{path}: a {kind} holds one robot: --root does not apply")
     if kind == "STEP":
-        raise SourceError(f"{path}: a STEP has no joints: it becomes a skeleton (twin new), not a mechanism")
+        raise SourceError(f"{path}: a STEP has no joints: use `twin new`, which makes a skeleton of it")
     if kind == "URDF":
         from twin.exchange.read.urdf import read_urdf
 

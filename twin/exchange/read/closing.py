@@ -1,4 +1,4 @@
-"""Rest a mechanism with its loops closed, and say what stays open and why."""
+"""Find a rest pose in which the loops of a mechanism close; report loops that stay open, and why."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from twin.cad.meeting import locked_error
-from twin.core.findings import Finding
+from twin.core.findings import Finding, finding
+from twin.core.quantity import Quantity, deg, mm
 from twin.core.units import DEG, MM
 from twin.exchange.read.drives import with_drives
 from twin.exchange.read.proposals import MEETING
@@ -20,21 +21,21 @@ from twin.reference.regular import SINGULAR, Regularity, closed_beside, regulari
 from twin.reference.states import Assembly
 
 _UNREAD = ("import.unread", "import.schema", "import.plugin", "import.inactive")
-"""Findings of what a file says that is not read, and might have let a loop close."""
+"""Codes of findings on unsupported data whose absence might keep a loop open."""
 
 _ROUNDS = 6
-"""How often a more regular state is looked for beside the best so far."""
+"""Maximum number of searches for a less singular state near the best state found."""
 
 _IN = 1e-6
-"""Breach of limits (m, rad) that is none."""
+"""Tolerance of joint limits in m and rad."""
 
 
 def close(imported: Imported) -> Imported:
-    """Return the mechanism resting with its loops closed, posture `home` of where it rests, and a drive where driven.
+    """Return the mechanism with a rest pose whose loops are closed (posture `home`), and a drive for each driven joint.
 
-    A loop that stays open is a finding with its size, and with what it leaves when all others are open: what does
-    not close alone is the model's own gap, if nothing of the file is unread. Where the mechanism would rest singular,
-    or open, a key frame of the file is its home, or else the most regular state beside it within the limits.
+    A loop that stays open is a finding that states its gap, also with all other loops cut: a loop that cannot be closed
+    by itself is a defect of the model, if the whole file was read. If the rest pose of the file is singular or open,
+    `home` is a key frame of the file, else the least singular nearby state within the limits.
     """
     mechanism, findings = imported.mechanism, list(imported.findings)
     findings += _authored_open(imported)
@@ -46,7 +47,7 @@ def close(imported: Imported) -> Imported:
     moved = [j for j in mechanism.active if abs(home.q_full.get(j.name, 0.0) - _drawn(mechanism, j.name)) > 1e-9]
     if moved:
         names = ", ".join(f"'{j.name}' at {_shown(mechanism, j.name, home)}" for j in moved)
-        findings.append(note("moved", f"The loops fit best with driven joints moved: home has {names}.", moved[0].name))
+        findings.append(note("moved", f"The loops close best if driven joints move; home has {names}.", moved[0].name))
     for joint in mechanism.joints:
         q = home.q_full.get(joint.name)
         if q is not None and joint.limits and not joint.limits[0] - 1e-9 <= q <= joint.limits[1] + 1e-9:
@@ -55,43 +56,51 @@ def close(imported: Imported) -> Imported:
     freedom = model.mobility(home.x).freedom
     if len(mechanism.active) > freedom:
         text = (
-            f"{len(mechanism.active)} joints are driven, but the mechanism has {freedom} degrees of freedom: take "
-            "`active = true` off those that follow, and list the driven ones first."
+            f"{len(mechanism.active)} joints are driven, but the mechanism has {freedom} degrees of freedom: remove "
+            "`active = true` from the passive joints, and list the driven joints first."
         )
         findings.append(warning("driven", text, mechanism.name))
     q = {j.name: float(v) for j, v in zip(mechanism.active, home.q, strict=True)}
-    others = {n: v for n, v in mechanism.postures.items() if n != "home"}  # the first posture is the drawn one
+    others = {n: v for n, v in mechanism.postures.items() if n != "home"}  # the first posture is home
     mechanism = replace(mechanism, rest=home.link_poses, postures={"home": q, **others})
     return with_drives(replace(imported, mechanism=mechanism, findings=findings))
 
 
 def _authored_open(imported: Imported) -> Iterator[Finding]:
-    """Yield the joints whose two sides are apart where the file puts the bodies."""
+    """Yield findings on joints that are open at the body poses of the file."""
     m = imported.mechanism
     for joint in m.joints:
         T = joint.relative(m.rest[joint.parent], m.rest[joint.child])
         offset, tilt = locked_error(T, joint.type)
         if offset > MEETING[0] or tilt > MEETING[1]:
             text = (
-                f"joint '{joint.name}' is open by {offset / MM:.4g} mm and {tilt / DEG:.4g}° where the file puts its "
-                f"bodies{'' if imported.posed else ', every coordinate zero'}: home is where it closes, or nearly does."
+                f"joint '{joint.name}' is open by {mm(offset)} and {deg(tilt)} at the body poses of the file"
+                f"{'' if imported.posed else ' (all coordinates zero)'}; home is the nearest state in which it is "
+                "closed"
             )
-            severity = "warning" if imported.posed else "info"
-            yield Finding("import.open", severity, text, joint.name, size=offset, unit="m", limit=MEETING[0])
+            yield finding(
+                "warning" if imported.posed else "info",
+                "import.open",
+                joint.name,
+                text,
+                Quantity(offset, "m"),
+                MEETING[0],
+                word="",
+            )
 
 
 def _home(model: ReferenceModel, keys: Mapping[str, Mapping[str, float]]) -> tuple[Assembly, list[Finding]]:
-    """Return the state to rest in, and what is to be said of the choice."""
+    """Return (rest state, findings that explain the choice)."""
     drawn = assemble(model)
     name = model.mechanism.name
     there = regularity(model, [drawn.x])[0] if is_closed(drawn) else None
     if there is not None and not there.singular:
         return drawn, []
-    why = "the loops do not close as drawn" if there is None else f"as drawn {_lost(there)}"
+    why = "the loops do not close at the rest pose of the file" if there is None else f"as drawn {_lost(there)}"
     for key, values in keys.items():
         found = settle(model, values)
         if found is not None and breach(model.tree, found.x) < _IN and not regularity(model, [found.x])[0].singular:
-            return found, [note("home", f"{why}: home is the key frame '{key}', its loops closed.", key)]
+            return found, [note("home", f"{why}: home is key frame '{key}', with its loops closed.", key)]
     if there is None:
         return drawn, []
     best, margin = drawn.x, there.margin
@@ -103,13 +112,13 @@ def _home(model: ReferenceModel, keys: Mapping[str, Mapping[str, float]]) -> tup
             break
         best, margin = better[1], better[0].margin
     if margin < SINGULAR:
-        text = f"{why}, and no better state is found beside it: small moves may fail from there."
+        text = f"{why}, and no less singular state was found nearby: small moves from home may fail."
         return drawn, [warning("singular", text, name)]
-    return model.state(best), [warning("home", f"{why}: home is a more regular state beside it.", name)]
+    return model.state(best), [warning("home", f"{why}: home is a less singular state nearby.", name)]
 
 
 def _lost(r: Regularity) -> str:
-    return f"the mechanism is singular (rank of its loops {r.rank}, beside it {r.usual}), as with knees stretched"
+    return f"the mechanism is singular (rank of its loops {r.rank}, nearby {r.usual}), like a fully stretched knee"
 
 
 def _open(offset: float, tilt: float) -> bool:
@@ -118,17 +127,20 @@ def _open(offset: float, tilt: float) -> bool:
 
 def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float, unread: Sequence[Finding]) -> Finding:
     if name in {c.name for c in mechanism.couplings}:
-        what = f"coupling '{name}' is off by {tilt / DEG:.3g}° or {offset / MM:.3g} mm where the loops close best."
-        return Finding("import.gap", "warning", what, name, size=offset, unit="m", limit=CLOSED[0])
+        text = (
+            f"coupling '{name}' differs from its constant by {deg(tilt)} or {mm(offset)} at the state where the loops "
+            "close best"
+        )
+        return finding("warning", "import.gap", name, text, Quantity(offset, "m"), CLOSED[0], word="")
     alone = closes_alone(mechanism, name)
     if _open(*alone):
-        why = f"Alone, all free, it leaves {alone[0] / MM:.3g} mm and {alone[1] / DEG:.3g}°: "
-        whose = f"of what is read of the file; {len(unread)} things are not, as: {unread[0].message}" if unread else ""
-        why += whose or "the model's own gap."
+        why = f"It cannot be closed by itself ({mm(alone[0])} and {deg(alone[1])} remain): "
+        left = f"{len(unread)} elements of the file are not supported, such as: {unread[0].message}" if unread else ""
+        why += left or "a defect of the model."
     else:
-        why = "Alone it closes: the loops of the file contradict one another, or another start would close them."
-    text = f"loop '{name}' stays open by {offset / MM:.3g} mm and {tilt / DEG:.3g}°. {why}"
-    return Finding("import.gap", "warning", text, name, size=offset, unit="m", limit=CLOSED[0])
+        why = "It closes by itself: the loops contradict each other, or need another starting point."
+    text = f"loop '{name}' stays open by {mm(offset)} and {deg(tilt)}. {why}"
+    return finding("warning", "import.gap", name, text, Quantity(offset, "m"), CLOSED[0], word="")
 
 
 def _drawn(mechanism: Mechanism, name: str) -> float:

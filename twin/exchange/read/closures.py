@@ -1,9 +1,9 @@
-"""The closure YAML beside a URDF: which frames coincide, which joints are of another type, and which are driven.
+"""Read the closure YAML of a URDF: frames that coincide, joints of another type, and driven joints.
 
 closed_loop: [[frame_a, frame_b], ...]
 type: [6d, ...]              6d: welded; 3d: the origins coincide, as in a ball joint
 name_mot: [joint, ...]
-joint_name: [joint, ...]     joints of the URDF, which has one axis for each, that are ...
+joint_name: [joint, ...]     joints of the URDF whose type is replaced (a URDF joint has only one axis) by ...
 joint_type: [SPHERICAL, ...] ... a ball; UJOINT_XY: hinges about x, then y of the joint's frame; FIXED at zero
 """
 
@@ -19,17 +19,17 @@ from twin.core.foreign.text import read_text
 from twin.model.mechanism import JointType
 
 TYPES: dict[str, JointType] = {"6d": "fixed", "3d": "spherical"}
-"""Joint that closes a loop, by the type the file gives."""
+"""Type of the joint that closes a loop, by the type in the file."""
 
 _KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 
 RETYPED = ("SPHERICAL", "FIXED", *(f"UJOINT_{a}{b}" for a in "XYZ" for b in "XYZ" if a != b))
-"""What a joint of the URDF may be made."""
+"""Joint types that can replace the type of a URDF joint."""
 
 
 @dataclass(frozen=True)
 class Closures:
-    """Pairs of frames that coincide with the type of joint between them, driven joints, and joints of another type."""
+    """Pairs of frames that a joint of a given type ties, driven joints, and joints whose type is replaced."""
 
     loops: tuple[tuple[str, str, JointType], ...]
     motors: tuple[str, ...]
@@ -40,7 +40,7 @@ def read_closures(path: Path) -> Closures:
     """Read a closure YAML.
 
     Raises:
-        SourceError: file, key and what would be right.
+        SourceError: the file is invalid; the message names file, key and expected form.
     """
     data = _data(path)
     if not isinstance(data, dict):
@@ -56,7 +56,7 @@ def read_closures(path: Path) -> Closures:
         if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(p, str) for p in pair)):
             raise SourceError(f"{path}: closed_loop: {str(pair)[:80]} is not a pair of names")
         if pair[0] == pair[1]:
-            raise SourceError(f"{path}: closed_loop: '{pair[0]}' is closed with itself")
+            raise SourceError(f"{path}: closed_loop: '{pair[0]}' is paired with itself")
         if not isinstance(kind, str) or kind.lower() not in TYPES:
             raise SourceError(f"{path}: type: {unknown('closure type', str(kind)[:40], TYPES)}")
         loops.append((pair[0], pair[1], TYPES[kind.lower()]))
@@ -77,21 +77,21 @@ def read_closures(path: Path) -> Closures:
 
 
 def _distinct(path: Path, key: str, names: list) -> None:
-    """Raise for an entry that is no name, or stands there twice."""
+    """Raise `SourceError` for an entry that is not a name, or is listed twice."""
     for name in names:
         if not isinstance(name, str):
             raise SourceError(f"{path}: {key}: {str(name)[:40]} is not a name")
         if names.count(name) > 1:
-            raise SourceError(f"{path}: {key}: '{name}' stands there twice")
+            raise SourceError(f"{path}: {key}: '{name}' is listed twice")
 
 
 def _data(path: Path) -> Any:
     yaml = require("yaml", f"{path}: a closure YAML")
     try:
         text = read_text(path, "YAML")
-        # An alias may be repeated into something far larger than the file.
+        # Repeated aliases may expand to data far larger than the file.
         if any(isinstance(t, yaml.AliasToken) for t in yaml.scan(text, yaml.SafeLoader)):
-            raise SourceError(f"{path}: aliases (*name) are not read; write the list out")
+            raise SourceError(f"{path}: aliases (*name) are not supported; write the list out")
         return yaml.safe_load(text)
     except OSError as error:
         raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error

@@ -1,4 +1,4 @@
-"""Drives for driven joints that the file gives none: ASSUMED, from the inertia that they carry."""
+"""Add drives to driven joints for which the file has none: ASSUMED gains, computed from the moved inertia."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from twin.model.transmission import Actuator
 FREQUENCY = 5.0
 """Natural frequency in Hz of an assumed drive, critically damped."""
 
-NOTE = f"no gains in the file: {FREQUENCY:g} Hz, critically damped, on the inertia beyond the joint as it rests"
-"""Where the numbers of an assumed drive come from."""
+NOTE = f"no gains in the file: {FREQUENCY:g} Hz, critically damped, for the inertia moved by the joint at rest"
+"""Note with the reason of an assumed drive."""
 
 _NOTHING = {"revolute": 1e-3, "prismatic": 1.0}
-"""Inertia in kg m2 or kg that is taken where the file has no masses."""
+"""Moved inertia in kg m2, or mass in kg, that is used if the file has no masses."""
 
 
 def with_drives(imported: Imported) -> Imported:
-    """Return the mechanism with a drive on every driven joint; those that the file lacks are told and listed."""
+    """Return the mechanism with a drive on every driven joint; added drives are reported and listed in `assumed`."""
     m, findings, assumed = imported.mechanism, list(imported.findings), set(imported.assumed)
     joints = []
     m = replace(m, actuators=_motors(m, imported.efforts, assumed, findings))
@@ -39,7 +39,9 @@ def with_drives(imported: Imported) -> Imported:
         joints.append(joint)
     left = {n: e for n, e in imported.efforts.items() if e and not m.joint(n).active}
     for name, effort in left.items():
-        findings.append(warning("effort", f"joint '{name}': effort {effort:g} is not kept: no drive there.", name))
+        findings.append(
+            warning("effort", f"joint '{name}': effort {effort:g} is not kept: the joint has no drive.", name)
+        )
     return replace(
         imported, mechanism=replace(m, joints=tuple(joints)), findings=findings, assumed=frozenset(assumed), efforts={}
     )
@@ -48,7 +50,7 @@ def with_drives(imported: Imported) -> Imported:
 def _motors(
     m: Mechanism, efforts: dict[str, float], assumed: set[str], findings: list[Finding]
 ) -> tuple[Actuator, ...]:
-    """Return the actuators, each with a drive: one that the file lacks is ASSUMED, on the inertia that it feels."""
+    """Return the actuators, each with a drive; missing drives are ASSUMED, from the moved inertia."""
     found = {a.name: a for a in m.actuators}
     rate = 2 * np.pi * FREQUENCY
     for t in m.transmissions:
@@ -74,7 +76,7 @@ def _motors(
 
 
 def _carried(m: Mechanism, joint: Joint) -> float:
-    """Return the inertia in kg m2 about, or the mass in kg along, the axis of all bodies beyond a joint in the tree."""
+    """Return the inertia in kg m2 about a joint's axis (of a slide the mass in kg) of all bodies that it moves."""
     beyond = {next(j.child for j in m.tree if j.name == joint.name)}
     for j in m.tree:
         if j.parent in beyond and j.name != joint.name:

@@ -1,7 +1,7 @@
-"""Write a mechanism as a robot folder: description with given frames, meshes, formula, first protocol, notes.
+"""Write a mechanism as a robot folder: description, meshes, formula, first protocol, notes.
 
-Everything is given in drawn coordinates: the base frame, with the loops closed. Lengths are printed with all
-digits of a double, so the folder's mechanism closes as well as the one that was read.
+All frames are given as numbers in the base frame at the rest pose, with the loops closed. Lengths are printed with all
+digits of a double, so that the loops of the written mechanism close as well as those of the imported one.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from twin.model.mechanism import Body, Joint, Mechanism, Mesh
 from twin.model.transmission import Actuator
 
 NOTES = "IMPORT.md"
-"""What was changed, guessed, missing or left out on the way."""
+"""Name of the file that lists changed, guessed, missing and omitted data."""
 
 
 @contextlib.contextmanager
 def fresh_folder(target: Path, force: bool = False) -> Iterator[Path]:
-    """Yield a temporary folder that becomes a robot folder, whole or not at all.
+    """Yield a temporary folder that is moved atomically to `target` at the end.
 
     Raises:
-        OutputError: there is something already (without `force`), or it cannot be written.
+        OutputError: the folder is not empty (without `force`), or cannot be written.
     """
     require_free(target, force)
     with assets.atomic_folder(target) as work:
@@ -42,19 +42,19 @@ def fresh_folder(target: Path, force: bool = False) -> Iterator[Path]:
 
 
 def require_free(target: Path, force: bool = False) -> None:
-    """Do nothing if `fresh_folder` may write there.
+    """Raise if `fresh_folder` may not write to `target`.
 
     Raises:
-        OutputError: there is something already.
+        OutputError: the folder is not empty.
     """
     if target.exists() and not target.is_dir():
         raise OutputError(f"{target}: there is a file of that name; choose another folder with --out")
     if target.is_dir() and any(target.iterdir()):
         if not force:
-            raise OutputError(f"{target}: there is something already; choose another folder with --out, or --force")
+            raise OutputError(f"{target}: the folder is not empty; choose another with --out, or use --force")
         others = [p.name for p in (target / "cad").glob("*.toml")]
         if any(target.iterdir()) and not others:
-            raise OutputError(f"{target}: it is no robot folder, so --force does not write into it")
+            raise OutputError(f"{target}: it is not a robot folder, so --force does not overwrite it")
 
 
 def write_folder(imported: Imported, name: str, target: Path, source: Path, force: bool = False) -> list[Path]:
@@ -64,14 +64,14 @@ def write_folder(imported: Imported, name: str, target: Path, source: Path, forc
         imported: mechanism and findings.
         name: identifier of the robot.
         target: the folder; it must not exist, or be empty.
-        source: the file it came from, for the description.
-        force: write over a robot folder; a formula with equations and protocols stay as they are.
+        source: the imported file, which the description names.
+        force: overwrite a robot folder; a formula with equations and protocols are kept.
 
     Returns:
         The files written, the description first.
 
     Raises:
-        OutputError: the folder holds something already, or cannot be written.
+        OutputError: the folder is not empty, or cannot be written.
     """
     mechanism = replace(imported.mechanism, name=name)
 
@@ -94,7 +94,10 @@ def write_robot(
     source: Path,
     force: bool = False,
 ) -> list[Path]:
-    """Write a robot folder; `cad` fills its folder cad/ and returns the mechanism. Else as `write_folder`."""
+    """Write a robot folder; `cad` is a function that fills the folder cad/ and returns the mechanism.
+
+    Other arguments, return value and errors are those of `write_folder`.
+    """
     with fresh_folder(target, force) as work:
         (work / "cad").mkdir()
         (work / "trajectories").mkdir()
@@ -111,7 +114,7 @@ def write_robot(
 
 
 def notes(name: str, findings: list[Finding], source: Path) -> str:
-    """Return what the import has to say, the gravest first."""
+    """Return the text of the notes: findings of the import, the most severe first."""
     digest = hashlib.sha256(source.read_bytes()).hexdigest() if source.is_file() else "-"
     lines = [
         f"# How {one_line(name)} was imported",
@@ -119,7 +122,7 @@ def notes(name: str, findings: list[Finding], source: Path) -> str:
         f"By twin {__version__} from `{one_line(source.name)}`, sha256 {digest}.",
         "",
     ]
-    titles = {"warning": "Not as in the file", "info": "Changed without loss"}
+    titles = {"warning": "Changes from the file", "info": "Changed without loss"}
     for severity, title in titles.items():
         rows = [f for f in by_severity(findings) if f.severity == severity]
         lines += [f"## {title}", "", *([f"- {one_line(f.message)} ({f.code})" for f in rows] or ["- nothing"]), ""]
@@ -127,10 +130,10 @@ def notes(name: str, findings: list[Finding], source: Path) -> str:
 
 
 def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset()) -> str:
-    """Return the description of a mechanism in TOML; the drives of `assumed` joints are marked so."""
+    """Return the description of a mechanism in TOML; drives of the joints in `assumed` are marked ASSUMED."""
     lines = [
-        f"# {m.name}, made by `twin new` from {one_line(source)}; what was left out or guessed is in ../{NOTES}.",
-        "# Everything is in drawn coordinates: the base frame, loops closed.",
+        f"# {m.name}, made by `twin new` from {one_line(source)}; omitted and guessed data are listed in ../{NOTES}.",
+        "# All frames are in the base frame at the rest pose, with loops closed.",
         f"name = {string(m.name)}",
         f"title = {string(m.name)}",
         f"source = {string(source)}",
@@ -195,7 +198,7 @@ def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset()) -> str:
 
 
 TOLERANCE = ("", "[tolerance]", "gross_mm = 1", "gross_deg = 1", "meeting_um = 1", "meeting_deg = 0.001")
-"""The table of tolerances of a new description."""
+"""The table of tolerances in a new description."""
 
 
 def _body(m: Mechanism, body: Body, source: str) -> list[str]:

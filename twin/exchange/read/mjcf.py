@@ -1,7 +1,7 @@
-"""Read MJCF as MuJoCo compiles it: defaults, includes, units and meshes are resolved by MuJoCo itself.
+"""Read an MJCF from the model that MuJoCo compiles: MuJoCo resolves defaults, includes, units and meshes.
 
 Bodies keep their frames; several joints of one body become a chain of massless bodies. Equality constraints
-close loops (connect, weld) or couple joints. Coordinates keep MuJoCo's zero (`ref`).
+close loops (connect, weld) or couple joints. Joint coordinates have the zero position of MuJoCo (`ref`).
 """
 
 from __future__ import annotations
@@ -39,10 +39,11 @@ def read_mjcf(path: Path, root: str | None = None) -> Imported:
 
     Args:
         path: the file.
-        root: a body of the robot, if several stand in the world; "world" for all of them as one.
+        root: a body of the robot, if there are several robots in the world; "world" reads all robots as one.
 
     Raises:
-        SourceError: MuJoCo refuses it, it holds a constraint that a mechanism here cannot express, or several robots.
+        SourceError: MuJoCo rejects the file, it has a constraint that a mechanism cannot express, or several robots and
+            no `root`.
     """
     import mujoco
 
@@ -55,7 +56,7 @@ def read_mjcf(path: Path, root: str | None = None) -> Imported:
             weightless = without_missing(spec, path, missing)
             model = spec.compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
-        raise SourceError(f"{path}: MuJoCo refuses it: {' '.join(str(error).split())}") from error
+        raise SourceError(f"{path}: MuJoCo rejects the file: {' '.join(str(error).split())}") from error
     reader = _Mjcf(path, model, weightless, root)
     reader.findings += missing
     reader.findings += [warning("mujoco", f"MuJoCo: {' '.join(str(w.message).split())}", path.name) for w in told]
@@ -63,7 +64,7 @@ def read_mjcf(path: Path, root: str | None = None) -> Imported:
 
 
 def refuse_nan(path: Path) -> None:
-    """Raise `SourceError` for a number that is none: MuJoCo compiles an ellipsoid of such a size for ever."""
+    """Raise `SourceError` for NaN and infinity: MuJoCo never finishes compiling an ellipsoid of such a size."""
     for number, line in enumerate(read_bytes(path, "MJCF").decode(errors="replace").splitlines(), 1):
         for name, value in _ATTRIBUTE.findall(line):
             if "nan" in (tokens := value.lower().split()) and all(map(_is_number, tokens)):
@@ -102,7 +103,7 @@ class _Mjcf:
         m = self.m
         for count, what in ((m.nflex, "a flexible body"), (m.nskin, "a skin")):
             if count:
-                raise SourceError(f"{self.path}: it has {what}: only rigid bodies are read")
+                raise SourceError(f"{self.path}: it has {what}: only rigid bodies are supported")
         names = Names("body", (self._name("BODY", i) for i in range(m.nbody)), self.findings)
         self.bodies = [names[self._name("BODY", i)] for i in range(m.nbody)]
         joint_names = Names("joint", (self._name("JOINT", i) for i in range(m.njnt)), self.findings)
@@ -115,7 +116,7 @@ class _Mjcf:
         joints: list[Joint] = []
         for i in kept[1:]:
             if m.body_mocapid[i] >= 0:
-                raise SourceError(f"{self.path}: body '{self.bodies[i]}' is a mocap body: it has no mechanism")
+                raise SourceError(f"{self.path}: body '{self.bodies[i]}' is a mocap body, which no mechanism moves")
             joints += self._hang(i, extra)
         meshes = shown(m, self.bodies, self._name, self.findings)
         bodies = [Body(self.bodies[i], tuple(meshes[i]), self._inertia(i)) for i in kept] + extra
@@ -150,7 +151,7 @@ class _Mjcf:
         return replace(out, mechanism=replace(moved, postures=postures), keys=keys)
 
     def _keys(self, kept: list[int]) -> dict[str, dict[str, float]]:
-        """Return the key frames as values of the joints with one coordinate; `home` is where the loops close."""
+        """Return the key frames: values in m or rad of the joints with one coordinate, by name of the key."""
         m, out = self.m, {}
         for i in range(m.nkey):
             label = identifier(self._name("KEY", i))
@@ -160,11 +161,11 @@ class _Mjcf:
                 for k in range(m.njnt)
                 if m.jnt_type[k] in (_SLIDE, _HINGE) and m.jnt_bodyid[k] in kept
             }
-            self.findings.append(note("key", f"key '{self._name('KEY', i)}' is posture '{label}'.", label))
+            self.findings.append(note("key", f"key '{self._name('KEY', i)}' becomes posture '{label}'.", label))
         return out
 
     def _hang(self, i: int, extra: list[Body]) -> Iterator[Joint]:
-        """Yield the joints between a body and its parent, outermost last."""
+        """Yield the joints between a body and its parent, starting at the parent."""
         m, body = self.m, self.bodies[i]
         parent = self.bodies[m.body_parentid[i]]
         T = _pose(m.body_pos[i], m.body_quat[i])  # pose in the parent while every coordinate is at its ref
@@ -188,7 +189,13 @@ class _Mjcf:
                 ref = spatial.pose(p=[0, 0, -q0]) if kind == _SLIDE else spatial.pose(spatial.rotation_z(-q0))
             if kind == _FREE:
                 where = self.joints[k]
-                self.findings.append(warning("free", f"joint '{where}' is free: the robot floats.", where))
+                self.findings.append(
+                    warning(
+                        "free",
+                        f"joint '{where}' is a free joint: the base of the robot is not fixed to the world.",
+                        where,
+                    )
+                )
             yield Joint(
                 self.joints[k],
                 _TYPES[kind],
@@ -225,19 +232,23 @@ class _Mjcf:
             ):
                 others = ", ".join(f"'{self.joints[k]}'" for k in tied[1:])
                 text = (
-                    f"actuator '{name}' pulls a tendon over several joints: '{self.joints[tied[0]]}' is driven here, "
+                    f"actuator '{name}' pulls a tendon over several joints: of these '{self.joints[tied[0]]}' is "
+                    "driven, "
                 )
-                text += f"{others} only if an equality ties it." if others else "without gains."
+                text += f"{others} only through an equality, if there is one." if others else "without gains."
                 self.findings.append(warning("actuator", text, name))
                 yield tied[0], None
                 continue
             if trn(int(m.actuator_trntype[i])) not in (trn.mjTRN_JOINT, trn.mjTRN_JOINTINPARENT):
-                text = f"actuator '{name}' pulls a tendon, site or body: it drives no joint here."
+                text = f"actuator '{name}' pulls a tendon, site or body: no joint is driven by it."
                 self.findings.append(warning("actuator", text, name))
                 continue
             k, gear = int(m.actuator_trnid[i, 0]), float(m.actuator_gear[i, 0])
             if m.jnt_type[k] not in (_SLIDE, _HINGE):
-                text = f"actuator '{name}' drives joint '{self.joints[k]}', which has several coordinates: left out."
+                text = (
+                    f"actuator '{name}' drives joint '{self.joints[k]}', which has several coordinates: the actuator "
+                    "is left out."
+                )
                 self.findings.append(warning("actuator", text, name))
                 continue
             kp, bias = float(m.actuator_gainprm[i, 0]) * gear**2, m.actuator_biasprm[i]
@@ -249,7 +260,10 @@ class _Mjcf:
             joint = self.joints[k]
             if effort is not None:
                 self.efforts[self.joints[k]] = effort
-            text = f"actuator '{name}' is no position servo: joint '{joint}' is driven, without its gains."
+            text = (
+                f"actuator '{name}' is not a position servo: joint '{joint}' is imported as driven, and the gains of "
+                "the actuator are ignored."
+            )
             self.findings.append(warning("actuator", text, name))
             yield k, None
 
@@ -262,17 +276,19 @@ class _Mjcf:
             label += "_loop"
         used.add(label)
         if not m.eq_active0[i]:
-            self.findings.append(warning("inactive", f"equality '{name}' is not active: left out.", name))
+            self.findings.append(warning("inactive", f"equality '{name}' is not active and is left out.", name))
         elif kind in (eq.mjEQ_CONNECT, eq.mjEQ_WELD):
             joints.append(self._loop(i, label, kind == eq.mjEQ_WELD))
         elif kind == eq.mjEQ_JOINT:
             a, b = int(m.eq_obj1id[i]), int(m.eq_obj2id[i])
             if b < 0:
-                raise SourceError(f"{self.path}: equality '{name}' locks joint '{self.joints[a]}': take the joint out")
+                raise SourceError(f"{self.path}: equality '{name}' locks joint '{self.joints[a]}': remove the joint")
             if np.any(data[2:5]):
-                raise SourceError(f"{self.path}: equality '{name}' is a polynomial of degree > 1: only linear ones tie")
+                raise SourceError(
+                    f"{self.path}: equality '{name}' is a polynomial of degree > 1; only linear ones are supported"
+                )
             if data[1] == 0:
-                raise SourceError(f"{self.path}: equality '{name}' locks joint '{self.joints[a]}': take the joint out")
+                raise SourceError(f"{self.path}: equality '{name}' locks joint '{self.joints[a]}': remove the joint")
             # MuJoCo: a - a_ref = c0 + c1 (b - b_ref)
             refs = [float(m.qpos0[m.jnt_qposadr[k]]) for k in (a, b)]
             total = float(data[0]) + refs[0] - float(data[1]) * refs[1]
@@ -280,14 +296,14 @@ class _Mjcf:
         elif kind == eq.mjEQ_TENDON and m.eq_obj2id[i] < 0:
             couplings.append(self._tendon(i, name, label))
         else:
-            raise SourceError(f"{self.path}: equality '{name}' is of a type that no mechanism here can express")
+            raise SourceError(f"{self.path}: equality '{name}' is of a type that a mechanism cannot express")
 
     def _tendon(self, i: int, name: str, label: str) -> Coupling:
-        """Return the coupling of a fixed tendon of constant length: the sum of its coefficients times coordinates."""
+        """Return the coupling of a fixed tendon: the sum of coefficients times coordinates is constant."""
         m, k = self.m, int(self.m.eq_obj1id[i])
         tied = fixed_tendon(m, k)
         if not tied:
-            raise SourceError(f"{self.path}: equality '{name}' ties a tendon led through space: only fixed ones tie")
+            raise SourceError(f"{self.path}: equality '{name}' ties a spatial tendon: only fixed tendons are supported")
         total = float(m.tendon_length0[k] + m.eq_data[i, 0])
         return Coupling(label, tuple(self.joints[j] for j in tied), tuple(tied.values()), total)
 

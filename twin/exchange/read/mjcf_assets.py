@@ -1,4 +1,4 @@
-"""Files that an MJCF names and that are not there: the model is read without them, each with a warning."""
+"""Remove meshes and textures with missing files from an MJCF, with a warning for each file."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from twin.exchange.read.source import warning
 
 
 def without_missing(spec, path: Path, findings: list[Finding]) -> set[str]:
-    """Take meshes and textures whose files are missing out of a MuJoCo specification, with the geoms that show them.
+    """Remove meshes and textures with missing files, and geoms that use them, from a MuJoCo specification.
 
     Args:
-        spec: as parsed, not compiled yet.
-        path: the file that it comes from.
-        findings: told each file.
+        spec: parsed, not yet compiled.
+        path: the MJCF file.
+        findings: receives a warning for each missing file.
 
     Returns:
-        The bodies that lost a geom and state no inertia: the mass that MuJoCo would give them means nothing.
+        Names of bodies that lost a geom and state no inertia, so that the mass computed by MuJoCo is invalid.
     """
     lost: dict[str, str] = {}
     for mesh in list(spec.meshes):
@@ -30,7 +30,7 @@ def without_missing(spec, path: Path, findings: list[Finding]) -> set[str]:
         if geom.meshname not in lost:
             continue
         body = geom.parent
-        text = f"body '{body.name}': mesh {lost[geom.meshname]} is not there: the body is shown without it."
+        text = f"body '{body.name}': mesh {lost[geom.meshname]} is missing: the body is shown without it."
         findings.append(warning("mesh", text, lost[geom.meshname]))
         if not body.explicitinertial and body.name != "world":
             weightless.add(body.name)
@@ -38,15 +38,15 @@ def without_missing(spec, path: Path, findings: list[Finding]) -> set[str]:
         spec.delete(geom)
     for name, file in lost.items():
         if all(f.where != file for f in findings):
-            findings.append(warning("mesh", f"mesh '{name}': {file} is not there, and nothing shows it.", file))
+            findings.append(warning("mesh", f"mesh '{name}': {file} is missing; no body uses it.", file))
     for pair in list(spec.pairs):
         if {pair.geomname1, pair.geomname2} & (gone - {""}):
             spec.delete(pair)
     _textures(spec, path, findings)
     for body in spec.bodies:
-        if body.name in weightless:  # anything that compiles; the reader leaves it out
+        if body.name in weightless:  # any value that compiles; the reader leaves this mass out
             body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0, 1.0, 1.0]
-            text = f"body '{body.name}': its mass would come from the mesh that is not there: it has none."
+            text = f"body '{body.name}' has no mass, because its mesh is missing."
             findings.append(warning("inertia", text, body.name))
     return weightless
 
@@ -60,10 +60,10 @@ def _textures(spec, path: Path, findings: list[Finding]) -> None:
         for material in spec.materials:
             if texture.name in list(material.textures):
                 material.textures = ["" if t == texture.name else t for t in material.textures]
-        findings.append(warning("texture", f"texture '{texture.name}': {missing[0]} is not there.", missing[0]))
+        findings.append(warning("texture", f"texture '{texture.name}': {missing[0]} does not exist.", missing[0]))
         spec.delete(texture)
 
 
 def _place(spec, path: Path, folder: str, file: str) -> Path:
-    """Return where MuJoCo looks for a file."""
+    """Return the path at which MuJoCo searches for a file."""
     return path.parent / folder / (Path(file).name if spec.strippath else file)

@@ -1,4 +1,4 @@
-"""What of an MJCF has no place in a mechanism: one warning for each thing that would change how it moves."""
+"""Report data of an MJCF that a mechanism cannot hold; data that affect motion as a warning."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from twin.exchange.read.source import note, warning
 
 
 def left_out(m, name: Callable[[str, int], str], kept_tendons: Collection[int] = ()) -> list[Finding]:
-    """Return what is not kept of a MuJoCo model.
+    """Return findings on data of the model that are not kept.
 
     Args:
         m: MuJoCo's model.
-        name: gives the name of an object in the file, by kind and number.
-        kept_tendons: tendons that lead motors to joints.
+        name: function from kind and number of an object to its name in the file.
+        kept_tendons: numbers of the tendons that transmissions use.
     """
     import mujoco
 
@@ -51,7 +51,7 @@ def left_out(m, name: Callable[[str, int], str], kept_tendons: Collection[int] =
         a, b = (name("GEOM", int(v)) for v in (m.pair_geom1[i], m.pair_geom2[i]))
         found.append(note("contact", f"contact pair of '{a}' and '{b}' is not kept.", a))
     if m.neq:
-        found.append(note("soft", "equalities are soft in MuJoCo; here they hold exactly.", name("EQUALITY", 0)))
+        found.append(note("soft", "equalities are soft in MuJoCo, but exact in the mechanism.", name("EQUALITY", 0)))
     for count, what in ((m.nsensor, "sensors"), (m.ncam, "cameras"), (m.nlight, "lights")):
         if count:
             found.append(note("unread", f"{count} {what} are not kept.", what))

@@ -1,4 +1,4 @@
-"""Transmissions of an MJCF: as many actuators on fixed tendons as the joints that these tendons run over."""
+"""Read the transmissions of an MJCF: n actuators on n fixed tendons that run over n joints."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Name = Callable[[str, int], str]
 
 @dataclass(frozen=True)
 class Motors:
-    """What was found: numbers are those of the model in MuJoCo.
+    """Transmissions of a model, with the numbers of what they use in MuJoCo's model.
 
     Attributes:
         actuators, transmissions: of the mechanism.
-        joints, numbers, tendons: joints, actuators and tendons that are used up by them.
+        joints, numbers, tendons: numbers of the joints, actuators and tendons that the transmissions use.
     """
 
     actuators: tuple[Actuator, ...]
@@ -32,7 +32,7 @@ class Motors:
 
 
 def fixed_tendon(m, tendon: int) -> dict[int, float]:
-    """Return the coefficient of each joint of a fixed tendon, in its order; nothing of one led through space."""
+    """Return the coefficients of a fixed tendon by joint, in the order of the file; empty for a spatial tendon."""
     import mujoco
 
     rows = range(m.tendon_adr[tendon], m.tendon_adr[tendon] + m.tendon_num[tendon])
@@ -44,15 +44,15 @@ def fixed_tendon(m, tendon: int) -> dict[int, float]:
 def read_motors(m, kept: Sequence[int], joints: Sequence[str], name: Name, findings: list[Finding]) -> Motors:
     """Return the transmissions of the bodies that are kept.
 
-    A group of tendons that share joints is one if it has an actuator for each tendon and as many tendons as joints, no
-    other actuator drives these joints, no equality ties the tendons, and the matrix can be inverted.
+    A group of tendons that share joints is a transmission if each tendon has an actuator, there are as many tendons as
+    joints, no other actuator drives these joints, no equality ties the tendons, and the matrix is invertible.
 
     Args:
         m: MuJoCo's model.
         kept: numbers of the robot's bodies.
         joints: names by number.
-        name: gives the name of an object in the file, by kind and number.
-        findings: gets changed names.
+        name: function from kind and number of an object to its name in the file.
+        findings: receives changed names.
     """
     import mujoco
 
@@ -85,7 +85,7 @@ def read_motors(m, kept: Sequence[int], joints: Sequence[str], name: Name, findi
 
 
 def _rows(m, tendons: Sequence[int], over: Sequence[int], pulls: dict[int, int]) -> np.ndarray:
-    """Return the matrix (n, n) from joints to motors: an actuator is as long as its tendon, times its gear."""
+    """Return the matrix (n, n) from joint to motor coordinates; an actuator's length is its gear times its tendon's."""
     gears = [float(m.actuator_gear[pulls[t], 0]) for t in tendons]
     lengths = [fixed_tendon(m, t) for t in tendons]
     return np.array([[g * row.get(j, 0.0) for j in over] for g, row in zip(gears, lengths, strict=True)])
@@ -102,7 +102,7 @@ def _built(m, found, pulls: dict[int, int], joints: Sequence[str], name: Name, f
             label += "_more"
         actuators += [_actuator(m, own[t], t, pulls[t], told.get(name("ACTUATOR", pulls[t])), over) for t in tendons]
         matrix = np.linalg.inv(_rows(m, tendons, over, pulls))
-        matrix[np.abs(matrix) < 1e-12 * np.abs(matrix).max()] = 0.0  # what rounding leaves of a zero
+        matrix[np.abs(matrix) < 1e-12 * np.abs(matrix).max()] = 0.0  # zero up to rounding
         transmissions.append(
             Transmission(label, tuple(joints[j] for j in over), tuple(own[t] for t in tendons), matrix)
         )
@@ -118,7 +118,7 @@ def _built(m, found, pulls: dict[int, int], joints: Sequence[str], name: Name, f
 def _grouped(
     m, tendons: list[int], over: list[int], pulls: dict[int, int], name: Name
 ) -> tuple[str, list[int], list[int]]:
-    """Return name, tendons and joints of a group: as a tuple of the file has them, else in the order of the file."""
+    """Return (name, tendons, joints) of a group: from a <tuple> of the file, else in file order."""
     import mujoco
 
     by_actuator = {pulls[t]: t for t in tendons}

@@ -1,4 +1,4 @@
-"""Which bodies of an MJCF are one robot: what stands on the world side by side and is tied by equalities or tendons."""
+"""Group the bodies of an MJCF into robots: top-level bodies that equalities or tendons connect are one robot."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from twin.core.findings import Finding
 from twin.exchange.read.source import note, warning
 
 WORLD = "world"
-"""Root that stands for all robots of the file as one."""
+"""Value of `root` that reads all robots of the file as one."""
 
 
 def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], findings: list[Finding]) -> list[int]:
@@ -19,12 +19,12 @@ def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], fin
     Args:
         m: MuJoCo's model.
         path: the file, for errors.
-        root: a body of the robot that is meant, or "world" for all; None: the only robot.
-        name: gives the name of an object in the file, by kind and number.
-        findings: told what else stands there and is left out.
+        root: a body of the robot, or "world" for all; None: the only robot.
+        name: function from kind and number of an object to its name in the file.
+        findings: receives notes on omitted bodies.
 
     Raises:
-        SourceError: there are several robots and no root, or no such body.
+        SourceError: there are several robots and no root, or the body does not exist.
     """
     groups = _groups(m)
     moving = [g for g in groups if any(m.body_jntnum[b] for b in g)]
@@ -34,8 +34,8 @@ def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], fin
         if len(robots) > 1:
             tops = ", ".join(_title(m, g, name) for g in robots)
             raise SourceError(
-                f"{path}: {len(robots)} robots stand in the world: {tops}. Choose one with --root NAME, or take all as "
-                f"one with --root {WORLD}."
+                f"{path}: {len(robots)} robots in the world: {tops}. Choose one with --root NAME, or read all as one "
+                f"with --root {WORLD}."
             )
         if len(moving) <= 1:
             return list(range(m.nbody))
@@ -52,13 +52,15 @@ def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], fin
             continue
         title = _title(m, group, name)
         tell = warning if group in moving else note
-        findings.append(tell("prop", f"body {title} with all on it is left out: it is no part of the robot.", title))
+        findings.append(
+            tell("prop", f"body {title} and its children are left out: they do not belong to the robot.", title)
+        )
     still = set() if root is not None else {b for g in groups if g not in moving for b in g}
     return [0, *sorted(own | still)]
 
 
 def tied_by(m, i: int) -> set[int]:
-    """Return the bodies that an equality ties, the world left out."""
+    """Return the bodies that an equality ties, without the world."""
     import mujoco
 
     kind, ends = mujoco.mjtEq(int(m.eq_type[i])), [int(m.eq_obj1id[i]), int(m.eq_obj2id[i])]
@@ -103,7 +105,7 @@ def _drives(m, i: int) -> set[int]:
 
 
 def _groups(m) -> list[set[int]]:
-    """Return the bodies on the world, joined where an equality or tendon ties them."""
+    """Return groups of top-level bodies; bodies tied by an equality or tendon are in one group."""
     groups: dict[int, set[int]] = {}
     for b in range(1, m.nbody):
         groups.setdefault(int(m.body_rootid[b]), set()).add(b)

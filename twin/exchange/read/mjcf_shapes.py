@@ -1,4 +1,4 @@
-"""What an MJCF shows of its bodies."""
+"""Read the visual shapes of an MJCF."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ _SHAPES = {"BOX": "box", "CYLINDER": "cylinder", "SPHERE": "sphere", "CAPSULE": 
 
 
 def shown(m, bodies: Sequence[str], name: Callable[[str, int], str], findings: list[Finding]) -> list[list[Mesh]]:
-    """Return the meshes of each body: its visual shapes, or its colliders where there are no others.
+    """Return the meshes of each body: its visual shapes, or its colliders if it has no visual shapes.
 
     Args:
         m: MuJoCo's model.
-        bodies: their names here.
-        name: gives the name of an object in the file, by kind and number.
-        findings: told what is not shown.
+        bodies: names of the bodies in the mechanism.
+        name: function from kind and number of an object to its name in the file.
+        findings: receives notes on shapes that are not shown.
     """
     import mujoco
 
@@ -58,6 +58,6 @@ def shown(m, bodies: Sequence[str], name: Callable[[str, int], str], findings: l
         T = spatial.pose(spatial.matrix_from_quat_wxyz(m.geom_quat[i]), m.geom_pos[i])
         out[body].append(placed(names[str(i)], *solid, T, (r, g, b, a)))
     for body in sorted(hidden):
-        text = f"body '{bodies[body]}': its colliders are not kept: what is shown is what collides."
+        text = f"body '{bodies[body]}': its colliders are not kept: the visual meshes are used instead."
         findings.append(note("collision", text, bodies[body]))
     return out

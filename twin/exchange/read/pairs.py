@@ -1,6 +1,6 @@
-"""Faces of two bodies of a STEP that fit each other: a pin in its bore, a rail in its bush, a ball in its socket.
+"""Find faces of two bodies of a STEP that fit each other: a pin in its bore, a rail in its bush, a ball in its socket.
 
-Faces that miss each other by no more than `GROSS` are a fit as well, with the size of the miss.
+Faces that miss each other by less than `GROSS` also count as a fit; the misfit is stated.
 """
 
 from __future__ import annotations
@@ -17,26 +17,27 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
 GROSS = (1.0 * MM, 2.0 * DEG)
-"""Largest distance and angle of two axes, or distance of two centres, that may be meant as one."""
+"""Largest distance in m and angle in rad of two axes, or distance of two centres, up to which faces may belong
+together."""
 
 _APART = 0.01 * MM
-"""Up to this distance two axes or centres count as one, whatever is shaft and bore."""
+"""Distance in m up to which two axes or centres always count as coincident."""
 
 _TILT = 0.01 * DEG
 
 _CLEARANCE = (0.1 * MM, 0.1)
-"""Largest difference of the radii of a pin and its bore: m, and share of the radius, the larger."""
+"""Largest difference of the radii of a pin and its bore: in m, and as a share of the radius; the larger applies."""
 
 _PLAY = (0.001 * MM, 0.3 * MM)
-"""Difference of the radii of what is neither pressed together nor merely stands around."""
+"""Range in m of the difference of radii in a plausible fit."""
 
 _ONE_AXIS = (0.1 * MM, 0.1 * DEG)
-"""Faces of one body that are nearer lie on one axis."""
+"""Distance in m below which the axes of two faces of one body coincide."""
 
 
 @dataclass(frozen=True, eq=False)  # arrays do not compare
 class Round:
-    """A cylinder or sphere of a body: its face, its part, and how far it reaches along its axis in m (0, 0: a ball)."""
+    """A cylinder or sphere of a body: part, face, and interval in m along the axis; (0, 0) for a sphere."""
 
     body: str
     part: Part
@@ -49,7 +50,7 @@ class Round:
         return self.reach[1] - self.reach[0]
 
     def outward(self) -> int:
-        """Return 1 if the solid lies inside the face (pin, ball), -1 if outside (bore, cup), 0 if neither shows."""
+        """Return 1 if the solid lies inside the face (pin, ball), -1 if outside (bore, cup), 0 if undetermined."""
         corners = self.part.vertices[self.part.triangles]  # (n, 3, 3)
         offset = corners - self.face.point
         away = offset - (offset @ self.face.direction)[..., None] * self.face.direction
@@ -65,8 +66,8 @@ class Pair:
     Attributes:
         kind: "coaxial" or "concentric".
         a, b: the faces.
-        overlap: the length that they share in m.
-        offset: distance of the axes amid that length, or of the centres, in m.
+        overlap: the length in m that both faces share along the axis.
+        offset: distance in m of the axes at the middle of that length, or of the centres.
         tilt: angle of the axes in rad.
     """
 
@@ -84,38 +85,38 @@ class Pair:
 
     @property
     def near(self) -> bool:
-        """Whether the faces miss each other."""
+        """Whether the faces are close but do not coincide."""
         return self.offset >= _APART or self.tilt >= _TILT
 
     @property
     def miss(self) -> float:
-        """Largest distance of the two axes within the shared length, or of the centres, as a share of the radius."""
+        """Largest distance of the axes in the shared length, or of the centres, as a share of the radius."""
         return (self.offset + 0.5 * self.tilt * self.overlap) / min(self.a.face.radius, self.b.face.radius)
 
     @property
     def confidence(self) -> Literal["high", "medium", "low"]:
-        """How surely the faces are meant for each other: high up to a miss of 5 % of the radius, medium up to 20 %."""
+        """Confidence that the faces fit: high up to a `miss` of 5 % of the radius, medium up to 20 %, else low."""
         return "high" if self.miss <= 0.05 else "medium" if self.miss <= 0.2 else "low"
 
     @property
     def radii(self) -> str:
-        """Both faces in words."""
+        """Radii and part names of both faces as text."""
         return (
             f"radii {self.a.face.radius / MM:.4g} mm on '{self.a.part.name}' and {self.b.face.radius / MM:.4g} mm on "
             f"'{self.b.part.name}'"
         )
 
     def movable(self) -> bool:
-        """Return whether one face is a pin or ball with room in the other, its bore or cup."""
+        """Return whether one face is a pin or ball, and the other a bore or cup in which it can move."""
         shaft, bore = (self.a, self.b) if self.a.face.radius < self.b.face.radius else (self.b, self.a)
         return _PLAY[0] < self.clearance < _PLAY[1] and shaft.outward() > 0 > bore.outward()
 
 
 def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
-    """Return every fit between two bodies, the exact ones first; of several on one axis, that of minimum clearance.
+    """Return the fits between bodies, exact ones first; of several fits on one axis, that with minimum clearance.
 
     Args:
-        parts: the parts of each body, in drawn coordinates.
+        parts: the parts of each body, in the coordinates of the STEP.
     """
     found = [*_coaxial(list(_rounds(parts, "cylinder"))), *_concentric(list(_rounds(parts, "sphere")))]
     out: dict[tuple[str, str], list[Pair]] = {}
@@ -131,7 +132,7 @@ def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
 
 
 def same_axis(a: Round, b: Round, within: tuple[float, float] = _ONE_AXIS) -> bool:
-    """Return whether two faces of one body lie on one axis, or about one centre."""
+    """Return whether two faces of one body have the same axis, or the same centre."""
     if not np.any(a.face.direction):
         return float(np.linalg.norm(a.face.point - b.face.point)) < within[0]
     tilt = float(np.linalg.norm(np.cross(a.face.direction, b.face.direction)))
@@ -148,7 +149,7 @@ def _rounds(parts: Mapping[str, Sequence[Part]], kind: str) -> Iterator[Round]:
 
 
 def _reach(part: Part, face: Face) -> tuple[float, float]:
-    """Return from where to where along the axis, from the face's point, the part has points on the cylinder."""
+    """Return the interval in m along the axis, from the face's point, that the part's vertices on the cylinder span."""
     offset = part.vertices - face.point
     along = offset @ face.direction
     radius = np.linalg.norm(offset - along[:, None] * face.direction, axis=1)
@@ -184,7 +185,7 @@ def _coaxial(rounds: list[Round]) -> Iterator[Pair]:
 
 
 def shared(a: Round, b: Round) -> tuple[float, float]:
-    """Return from where to where along the axis of a, from its face's point, both cylinders reach."""
+    """Return the interval in m that both cylinders share along the axis of `a`, from the point of its face."""
     d = a.face.direction
     offset = float((b.face.point - a.face.point) @ d)
     reach = b.reach if b.face.direction @ d > 0 else (-b.reach[1], -b.reach[0])
@@ -201,6 +202,6 @@ def _concentric(rounds: list[Round]) -> Iterator[Pair]:
 
 
 def perpendicular(parts: Sequence[Part], axis: Array) -> list[tuple[Part, Face]]:
-    """Return the planes of a body across an axis, with their parts."""
+    """Return the plane faces of a body that are perpendicular to an axis, with their parts."""
     planes = ((part, face) for part in parts for face in part.faces if face.kind == "plane")
     return [(part, face) for part, face in planes if np.linalg.norm(np.cross(face.direction, axis)) < _TILT]

@@ -1,7 +1,8 @@
-"""Joints that fitting faces suggest: type, bodies, and frames measured on the faces of each body.
+"""Propose joints from fitting faces: type, bodies, and frames measured on the faces of each body.
 
-What the faces show is measured on both sides, so that a miss is found when the robot is built. What they do not show
-(where a slide stands along its axis, how a round pin is turned) is typed, on one side or on both.
+Directions and positions that faces determine are measured on both bodies, so that a misfit is found when the robot is
+built. What faces do not determine (position of a slide along its axis, rotation of a round pin) is given by numbers, on
+one or both bodies.
 """
 
 from __future__ import annotations
@@ -26,18 +27,18 @@ from twin.exchange.read.text import number, numbers, string
 from twin.model.mechanism import JointType
 
 MEETING = (0.001 * MM, 0.001 * DEG)
-"""Up to this distance and angle the two sides of a joint meet."""
+"""Distance in m and angle in rad up to which the frames of a joint on its two bodies count as coincident."""
 
 _TOLERANCE = Tolerance(gross_mm=1, gross_deg=1, meeting_um=1, meeting_deg=0.001)
-"""That of a new description."""
+"""Tolerance table of a new description."""
 
 _RAIL = 2.0
-"""A shaft that nothing stops is taken for a rail if it is that many times as long as its bush."""
+"""A shaft without stops is assumed to be a rail if it is at least this many times as long as its bush."""
 
 
 @dataclass(frozen=True)
 class Side:
-    """A joint's frame on one body as TOML, and the features it needs, by name."""
+    """A joint's frame on one body (its "side") as TOML, and the features it needs, by name."""
 
     text: str
     features: dict[str, str]
@@ -45,14 +46,15 @@ class Side:
 
 @dataclass(frozen=True)
 class Proposal:
-    """A joint that faces suggest, and why.
+    """A joint that fitting faces suggest, and the evidence for it.
 
     Attributes:
         name, type, parent, child: of the joint.
         on_parent, on_child: its frames.
         pair: the faces that place it.
-        offset, tilt: how far the two frames are apart as drawn in the directions that the joint locks, in m and rad.
-        why: what the faces show.
+        offset, tilt: distance in m and angle in rad between the two frames in the CAD, in the directions that the joint
+            locks.
+        why: the evidence of the faces.
     """
 
     name: str
@@ -68,26 +70,26 @@ class Proposal:
 
     @property
     def misses(self) -> bool:
-        """Whether the two sides do not meet as drawn."""
+        """Whether the two frames of the joint differ in the CAD."""
         return self.offset > MEETING[0] or self.tilt > MEETING[1]
 
     @property
     def miss(self) -> str:
-        """How far the sides are apart, in words."""
+        """The distance and angle between the two frames, as text."""
         return f"{round(self.offset / MM, 6):.4g} mm and {round(self.tilt / DEG, 6):.4g}°"
 
 
 def propose(parts: Mapping[str, Sequence[Part]], pairs: Sequence[Pair], base: str) -> tuple[list[Proposal], list[Pair]]:
-    """Return joints from the base outwards, and the fits that place none though they show something of their own.
+    """Return (joints from the base outwards, independent fits that are not used).
 
-    Two bodies that fit in several ways get the joint that all leave free.
+    Two bodies with several fits get the joint that all these fits allow.
     """
     fits: dict[tuple[str, str], list[Pair]] = {}
     for pair in pairs:
         fits.setdefault((pair.a.body, pair.b.body), []).append(pair)
     reached, todo, out, left = [base], dict(fits), [], []
     while todo:
-        # bodies that nothing joins to the base get the joints between them, from the first on
+        # bodies without a connection to the base get joints between them, beginning at the first body
         key = next((k for r in reached for k in todo if r in k), next(iter(todo)))
         own = todo.pop(key)
         parent = min(key, key=lambda b: reached.index(b) if b in reached else len(reached))
@@ -101,22 +103,25 @@ def propose(parts: Mapping[str, Sequence[Part]], pairs: Sequence[Pair], base: st
 
 
 def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]], list[Pair]]:
-    """Return the joints that the fits between two bodies suggest, with the fit that places each, and the fits left.
+    """Return (joint types with the fit that places each, remaining fits) for the fits between two bodies.
 
-    The type is None where it depends on what stops the joint along its axis.
+    The type is None if it depends on stops along the axis.
     """
     balls = [p for p in pairs if p.kind == "concentric"]
     axes = sorted((p for p in pairs if p.kind == "coaxial"), key=lambda p: (p.near, p.clearance, -p.overlap))
     if balls:
         return [("spherical", p, f"a ball, {p.radii}") for p in balls], axes
     first = axes[0]
-    # A second bore that is nearly on the first's axis shows a fault, not a second axis; a doubtful one shows nothing.
+    # A second bore that is nearly on the first's axis is a fault, not a second axis; a doubtful one is ignored.
     again = [p for p in axes[1:] if same_axis(first.a, p.a, GROSS) and same_axis(first.b, p.b, GROSS)]
     doubtful = [p for p in axes[1:] if p not in again and p.confidence == "low"]
     axes = [p for p in axes if p not in again and p not in doubtful]
     left = again + doubtful
     if [p for p in axes if np.linalg.norm(np.cross(p.a.face.direction, first.a.face.direction)) > np.sin(GROSS[1])]:
-        text = f"{len(axes)} fits, not parallel: bolted, or hinged about one of them; {first.radii}"
+        text = (
+            f"{len(axes)} fits of pins in bores with axes that are not parallel: the parts are bolted, or one axis is "
+            f"a hinge; {first.radii}"
+        )
         return [("fixed", first, text)], left + [p for p in axes[1:] if p.near]
     if len(axes) > 1:
         longest = max(axes, key=lambda p: (not p.near, p.overlap))
@@ -145,14 +150,14 @@ def _joint(
         frames = [s.measured(parts[s.body]) for s in specs]
     except CadError as error:
         at = spatial.pose(specs[0].R, p.face.point)
-        why += f". NOTHING IS MEASURED: both sides are typed, since {error}"
+        why += f". NOT MEASURED: both frames are given as numbers, because {error}"
         return Proposal(name, kind, parent, child, Side(given(at), {}), Side(given(at), {}), pair, 0.0, 0.0, why)
     offset, tilt = locked_error(spatial.inverse(frames[0]) @ frames[1], kind)
     return Proposal(name, kind, parent, child, specs[0].side(), specs[1].side(), pair, offset, tilt, why)
 
 
 class _Frame:
-    """A measured frame being put together: its features and keys; what is not measured is typed from R (3, 3)."""
+    """Builder of a measured frame: its features and keys; directions that are not measured come from R (3, 3)."""
 
     def __init__(self, body: str, origin: str, part: Part, face: Face, R: Array) -> None:
         self.body, self.R = body, R
@@ -160,7 +165,7 @@ class _Frame:
         self.keys: dict[str, Any] = {"origin": self.name(origin, part, face, R[:, 2])}
 
     def name(self, name: str, part: Part, face: Face, towards: Array) -> str:
-        """Name a face as a feature whose direction has the sign of `towards`."""
+        """Add a feature for a face, with the sign of its direction along `towards`; return the feature's name."""
         sign = 1.0 if face.direction @ towards >= 0 else -1.0
         x, y, z = np.round(sign * face.direction, 9).tolist()
         near_x, near_y, near_z = np.round(face.point / MM, 4).tolist()
@@ -182,7 +187,7 @@ class _Frame:
         return {**self.keys, **typed}
 
     def measured(self, parts: Sequence[Part]) -> Array:
-        """Return the frame (4, 4) as the description will give it."""
+        """Return the frame (4, 4) that the description measures."""
         found = {n: find(self.body, n, s, parts, _TOLERANCE) for n, s in self.features.items()}
         return frame(FrameSpec(**self._spec()), found)
 
@@ -199,9 +204,10 @@ class _Frame:
 def _along_axis(
     name: str, kind: JointType | None, pair: Pair, p: Round, c: Round, parts: Mapping[str, Sequence[Part]]
 ) -> tuple[JointType, list[_Frame], str]:
-    """Return type, frames and what they show of a joint about or along two axes.
+    """Return (type, frames, evidence) of a joint about or along the common axis of two faces.
 
-    Origins lie where two faces touch across the axis; where none do, the child's is moved along its own axis.
+    The origins are where two faces perpendicular to the axis touch; without such faces, the child's origin is moved
+    along its own axis.
     """
     low, high = shared(p, c)
     middle = p.face.point + 0.5 * (low + high) * p.face.direction
@@ -218,15 +224,19 @@ def _along_axis(
     if touching:
         _, _, i, k = touching[0]
         stops = [across[0][i], across[1][k]]
-        more = ", stopped along its axis: a pin; or cylindrical, or a slide" if kind is None else ""
+        more = ", stopped along its axis: assumed to be a pin; could be cylindrical or a slide" if kind is None else ""
         kind = kind or "revolute"
     else:
         stops = [min(own, key=lambda s: abs(s[2]), default=None) for own in across]
         if kind is None:
             rail = max(p.length, c.length) > _RAIL * min(p.length, c.length)
             kind = "prismatic" if rail else "revolute"
-            guess = "a slide, the shaft being long" if rail else "a pin, the shaft being short"
-            more = f", nothing stops it along its axis: {guess}; or the other; or cylindrical"
+            guess = (
+                "assumed to be a slide, because the shaft is long"
+                if rail
+                else "assumed to be a pin, because the shaft is short"
+            )
+            more = f", nothing stops it along its axis: {guess}; could be a pin, a slide or cylindrical"
         else:
             more = ", nothing stops it along its axis"
     flats = _flats([parts[r.body] for r in (p, c)], zs, MEETING[1] if kind == "revolute" else GROSS[1])
@@ -245,12 +255,12 @@ def _along_axis(
         origins.append(at)
         frames.append(made)
     if not flats and kind != "revolute":
-        more += "; its turn about the axis is typed, since no two flats agree"
+        more += "; its rotation about the axis is given as a number, because no two flat faces match"
     return kind, frames, more
 
 
 def _flats(parts: Sequence[Sequence[Part]], zs: Sequence[Array], within: float) -> list[tuple[Part, Face]] | None:
-    """Return the two planes along the axes, one of each body, that are most nearly parallel; None beyond `within`."""
+    """Return the two planes along the axes, one of each body, nearest to parallel; None if more than `within` apart."""
     planes = [
         [(part, f) for part in own for f in part.faces if f.kind == "plane" and abs(float(f.direction @ z)) < 1e-4]
         for own, z in zip(parts, zs, strict=True)

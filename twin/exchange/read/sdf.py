@@ -1,6 +1,6 @@
-"""Read one model of an SDF file or world. Two joints that hold one link close a loop.
+"""Read one model of an SDF file or world. A loop is closed by a second joint with the same child link.
 
-Poses are resolved from `relative_to` and the frames of the model. Nested models and includes are its parts.
+Poses are resolved from `relative_to` and the frames of the model. Nested models and includes belong to the model.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ TYPES: dict[str, JointType] = {
     "ball": "spherical",
     "fixed": "fixed",
 }
-"""Joint types of SDF that a mechanism here can express."""
+"""Joint types of SDF that a mechanism can express."""
 
 _ENDLESS = 1e16
-"""SDF's word for no limit is a bound of this size."""
+"""Limits of at least this size mean no limit in SDF."""
 
 
 def read_sdf(path: Path, root: str | None = None) -> Imported:
@@ -45,7 +45,7 @@ def read_sdf(path: Path, root: str | None = None) -> Imported:
         root: name of the model, if several have joints.
 
     Raises:
-        SourceError: file and element, and what is wrong with it.
+        SourceError: the file is invalid or unsupported; the message names file, element and fault.
     """
     return _Sdf(path, root).read()
 
@@ -68,7 +68,7 @@ class _Sdf:
         made = [self._joint(n, joint_names[n], e, body_names) for n, e in joints.items()]
         grounded = any(j.parent == "world" for j in made)
         if grounded and "world" in links:
-            self.xml.fail("link 'world'", "the name stands for the world")
+            self.xml.fail("link 'world'", "this name is reserved for the world")
         base = "world" if grounded else self._base(made, body_names)
         bodies = [Body("world")] if grounded else []
         bodies += [Body(body_names[n], tuple(self._meshes(n, e)), self._inertia(n, e)) for n, e in links.items()]
@@ -85,7 +85,7 @@ class _Sdf:
         return assemble(self.path, name, base, bodies, made, frames, couplings, self.findings, efforts=efforts)
 
     def _drive(self, joints: list[Joint], base: str, followers: set[str], names: Names) -> list[Joint]:
-        """Return the joints, those driven that plug-ins name, or else all that neither follow nor close a loop."""
+        """Return the joints; plug-ins name the driven ones, else all are driven that neither mimic nor close a loop."""
         told = {t for p in self.model.iter("plugin") for e in p.iter("joint_name") if (t := (e.text or "").strip())}
         told = {names[t] for t in told if t in names}
         bare = [replace(j, active=False) for j in joints]
@@ -98,11 +98,14 @@ class _Sdf:
         for j in joints:
             active = j.active and j.name not in followers and j.name in (told or {k.name for k in joints} - closing)
             if active and j.name in closing:
-                self.xml.fail(f"joint '{j.name}'", "it is driven, but closes a loop: list it before the passive joints")
+                self.xml.fail(
+                    f"joint '{j.name}'", "the joint is driven, but closes a loop: list it before the passive joints"
+                )
             out.append(replace(j, active=active))
         if not told and closing:
             text = (
-                f"no plug-in names a driven joint: all are driven but {', '.join(sorted(closing))}, which close loops."
+                f"no plug-in names a driven joint: all are driven except {', '.join(sorted(closing))}, which close "
+                "loops."
             )
             self.findings.append(warning("driven", text, base))
         return out
@@ -116,7 +119,7 @@ class _Sdf:
         if leader not in names:
             self.xml.fail(where, unknown("joint", leader, [e for e in self.elements if e in names]))
         if element.get("axis", "axis") != "axis":
-            self.xml.fail(where, "it follows a second axis, which no joint here has")
+            self.xml.fail(where, "the joint mimics a second axis, which is not supported")
         ratio, offset, reference = (
             self.xml.number(where, key, element.findtext(key), default)
             for key, default in (("multiplier", 1.0), ("offset", 0.0), ("reference", 0.0))
@@ -131,7 +134,7 @@ class _Sdf:
         for element in self.model.findall(kind):
             name = self.xml.name(element, kind)
             if name in out:
-                self.xml.fail(f"{kind} '{name}'", "two have this name")
+                self.xml.fail(f"{kind} '{name}'", "the name is used twice")
             out[name] = element
         return out
 
@@ -139,7 +142,7 @@ class _Sdf:
         children = {j.child for j in joints}
         roots = [names[n] for n in self.links if names[n] not in children]
         if len(roots) != 1:
-            raise SourceError(f"{self.path}: which link is the base? Candidates: {', '.join(roots) or 'none'}")
+            raise SourceError(f"{self.path}: the base link is not unique. Candidates: {', '.join(roots) or 'none'}")
         return roots[0]
 
     # -- poses ----------------------------------------------------------------------------------------
@@ -149,7 +152,7 @@ class _Sdf:
         if pose is None or not (pose.text or "").strip():
             return np.eye(4)
         if pose.get("rotation_format", "euler_rpy") != "euler_rpy":
-            self.xml.fail(where, "pose: only rotation_format euler_rpy is read")
+            self.xml.fail(where, "pose: only rotation_format euler_rpy is supported")
         v = self.xml.numbers(where, "pose", pose.text, 6, None)
         turn = v[3:] * (np.pi / 180 if pose.get("degrees") in ("true", "1") else 1.0)
         return spatial.pose(rpy(turn), v[:3])
@@ -176,7 +179,7 @@ class _Sdf:
         return out
 
     def _attached(self, name: str, seen: tuple[str, ...] = ()) -> str:
-        """Return the link that a frame moves with."""
+        """Return the link to which a frame is attached."""
         if name in self.links:
             return name
         element = self.elements.get(name)
@@ -199,7 +202,7 @@ class _Sdf:
                 self.xml.fail(f"{where}, {end}", unknown("link", link, self.links))
             ends.append(link if link == "world" else self._attached(link))
         if ends[1] == "world":
-            self.xml.fail(where, "its child is the world: swap parent and child")
+            self.xml.fail(where, "the child of the joint is the world: swap parent and child")
         T = self._at(name)
         values: dict = {}
         if kind in ("revolute", "continuous", "prismatic"):

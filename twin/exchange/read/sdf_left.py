@@ -1,4 +1,4 @@
-"""What of an SDF model has no place in a mechanism, each with its element."""
+"""Report data of an SDF model that a mechanism cannot hold, with the element of each."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ _READ = {
     "visual": {"geometry", "material", "pose", "transparency"},
     "material": {"diffuse"},
 }
-"""What is read of each element."""
+"""Child elements that are read, by element."""
 
 _HARMLESS = {"static", "self_collide", "allow_auto_disable", "enable_wind", "gravity", "cast_shadows", "ambient"}
 _HARMLESS |= {"specular", "emissive", "lighting", "laser_retro", "meta", "must_be_base_link", "physics", "kinematic"}
-"""Of simulation or light alone: a note is enough."""
+"""Elements that affect only simulation or lighting: reported as notes."""
 
 _EMPTY = ("0", "0.0", "-1", "inf", "1e+16", "1e16", "")
-"""Values that say nothing."""
+"""Values that have no effect and are not reported."""
 
 
 def left_out(model: Element, xml: Xml) -> list[Finding]:
-    """Return what is not kept of a model."""
+    """Return findings on data of the model that are not kept."""
     found: list[Finding] = []
     if xml.root.find("world") is not None:
         others = sorted({str(e.tag) for w in xml.root.findall("world") for e in w} - {"model"})
         if others:
-            found.append(note("unread", f"of the world only its model is read, not {', '.join(others)}.", "world"))
+            found.append(note("unread", f"only the model of the world is read, not {', '.join(others)}.", "world"))
     pose = model.find("pose")
     if pose is not None and (pose.text or "").strip():
         found.append(
@@ -48,7 +48,7 @@ def _walk(element: Element, kind: str, where: str, found: list[Finding]) -> None
         tag = str(child.tag)
         named = f"{where}, {tag} '{child.get('name')}'" if child.get("name") else f"{where}, {tag}"
         if tag == "collision" and element.find("visual") is not None:
-            found.append(note("collision", f"{named}: is not kept: what is shown is what collides.", where))
+            found.append(note("collision", f"{named}: is not kept: the visual meshes are used for collision.", where))
         elif tag not in _READ[kind]:
             _tell(child, tag, where, found)
         elif tag in _READ:

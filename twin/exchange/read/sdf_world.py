@@ -1,6 +1,6 @@
-"""The one model of an SDF that is the robot, written out: includes resolved, nested models hoisted into it.
+"""Extract the robot's model from an SDF as one flat model: includes resolved, contents of nested models moved into it.
 
-What is named `palm` in a nested model `hand` is `hand::palm` afterwards, as SDF itself calls it.
+A link `palm` of a nested model `hand` is then named `hand::palm`, as in SDF.
 """
 
 from __future__ import annotations
@@ -18,22 +18,23 @@ from twin.exchange.read.source import note, warning
 from twin.exchange.read.xml import Xml
 
 ORIGIN = "__model__"
-"""SDF's name of a model's own frame; the frame of a nested model is hoisted as `hand::__model__`."""
+"""SDF's name of a model's own frame; the frame of a nested model `hand` becomes `hand::__model__`."""
 
 _DEEPEST = 8
-"""How deep models may lie in one another: an include of itself has no end."""
+"""Maximum nesting depth of models, to stop recursive includes."""
 
 
 def robot_of(xml: Xml, root: str | None, findings: list[Finding]) -> Element:
-    """Return a copy of the model that is meant, whole and flat.
+    """Return the selected model as a flat copy.
 
     Args:
         xml: the file.
         root: name of the model; None: the only one that has joints.
-        findings: told what else the file holds.
+        findings: receives notes on omitted content.
 
     Raises:
-        SourceError: several models have joints and no root is given, there is no such model, or a part is missing.
+        SourceError: several models have joints and no root is given, the model does not exist, or a part of it is
+            missing.
     """
     known: dict[str, Element] = {}
     taken: list[Path] = []
@@ -44,7 +45,7 @@ def robot_of(xml: Xml, root: str | None, findings: list[Finding]) -> Element:
                 if model is None:
                     uri = (element.findtext("uri") or "").strip()
                     where = f"include {uri}"
-                    findings.append(warning("include", f"{where} is not there: what it holds is left out.", where))
+                    findings.append(warning("include", f"{where} is missing: its content is left out.", where))
                     continue
             elif element.tag == "model":
                 model = copy.deepcopy(element)
@@ -53,10 +54,10 @@ def robot_of(xml: Xml, root: str | None, findings: list[Finding]) -> Element:
                 continue
             name = model.get("name") or ""
             if name in known:
-                raise SourceError(f"{xml.path}: model '{name}': two have this name")
+                raise SourceError(f"{xml.path}: model '{name}': the name is used twice")
             known[name] = model
     if not known:
-        raise SourceError(f"{xml.path}: it holds no <model>")
+        raise SourceError(f"{xml.path}: it has no <model>")
     jointed = [n for n, m in known.items() if next(m.iter("joint"), None) is not None]
     if root is not None:
         if root not in known:
@@ -70,35 +71,37 @@ def robot_of(xml: Xml, root: str | None, findings: list[Finding]) -> Element:
         own = robots[0]
     for name in known:
         if name != own:
-            text = f"model '{name}' is left out: it is no part of robot '{own}'."
+            text = f"model '{name}' is left out: it does not belong to robot '{own}'."
             findings.append((warning if name in jointed else note)("prop", text, name))
     _flatten(xml, known[own])
     return known[own]
 
 
 def _resolve(xml: Xml, model: Element, depth: int, taken: list[Path]) -> None:
-    """Put the models that a model includes into it; `taken` holds all that were included so far."""
+    """Replace the includes of a model by their models; `taken` holds all includes so far."""
     if depth > _DEEPEST:
-        raise SourceError(f"{xml.path}: models lie more than {_DEEPEST} deep in one another: does one include itself?")
+        raise SourceError(f"{xml.path}: models are nested more than {_DEEPEST} deep: does one include itself?")
     for i, element in enumerate(list(model)):
         if element.tag == "include":
             uri = (element.findtext("uri") or "").strip()
             inner = _included(xml, element, depth + 1, taken)
             if inner is None:
-                xml.fail(f"model '{model.get('name')}'", f"include {uri} is not there: put it beside the file")
+                xml.fail(
+                    f"model '{model.get('name')}'", f"include {uri} is missing: put it into the folder of the SDF file"
+                )
             model[i] = inner
         elif element.tag == "model":
             _resolve(xml, element, depth + 1, taken)
 
 
 def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Element | None:
-    """Return the model of an include, with the name and pose that it asks for; None if its file is not there."""
+    """Return the model of an include, with the name and pose that the include states; None if its file is missing."""
     uri = (include.findtext("uri") or "").strip()
     if not uri:
         xml.fail("<include>", "it has no <uri>")
     for key in ("placement_frame", "merge"):
         if (value := include.findtext(key) or include.get(key) or "") not in ("", "false", "0"):
-            xml.fail(f"include {uri}", f"{key} = '{value}' is not read: write the model out (gz sdf -p)")
+            xml.fail(f"include {uri}", f"{key} = '{value}' is not read: expand the model (gz sdf -p)")
     file = _file(uri, xml.path.parent)
     if file is None:
         return None
@@ -110,7 +113,7 @@ def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Elem
     if len(models) != 1:
         raise SourceError(f"{file}: included by {xml.path.name}: expected one model, found {len(models)}")
     model = copy.deepcopy(models[0])
-    for address in model.iter("uri"):  # its own files lie beside it
+    for address in model.iter("uri"):  # files of an included model are searched beside it
         place = find((address.text or "").strip(), file.parent)
         address.text = str(place.resolve()) if place is not None else address.text
     _resolve(other, model, depth, taken)
@@ -125,18 +128,18 @@ def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Elem
 
 
 def _file(uri: str, beside: Path) -> Path | None:
-    """Return the SDF file that an address means: itself, or model.sdf in the folder of that name beside or above."""
+    """Return the SDF file of an address: itself, or model.sdf in a folder of that name beside or above the file."""
     if uri.startswith(("http://", "https://")):
-        uri = uri.rstrip("/").rpartition("/")[2]  # nothing is fetched, but a copy may lie beside
+        uri = uri.rstrip("/").rpartition("/")[2]  # nothing is downloaded, but a copy may be in the same folder
     return next((f for n in (f"{uri}/model.sdf", f"{uri}.sdf", uri) if (f := find(n, beside)) is not None), None)
 
 
 def _flatten(xml: Xml, model: Element) -> None:
-    """Hoist everything of the models nested in a model into it."""
+    """Move the contents of nested models into the model itself."""
     for inner in model.findall("model"):
         name = xml.name(inner, "model")
         if inner.get("placement_frame"):
-            xml.fail(f"model '{name}'", "placement_frame is not read: write the model out (gz sdf -p)")
+            xml.fail(f"model '{name}'", "placement_frame is not read: expand the model (gz sdf -p)")
         _flatten(xml, inner)
         model.remove(inner)
         links = [e for e in inner if e.tag == "link"]
@@ -174,7 +177,7 @@ def _flatten(xml: Xml, model: Element) -> None:
 
 
 def _references(element: Element) -> Iterator[tuple[Element, str]]:
-    """Yield where an element of a model names a link, joint or frame: an attribute, or "" for the text."""
+    """Yield (element, attribute) for each reference to a link, joint or frame; "" means the element's text."""
     if element.tag in ("link", "joint", "frame"):
         yield element, "name"
     for inner in element.iter():

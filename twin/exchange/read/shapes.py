@@ -1,4 +1,4 @@
-"""Shapes of URDF and SDF as meshes of a body: primitives, and mesh files if they are there."""
+"""Convert shapes of URDF and SDF to meshes: primitives, and mesh files if they exist."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from twin.exchange.read.xml import Xml
 from twin.model.mechanism import Mesh
 
 SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
-"""What URDF and SDF say of each shape that both have."""
+"""Attributes of the shapes of URDF and SDF, by shape."""
 
 Color = tuple[float, float, float, float]
-"""As displays show it, 0..1: so URDF, MJCF and SDF give colours."""
+"""Named colours in display values 0..1, as in URDF, MJCF and SDF."""
 
 GREY: Color = (0.8, 0.8, 0.8, 1.0)
-"""Of what has no colour in its file."""
+"""Default colour in display values 0..1."""
 
 
 def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
     """Return vertices (n, 3) in m and triangles (m, 3) of a shape.
 
-    Sizes: box (edges), cylinder (radius, length), capsule (radius, length between centres), sphere (radius), ellipsoid
-    (half axes).
+    Sizes in m: box (edges), cylinder (radius, length), capsule (radius, length between centres), sphere (radius),
+    ellipsoid (half axes).
     """
     from trimesh import creation
 
@@ -50,7 +50,7 @@ def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
 
 
 def size(xml: Xml, where: str, kind: str, text: Callable[[str], str | None]) -> list[float]:
-    """Return the positive sizes of a box, cylinder or sphere; `text` gives what stands under a key."""
+    """Return the positive sizes of a box, cylinder or sphere; `text` is a function that returns the text of a key."""
     size = [
         float(s) for k in SIZES[kind] for s in xml.numbers(where, f"{kind} {k}", text(k), 3 if k == "size" else 1, None)
     ]
@@ -60,16 +60,16 @@ def size(xml: Xml, where: str, kind: str, text: Callable[[str], str | None]) -> 
 
 
 def placed(name: str, vertices: Array, triangles: np.ndarray, T_body_mesh: Array, color: Color) -> Mesh:
-    """Return a mesh moved into the frame of its body; its colour becomes linear, as the model has it."""
+    """Return a mesh moved into the frame of its body; its colour is converted to linear components."""
     points = vertices @ T_body_mesh[:3, :3].T + T_body_mesh[:3, 3]
     r, g, b, a = color
     return Mesh(name, points, np.asarray(triangles, np.int32), (linear(r), linear(g), linear(b), a))
 
 
 def find(uri: str, beside: Path) -> Path | None:
-    """Return the file that a `package://`, `model://`, `file://` or plain address means, or None.
+    """Return the file for a `package://`, `model://`, `file://` or plain address, or None if it is not found.
 
-    A package is looked for above and beside the description: no environment is asked.
+    A package is searched in the folders beside and above the description; environment variables are not used.
     """
     scheme, mark, rest = uri.partition("://")
     rest = rest if mark else scheme
@@ -86,10 +86,10 @@ def find(uri: str, beside: Path) -> Path | None:
 def mesh_file(
     uri: str, beside: Path, scale: Array, link: str, findings: list[Finding]
 ) -> tuple[Array, np.ndarray] | None:
-    """Return vertices in m and triangles of a mesh file, or None with a warning that names it."""
+    """Return (vertices (n, 3) in m, triangles (m, 3)) of a mesh file, or None with a warning that names the file."""
     path = find(uri, beside)
     if path is None or path.suffix.lower() not in SUFFIXES:
-        why = "is not there" if path is None else f"is no {', '.join(SUFFIXES)}"
+        why = "is not there" if path is None else f"is not one of {', '.join(SUFFIXES)}"
         findings.append(warning("mesh", f"link '{link}': mesh {uri} {why}: the link is shown without it.", uri))
         return None
     try:

@@ -1,4 +1,4 @@
-"""What every reader shares: names made identifiers, findings, frames and limits checked, a tool."""
+"""Common parts of all readers: names converted to identifiers, findings, checked frames and limits, a tool frame."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import MechanismError, SourceError, unknown
-from twin.core.findings import Finding
+from twin.core.findings import Finding, finding
 from twin.core.spatial import Array
 from twin.model.mechanism import Body, Coupling, Frame, Inertia, Joint, Mechanism
 from twin.usd.read.names import identifier, unique
@@ -21,15 +21,15 @@ from twin.usd.read.tool import with_tool
 
 @dataclass
 class Imported:
-    """A mechanism in SI units and what was renamed, guessed, missing or left out on the way.
+    """A mechanism in SI units, with findings on renamed, guessed, missing and omitted data.
 
     Attributes:
         mechanism: bodies, joints and loops.
         findings: see above.
-        efforts: largest effort in N or N m that the file gives a joint without saying its gains.
-        assumed: joints whose drives are nobody's numbers.
-        posed: whether the file says where the bodies rest; a URDF gives joints alone.
-        keys: states that the file names: value in m or rad by joint of the tree, driven or not.
+        efforts: maximum effort in N or N m of joints without gains in the file.
+        assumed: joints with assumed drives.
+        posed: whether the file gives rest poses; a URDF does not.
+        keys: named states of the file: values in m or rad by joint of the tree, driven or passive.
     """
 
     mechanism: Mechanism
@@ -41,7 +41,7 @@ class Imported:
 
 
 class Names:
-    """Foreign names of one kind made identifiers; each change is a finding."""
+    """Conversion of the file's names of one kind to identifiers; each change is a finding."""
 
     def __init__(self, kind: str, names: Iterable[str], findings: list[Finding]) -> None:
         names = list(names)
@@ -49,7 +49,7 @@ class Names:
         self._known = unique((n, n) for n in names)
         for old, new in self._known.items():
             if old != new:
-                findings.append(note("renamed", f"{kind} '{old}' is called '{new}' here.", old))
+                findings.append(note("renamed", f"{kind} '{old}' is renamed to '{new}'.", old))
 
     def __getitem__(self, name: str) -> str:
         return self._known[name]
@@ -58,20 +58,20 @@ class Names:
         return name in self._known
 
     def items(self) -> Iterable[tuple[str, str]]:
-        """Return each foreign name with its name here."""
+        """Return (name in the file, identifier) of each object."""
         return self._known.items()
 
 
 def named_apart(
     kind: str, wanted: Iterable[tuple[Hashable, str]], taken: Collection[str], findings: list[Finding]
 ) -> dict[Any, str]:
-    """Return an identifier for each key that no other key and nothing of `taken` has; each change is a finding.
+    """Return a unique identifier that is not in `taken` for each key; each change is a finding.
 
     Args:
-        kind: of what is named, for the findings.
+        kind: of the named objects, for the findings.
         wanted: (key, name in the file).
         taken: identifiers in use.
-        findings: gets the changes.
+        findings: receives the changes.
     """
     out: dict[Any, str] = {}
     for key, name in wanted:
@@ -82,19 +82,19 @@ def named_apart(
             i += 1
             free = f"{first}_{i}"
         if free != name:
-            findings.append(note("renamed", f"{kind} '{name}' is called '{free}' here.", name))
+            findings.append(note("renamed", f"{kind} '{name}' is renamed to '{free}'.", name))
         out[key] = free
     return out
 
 
 def note(code: str, message: str, where: str) -> Finding:
-    """Return an info: something was changed that loses nothing."""
-    return Finding(f"import.{code}", "info", message, where)
+    """Return a finding of severity info: data were changed without loss."""
+    return finding("info", f"import.{code}", where, message)
 
 
 def warning(code: str, message: str, where: str) -> Finding:
-    """Return a warning: something of the file is not in the mechanism."""
-    return Finding(f"import.{code}", "warning", message, where)
+    """Return a finding of severity warning: data of the file are not in the mechanism."""
+    return finding("warning", f"import.{code}", where, message)
 
 
 def rpy(angles: Array) -> Array:
@@ -104,8 +104,8 @@ def rpy(angles: Array) -> Array:
 
 
 def along(axis: Array) -> Array:
-    """Return a frame (4, 4) whose z is along the axis (3,), which has a length; the identity for z itself."""
-    z = axis / np.abs(axis).max()  # first: the square of a huge or tiny number is none
+    """Return a pose (4, 4) at the origin whose z is along the nonzero axis (3,); the identity if the axis is z."""
+    z = axis / np.abs(axis).max()  # scaled first: the square of a huge or tiny number is infinite or zero
     z = z / np.linalg.norm(z)
     if np.array_equal(z, [0.0, 0.0, 1.0]):
         return np.eye(4)
@@ -113,7 +113,7 @@ def along(axis: Array) -> Array:
 
 
 def possible(inertia: Inertia, link: str, findings: list[Finding]) -> Inertia | None:
-    """Return the inertia, or None with a warning if no rigid body has it."""
+    """Return the inertia; if it is physically impossible, add a warning and return None."""
     bad = inertia.violations() if np.all(np.isfinite(inertia.I_com)) else ["its numbers are not finite"]
     if not bad:
         return inertia
@@ -122,17 +122,17 @@ def possible(inertia: Inertia, link: str, findings: list[Finding]) -> Inertia | 
 
 
 def limits(lower: float | None, upper: float | None, joint: str, findings: list[Finding]) -> tuple[float, float] | None:
-    """Return limits, or None where there are none.
+    """Return the limits in m or rad, or None without limits.
 
     Raises:
-        SourceError: they are swapped.
+        SourceError: the lower limit is above the upper limit.
     """
     if lower is None and upper is None:
         return None
     low, high = -math.inf if lower is None else lower, math.inf if upper is None else upper
     if low == high == 0.0:
         findings.append(
-            warning("limits", f"joint '{joint}': limits 0 .. 0 are read as not given: it is unlimited.", joint)
+            warning("limits", f"joint '{joint}': limits 0 .. 0 are read as missing: the joint is unlimited.", joint)
         )
         return None
     if low >= high:
@@ -151,12 +151,12 @@ def assemble(
     findings: list[Finding],
     efforts: dict[str, float] | None = None,
 ) -> Imported:
-    """Return the mechanism with every body where its joints' zero puts it, and a tool.
+    """Return the mechanism at zero joint values, with a tool.
 
-    The tool is the frame of that name, else the end of the longest chain: named in a finding.
+    The tool is the frame named `tool`, else a new frame at the end of the longest chain, reported in a finding.
 
     Raises:
-        SourceError: the parts form no mechanism.
+        SourceError: the parts do not form a mechanism.
     """
     if not joints:
         raise SourceError(f"{path}: no joints, so there is no mechanism")
@@ -178,15 +178,15 @@ def rest_poses(mechanism: Mechanism) -> dict[str, Array]:
 
 
 def tooled(mechanism: Mechanism, findings: list[Finding]) -> Mechanism:
-    """Return the mechanism with a tool; one that had to be made is a warning."""
+    """Return the mechanism with a tool frame; a frame that was added is reported as a warning."""
     out, said = with_tool(mechanism)
     if out.frames != mechanism.frames:
-        findings.append(warning("tool", f"{said} Move [frame.tool] where it belongs.", out.frame(out.tool).body))
+        findings.append(warning("tool", f"{said} Edit [frame.tool] to place it correctly.", out.frame(out.tool).body))
     elif said:
         findings.append(note("tool", said, out.tool))
     return out
 
 
 def missing(path: Path, kind: str, name: str, known: Iterable[str], where: str) -> SourceError:
-    """Return the error for a name that does not exist."""
+    """Return the `SourceError` for a name that does not exist."""
     return SourceError(f"{path}: {where}: {unknown(kind, name, known)}")

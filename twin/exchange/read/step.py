@@ -1,7 +1,7 @@
-"""A STEP assembly as the skeleton of a robot: one body a node, features, and joints proposed where bodies touch.
+"""Convert a STEP assembly to the skeleton of a robot: one body per node, features, and proposed joints where faces fit.
 
-The STEP knows shapes, not joints: every body is held to the base until its joint is named. The joints that the faces
-suggest stand in the description as comments.
+A STEP file has shapes, but no joints: every body is fixed to the base until its joint is named. Proposed joints are
+comments in the description.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import numpy as np
 from twin.cad.build import read_mechanism
 from twin.cad.step import Part, read_step
 from twin.core.errors import CadError, SourceError
-from twin.core.findings import Finding
+from twin.core.findings import Finding, finding
+from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.exchange.read.folder import TOLERANCE, write_robot
@@ -37,15 +38,15 @@ DRIVE = (
     '# provenance = "ASSUMED"',
     '# note = "where the gains come from"',
 )
-"""What a skeleton says of drives."""
+"""Comment about drives in the description of a skeleton."""
 
 _GROUND = ("base", "frame", "ground", "world", "housing", "fixed")
-"""Words in the name of the body that stands still."""
+"""Words by which the base body is recognised in names."""
 
 
 @dataclass
 class Skeleton:
-    """What a STEP shows: parts by body, the node of each body, the base, pairs of faces and proposed joints."""
+    """The content of a STEP: parts by body, node of each body, base, fitting pairs of faces, proposed joints."""
 
     parts: dict[str, list[Part]]
     nodes: dict[str, str]
@@ -56,7 +57,7 @@ class Skeleton:
 
     @property
     def tool(self) -> str:
-        """The body that hangs furthest out."""
+        """Name of the outermost body, which gets the tool frame."""
         return self.proposals[-1].child if self.proposals else list(self.parts)[-1]
 
 
@@ -64,7 +65,7 @@ def read_skeleton(path: Path) -> Skeleton:
     """Read a STEP assembly.
 
     Raises:
-        SourceError: it cannot be read, or holds one part only.
+        SourceError: the file cannot be read, or has only one part.
     """
     try:
         step = read_step(path)
@@ -74,7 +75,8 @@ def read_skeleton(path: Path) -> Skeleton:
     by_node = bodies(step.parts)
     if len(by_node) < 2:
         raise SourceError(
-            f"{path}: it holds one body, '{next(iter(by_node))}': a mechanism needs an assembly, a node for each body"
+            f"{path}: it holds one body, '{next(iter(by_node))}': a mechanism requires an assembly with a node for "
+            "each body"
         )
     names = Names("node", by_node, findings)
     parts = {names[n]: p for n, p in by_node.items()}
@@ -83,13 +85,17 @@ def read_skeleton(path: Path) -> Skeleton:
         twice = {p.name for p in own if (key := (*p.path, p.name)) in seen or seen.add(key)}
         if twice:
             text = (
-                f"node '{node}' holds several parts named '{min(twice)}': if the node itself stands there several "
-                "times, its copies are read as one body. Name the copies apart in the CAD."
+                f"node '{node}' holds several parts named '{min(twice)}': if the node occurs several times, its copies "
+                "are read as one body. Give the copies different names in the CAD."
             )
             findings.append(warning("copies", text, node))
     base = next((b for w in _GROUND for b in parts if w in b.split("_")), next(iter(parts)))
-    findings.append(note("base", f"body '{base}' is taken for the base; change `base` if another stands still.", base))
-    findings.append(warning("mass", "a STEP has no densities: bodies have no mass until [material.*] says them.", base))
+    findings.append(
+        note("base", f"body '{base}' is assumed to be the base; change `base` if another body is fixed.", base)
+    )
+    findings.append(
+        warning("mass", "a STEP has no densities: bodies have no mass until [material.*] states the densities.", base)
+    )
     pairs = find_pairs(parts)
     proposals, left = propose(parts, pairs, base)
     findings += [_near(p) for p in proposals if p.misses or p.pair.near]
@@ -97,52 +103,59 @@ def read_skeleton(path: Path) -> Skeleton:
     findings += [f for node, own in by_node.items() if (f := _inside(node, own))]
     held = sorted(set(parts) - {base} - {b for p in proposals for b in (p.parent, p.child)})
     if held:
-        text = f"no joint is proposed for {', '.join(held)}: no bore, pin, rail or ball of theirs fits another body's."
+        text = (
+            f"no joint is proposed for {', '.join(held)}: none of their bores, pins, rails or balls fits a face of "
+            "another body."
+        )
         findings.append(warning("held", text, held[0]))
     text = (
-        f"{len(proposals)} joints are proposed, as comments: all bodies are held to '{base}' until you name theirs. "
-        f"Axes up to {GROSS[0] / MM:g} mm and {GROSS[1] / DEG:g}° apart, and less than the radius, are taken for one."
+        f"{len(proposals)} joints are proposed, as comments: all bodies are fixed to '{base}' until you name their "
+        "joints. "
+        f"Axes up to {GROSS[0] / MM:g} mm and {GROSS[1] / DEG:g}° apart, and less than the radius, count as coincident."
     )
     findings.append(warning("joints", text, base))
     if step.placement_error > 0:
-        text = f"instances are placed by matrices: faces are measured to {step.placement_error * 1e6:.2g} um."
+        text = (
+            "the file places instances by rounded matrices, so faces are measured with an accuracy of "
+            f"{step.placement_error * 1e6:.2g} um."
+        )
         findings.append(note("placement", text, base))
     return Skeleton(parts, {names[n]: n for n in by_node}, base, pairs, proposals, findings)
 
 
 def _near(p: Proposal) -> Finding:
     text = (
-        f"joint {p.name} of '{p.parent}' and '{p.child}': {p.pair.radii} are {p.miss} apart as drawn (confidence "
-        f"{p.pair.confidence}). Proposed all the same; once taken, info and validate find it: cad.meeting, cad.tilt."
+        f"joint {p.name} of '{p.parent}' and '{p.child}': {p.pair.radii} are {p.miss} apart in the CAD (confidence "
+        f"{p.pair.confidence}); proposed, but `info` and `validate` will report it: cad.meeting, cad.tilt"
     )
-    return Finding("import.near", "warning", text, p.name, size=p.offset, unit="m")
+    return finding("warning", "import.near", p.name, text, Quantity(p.offset, "m"), word="")
 
 
 def _left(p: Pair) -> Finding:
-    """Return the finding for a fit between two bodies that no proposal stands on."""
+    """Return the finding on a fit between two bodies that is not used for a joint."""
     text = f"'{p.a.part.name}' of '{p.a.body}' fits '{p.b.part.name}' of '{p.b.body}' as well, "
     off = f"{p.offset / MM:.4g} mm and {p.tilt / DEG:.4g}° off (confidence {p.confidence})" if p.near else "exactly"
-    return warning("left", f"{text}{off}: it places no joint here, and is not checked.", p.a.body)
+    return warning("left", f"{text}{off}: this fit is not used for a joint, and not checked.", p.a.body)
 
 
 def _inside(node: str, parts: list[Part]) -> Finding | None:
-    """Return the finding for pins and balls that can move in bores and cups of the same node."""
+    """Return the finding on pins and balls that can move in bores and cups of the same node."""
     pairs = [p for p in find_pairs({str(i): [part] for i, part in enumerate(parts)}) if p.movable()]
     if not pairs:
         return None
     some = ", ".join(f"'{p.a.part.name}' in or on '{p.b.part.name}'" for p in pairs[:3])
     inner = sorted({(*part.path, part.name)[part.path.index(node) + 1] for part in parts if node in part.path})
     text = (
-        f"node '{node}' is read as one body, but parts of it can move in one another: {some}"
+        f"node '{node}' is read as one body, but some of its parts can move in others: {some}"
         f"{f' and {len(pairs) - 3} more' if len(pairs) > 3 else ''}. If these are joints, write a [body.*] with `node` "
-        f"for each inner node that moves ({', '.join(inner[:6])}{', ...' if len(inner) > 6 else ''}), or export the "
-        "sub-assembly opened."
+        f"for each moving inner node ({', '.join(inner[:6])}{', ...' if len(inner) > 6 else ''}), or export the "
+        "sub-assembly as separate nodes."
     )
     return warning("inside", text, node)
 
 
 def bodies(parts: Iterable[Part]) -> dict[str, list[Part]]:
-    """Return the parts of each assembly node on the first level where the tree forks."""
+    """Return the parts of each assembly node on the first level with more than one node."""
     chains = [((*p.path, p.name), p) for p in parts]
     level = 0
     while all(len(c) > level + 1 for c, _ in chains) and len({c[level] for c, _ in chains}) == 1:
@@ -159,7 +172,7 @@ def write_skeleton(
     """Write the robot folder of a STEP; see `folder.write_robot`.
 
     Returns:
-        The files written, the description first, and the mechanism, which is rigid.
+        (files, mechanism): the written files, the description first; the mechanism, whose bodies are all fixed.
     """
     made: list[Mechanism] = []
 
@@ -175,9 +188,10 @@ def write_skeleton(
 def describe(s: Skeleton, name: str, source: str) -> str:
     """Return the description of a skeleton in TOML."""
     lines = [
-        f"# {name}, made by `twin new` from {one_line(source)}. A skeleton: every body is held to the base.",
-        "# Name the joints: take the comment off those below that exist, name them, mark the driven ones with",
-        "# `active = true` (list those first), and delete the hold of each body that now moves.",
+        f"# {name}, made by `twin new` from {one_line(source)}. A skeleton: every body is fixed to the base.",
+        "# To add joints: uncomment the correct proposals below, name them, mark the driven joints with",
+        "# `active = true` (list driven joints first), and delete the temporary fixed joint of each body that now "
+        "moves.",
         f"name = {string(name)}",
         f"title = {string(name)}",
         f"source = {string(source)}",
@@ -210,7 +224,11 @@ def describe(s: Skeleton, name: str, source: str) -> str:
         lines += [
             "",
             f"# {one_line(p.why)}",
-            *([f"# As drawn, its sides are {p.miss} apart (confidence {p.pair.confidence})."] if p.misses else []),
+            *(
+                [f"# In the CAD its two frames are {p.miss} apart (confidence {p.pair.confidence})."]
+                if p.misses
+                else []
+            ),
             "# [[joint]]",
             f"# name = {string(p.name)}",
             f"# type = {string(p.type)}",
@@ -235,7 +253,7 @@ def describe(s: Skeleton, name: str, source: str) -> str:
     centre = _middle(s.parts[s.tool]) / MM
     lines += [
         "",
-        "[frame.tool] # amid the outermost body: move it where the tool is",
+        "[frame.tool] # at the middle of the outermost body: move it to the tool",
         f"body = {string(s.tool)}",
         f"at = {{ position_mm = {numbers(round(float(v), 3) for v in centre)}, angles_deg = [0, 0, 0] }}",
         "",

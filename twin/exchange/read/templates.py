@@ -1,4 +1,4 @@
-"""The first formula and protocol of a new robot: a formula without equations, and a motion near home."""
+"""Templates for a new robot: a formula without equations, and a protocol with a motion near home."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 
 _STEP = {"revolute": 5 * DEG, "prismatic": 10 * MM}
-"""How far the first protocol moves a driven joint, where its limits leave room."""
+"""Distance in rad or m that a driven joint moves in the first protocol, within its limits."""
 
 
 def formula(mechanism: Mechanism) -> str:
-    """Return a formula.py with the driven joints of the mechanism, which waits for its equations."""
+    """Return the text of a formula.py with the driven joints of the mechanism, without equations."""
     names = [j.name for j in mechanism.active]
     units = ", ".join(f"{j.name} ({'rad' if j.is_angle else 'm'})" for j in mechanism.active) or "none yet"
     returned = ", ".join(names) or "..."
-    return f'''"""Equations of {one_line(mechanism.name)}: yours are to be written here.
+    return f'''"""Equations of {one_line(mechanism.name)}: write them here.
 
 Driven joints, in the order of q: {units}.
-`inverse` leads from the pose T_base_tool (4, 4) of frame '{mechanism.tool}' in base '{mechanism.base}' to them,
-`forward` from them to the pose. One of the two is enough. See docs/your-own-robot.md.
+`inverse` computes them from the pose T_base_tool (4, 4) of frame '{mechanism.tool}' in base '{mechanism.base}',
+`forward` computes the pose from them. One of the two is enough. See docs/your-own-robot.md.
 
-Every command that needs equations runs this file: it is code. Take the last line out when they are there.
+Every command that needs equations runs this file: it is code. Delete the last line when the equations are written.
 
 import numpy as np
 
@@ -46,9 +46,9 @@ def inverse(pose, length):
 
 
 def protocol(mechanism: Mechanism) -> str:
-    """Return a protocol that moves a driven joint a little and back; every number of it is ASSUMED.
+    """Return a protocol that moves a driven joint by a small amount and back; all its numbers are ASSUMED.
 
-    It goes by the joints, so that every mechanism can follow it, whatever freedoms its tool has.
+    It moves a joint instead of the tool, so that every mechanism can follow it.
     """
     home, near, how = _near(mechanism)
     return f"""# A first motion: from home to a place nearby and back, by the driven joints; the tool follows. {how}
@@ -59,7 +59,7 @@ title = {string(f"First motion of {mechanism.name}")}
 source = "template of twin new"
 robot = {string(mechanism.name)}
 frame = {string(mechanism.tool)}
-shaft_axis = [0, 0, 1] # in `frame`; it matters to insertions and pivots only
+shaft_axis = [0, 0, 1] # in `frame`; used by insertions and pivots only
 rotation = "zyx"
 start = "home"
 home = "home"
@@ -85,9 +85,9 @@ name = "back"
 
 
 def _near(mechanism: Mechanism) -> tuple[dict[str, float], dict[str, float], str]:
-    """Return values of the driven joints at home and nearby, by name and unit, and how they differ.
+    """Return (values of the driven joints at home, values nearby, text on the difference); values by name and unit.
 
-    The first driven joint is moved that moves the tool and has room within its limits, or else any that can be moved.
+    The moved joint is the first driven joint that moves the tool within its limits, else any that can be moved.
     """
     model = ReferenceModel(mechanism)
     home = model.home()
@@ -109,7 +109,11 @@ def _near(mechanism: Mechanism) -> tuple[dict[str, float], dict[str, float], str
                 return _values(mechanism, home.q), _values(mechanism, q), f"Driven joint {joint.name} moves by {by}."
     values = _values(mechanism, home.q)
     if found is not None:
-        return values, _values(mechanism, found[0]), f"Driven joint {found[1]} moves by {found[2]}; the tool stands."
+        return (
+            values,
+            _values(mechanism, found[0]),
+            f"Driven joint {found[1]} moves by {found[2]}; the tool does not move.",
+        )
     why = "No driven joint can be moved from home" if mechanism.active else "No joint is driven yet"
     return values, values, f"{why}: give `near` other values, as in joints = {{ NAME_deg = 5 }} or {{ NAME_mm = 10 }}."
 
@@ -137,7 +141,7 @@ def _waypoint(name: str, values: dict[str, float]) -> str:
     joints = ", ".join(f"{key} = {number(value)}" for key, value in values.items())
     return f"""
 [waypoints.{name}]
-joints = {{ {joints} }} # one that is not named is as drawn
+joints = {{ {joints} }} # joints that are not listed stay at home
 provenance = "ASSUMED"
-note = "As the mechanism stands; to be replaced."
+note = "The home position of the mechanism; to be replaced."
 """

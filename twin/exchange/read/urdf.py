@@ -1,8 +1,8 @@
 """Read a URDF, with its loops from a closure YAML.
 
-Joint frames are URDF's own, turned so that z is the axis. A fixed link without shape and mass is a named
-frame on its parent. What a mechanism here has no word for is an error (planar joints) or a warning that names it
-(friction, efforts, textures).
+Joint frames are those of the URDF, rotated so that z is the axis. A fixed link without shape and mass becomes a named
+frame on its parent. Data that a mechanism cannot hold cause an error (planar joints) or a warning (friction, efforts,
+textures).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ TYPES: dict[str, JointType] = {
     "fixed": "fixed",
     "floating": "free",
 }
-"""Joint types of URDF that a mechanism here can express."""
+"""Joint types of URDF that a mechanism can express."""
 
 _KNOWN = {
     "robot": {"link", "joint", "material", "transmission", "gazebo"},
@@ -62,14 +62,14 @@ _KNOWN = {
 }
 
 _LIGHT = 1e-6
-"""Mass in kg up to which a link without shape is a mark and no body."""
+"""Mass in kg up to which a link without shape becomes a frame instead of a body."""
 
 
 def read_urdf(path: Path, closures: Path | None = None) -> Imported:
     """Read a URDF and its closure YAML, if it has one.
 
     Raises:
-        SourceError: file and element, and what is wrong with it.
+        SourceError: the file is invalid or unsupported; the message names file, element and fault.
     """
     return _Urdf(path, read_closures(closures) if closures else None, closures).read()
 
@@ -93,7 +93,7 @@ class _Urdf:
         body_names = Names("link", (n for n in links if n not in self.marks), found)
         joint_names = Names("joint", (m for n in joints for m in self._parts(n)), found)
         self.home = {n: (body_names[n], np.eye(4)) for n in links if n not in self.marks}
-        for _ in self.marks:  # a mark may hang on a mark
+        for _ in self.marks:  # a named frame may be fixed to another named frame
             for n, j in self.marks.items():
                 if ends[j][0] in self.home:
                     body, T = self.home[ends[j][0]]
@@ -137,7 +137,7 @@ class _Urdf:
         for element in root.findall(kind):
             name = self.xml.name(element, kind)
             if name in out:
-                self.xml.fail(f"{kind} '{name}'", "two have this name")
+                self.xml.fail(f"{kind} '{name}'", "the name is used twice")
             self._strange(element, kind, f"{kind} '{name}'")
             out[name] = element
         if not out:
@@ -145,14 +145,16 @@ class _Urdf:
         return out
 
     def _strange(self, element: Element, kind: str, where: str) -> None:
-        """Say what is not read; each tag once for the whole file would hide where, so it is once an element."""
+        """Report tags that are not supported, once for each element."""
         for tag in dict.fromkeys(str(child.tag) for child in element):
             if tag not in _KNOWN[kind]:
                 self.findings.append(warning("unread", f"{where}: <{tag}> is not read.", where))
             elif tag in ("calibration", "joint_properties"):
                 self.findings.append(note("unread", f"{where}: <{tag}> is not kept.", where))
             elif tag == "gazebo":
-                self.findings.append(warning("unread", f"{where}: <gazebo> is not kept: no plug-ins.", where))
+                self.findings.append(
+                    warning("unread", f"{where}: <gazebo> is not kept: plug-ins are not supported.", where)
+                )
         dynamics = element.find("dynamics") if kind == "joint" else None
         for key in ("damping", "friction"):
             if dynamics is not None and self.xml.number(where, key, dynamics.get(key), 0.0):
@@ -176,7 +178,8 @@ class _Urdf:
             if child in above:
                 self.xml.fail(
                     f"link '{child}'",
-                    f"joints '{above[child]}' and '{joint}' both hold it; close loops by a closure YAML",
+                    f"joints '{above[child]}' and '{joint}' are both parents of the link: URDF holds trees. "
+                    "Remove one, and close the loop in a YAML file given with --closures",
                 )
             above[child] = joint
         roots = [n for n in links if n not in above]
@@ -187,7 +190,7 @@ class _Urdf:
     def _marks(
         self, links: dict[str, Element], joints: dict[str, Element], ends: dict[str, tuple[str, str]], base: str
     ) -> dict[str, str]:
-        """Return the links that are named frames, with the fixed joint that holds each."""
+        """Return the links that become named frames, each with its fixed joint."""
         out = {}
         for joint, (_, child) in ends.items():
             element = links[child]
@@ -198,7 +201,7 @@ class _Urdf:
             ):
                 out[child] = joint
                 self.findings.append(
-                    note("mark", f"link '{child}' has no shape and no mass: it is a frame on its parent.", child)
+                    note("mark", f"link '{child}' has no shape and no mass: it becomes a frame on its parent.", child)
                 )
         return out
 
@@ -209,19 +212,20 @@ class _Urdf:
         return heavy or link.find("visual") is not None or link.find("collision") is not None
 
     def _unclosed(self, names: list[str]) -> None:
-        """Tell names that come in pairs as the ends of loops do, where no closure YAML says so."""
+        """If there is no closure YAML, report paired names that look like the two ends of a cut loop."""
         ends = [
             n[:-1] for n in dict.fromkeys(names) if n.endswith("A") and f"{n[:-1]}B" in names and "loop" in n.lower()
         ]
         if ends:
             text = (
-                f"{len(ends)} pairs such as '{ends[0]}A' and '{ends[0]}B' look like ends of loops, but no closure YAML "
+                f"{len(ends)} pairs such as '{ends[0]}A' and '{ends[0]}B' look like ends of cut loops, but there is no "
+                "closure YAML, "
             )
-            text += "says so: the robot is a tree here. Put the YAML beside the URDF, or name it with --closures."
+            text += "so the robot is read as a tree. Put the YAML next to the URDF, or name it with --closures."
             self.findings.append(warning("closures", text, ends[0]))
 
     def _retyped(self, joints: dict[str, Element]) -> dict[str, str]:
-        """Return the joints that the closure YAML makes another type of."""
+        """Return the joints whose type the closure YAML replaces, with the new type."""
         retyped = self.closures.retyped if self.closures else {}
         leaders = {m.get("joint"): n for n, j in joints.items() if (m := j.find("mimic")) is not None}
         for name in retyped:
@@ -229,16 +233,16 @@ class _Urdf:
             if name not in joints:
                 raise SourceError(f"{where}: {unknown('joint', name, joints)}")
             if joints[name].find("mimic") is not None or name in leaders:
-                raise SourceError(f"{where}: joint '{name}' follows another or is followed: it must keep its type")
+                raise SourceError(f"{where}: joint '{name}' mimics a joint or is mimicked: its type cannot be changed")
         return retyped
 
     def _parts(self, name: str) -> list[str]:
-        """Return the joints that a joint of the file becomes: one, or the two hinges of a universal joint."""
+        """Return the joints made from one joint of the file: one, or the two hinges of a universal joint."""
         kind = self.retyped.get(name, "")
         return [f"{name}_{a}" for a in kind[-2:]] if kind.startswith("UJOINT") else [name]
 
     def _driven(self, root: Element, joints: dict[str, Element]) -> set[str]:
-        """Return the driven joints: those of the closure YAML, of the transmissions, or all that move."""
+        """Return the driven joints: those of the closure YAML, else of the transmissions, else all that move."""
         if self.closures is not None:
             for motor in self.closures.motors:
                 known = {m: n for n in joints for m in self._parts(n)}
@@ -246,7 +250,7 @@ class _Urdf:
                     raise SourceError(f"{self.closure_file}: name_mot: {unknown('joint', motor, known)}")
                 kind = self.retyped.get(known[motor], joints[known[motor]].get("type"))
                 if kind not in ("revolute", "continuous", "prismatic") and not str(kind).startswith("UJOINT"):
-                    raise SourceError(f"{self.closure_file}: name_mot: joint '{motor}' is {kind}: nothing to drive")
+                    raise SourceError(f"{self.closure_file}: name_mot: joint '{motor}' is {kind} and cannot be driven")
             return set(self.closures.motors)
         told = {str(j.get("name")) for t in root.findall("transmission") for j in t.findall("joint")}
         for name in told:
@@ -262,7 +266,7 @@ class _Urdf:
     def _geared(
         self, root: Element, joints: dict[str, Element], driven: set[str], names: Names
     ) -> tuple[tuple[Actuator, ...], tuple[Transmission, ...]]:
-        """Return the motors that drive one joint each by another ratio than 1; joints without are driven directly."""
+        """Return the motors that drive one joint each by a ratio other than 1; other joints are driven directly."""
         found: dict[str, tuple[Element, float]] = {}
         for t in root.findall("transmission"):
             name, told = str(t.get("name")), [str(j.get("name")) for j in t.findall("joint")]
@@ -270,7 +274,11 @@ class _Urdf:
             ratios = [self.xml.number(where, r.tag, r.text, 1.0) for r in t.iter("mechanicalReduction")]
             offsets = [self.xml.number(where, o.tag, o.text, 0.0) for o in t.iter("offset")]
             if any(offsets):
-                self.findings.append(warning("gear", f"{where}: its offset is not kept: zeros coincide.", name))
+                self.findings.append(
+                    warning(
+                        "gear", f"{where}: its offset is not kept: motor and joint have the same zero position.", name
+                    )
+                )
             single = len(told) == len(t.findall("actuator")) == len(ratios) == 1 and ratios[0] != 0
             if single and told[0] in driven - set(found) - set(self.retyped):
                 if ratios[0] != 1 and TYPES.get(str(joints[told[0]].get("type"))) in ("revolute", "prismatic"):
@@ -281,7 +289,9 @@ class _Urdf:
                     if ratios
                     else "how joints share motors"
                 )
-                self.findings.append(warning("gear", f"{where}: {what} is not kept: joints are driven.", name))
+                self.findings.append(
+                    warning("gear", f"{where}: {what} is not kept: the joints are driven directly.", name)
+                )
         motors = [(n, str(getattr(t.find("actuator"), "attrib", {}).get("name"))) for n, (t, _) in found.items()]
         motor = named_apart("motor", motors, {i for _, i in names.items()}, self.findings)
         label = named_apart("transmission", ((n, str(t.get("name"))) for n, (t, _) in found.items()), (), self.findings)
@@ -306,7 +316,7 @@ class _Urdf:
             turn = along(axis)
             values = self._limits(where, name, kind, joint.find("limit"), joint.find("safety_controller"))
         if kind == "floating":
-            found.append(warning("free", f"{where} is floating: the robot hangs freely on its parent.", name))
+            found.append(warning("free", f"{where} is a floating joint: the robot is not fixed to the world.", name))
         body, T = self.home[ends[0]]
         return Joint(
             new,
@@ -322,7 +332,7 @@ class _Urdf:
     def _retype(
         self, name: str, names: Names, joint: Element, ends: tuple[str, str], driven: set[str]
     ) -> Iterator[Joint]:
-        """Yield the joints that the closure YAML puts for one of the URDF, about the axes of its joint frame."""
+        """Yield the joints that replace a joint of the URDF by the closure YAML, about the axes of its joint frame."""
         kind, where, (parent, T) = self.retyped[name], f"joint '{name}'", self.home[ends[0]]
         T = T @ origin(self.xml, joint, where)
         child = self.home[ends[1]][0]
@@ -348,21 +358,23 @@ class _Urdf:
 
         if limit is None:
             if kind != "continuous":
-                self.findings.append(warning("limits", f"{where} has no <limit>: it is unlimited.", name))
+                self.findings.append(warning("limits", f"{where} has no <limit>: the joint is unlimited.", name))
         elif kind != "continuous":
             low, high = value(limit, "lower"), value(limit, "upper")
             if low is None and high is None:
                 self.findings.append(
-                    warning("limits", f"{where}: <limit> gives no lower and upper: it is unlimited.", name)
+                    warning("limits", f"{where}: <limit> gives no lower and upper: the joint is unlimited.", name)
                 )
             else:
-                # the format takes a bound that is left out for zero
+                # a missing bound is zero in URDF
                 try:
                     out["limits"] = limits(low or 0.0, high or 0.0, name, self.findings)
                 except SourceError as error:
                     raise SourceError(f"{self.path}: {error}") from error
         elif any(limit.get(k) is not None for k in ("lower", "upper")):
-            self.findings.append(note("limits", f"{where} is continuous: its lower and upper mean nothing.", name))
+            self.findings.append(
+                note("limits", f"{where} is continuous: its limits lower and upper are ignored.", name)
+            )
         if limit is not None:
             speed, effort = value(limit, "velocity"), value(limit, "effort")
             if speed is not None and speed < 0:
@@ -379,7 +391,7 @@ class _Urdf:
         return out
 
     def _within(self, out: dict, name: str) -> None:
-        """Cut soft limits off at the hard ones, beyond which they can never warn."""
+        """Return soft limits cut to the hard limits, beyond which they have no effect."""
         if out.get("limits") is None or out["soft_limits"] is None:
             return
         (low, high), (first, last) = out["limits"], out["soft_limits"]
@@ -388,8 +400,8 @@ class _Urdf:
         out["soft_limits"] = (max(low, first), min(high, last))
         if not out["soft_limits"][0] < out["soft_limits"][1]:
             del out["soft_limits"]
-        text = f"its soft limits {first:g} .. {last:g} go beyond its limits {low:g} .. {high:g}, where they never warn"
-        self.findings.append(note("soft_limits", f"joint '{name}': {text}; they end there.", name))
+        text = f"its soft limits {first:g} .. {last:g} exceed its limits {low:g} .. {high:g} and have no effect there"
+        self.findings.append(note("soft_limits", f"joint '{name}': {text}; they are cut to the limits.", name))
 
     def _mimic(self, name: str, names: Names, joints: dict[str, Element]) -> Coupling:
         where, mimic = f"joint '{name}', mimic", joints[name].find("mimic")
@@ -404,7 +416,7 @@ class _Urdf:
         return Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), total)
 
     def _loops(self, links: dict[str, Element], ends: dict[str, tuple[str, str]], names: Names) -> list[Joint]:
-        """Return the joints that the closure YAML adds; it names joints, whose child link is meant, or links."""
+        """Return the joints that the closure YAML adds; it names links, or joints that represent their child links."""
         out = []
         for i, (a, b, kind) in enumerate(self.closures.loops if self.closures else ()):
             sides = []
@@ -419,7 +431,7 @@ class _Urdf:
             label = label if label not in used and label not in names else f"loop{i + 1}_closure"
             (body_a, T_a), (body_b, T_b) = sides
             if body_a == body_b:
-                raise SourceError(f"{self.closure_file}: closed_loop: '{a}' and '{b}' lie on one body, '{body_a}'")
+                raise SourceError(f"{self.closure_file}: closed_loop: '{a}' and '{b}' are on the same body, '{body_a}'")
             out.append(Joint(label, kind, body_a, body_b, T_a, T_b))
         return out
 
@@ -441,6 +453,6 @@ class _Urdf:
 
 
 def _common(a: str, b: str) -> str:
-    """Return what two names begin with, as `closedloop1` of `closedloop1_A` and `closedloop1_B`."""
+    """Return the common prefix of two names, such as `closedloop1` for `closedloop1_A` and `closedloop1_B`."""
     n = next((i for i, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
     return a[:n].rstrip("_-")

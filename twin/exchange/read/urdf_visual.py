@@ -1,4 +1,4 @@
-"""What a URDF shows of its links: shapes, meshes, colours."""
+"""Read the visual data of a URDF: shapes, meshes, colours."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from twin.usd.read.names import identifier
 
 
 def origin(xml: Xml, element: Element, where: str) -> Array:
-    """Return the pose (4, 4) of <origin>, the identity without one."""
+    """Return the pose (4, 4) of an element's <origin>; the identity if it has none."""
     found = element.find("origin")
     xyz, angles = (found.get("xyz"), found.get("rpy")) if found is not None else (None, None)
     p = xml.numbers(where, "origin xyz", xyz, 3, (0, 0, 0))
@@ -24,7 +24,7 @@ def origin(xml: Xml, element: Element, where: str) -> Array:
 
 
 class Visuals:
-    """The meshes of the links of one file; colours may be named on the robot."""
+    """The meshes of the links of one file; colours may be defined for the whole robot by name."""
 
     def __init__(self, xml: Xml, findings: list[Finding]) -> None:
         self.xml, self.findings = xml, findings
@@ -50,10 +50,10 @@ class Visuals:
         return (float(r), float(g), float(b), float(a))
 
     def meshes(self, name: str, link: Element) -> list[Mesh]:
-        """Return what is shown of a link; its collision shapes only where nothing is shown."""
+        """Return the visual shapes of a link, or its collision shapes if it has no visual shapes."""
         where, out = f"link '{name}'", []
         if link.find("visual") is not None and link.find("collision") is not None:
-            text = f"{where}: its <collision> shapes are not kept: what is shown is what collides."
+            text = f"{where}: its <collision> shapes are not kept; the visual meshes are used for collision."
             self.findings.append(note("collision", text, name))
         for element in link.findall("visual") or link.findall("collision"):
             geometry = element.find("geometry")

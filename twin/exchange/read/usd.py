@@ -1,4 +1,4 @@
-"""Read a UsdPhysics stage, of anybody: the stage reader's mechanism, and what of the stage it has no word for."""
+"""Read any UsdPhysics stage: a mechanism by `twin.usd.read`, and findings on data that a mechanism cannot hold."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ _READ = (
     "MaterialBindingAPI",
     "GeomModelAPI",
 )
-"""Applied schemas whose content is read, or that only mark what is read otherwise."""
+"""Applied API schemas whose content is read."""
 
 _WITHOUT = ("friction", "armature", "breakforce", "breaktorque", "damping", "stiffness", "solver", "actuator")
-"""Parts of the names of authored joint properties that have no place in a mechanism."""
+"""Name parts of joint properties that a mechanism cannot hold."""
 
 
 def read_usd(path: Path, root: str | None) -> Imported:
-    """Read a stage; one without a tool gets one.
+    """Read a stage; a tool frame is added if it has none.
 
     Raises:
-        SourceError: a mechanism without something that is on the stage would be another one; it is named.
-        TwinError: a stage that is wrong.
+        SourceError: the stage has data without which the mechanism would be wrong.
+        TwinError: the stage is invalid.
     """
     from twin.usd.read import inspect_stage
 
@@ -49,7 +49,7 @@ def read_usd(path: Path, root: str | None) -> Imported:
         moving = {j.name for j in mechanism.tree if len(j.free_axes) == 1}
         joints = tuple(replace(j, active=j.name in moving) for j in mechanism.joints)
         mechanism = replace(mechanism, joints=joints, postures={})
-        text = f"no joint has a drive: all of the tree are driven, {', '.join(sorted(moving))}."
+        text = f"no joint has a drive: all joints of the tree are driven, {', '.join(sorted(moving))}."
         findings.append(warning("driven", text, mechanism.base))
     return Imported(tooled(mechanism, findings), findings)
 
@@ -65,10 +65,11 @@ def _left_out(path: Path, root: str | None) -> list[Finding]:
         strange = [str(s) for s in prim.GetPrimTypeInfo().GetAppliedAPISchemas() if str(s).split(":")[0] not in _READ]
         joint = prim.IsA(UsdPhysics.Joint)
         for schema in strange:
-            if joint and "mimic" in schema.split(":")[0].lower():  # behind the colon is a name of its own
+            if joint and "mimic" in schema.split(":")[0].lower():  # the instance name follows the colon
                 raise SourceError(
-                    f"{path}: joint {where} follows another one by {schema}: couplings of other vendors are not read. "
-                    "Take the schema off, and write the [[coupling]] into the new folder."
+                    f"{path}: joint {where} is coupled to another joint by {schema}: couplings of other vendors are "
+                    "not supported. "
+                    "Remove the schema, and write the [[coupling]] into the new folder."
                 )
             if prim.HasAPI(UsdPhysics.RigidBodyAPI) or joint:
                 found.append(warning("schema", f"{where}: {schema} is not read.", where))
@@ -93,6 +94,6 @@ def _left_out(path: Path, root: str | None) -> list[Finding]:
 
 
 def _told(attribute: Any) -> bool:
-    """Return whether an attribute says something: not its zero or infinity."""
+    """Return whether an attribute has a value other than zero or infinity."""
     value = attribute.Get()
     return value not in (None, 0, 0.0, False, float("inf"))

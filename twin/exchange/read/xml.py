@@ -1,4 +1,4 @@
-"""XML with errors that name the file and the element."""
+"""Read XML, with errors that name the file and the element."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from twin.core.spatial import Array
 
 
 class Xml:
-    """An XML file with errors that name the file and the element."""
+    """An XML file; its methods raise errors that name the file and the element."""
 
     def __init__(self, path: Path, root: str) -> None:
         self.path = path
@@ -28,22 +28,22 @@ class Xml:
         except (ElementTree.ParseError, ValueError, LookupError) as error:
             raise SourceError(f"{path}: not XML: {error}") from error
         if self.root.tag != root:
-            hint = "It is a xacro or another format: expand or rename it."
+            hint = "The file is a xacro or another format: expand or rename it."
             raise SourceError(f"{path}: the root element is <{self.root.tag}>, expected <{root}>. {hint}")
 
     def fail(self, where: str, message: str) -> NoReturn:
-        """Raise `SourceError` for an element."""
+        """Raise `SourceError` with the file and the element in its message."""
         raise SourceError(f"{self.path}: {where}: {message}")
 
     def name(self, element: ElementTree.Element, kind: str) -> str:
-        """Return the name of an element; it must have one."""
+        """Return the name of an element; an element without a name is an error."""
         name = (element.get("name") or "").strip()
         if not name:
             self.fail(f"<{kind}>", "it has no name")
         return name
 
     def numbers(self, where: str, what: str, text: str | None, count: int, default: Sequence[float] | None) -> Array:
-        """Return `count` finite numbers of a text; the default if there is no text."""
+        """Return `count` finite numbers of a text; the default if the text is missing."""
         if text is None:
             if default is None:
                 self.fail(where, f"{what} is missing")
@@ -57,5 +57,5 @@ class Xml:
         return values
 
     def number(self, where: str, what: str, text: str | None, default: float | None = None) -> float:
-        """Return one finite number of a text; the default if there is no text."""
+        """Return one finite number of a text; the default if the text is missing."""
         return float(self.numbers(where, what, text, 1, None if default is None else (default,))[0])

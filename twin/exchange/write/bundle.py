@@ -1,6 +1,6 @@
-"""The folder that is handed over: every format that was asked for, a README and a proof.
+"""Write the export folder: every requested format, a README and a proof.
 
-The auditor is handed in by the caller: what writes a file never judges it.
+The auditor is an argument of the writer, so that writers do not check their own files.
 """
 
 from __future__ import annotations
@@ -8,78 +8,125 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from twin.core import assets
 from twin.core.errors import TwinError, unknown
-from twin.core.findings import EXIT_CODES, Finding, Verdict, verdict
+from twin.core.findings import Finding, Kind, by_severity, error, verdict
+from twin.core.quantity import Quantity
+from twin.core.result import Part, Result, Table
+from twin.core.units import DEG, UM
 from twin.core.version import __version__
 from twin.exchange.write import readme
-from twin.exchange.write.clip import model_hash
+from twin.exchange.write.clip import Clip, model_hash
 from twin.exchange.write.order import Order, Progress
-
-FORMATS = ("usd", "usdz", "glb", "unity", "tracks", "mjcf", "urdf")
-"""What a bundle may hold."""
 
 PROOF = "proof.json"
 
 
+_BUDGET = Kind(
+    "export.budget",
+    "disagreement",
+    "no higher rate is available: use a larger --budget-um, or slow the protocol down",
+    word="budget",
+)
+
+
 class Audit(Protocol):
-    """What an auditor hands back."""
+    """Required interface of an auditor's result."""
 
     @property
     def checks(self) -> Sequence[Any]:
-        """Rows of what was measured, each with `as_dict`."""
+        """The measurements, each with a method `as_dict`."""
         ...
 
     @property
     def findings(self) -> Sequence[Finding]:
-        """What is wrong."""
+        """The faults found."""
         ...
 
 
 @dataclass(frozen=True)
-class Bundle:
-    """What was written.
+class Bundle(Result):
+    """Result of an export.
 
     Attributes:
-        folder: where.
-        files: every file, relative to it.
-        order: what it was made of.
+        folder: the export folder.
+        formats: names of the written formats.
+        files: all files, relative to the folder.
+        order: the data that were written.
         findings: of the robot, the writers and the audit.
-        checks: rows of the proof.
+        checks: measurements in the proof.
     """
 
     folder: Path
+    formats: tuple[str, ...]
     files: tuple[Path, ...]
     order: Order
     findings: tuple[Finding, ...]
     checks: tuple[dict[str, Any], ...]
 
-    @property
-    def verdict(self) -> Verdict:
-        """agree, disagree (a reader sees something else, or a budget is missed) or unchecked."""
-        return verdict(self.findings)
-
-    @property
-    def exit_code(self) -> int:
-        """Exit code of the command line."""
-        return EXIT_CODES[self.verdict]
+    kind = "export"
 
     @property
     def size(self) -> int:
-        """Bytes of all files."""
+        """Size of all files in bytes."""
         return sum((self.folder / f).stat().st_size for f in self.files)
+
+    def content(self) -> dict[str, Any]:
+        """Return the result as plain data for JSON."""
+        keys = ("rate", "between_position", "between_rotation", "joint_gap")
+        return {
+            "folder": str(self.folder),
+            "files": [f.as_posix() for f in self.files],
+            "bytes": self.size,
+            "clips": [
+                {"protocol": c.name, "keys": len(c.times), **{k: getattr(c, k) for k in keys}} for c in self.order.clips
+            ],
+            "checks": list(self.checks),
+        }
+
+    def text(self) -> Iterator[Part]:
+        """Yield lines of text: verdict, findings, motions with their errors, and files."""
+        yield f"{self.order.mechanism.name} · {', '.join(self.formats)}\n\n  {_VERDICTS[self.verdict]}\n"
+        if shown := [f for f in by_severity(self.findings) if f.severity != "info"]:
+            yield from shown
+            yield ""
+        if self.order.clips:
+            header = ("motion", "s", "keys a second", "between keys µm", "degrees", "joints open µm")
+            yield Table(header, [_row(c) for c in self.order.clips])
+            yield ""
+        top: dict[str, int] = {}
+        for file in self.files:
+            name = f"{file.parts[0]}/" if len(file.parts) > 1 else file.name
+            top[name] = top.get(name, 0) + (self.folder / file).stat().st_size
+        rows = [(f"{self.folder / n}{'/' * n.endswith('/')}", f"{size / 1e3:.0f} kB") for n, size in top.items()]
+        yield Table((), rows)
+        yield f"\n  {self.size / 1e6:.1f} MB in {len(self.files)} files; {len(self.checks)} checks in proof.json"
+        if assumed := len(self.order.assumed) + sum(len(c.assumed) for c in self.order.clips):
+            yield f"  {assumed} assumed values (unpublished) are listed in README.txt."
+
+
+_VERDICTS = {
+    "agree": "PASS: independent readers find the same robot in every file, at every key",
+    "disagree": "FAIL: the exported files disagree; see the findings",
+    "unchecked": "UNCHECKED: not every file could be read again",
+}
+
+
+def _row(c: Clip) -> tuple[str, ...]:
+    between = (f"{c.between_position / UM:.1f}", f"{c.between_rotation / DEG:.4f}", f"{c.joint_gap / UM:.1f}")
+    return c.name, f"{c.times[-1]:.3f}", f"{c.rate:g}", *between
 
 
 def chosen_formats(asked: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the formats in the order of `FORMATS`; all of them without a choice.
+    """Return the chosen formats in the order of `FORMATS`; all formats if none are chosen.
 
     Raises:
-        TwinError: there is none of that name; the message lists those that exist.
+        TwinError: a format does not exist; the message lists those that exist.
     """
     if asked is None:
         return FORMATS
@@ -87,7 +134,7 @@ def chosen_formats(asked: Sequence[str] | None) -> tuple[str, ...]:
         if name not in FORMATS:
             raise TwinError(unknown("format", name, FORMATS))
     if not asked:
-        raise TwinError(f"no format to export to. Known: {', '.join(FORMATS)}.")
+        raise TwinError(f"no format is given. Known formats: {', '.join(FORMATS)}.")
     return tuple(f for f in FORMATS if f in asked)
 
 
@@ -98,14 +145,14 @@ def write_bundle(
     audit: Callable[..., Audit],
     progress: Progress,
 ) -> Bundle:
-    """Write a bundle; files of an earlier one that are no longer part of it go, everything else in the folder stays.
+    """Write an export folder (bundle); obsolete files of an earlier export are removed, other files are kept.
 
     Args:
-        order: what to write.
-        folder: where to; on an error it is left as it was.
+        order: the data to write.
+        folder: the export folder; unchanged after an error.
         formats: see `chosen_formats`.
-        audit: (folder, truth, mechanism) -> what readers of its own find there; truth: (times (k,), T_world_link
-            (k, 4, 4) by link) by clip, of the independent model.
+        audit: (folder, truth, mechanism) -> result of independent readers; truth: for each clip (times (k,) in s,
+            T_world_link (k, 4, 4) by link) of the reference model.
         progress: see `twin.api.Progress`.
 
     Raises:
@@ -114,20 +161,41 @@ def write_bundle(
     """
     with assets.atomic_folder(folder, replacing=_written_before(folder)) as work:
         findings = list(order.findings)
+        written: dict[str, set[str]] = {}  # by format, without schemas, which do not depend on the robot
         for i, name in enumerate(formats):
             progress(f"write {name}", i / len(formats))
+            before = _tree(work)
             findings += _WRITERS[name](order, work)
+            written[name] = {f for f in _tree(work) - before if not f.endswith(".schema.json")}
         (work / "README.txt").write_text(readme.text(order, formats, findings), encoding="utf-8")
         progress("audit", 0.0)
         judged = audit(work, truth={c.name: (c.times, c.links) for c in order.clips}, mechanism=order.mechanism)
         checks, missed = _budgets(order)
         checks += [c.as_dict() for c in judged.checks]
-        findings += [*missed, *judged.findings]
-        files = sorted(p.relative_to(work) for p in work.rglob("*") if p.is_file())
+        findings += [*missed, *judged.findings, *_unjudged(written, {c.file for c in judged.checks})]
+        files = sorted(Path(p) for p in _tree(work))
         proof = _proof(order, work, files, checks, findings)
         (work / PROOF).write_text(_lines(proof), encoding="utf-8")
         files = sorted([*files, Path(PROOF)])
-    return Bundle(folder, tuple(files), order, tuple(findings), tuple(checks))
+    return Bundle(folder, tuple(formats), tuple(files), order, tuple(findings), tuple(checks))
+
+
+def _tree(folder: Path) -> set[str]:
+    return {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
+
+
+def _unjudged(written: Mapping[str, set[str]], judged: set[str]) -> list[Finding]:
+    """Return an error for each format none of whose files the audit has read, so that no unread format passes."""
+    return [
+        error(
+            "export.unjudged",
+            min(files),
+            f"format '{name}': the audit has read none of its files, so they are unchecked",
+            suggestion="add a reader for the format in twin/exchange/audit",
+        )
+        for name, files in written.items()
+        if files and not any(f == j or f.startswith(f"{j}/") for f in files for j in judged)
+    ]
 
 
 # ------------------------------------------------------------------------------------------------ formats
@@ -204,19 +272,22 @@ _WRITERS: dict[str, Callable[[Order, Path], list[Finding]]] = {
     "urdf": _urdf,
 }
 
+FORMATS = tuple(_WRITERS)
+"""The formats by name, in the order of export."""
+
 
 # ------------------------------------------------------------------------------------------------ proof
 
 
 def _budgets(order: Order) -> tuple[list[dict[str, Any]], list[Finding]]:
-    """Return a row for each number of each clip's budget, and a finding for each that is missed."""
+    """Return a check for each error budget of each clip, and a finding for each budget that is exceeded."""
     rows, findings = [], []
     for clip in order.clips:
         b, budget = clip.between, clip.budget
         for name, worst, (where, when), unit, limit in (
             ("any point of a link, between keys", b.position, b.position_at, "m", budget and budget.position),
             ("rotation of a link, between keys", b.rotation, b.rotation_at, "rad", budget and budget.rotation),
-            ("opening of a joint, between keys", b.joint_gap, b.joint_gap_at, "m", budget and budget.joint_gap),
+            ("gap of a joint, between keys", b.joint_gap, b.joint_gap_at, "m", budget and budget.joint_gap),
         ):
             kept = limit is None or worst <= limit
             rows.append(
@@ -234,20 +305,15 @@ def _budgets(order: Order) -> tuple[list[dict[str, Any]], list[Finding]]:
                 }
             )
             if limit is not None and not kept:
-                text = (
-                    f"{clip.name}: {name}: {_short(worst):g} {unit} at {clip.rate:g} Hz; the budget is {limit:g} {unit}"
-                )
-                way = "no rate is higher: give a larger --budget-um, or slow the protocol down"
-                findings.append(
-                    Finding("export.budget", "disagreement", text, where, f"t = {when:.3f} s", worst, unit, limit, way)
-                )
+                what, at = f"{clip.name}: {name} at {clip.rate:g} Hz", f"t = {when:.3f} s"
+                findings.append(_BUDGET(where, what, Quantity(worst, unit), limit, when=at))
     return rows, findings
 
 
 def _proof(
     order: Order, work: Path, files: Sequence[Path], checks: Sequence[dict[str, Any]], findings: Sequence[Finding]
 ) -> dict[str, Any]:
-    """Return proof.json: what was made from what, and what every check measured. Nothing in it depends on the time."""
+    """Return the content of proof.json: sources, and results of every check; independent of the date."""
     return {
         "schema": "twin-proof",
         "version": 1,
@@ -286,7 +352,7 @@ def _proof(
 
 
 def _lines(proof: Mapping[str, Any]) -> str:
-    """Return JSON with a line for each entry and each row of a list: to be read, searched and compared by line."""
+    """Return JSON with one line for each entry and each list element, for reading and line-based comparison."""
     out = []
     for key, value in proof.items():
         if isinstance(value, list) and value:
@@ -298,7 +364,7 @@ def _lines(proof: Mapping[str, Any]) -> str:
 
 
 def _short(value: float) -> float:
-    """Return a number with six digits: what processors disagree on stays out of the file."""
+    """Return a number rounded to six digits, so that the file does not depend on the processor."""
     return float(f"{value:.6g}")
 
 
@@ -307,7 +373,7 @@ def _sha256(path: Path) -> str:
 
 
 def _written_before(folder: Path) -> list[str]:
-    """Return the files of the bundle that lies in the folder, by its proof, that nobody has changed since."""
+    """Return the files of the earlier export in the folder that are unchanged since, according to its proof.json."""
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         proof = json.loads((folder / PROOF).read_text(encoding="utf-8"))
         if proof["schema"] == "twin-proof":

@@ -1,8 +1,7 @@
-"""A motion as players take it: poses of every link at keys, at the lowest rate that keeps an error budget.
+"""A motion for players: poses of every link at keys, at the lowest rate within an error budget.
 
-A player draws a straight line between two keys. What that costs is measured against the mechanism itself, at
-quarter points of every interval or closer: how far any point of any link is off, how far it is turned, and how
-far the two sides of a joint come apart to the eye.
+A player interpolates linearly between two keys. The interpolation error is measured against the mechanism at quarter
+points of every interval or closer: position of any point of a link, rotation of a link, and joint gaps.
 """
 
 from __future__ import annotations
@@ -25,18 +24,18 @@ if TYPE_CHECKING:
     from twin.planning.trajectory import Trajectory
 
 RATES = (10, 12, 15, 20, 24, 30, 40, 60, 120)
-"""Key rates in Hz to choose from: those of 10 and more whose keys all lie on ticks of 1/120 s."""
+"""Available key rates in Hz: those from 10 upwards whose keys are multiples of 1/120 s."""
 
 _LOOKS = 4
-"""Looks at the mechanism in each interval between keys, at least."""
+"""Minimum number of samples of the mechanism in each interval between keys."""
 
 _GRIDS = (120, 240, 480)
-"""Rates in Hz of those looks: the finer, the longer it takes; the lowest key rates are tried on the coarsest."""
+"""Sample rates in Hz; the lowest key rates are measured with the lowest sample rate."""
 
 
 @dataclass(frozen=True)
 class Budget:
-    """What may go wrong between keys: a point of a link in m, its rotation in rad, an open joint in m."""
+    """Maximum errors between keys: position of a point of a link in m, rotation of a link in rad, joint gap in m."""
 
     position: float = 100 * UM
     rotation: float = 0.05 * DEG
@@ -45,7 +44,7 @@ class Budget:
 
 @dataclass(frozen=True)
 class Between:
-    """What does go wrong between keys: worst point of any link in m, rotation in rad, open joint in m; and where."""
+    """Measured maximum errors between keys: position in m, rotation in rad, joint gap in m; and where and when."""
 
     position: float
     rotation: float
@@ -55,7 +54,7 @@ class Between:
     joint_gap_at: tuple[str, float] = ("", 0.0)
 
     def keeps(self, budget: Budget) -> bool:
-        """Return whether nothing is above its budget."""
+        """Return whether all errors are within the budget."""
         return (
             self.position <= budget.position and self.rotation <= budget.rotation and self.joint_gap <= budget.joint_gap
         )
@@ -63,23 +62,26 @@ class Between:
 
 @dataclass(frozen=True)
 class Clip:
-    """A motion at keys, SI, world = base frame, z up.
+    """A motion at keys, in SI units; the world is the base frame, z up.
 
     Attributes:
         name, title: of the protocol.
-        times: (k,) s, from 0, every 1 / rate, and the end.
+        times: (k,) in s: 0, then every 1 / rate, and the end.
         links: T_world_body (k, 4, 4) by body.
-        joints: (k,) m or rad by joint with a single coordinate, active and passive, tree and loop alike.
-        active: names of the driven ones, in the order of q.
+        joints: (k,) in m or rad by joint, for all joints with a single coordinate: active and passive, of the tree and
+            of loops.
+        active: names of the driven joints, in the order of q.
         phases: name, start and end in s.
-        rate: Hz.
-        between: worst errors between keys, for a player that draws lines and turns evenly or by components.
-        budget: what the rate was chosen by; None: the keys are those of a file, nothing was chosen.
+        rate: keys per second.
+        between: worst errors between keys, for players that interpolate positions linearly and rotations by slerp or by
+            components.
+        budget: the budget by which the rate was chosen; None if the keys are those of a file.
         frame: name of the frame that the protocol moves.
         phase_rcm: for each phase the RCM (3,) in base in m, or None.
-        phase_rcm_enforced: for each phase whether the shaft must go through its RCM; without, it is only watched.
+        phase_rcm_enforced: for each phase whether the shaft must go through its RCM; otherwise the RCM is only
+            monitored.
         assumed: "name: reason" of numbers that the protocol assumes.
-        trocars: where the mechanism's trocars are, (3,) in base in m, by name.
+        trocars: positions (3,) of the mechanism's trocars in the base frame in m, by name.
     """
 
     name: str
@@ -100,22 +102,22 @@ class Clip:
 
     @property
     def between_position(self) -> float:
-        """Worst error in m of any point of a link between keys."""
+        """Largest position error in m of any point of a link between keys."""
         return self.between.position
 
     @property
     def between_rotation(self) -> float:
-        """Worst error in rad of any link between keys."""
+        """Largest rotation error in rad of any link between keys."""
         return self.between.rotation
 
     @property
     def joint_gap(self) -> float:
-        """Worst distance in m by which a joint opens between keys."""
+        """Largest joint gap in m between keys."""
         return self.between.joint_gap
 
     @property
     def rcm(self) -> Array | None:
-        """The first RCM (3,) in base in m that is registered, or None."""
+        """The RCM (3,) in the base frame in m of the first phase that has one, or None."""
         return next((p for p in self.phase_rcm if p is not None), None)
 
 
@@ -126,24 +128,26 @@ def make_clip(
     budget: Budget | None = None,
     assumed: tuple[str, ...] = (),
 ) -> Clip:
-    """Return a planned motion at the lowest of `RATES` that keeps the budget, or else at the highest.
+    """Return the clip of a planned motion, at the lowest key rate of `RATES` at which players keep to the budget.
+
+    The highest rate is taken if none keeps to it.
 
     Args:
-        mechanism: with its trocar where the protocol has it.
-        trajectory: as planned.
+        mechanism: with the trocar positions of the protocol.
+        trajectory: the planned motion.
         title: of the protocol.
-        budget: default `Budget()`.
-        assumed: "name: reason" of numbers that the protocol assumes.
+        budget: largest allowed interpolation errors; default `Budget()`.
+        assumed: one text "name: reason" for each number that the protocol assumes.
 
     Raises:
-        AssemblyError: the mechanism cannot take the tool poses.
+        AssemblyError: the mechanism cannot reach the tool poses.
     """
     from twin.reference import ReferenceModel
 
     budget = budget or Budget()
     model = ReferenceModel(mechanism)
     reaches = {b.name: extremes(mechanism, b) for b in mechanism.bodies}
-    bad = ""  # the link that was furthest off at the rate before: it decides most of the next ones alone
+    bad = ""  # the link with the largest error at the previous rate: it mostly decides the next rates
     for grid in _GRIDS:
         times = key_times(trajectory.duration, grid)
         run = trajectory.on(model, times)
@@ -179,20 +183,22 @@ def make_clip(
 
 
 def _first_grid(rate: int) -> int:
-    """Return the coarsest grid that has the keys of a rate on it and looks often enough between them."""
+    """Return the lowest sample rate in Hz that contains the keys of a rate and enough samples between them."""
     return next(g for g in _GRIDS if g % rate == 0 and g >= _LOOKS * rate)
 
 
 def key_rows(count: int, stride: int) -> Index:
-    """Return which of `count` samples are keys: every stride-th, and the last."""
+    """Return the indices of the keys among `count` samples: every stride-th, and the last."""
     rows = np.arange(0, count, stride)
     return rows if rows[-1] == count - 1 else np.append(rows, count - 1)
 
 
 def extremes(mechanism: Mechanism, body: Body) -> Array:
-    """Return points (n, 3) in the body's frame whose hull holds the body: nothing in it can be further off than they.
+    """Return points (n, 3) in m, in the body's frame, whose convex hull contains the body.
 
-    They are the corners of the box around its meshes, its named frames and points, and its origin.
+    No point of the body has a larger error than these.
+
+    They are the corners of the meshes' bounding box, named frames and points, and the origin.
     """
     points = [np.zeros((1, 3))]
     if meshes := [m.vertices for m in body.meshes if len(m.vertices)]:
@@ -207,17 +213,17 @@ def extremes(mechanism: Mechanism, body: Body) -> Array:
 def measure_between(
     mechanism: Mechanism, times: Array, links: Mapping[str, Array], keys: Index, reaches: Mapping[str, Array]
 ) -> Between:
-    """Return what players show between keys, by the samples that lie there.
+    """Return the interpolation errors of players, measured at the samples between keys.
 
-    Positions are drawn linearly; rotations once evenly (slerp: glTF, USD) and once by components (Unity), of which
-    the worse counts.
+    Positions are interpolated linearly; rotations by slerp (glTF, USD) and by components (Unity), and the larger error
+    counts.
 
     Args:
-        mechanism: whose joints are looked at.
+        mechanism: its joints must stay closed between keys; their gaps are measured too.
         times: (k,) s.
-        links: T_world_body (k, 4, 4) by body, as they are.
-        keys: rows that a player is given.
-        reaches: points (n, 3) of each body, see `extremes`.
+        links: true T_world_body (k, 4, 4) by body.
+        keys: indices of the keys among the samples.
+        reaches: outermost points (n, 3) of each body in m, from `extremes`; errors are measured at them.
     """
     still = {n for n, Ts in links.items() if np.all(Ts == Ts[0])}
     true = {j.name: _apart(j, links) for j in mechanism.joints}
@@ -237,7 +243,7 @@ def measure_between(
                 continue
             off = drawn[name] - Ts
             note("position", name, _furthest(off, reaches[name]))
-            # |R - R'| is 2 sqrt(2) times the sine of half the angle: exact where the angle is small, and quick.
+            # |R - R'| is 2 sqrt(2) times the sine of half the angle: exact for small angles, and fast.
             chord = np.linalg.norm(off[:, :3, :3], axis=(1, 2)) / np.sqrt(8)
             note("rotation", name, 2 * np.arcsin(np.minimum(chord, 1.0)))
         for joint in mechanism.joints:
@@ -249,7 +255,7 @@ def measure_between(
 
 
 def draw(times: Array, Ts: Array, keys: Index, blend: Callable[[Array, Array, Array], Array]) -> Array:
-    """Return the poses (k, 4, 4) that a player shows at times (k,) if it knows only those of `Ts` at rows `keys`."""
+    """Return the poses (k, 4, 4) that a player shows at times (k,), interpolated between the poses `Ts[keys]`."""
     row = np.clip(np.searchsorted(keys, np.arange(len(times)), side="right") - 1, 0, max(len(keys) - 2, 0))
     after = np.minimum(row + 1, len(keys) - 1)
     t0, t1 = times[keys[row]], times[keys[after]]
@@ -260,27 +266,28 @@ def draw(times: Array, Ts: Array, keys: Index, blend: Callable[[Array, Array, Ar
 
 
 def _furthest(off: Array, reach: Array) -> Array:
-    """Return how far (k,) the furthest of points (n, 3) is off, by differences of poses (k, 4, 4)."""
+    """Return the largest position error (k,) in m of points (n, 3), from differences of poses (k, 4, 4)."""
     moved = off[:, None, :3, :3] @ reach[None, :, :, None]
     return np.linalg.norm(moved[..., 0] + off[:, None, :3, 3], axis=-1).max(axis=1)
 
 
 def _apart(joint: Joint, links: Mapping[str, Array]) -> Array:
-    """Return how far (k, locked) the two sides of a joint are apart in the directions that it locks."""
+    """Return the gaps (k, n) in m of a joint along the n directions that it locks."""
     locked = [i for i in range(3) if i not in joint.free_axes]
     return joint.relative(links[joint.parent], links[joint.child])[:, locked, 3]
 
 
 def quaternions_xyzw(Ts: Array) -> Array:
-    """Return unit quaternions (k, 4) of poses (k, 4, 4), x y z w, with signs that never jump.
+    """Return unit quaternions (k, 4) of poses (k, 4, 4), x y z w, with continuous signs.
 
-    The first has w >= 0. Many players interpolate the four numbers: a jump of sign is a half turn to them.
+    The first has w >= 0. Many players interpolate the four numbers, so that a change of sign would show as a rotation
+    by up to 180 degrees.
     """
     return np.roll(spatial.continuous_signs(spatial.quat_from_matrix_wxyz(Ts[:, :3, :3])), -1, axis=1)
 
 
 def slerp(a: Array, b: Array, share: Array) -> Array:
-    """Return quaternions (k, 4) that turn evenly from a (k, 4) to b (k, 4); share (k,) 0..1."""
+    """Return quaternions (k, 4) by spherical interpolation from a (k, 4) to b (k, 4) at fractions `share` (k,) 0..1."""
     cosine = np.clip(np.sum(a * b, axis=1), -1.0, 1.0)
     # The angle from its chord is exact for the small turns between keys, the arc cosine is not.
     angle = 2 * np.arctan2(np.linalg.norm(b - a, axis=1), np.linalg.norm(b + a, axis=1))
@@ -293,13 +300,13 @@ def slerp(a: Array, b: Array, share: Array) -> Array:
 
 
 def nlerp(a: Array, b: Array, share: Array) -> Array:
-    """Return quaternions (k, 4) interpolated by components from a (k, 4) to b (k, 4), normalised; share (k,)."""
+    """Return quaternions (k, 4) interpolated by components from a (k, 4) to b (k, 4), normalised; `share` (k,) 0..1."""
     q = a + share[:, None] * (b - a)
     return q / np.linalg.norm(q, axis=1, keepdims=True)
 
 
 def home_poses(mechanism: Mechanism) -> dict[str, Array]:
-    """Return T_world_body (4, 4) of every body with the loops closed as drawn, the rest pose of every format."""
+    """Return T_world_body (4, 4) of every body at home with closed loops: the rest pose of every format."""
     from twin.reference import ReferenceModel
 
     poses = ReferenceModel(mechanism).home().link_poses
@@ -307,10 +314,10 @@ def home_poses(mechanism: Mechanism) -> dict[str, Array]:
 
 
 def model_hash(mechanism: Mechanism) -> str:
-    """Return "sha256:..." over what a player must agree on: bodies with meshes, joints with frames and limits, frames.
+    """Return "sha256:..." over what players show: bodies with meshes, joints with frames and limits, frames.
 
-    Two files with the same hash show the same robot. Numbers count to 1e-9, so that another processor's last bits
-    do not matter.
+    Two files with the same hash show the same robot. Numbers are rounded to 1e-9, so that the hash does not depend on
+    the processor.
     """
     digest = hashlib.sha256()
 

@@ -1,7 +1,7 @@
-"""<robot>.glb: glTF 2.0 in one file, written by hand so that every byte is known and the same each time.
+"""Write <robot>.glb: glTF 2.0 in one file, written without a library so that the bytes are reproducible.
 
-glTF is y up. One root node turns the robot there, once; below it every link keeps its pose in the robot's own
-world (z up), so that absolute link poses of a file or of a stream can be put on the nodes as they are.
+glTF is y up. One root node rotates the robot to y up; below the root every link node has its pose in the robot's own
+world (z up), so that absolute link poses from a track or a stream can be assigned to the nodes unchanged.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from twin.model.mechanism import Body, Material, Mechanism
 from twin.usd.write.geometry import corner_normals
 
 UP_XYZW = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
-"""Rotation of the root: -90 degrees about x takes z up to y up."""
+"""Rotation of the root node as a quaternion: -90 degrees about x, from z up to y up."""
 
 _FLOAT, _UINT16, _UINT32 = 5126, 5123, 5125
 _VERTICES, _INDICES = 34962, 34963
 _STILL = 1e-10
-"""What changes by no more than this (m, parts of a rotation matrix) stays where it is."""
+"""Changes of a pose up to this (m, entries of the rotation matrix) are not animated."""
 
 _MOST_UINT16 = 65535
-"""Vertices that 16 bits can count; the highest number is kept for other uses by glTF."""
+"""Maximum number of vertices with 16-bit indices; glTF reserves the highest index."""
 
 
 def write_glb(
@@ -41,17 +41,17 @@ def write_glb(
     """Write the robot with its clips and return the path.
 
     Args:
-        mechanism: what to write.
-        clips: one animation each, of that name.
+        mechanism: the robot.
+        clips: each becomes an animation of its name.
         path: the .glb file.
-        link_poses: T_world_body (4, 4) of every body where nothing plays; default: as drawn, loops closed.
+        link_poses: T_world_body (4, 4) of every body at rest; default: home, loops closed.
     """
     Path(path).write_bytes(glb_bytes(mechanism, clips, link_poses))
     return Path(path)
 
 
 def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapping[str, Array] | None = None) -> bytes:
-    """Return the file of `write_glb` as bytes."""
+    """Return the content of the file that `write_glb` writes."""
     rest = home_poses(mechanism) if link_poses is None else link_poses
     out = _Document()
     names = node_names(mechanism, clips)
@@ -99,14 +99,14 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
 
 
 class Names:
-    """Names of the nodes: root, and named frames by frame; links are called as their bodies."""
+    """Names of the nodes: of the root, and of named frames by frame; link nodes have the names of their bodies."""
 
     def __init__(self, root: str, frames: Mapping[str, str]) -> None:
         self.root, self.frames = root, frames
 
 
 def node_names(mechanism: Mechanism, clips: Sequence[Clip]) -> Names:
-    """Return names of root and frame nodes that no other node has: Unity and three.js address nodes by name alone."""
+    """Return unique names for root and frame nodes, because Unity and three.js address nodes by name only."""
     taken = {b.name for b in mechanism.bodies}
 
     def free(name: str) -> str:
@@ -121,9 +121,9 @@ def node_names(mechanism: Mechanism, clips: Sequence[Clip]) -> Names:
 
 
 def moving_paths(clips: Sequence[Clip], rest: Mapping[str, Array]) -> set[tuple[str, str]]:
-    """Return (link, "translation" or "rotation") of what leaves its rest pose in any of the clips.
+    """Return (link, "translation" or "rotation") of all that moves in at least one clip.
 
-    Of any, because a player that changes from one clip to another leaves where it is what the other does not set.
+    Every clip animates all of these, because players keep the last pose of nodes that the next clip does not set.
     """
     out = set()
     for clip in clips:
@@ -137,14 +137,14 @@ def moving_paths(clips: Sequence[Clip], rest: Mapping[str, Array]) -> set[tuple[
 
 
 def surface(vertices: Array, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points (n, 3) and unit normals (n, 3) in single precision, and triangles (m, 3).
+    """Return (points (n, 3) in m, unit normals (n, 3), triangles (m, 3)) of a mesh, in single precision.
 
-    Vertices are shared where the normal is the same, doubled along sharp edges; triangles that single precision
-    leaves without three different corners are dropped.
+    Triangles share vertices with equal normals; vertices on sharp edges are doubled. Triangles that become degenerate
+    in single precision are dropped.
     """
     corners = np.asarray(triangles).ravel()
     steps = np.round(corner_normals(vertices, triangles) * 1e4).astype(np.int64) + 10001
-    # Vertex and normal as one whole number: to sort rows of four takes ten times as long.
+    # Vertex and normal as one integer: sorting arrays of four numbers takes ten times as long.
     normal_key = (steps[:, 0] * 20003 + steps[:, 1]) * 20003 + steps[:, 2]
     _, normal = np.unique(normal_key, return_inverse=True)
     _, first, index = np.unique(
@@ -160,7 +160,7 @@ def surface(vertices: Array, triangles: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 class _Document:
-    """Collects buffers and what refers to them."""
+    """Builder of a glTF document: collects buffers and their accessors."""
 
     def __init__(self) -> None:
         self._parts: dict[str, list[bytes]] = {"vertices": [], "keys": [], "uint16": [], "uint32": []}
@@ -171,7 +171,7 @@ class _Document:
         self._materials: dict[Material, int] = {}
 
     def mesh(self, body: Body, materials: Mapping[str, Material]) -> int | None:
-        """Add the meshes of a body as one, a primitive for each material, and return its number; None: no triangle."""
+        """Add the meshes of a body as one, a primitive for each material; return its index (None: no triangles)."""
         by_material: dict[Material, list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
         for mesh in body.meshes:
             by_material.setdefault(materials[mesh.name], []).append(surface(mesh.vertices, mesh.triangles))
@@ -204,7 +204,7 @@ class _Document:
         return len(self._meshes) - 1
 
     def animation(self, clip: Clip, nodes: Mapping[str, int], moving: set[tuple[str, str]]) -> dict[str, Any]:
-        """Return a clip as an animation with a channel for each (link, path) of `moving`."""
+        """Return a clip as a glTF animation, with a channel for each (link, path) in `moving`."""
         times = self._add("keys", clip.times.astype("<f4").reshape(-1, 1), "SCALAR", _FLOAT, bounds=True)
         channels, samplers = [], []
         for name, Ts in clip.links.items():
@@ -247,7 +247,7 @@ class _Document:
         return len(self._accessors) - 1
 
     def lists(self) -> dict[str, Any]:
-        """Return meshes, materials, accessors, views and the buffer; empty lists are left out, as glTF demands."""
+        """Return meshes, materials, accessors, views and the buffer; empty lists are left out, as glTF requires."""
         used = [p for p in self._parts if self._sizes[p]]
         views, start = [], 0
         for part in used:
@@ -269,7 +269,7 @@ class _Document:
         return {k: v for k, v in lists.items() if v}
 
     def binary(self) -> bytes:
-        """Return all parts one after the other, each from a multiple of four bytes on."""
+        """Return the parts concatenated, each starting at a multiple of four bytes."""
         return b"".join(b"".join(p).ljust(_aligned(self._sizes[n]), b"\0") for n, p in self._parts.items())
 
 
@@ -278,7 +278,7 @@ def _aligned(size: int) -> int:
 
 
 def _trs(T: Array) -> dict[str, Any]:
-    """Return a node's placement: nodes with a matrix cannot be animated."""
+    """Return a node's placement as translation and rotation, because nodes with a matrix cannot be animated."""
     q = quaternions_xyzw(T[None])[0]
     return {"translation": (T[:3, 3] + 0.0).tolist(), "rotation": (q + 0.0).tolist()}
 

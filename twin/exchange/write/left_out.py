@@ -1,10 +1,10 @@
-"""What a format has no place for, of joints and of motors: said as findings, in the file and on the terminal."""
+"""Report data of joints and motors that a format cannot hold; the findings appear in the file and on the terminal."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 
-from twin.core.findings import Finding
+from twin.core.findings import Finding, info
 from twin.model.mechanism import Joint, Mechanism
 
 Told = Mapping[str, Callable[[Joint], object]]
@@ -16,18 +16,16 @@ CONES: Told = {"cones": lambda j: j.cone}
 
 
 def left_out(mechanism: Mechanism, file: str, told: Told) -> Iterator[Finding]:
-    """Yield a finding for each thing that joints have and the format has no place for."""
+    """Yield a finding for each kind of joint data that the format cannot hold."""
     for what, of in told.items():
         names = ", ".join(j.name for j in mechanism.joints if of(j) is not None)
         if names:
-            text = f"{file}: the {what} of {names} are left out: the format has no place for them"
-            yield Finding("export.left_out", "info", text, where=names)
+            yield info("export.left_out", names, f"{file}: the format cannot hold the {what} of {names}")
 
 
 def motors_left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]:
-    """Yield a finding for each field of `Actuator` that is known and has no place in the format."""
+    """Yield a finding for each known field of `Actuator` that the format cannot hold."""
     for field in fields:
         if names := ", ".join(a.name for a in mechanism.actuators if getattr(a, field) is not None):
             what = f"{field.replace('_', ' ')} of the actuators {names}"
-            text = f"{file}: {what} is left out: the format has no place for it"
-            yield Finding("export.left_out", "info", text, where=names)
+            yield info("export.left_out", names, f"{file}: the format cannot hold the {what}")

@@ -1,4 +1,4 @@
-"""What a link weighs in formats that cannot leave a mass out."""
+"""Assume masses of links for formats that require them."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from twin.core.findings import Finding
+from twin.core.findings import Finding, warning
 from twin.model.mechanism import Body, Inertia, Mechanism
 
 DENSITY = 1000.0
-"""kg/m3 of a body that nobody weighed: its bounding box full of water."""
+"""Density in kg/m3 assumed for the bounding box of a body of unknown mass: water."""
 
 LEAST = 1e-3
-"""kg and, as the side of a cube in tens of metres, size: less makes engines refuse the body."""
+"""Minimum mass in kg that is assumed: engines reject smaller values."""
 
 
 def inertia_of(body: Body) -> Inertia:
-    """Return the body's inertia or, if it is unknown, that of its bounding box full of water."""
+    """Return the body's inertia or, if it is unknown, the inertia of its bounding box filled with water."""
     if body.inertia is not None:
         return body.inertia
     corners = [m.vertices.min(axis=0) for m in body.meshes] + [m.vertices.max(axis=0) for m in body.meshes]
@@ -28,19 +28,17 @@ def inertia_of(body: Body) -> Inertia:
 
 
 def unweighed(mechanism: Mechanism, file: str) -> Iterator[Finding]:
-    """Yield findings that name the bodies whose mass `inertia_of` had to make up; the base needs none."""
+    """Yield findings that name the bodies whose mass `inertia_of` has to assume; the base needs no mass."""
     unknown = [b for b in mechanism.bodies if b.inertia is None and b.name != mechanism.base]
     for names, given in (
-        ([b.name for b in unknown if b.meshes], "its bounding box full of water"),
-        ([b.name for b in unknown if not b.meshes], f"{LEAST * 1000:g} g, since it has no shape either"),
+        ([b.name for b in unknown if b.meshes], "its bounding box filled with water"),
+        ([b.name for b in unknown if not b.meshes], f"{LEAST * 1000:g} g, because it has no shape"),
     ):
         if names:
-            yield Finding(
+            yield warning(
                 "export.mass_unknown",
-                "warning",
-                f"{file}: no mass is known of {', '.join(names)}; the file assumes {given}, because the format wants "
-                "a mass",
-                where=", ".join(names),
-                suggestion="give them a mass or their parts a density in the robot's description, or join them rigidly "
-                "to a body that has one",
+                ", ".join(names),
+                f"{file}: the mass of {', '.join(names)} is unknown, but the format requires one; the file assumes "
+                f"{given}",
+                suggestion="state a mass or the density of the parts, or fix the body to a body with mass",
             )

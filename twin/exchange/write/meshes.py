@@ -1,4 +1,7 @@
-"""meshes/<mesh>.obj: the shapes that MJCF and URDF share. In mm: short numbers; both files scale by `SCALE`."""
+"""Write meshes/<mesh>.obj, the shapes that MJCF and URDF share.
+
+The files are in mm, so that numbers are short; MJCF and URDF scale them by `SCALE`.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +13,14 @@ from twin.core.units import MM
 from twin.model.mechanism import Mechanism, Mesh
 
 SCALE = "0.001 0.001 0.001"
-"""From the millimetres of the files to metres."""
+"""Factor from millimetres in the files to metres."""
 
 DECIMALS = 3
-"""Of a millimetre: vertices are within 0.5 um of the mechanism's."""
+"""Decimals of a millimetre: vertices are rounded by at most 0.5 um."""
 
 
 def mesh_file(mesh: Mesh) -> str:
-    """Return the path of a mesh below the folder that holds the robot's file."""
+    """Return the path of a mesh file relative to the folder of the robot's file."""
     return f"meshes/{mesh.name}.obj"
 
 

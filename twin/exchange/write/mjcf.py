@@ -1,19 +1,18 @@
 """The robot as MJCF for MuJoCo: a tree, and equality constraints that close its loops.
 
-Bodies are placed at home and joints have their coordinates there as `ref`, so that a simulation that nobody has set up
-starts with closed loops; every coordinate is that of the mechanism. A control is how far a drive is to go from home:
-zero, with which a simulation starts, holds the robot there. A ball has no coordinate: its quaternion counts from home.
-
-Loops are closed where joints are at `ref`, so one anchor says where both bodies are tied; Drake reads no other form:
+Bodies are placed at home, and the `ref` of a joint is its coordinate at home, so that a simulation starts with closed
+loops; all joint coordinates equal those of the mechanism. A control is the displacement of a drive from home: the
+initial value zero holds the robot at home. A ball has no coordinate: its quaternion is relative to home. Because loops
+are closed at `ref`, one anchor defines where both bodies are tied; Drake reads no other form:
 
     spherical       one connect at the ball
     revolute        two connects, at two points of the pin
     fixed           one weld, site to site
-    slides          a carrier of next to no mass slides (and turns) on the one body and is welded to the other
+    slides      a carrier of 1 g slides (and turns) on one body and is welded to the other body
     couplings       a fixed tendon of constant length
 
-A motor that a transmission leads to joints is a fixed tendon too: its coefficients are the motor's row of the inverse
-matrix, so that its length is the motor's coordinate, and an actuator pulls it.
+A motor that a transmission leads to joints is also a fixed tendon: its coefficients are the motor's row of the inverse
+transmission matrix, so that its length is the motor's coordinate; an actuator pulls it.
 """
 
 from __future__ import annotations
@@ -29,24 +28,27 @@ from twin.core.spatial import Array
 from twin.exchange.write.left_out import CONES, MAX_ACCELERATIONS, MAX_SPEEDS, SOFT_LIMITS, left_out, motors_left_out
 from twin.exchange.write.masses import inertia_of, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
-from twin.exchange.write.xml import numbers, srgb, write_xml
+from twin.exchange.write.xml import numbers, srgb, write_xml, xml_text
 from twin.model.mechanism import Inertia, Joint, Mechanism
 from twin.model.transmission import Actuator
 from twin.usd.write.spanning import spanning
 
 PIN = 0.05
-"""Metres between the two points at which a pin is tied."""
+"""Distance in m between the two points at which a pin is tied."""
 
 CARRIER = Inertia(1e-3, np.zeros(3), 1e-7 * np.eye(3))
-"""Of a body that only carries a slide which closes a loop."""
+"""Mass in kg of an auxiliary body (carrier) for a slide that closes a loop."""
 
 STIFF = {"solref": "0.001 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
-"""Of the ties: MuJoCo's constraints are springs, and its own choice would let the loops sag."""
+"""Solver parameters of the equality constraints: they act as springs, and with MuJoCo's defaults the loops would sag.
+"""
 
 OPTION = {"timestep": "0.001", "integrator": "discrete", "iterations": "100", "tolerance": "1e-12"}
-"""Gains of the drives and ties are satisfied in one solve. The other implicit integrators, which the damping of the
-drives needs, correct accelerations after the ties have been satisfied: at 1 ms the loops of SHER shake by 14 mm
-(measured), and with an explicit one LAPBOT is unstable."""
+"""This integrator solves drives and equality constraints together.
+
+Other implicit integrators correct accelerations after the constraints are solved: at 1 ms the loops of SHER shake by 14
+mm (measured). With an explicit integrator LAPBOT is unstable.
+"""
 
 STEPPING = (
     "Ties of the loops are springs. At this time step, with this integrator (MuJoCo 3.13 or newer), the loops of the "
@@ -55,14 +57,15 @@ STEPPING = (
 )
 
 CONTROLS = (
-    "A control is how far its joint is to go from home, in m or rad: ctrl = coordinate - ref. Zero holds the robot "
-    "where it is drawn, the weight at home is borne already. A motor has no gains: its control is its force."
+    "A control is the displacement of its joint from home, in m or rad: ctrl = coordinate - ref. Zero holds the robot "
+    "at home, where its weight is compensated. A motor has no gains: its control is its force."
 )
 
 
 MOTORS = (
-    "A tendon of the name of its actuator is a motor: its length is the motor's coordinate, in rad or m as the text of "
-    "its name says; a tuple names the joints and the motors of a transmission. Controls count from home too."
+    "A tendon with the name of its actuator is a motor: its length is the motor's coordinate, in rad or m as stated by "
+    "the text of that name; a tuple names the joints and the motors of a transmission. Controls of motors are also "
+    "displacements from home."
 )
 
 
@@ -70,28 +73,37 @@ def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     """Write <robot>.xml, or <name>.xml, and its meshes; return the .xml file.
 
     Args:
-        mechanism: weighed; see `mjcf_findings` for bodies that are not.
-        folder: made if it is missing; the caller moves it into place.
-        name: of the file, where one robot has several (its trocar elsewhere).
+        mechanism: with masses; see `mjcf_findings` for bodies without mass.
+        folder: created if it is missing; the caller moves it to its final place.
+        name: of the file, if a robot has several (one for each trocar position).
 
     Raises:
-        AssemblyError: the mechanism cannot be assembled as drawn.
+        AssemblyError: the loops of the mechanism cannot be closed.
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_meshes(mechanism, folder)
     return write_xml(_Writer(mechanism).root, folder / f"{name or mechanism.name}.xml")
 
 
+def mjcf_text(mechanism: Mechanism) -> str:
+    """Return the text that `write_mjcf` writes; a mechanism without meshes needs no other file.
+
+    Raises:
+        AssemblyError: the loops of the mechanism cannot be closed.
+    """
+    return xml_text(_Writer(mechanism).root)
+
+
 def mjcf_findings(mechanism: Mechanism) -> list[Finding]:
-    """Return what the file says otherwise than the mechanism; it stands in the file as well."""
+    """Return findings on differences between the file and the mechanism; the file also contains them."""
     file = f"{mechanism.name}.xml"
     found = [*unweighed(mechanism, file), *motors_left_out(mechanism, file, "max_speed")]
-    # MJCF limits a ball by its whole turn, not by a cone.
+    # MJCF limits the rotation angle of a ball, not its cone.
     return [*found, *left_out(mechanism, file, {**SOFT_LIMITS, **MAX_SPEEDS, **MAX_ACCELERATIONS, **CONES})]
 
 
 class _Writer:
-    """Builds the document while it collects what belongs to other places of it."""
+    """Builder of the document: writes the tree of bodies, and collects elements of the other sections."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         from twin.reference import ReferenceModel
@@ -139,7 +151,7 @@ class _Writer:
         if not world and (joint is not None or body.inertia is not None):
             _inertial(element, inertia_of(body))
         for mesh in body.meshes:
-            # Neighbours overlap in their joints: links meet the world (whose contype is 1), never one another.
+            # Neighbours overlap in their joints: links collide with the world (contype 1), never with each other.
             shape = {
                 "type": "mesh",
                 "mesh": mesh.name,
@@ -168,7 +180,7 @@ class _Writer:
         self.qpos += [1.0, 0.0, 0.0, 0.0]
 
     def _moves(self, element: ET.Element, joint: Joint, T_body_joint: Array) -> None:
-        """Write the slide, the hinge, or both, along z of a frame on the moving body."""
+        """Write a slide, a hinge, or both, along z of a frame on the moving body."""
         T = self._motion(joint)
         for kind, axis, value in (
             ("slide", 2, T[2, 3]),
@@ -186,15 +198,15 @@ class _Writer:
             self.qpos.append(float(value))
 
     def _relative(self, parent: str, child: str) -> Array:
-        """Return T_parent_child (4, 4) at home."""
+        """Return T_parent_child (4, 4) of two bodies at home."""
         return spatial.inverse(self.home.link_poses[parent]) @ self.home.link_poses[child]
 
     def _motion(self, joint: Joint) -> Array:
-        """Return the pose (4, 4) of the joint's two frames to each other at home."""
+        """Return the pose (4, 4) of the joint's frame on the child in its frame on the parent, at home."""
         return joint.relative(self.home.link_poses[joint.parent], self.home.link_poses[joint.child])
 
     def _tie(self, equality: ET.Element, joint: Joint) -> None:
-        """Add what closes a loop, and remember the sites and carriers that it needs."""
+        """Add a loop closure, and store the sites and carriers that it needs."""
         for n, along in enumerate({"spherical": (0.0,), "revolute": (-PIN / 2, PIN / 2)}.get(joint.type, ())):
             anchor = numbers(joint.T_parent_joint[:3, 3] + along * joint.T_parent_joint[:3, 2])
             tied = {"body1": joint.parent, "body2": joint.child, "anchor": anchor}
@@ -222,7 +234,7 @@ class _Writer:
             ET.SubElement(equality, "tendon", {**line, **STIFF})
 
     def _motors(self) -> None:
-        """Write the tendons of motors, and which of them belong together with which joints."""
+        """Write the tendons of motors, and a tuple for each transmission with its joints and motors."""
         m = self.mechanism
         if not m.transmissions:
             return
@@ -280,7 +292,7 @@ class _Writer:
                 control.append(self.efforts[joint.name])
                 continue
             kp, kv, home = joint.drive.stiffness, joint.drive.damping, self.home.q_full[joint.name]
-            # What MuJoCo calls a position servo, with a bias: kp (ctrl + home - q) - kv dq/dt + effort at home.
+            # A position servo of MuJoCo with a bias: kp (ctrl + home - q) - kv dq/dt + effort at home.
             bias = numbers([kp * home + self.efforts[joint.name], -kp, -kv])
             line = {"name": joint.name, "joint": joint.name, "gainprm": numbers([kp])}
             out = ET.SubElement(actuator, "general", {**line, "biastype": "affine", "biasprm": bias})

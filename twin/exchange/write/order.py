@@ -1,4 +1,4 @@
-"""What is to be exported: the weighed mechanism, its clips, and where all of it comes from."""
+"""Content of an export: the mechanism with masses, its clips, and their sources."""
 
 from __future__ import annotations
 
@@ -11,27 +11,34 @@ from typing import Any, Protocol
 import numpy as np
 
 from twin.cad.build import inputs
+from twin.cad.description import Description
+from twin.core.assets import RobotFiles
 from twin.core.errors import ProtocolError, TwinError
-from twin.core.findings import Finding
+from twin.core.findings import Finding, warning
+from twin.core.foreign.once import Read
 from twin.core.provenance import Parameter
 from twin.exchange.write.clip import Budget, Clip, make_clip
 from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import Trajectory
 
+_KINDS = {".toml": "TOML", ".step": "STEP", ".stp": "STEP", ".py": "text"}
+"""Formats of the files that a robot's reader keeps, by suffix; meshes it does not."""
+
 _DRAWN = "drawing."
-"""How names of lengths begin that only the drawing needs."""
+"""Name prefix of lengths that affect only the appearance of parts."""
 
 Progress = Callable[[str, float], None]
 Plan = Callable[..., Trajectory]
-"""(robot, protocol, progress) -> its trajectory."""
+"""Function (robot, protocol, progress) that returns the planned trajectory."""
 
 
 class Robot(Protocol):
-    """What is asked of a robot here; `twin.api.Robot` answers."""
+    """Interface of a robot that an export requires; `twin.api.Robot` implements it."""
 
-    name: str
-    files: Any
-
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def files(self) -> Any: ...  # noqa: D102
     @property
     def unwritten(self) -> bool: ...  # noqa: D102
     @property
@@ -46,7 +53,7 @@ class Robot(Protocol):
 
 @dataclass(frozen=True)
 class Scene:
-    """One clip with the mechanism as the protocol binds it (its trocar may be elsewhere)."""
+    """One clip, with the mechanism at the trocar positions of its protocol."""
 
     clip: Clip
     mechanism: Mechanism
@@ -54,16 +61,16 @@ class Scene:
 
 @dataclass(frozen=True)
 class Order:
-    """Everything that the writers need, and what the readers of the bundle must be told.
+    """All data for the writers and the README.
 
     Attributes:
-        mechanism: as drawn, weighed.
+        mechanism: as in the CAD, with masses.
         scenes: one for each protocol.
-        quick_looks: names of the clips that get a .usdz of their own name; the first also has the plain name.
-        inputs: (shown path, sha256) of every file that it was made from.
-        assumed: "name: reason" of every number that nobody has published, the protocols' aside.
+        quick_looks: names of the clips with a .usdz: <robot>_ar.usdz plays the first, <robot>_<clip>_ar.usdz another.
+        inputs: (shown path, sha256) of every source file.
+        assumed: "name: reason" of every unpublished number, except those of protocols.
         title, source: of the robot.
-        findings: what was found on the way.
+        findings: of the robot.
     """
 
     mechanism: Mechanism
@@ -77,12 +84,12 @@ class Order:
 
     @property
     def clips(self) -> tuple[Clip, ...]:
-        """The clips of all scenes."""
+        """The clips of all scenes, one for each protocol."""
         return tuple(s.clip for s in self.scenes)
 
     @property
     def elsewhere(self) -> tuple[Scene, ...]:
-        """Scenes that have a trocar elsewhere than drawn: a loop with a fixed place needs a file for each."""
+        """Scenes with trocar positions other than in the CAD; each needs a file, because a file has fixed trocars."""
         drawn = self.mechanism.trocar_places
         return tuple(
             s for s in self.scenes if any(not np.array_equal(s.mechanism.trocar_at(n), p) for n, p in drawn.items())
@@ -100,21 +107,22 @@ def order(
     """Read the robot, weigh it, plan its protocols and choose key rates.
 
     Args:
-        robot: of CAD, or of a USD stage; a stage has no protocols, but may have motion of its own.
-        trajectory: the only motion, as planned (of the first of `protocols` if they are given); None: plan them.
-        protocols: names or paths; None: every one of the robot.
-        budget: of each clip; None: `Budget()`. The keys of a stage are its own samples.
-        plan: how a protocol becomes a trajectory.
+        robot: from CAD, or from a USD stage; a stage has no protocols, but may contain a motion.
+        trajectory: the only motion, already planned (of the first of `protocols` if these are given); None: plan the
+            protocols.
+        protocols: names or paths; None: all protocols of the robot.
+        budget: maximum errors of each clip; None: `Budget()`. For a stage, the keys are its own samples.
+        plan: function that plans a protocol.
         progress: see `twin.api.Progress`.
 
     Raises:
-        TwinError: something is missing or wrong, or a protocol cannot be planned.
+        TwinError: input is missing or invalid, or a protocol cannot be planned.
     """
     if robot.files is None:
         if protocols or trajectory is not None:
-            raise TwinError(f"{robot.name} is a USD stage: it has no protocols, only the motion that is baked in it")
+            raise TwinError(f"{robot.name} is a USD stage: it has no protocols, only the motion baked in the stage")
         return _of_stage(robot, progress)
-    progress("read CAD, weigh parts", 0.0)
+    progress("read CAD, compute masses", 0.0)
     files, robot = robot.files, robot.weighed()
     cad = robot.cad
     findings = [f for f in cad.findings if f.severity != "info"]
@@ -124,10 +132,11 @@ def order(
     has_equations, optional = files.has_equations, protocols is None and robot.unwritten
     if protocols is None and trajectory is None and not has_equations and not robot.unwritten:
         if chosen:
-            text = f"{robot.name} has no equations to plan with: {', '.join(map(str, chosen))} left out, no motion"
-            findings.append(Finding("export.no_equations", "warning", text, suggestion="write formula.py"))
+            text = f"{robot.name} has no equations for planning: no motion for {', '.join(map(str, chosen))}"
+            findings.append(warning("export.no_equations", "", text, suggestion="write formula.py"))
         chosen = []
     loaded = [robot.protocol(name) for name in chosen]
+    sources = _sources(files, cad.description, chosen, loaded)  # before planning, which takes time
     scenes = []
     for i, protocol in enumerate(loaded):
         progress(f"plan {protocol.name}", i / len(loaded))
@@ -136,20 +145,13 @@ def order(
         except ProtocolError as error:
             if not optional:
                 raise
-            text = f"protocol {protocol.name} is left out, the mechanism cannot follow it: {error}"
-            findings.append(Finding("export.not_planned", "warning", text, where=protocol.name))
+            text = f"protocol {protocol.name} is left out, because the mechanism cannot follow it: {error}"
+            findings.append(warning("export.not_planned", protocol.name, text))
             continue
         bound = robot.bound(protocol).mechanism
         progress(f"keys of {protocol.name}", (i + 0.5) / len(loaded))
         clip = make_clip(bound, planned, protocol.title, budget, _assumed(protocol.parameters()))
         scenes.append(Scene(clip, bound))
-    made_from = inputs(files.description)
-    made_from += [p for p in (files.cad / "dimensions.toml", files.formula) if p.is_file()]
-    shown = [(_shown(p, files.cad), p) for p in made_from]
-    for name, protocol in zip(chosen, loaded, strict=True):
-        own = Path(name) if Path(name).suffix == ".toml" else files.protocols().get(protocol.name)
-        if own is not None:
-            shown.append((f"trajectories/{own.name}", own))
     numbers = [*cad.mechanism.parameters, *cad.dimensions]
     if has_equations:
         numbers += robot.kinematics().formula.parameters
@@ -157,12 +159,26 @@ def order(
         cad.mechanism,
         tuple(scenes),
         _quick_looks(cad.description.default_protocol, [s.clip.name for s in scenes], protocols is not None),
-        tuple((name, _sha256(path)) for name, path in dict(shown).items()),
+        sources,
         _assumed(numbers),
         cad.description.title,
         cad.description.source,
         tuple(findings),
     )
+
+
+def _sources(
+    files: RobotFiles, description: Description, chosen: Sequence[str | Path], loaded: Sequence[Any]
+) -> tuple[tuple[str, str], ...]:
+    """Return name and hash of all files that the robot and its protocols are made from."""
+    made_from = inputs(files.description, description)
+    made_from += [p for p in (files.cad / "dimensions.toml", files.formula) if p.is_file()]
+    shown = [(_shown(p, files.cad), p) for p in made_from]
+    for name, protocol in zip(chosen, loaded, strict=True):
+        own = Path(name) if Path(name).suffix == ".toml" else files.protocols().get(protocol.name)
+        if own is not None:
+            shown.append((f"trajectories/{own.name}", own))
+    return tuple((name, _sha256(path, files.read)) for name, path in dict(shown).items())
 
 
 def _of_stage(robot: Robot, progress: Progress) -> Order:
@@ -189,7 +205,7 @@ def _of_stage(robot: Robot, progress: Progress) -> Order:
 
 
 def _quick_looks(default: str, names: list[str], asked: bool) -> tuple[str, ...]:
-    """Return the clip that the plain .usdz plays, and behind it those that were asked for by name."""
+    """Return the clips that get a .usdz: first the clip of <robot>_ar.usdz, then those requested by name."""
     if not names:
         return ()
     first = default if default in names else names[0]
@@ -197,18 +213,20 @@ def _quick_looks(default: str, names: list[str], asked: bool) -> tuple[str, ...]
 
 
 def _assumed(parameters: Sequence[Parameter]) -> tuple[str, ...]:
-    """Return "name = value: reason" of the assumed ones, each once, on one line; what was only drawn is counted."""
+    """Return "name = value: reason" for each assumed parameter; parameters of appearance only are counted."""
     assumed = [p for p in parameters if p.provenance == "ASSUMED"]
     lines = [f"{p.name} = {p.shown:g} {p.unit}: {p.note}" for p in assumed if not p.name.startswith(_DRAWN)]
     if drawn := sum(p.name.startswith(_DRAWN) for p in assumed):
-        lines.append(f"{_DRAWN}*: {drawn} lengths of parts that were drawn to look right (`twin info` lists them)")
+        lines.append(f"{_DRAWN}*: {drawn} lengths that affect only the appearance of parts (`twin info` lists them)")
     return tuple(dict.fromkeys(" ".join(line.split()) for line in lines))
 
 
 def _shown(path: Path, folder: Path) -> str:
-    """Return a path that tells the file and not the machine."""
+    """Return a path as text that does not depend on the machine."""
     return f"cad/{path.relative_to(folder).as_posix()}" if path.is_relative_to(folder) else path.name
 
 
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+def _sha256(path: Path, read: Read | None = None) -> str:
+    """Return the hash of a file; of TOML, STEP and equations that of the bytes that `read` has returned before."""
+    kind = _KINDS.get(path.suffix.lower(), "")
+    return hashlib.sha256(read(path, kind) if read is not None and kind else path.read_bytes()).hexdigest()

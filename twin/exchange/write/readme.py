@@ -1,4 +1,4 @@
-"""README.txt of a bundle: what is where, in which units, what is assumed, and what nobody has tried."""
+"""Write README.txt of an export: files, units, assumptions, and untested uses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _WIDTH = 100
 
 
 def text(order: Order, formats: Sequence[str], findings: Sequence[Finding]) -> str:
-    """Return the README of a bundle with these formats; `findings` are those of the robot and of the writers."""
+    """Return the README of an export with these formats; `findings` are those of the robot and of the writers."""
     head = f"{order.mechanism.name}: {order.title}"
     lines = [head, "=" * len(head), "", f"Written by twin {__version__} from: {order.source}", ""]
     for title, body in (
@@ -22,20 +22,20 @@ def text(order: Order, formats: Sequence[str], findings: Sequence[Finding]) -> s
         ("Conventions", _CONVENTIONS),
         ("Motions", list(_motions(order))),
         ("How to use it", [line for f, line in _USES if f in formats]),
-        ("What was found while writing", [f"- {f.message}" for f in findings] or ["- nothing"]),
-        ("What nobody has tried", _UNTRIED),
-        ("Assumed: numbers that nobody has published", list(_assumed(order))),
+        ("Findings of the export", [f"- {f.message}" for f in findings] or ["- nothing"]),
+        ("What has not been tested", _UNTRIED),
+        ("Assumed: numbers that are not published", list(_assumed(order))),
     ):
         lines += [title, "-" * len(title), *_wrapped(body), ""]
     return "\n".join(lines)
 
 
 _CONVENTIONS = [
-    "- Metres, kilograms, seconds, radians. UsdPhysics angles are degrees, because the format says so.",
+    "- Metres, kilograms, seconds, radians. UsdPhysics angles are degrees, as the format requires.",
     "- The robot's own world is z up, right-handed; it is the frame of the base. Link poses in every file and in the "
     "stream of `twin serve` are poses in that world.",
-    "- GLB and USDZ are y up: their root node turns the robot once, -90 degrees about x. Links below it keep their "
-    "z-up poses, so that a pose of the tracks can be put on a node as it is.",
+    "- GLB and USDZ are y up: their root node turns the robot once, -90 degrees about x. Links below the root keep "
+    "their z-up poses, so that a pose of the tracks can be assigned to a node unchanged.",
     "- Quaternions are x y z w (USD: w x y z); their signs never jump from key to key.",
     "- Unity is left-handed. A glTF importer mirrors x: (x, y, z) becomes (-x, y, z), the quaternion (x, -y, -z, w). "
     "ROS importers use (-y, z, x) and (-y, z, x, -w). The player of the Unity package has both.",
@@ -43,9 +43,9 @@ _CONVENTIONS = [
 ]
 
 _UNTRIED = [
-    "- No physical headset, no iPhone and no graphics card has shown these files.",
+    "- These files have not been shown on a physical headset, an iPhone or a graphics card.",
     "- The Unity editor has not run the Unity package: its C# was compiled and tested against a stub of UnityEngine. "
-    "The package has a self-test to run there.",
+    "The package has a self-test to be run in the editor.",
 ]
 
 _USES = [
@@ -64,7 +64,8 @@ _USES = [
     (
         "mjcf",
         "- MuJoCo 3.13 or newer: load <robot>.xml and step, 1 ms at a time. It starts at home with closed loops, which "
-        "equality constraints hold; a control is how far a drive is to go from home (ctrl = coordinate - ref), so that "
+        "equality constraints hold; a control is the displacement of a drive from home (ctrl = coordinate - ref), "
+        "so that "
         "zero holds the robot where it is. Newton (add_mjcf) and Drake hold its loops as well; Drake leaves out its "
         "actuators and tendons.",
     ),
@@ -81,24 +82,24 @@ def _files(order: Order, formats: Sequence[str]) -> Iterator[str]:
     rows = {
         "usd": [
             (f"usd/{name}.usda", "the robot for simulators and editors: physics.usda over geometry.usdc"),
-            (f"usd/{name}_sim.usda", "the same in a physics scene: open this one to simulate"),
-            *((f"usd/{name}_{c.name}.usda", f"the same, playing {c.name}") for c in order.clips),
+            (f"usd/{name}_sim.usda", "the same robot in a physics scene: open this file to simulate"),
+            *((f"usd/{name}_{c.name}.usda", f"the same robot, playing {c.name}") for c in order.clips),
         ],
         "usdz": [
             (f"{name}_ar.usdz", f"for AR Quick Look, playing {order.quick_looks[0]}" if order.clips else "at rest"),
-            *((f"{name}_{c}_ar.usdz", f"the same, playing {c}") for c in order.quick_looks[1:]),
+            *((f"{name}_{c}_ar.usdz", f"the same robot, playing {c}") for c in order.quick_looks[1:]),
         ],
         "glb": [(f"{name}.glb", "shapes and all motions, y up" if order.clips else "shapes, y up")],
         "unity": [("unity/", "Unity package: player, stream client, interaction, tests")],
         "tracks": [
             *((f"tracks/{c.name}.json, .csv", "joint values and link poses at keys") for c in order.clips),
-            ("tracks/track.schema.json", "what the entries of a track are"),
+            ("tracks/track.schema.json", "description of the entries of a track"),
         ],
         "mjcf": [(f"{name}.xml", "MJCF, loops closed by constraints; shapes in meshes/ (mm)")],
         "urdf": [(f"{name}.urdf", "URDF, loops cut open; shapes in meshes/ (mm)")],
     }
     shown = [row for f in formats for row in rows[f]]
-    shown.append(("proof.json", "what every file was made from, its hash, and what readers of their own measured"))
+    shown.append(("proof.json", "source and hash of every file, and the values measured by independent readers"))
     width = max(len(file) for file, _ in shown)
     yield from (f"{file.ljust(width)}  {what}" for file, what in shown)
 
@@ -111,11 +112,12 @@ def _motions(order: Order) -> Iterator[str]:
         budget = (
             f"budget: {b.position / UM:g} um, {b.rotation / DEG:g} degrees, {b.joint_gap / UM:g} um"
             if b
-            else "measured by leaving out every second sample of the stage: all of them are about four times as good"
+            else "measured by leaving out every second sample; with all samples the error is about a quarter"
         )
         yield (
-            f"- {c.name}: {c.title}; {c.times[-1]:.3f} s, {len(c.times)} keys at {c.rate:g} Hz. A player that draws "
-            f"straight lines between keys is at most {c.between_position / UM:.1f} um off at any point of a link and "
+            f"- {c.name}: {c.title}; {c.times[-1]:.3f} s, {len(c.times)} keys at {c.rate:g} Hz. A player that "
+            f"interpolates linearly between keys is at most {c.between_position / UM:.1f} um off at any point of a "
+            "link and "
             f"{c.between_rotation / DEG:.4f} degrees; joints open by at most {c.joint_gap / UM:.1f} um ({budget})."
         )
 

@@ -1,4 +1,4 @@
-"""A clip from a stage that has motion baked in: nothing is planned, its own samples are the keys."""
+"""Make a clip from a stage with a baked motion: its time samples become the keys."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from twin.model.mechanism import Mechanism
 def sampled_clip(mechanism: Mechanism, stage: Path) -> Clip | None:
     """Return the motion of a USD stage as a clip, or None if nothing moves in it.
 
-    Between its samples a stage says nothing of the robot. The errors there are those of a player that is given every
-    second sample: measured, and above what all samples give.
+    Between its samples a stage has no data. The stated errors are measured with every second sample left out, and are
+    therefore larger than the actual errors.
 
     Args:
         mechanism: as read from the stage.
-        stage: its root layer.
+        stage: path of its root layer.
     """
     from twin.usd.read import read_motion
 
@@ -58,7 +58,7 @@ def sampled_clip(mechanism: Mechanism, stage: Path) -> Clip | None:
 
 
 def coordinates(mechanism: Mechanism, links: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the coordinate (k,) in m or rad of every joint that has a single one, from link poses (k, 4, 4)."""
+    """Return the coordinate (k,) in m or rad of every joint with a single coordinate, from link poses (k, 4, 4)."""
     out = {}
     for joint in mechanism.joints:
         if len(joint.free_axes) != 1:

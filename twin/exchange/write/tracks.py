@@ -1,4 +1,4 @@
-"""tracks/<protocol>.json and .csv: link poses and joint values at keys, for whoever reads plain numbers."""
+"""Write tracks/<protocol>.json and .csv: link poses and joint values at keys, as plain numbers."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from twin.model.mechanism import Mechanism
 from twin.schema import json_schema
 
 NO_LIMIT = 1e30
-"""Stands for a joint without limit: JSON has no infinity."""
+"""Value that means no limit, because JSON has no infinity."""
 
 _DIGITS = 7
-"""Decimals of metres, radians and parts of quaternions: 0.1 um."""
+"""Decimals of metres, radians and components of quaternions (resolution 0.1 um)."""
 
 
 def write_tracks(
@@ -28,11 +28,11 @@ def write_tracks(
     """Write <clip>.json and <clip>.csv into `folder` and return their paths; both hold the same numbers.
 
     Args:
-        mechanism: whose motion it is, with its trocars where the protocol has them.
+        mechanism: the robot that moves, with the trocar positions of the protocol.
         clip: the motion.
-        folder: made if it is missing.
-        drawn: the robot as drawn, whose hash and home the track names; `mechanism` if it has no trocar to move.
-        assumed: "name: reason" of numbers that the robot assumes, beside those of the clip.
+        folder: created if it is missing.
+        drawn: the robot as in the CAD, whose hash and home the track states; default: `mechanism`.
+        assumed: "name: reason" of numbers that the robot assumes, in addition to the assumptions of the clip.
     """
     folder.mkdir(parents=True, exist_ok=True)
     data = track(mechanism, clip, drawn, assumed)
@@ -60,7 +60,7 @@ def schema_text() -> str:
 def track(
     mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assumed: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Return the track of `write_tracks` as plain data; see `twin.schema.track.Track` for what each entry is."""
+    """Return the track of `write_tracks` as plain data; `twin.schema.track.Track` describes each entry."""
     joints = [j for j in mechanism.joints if j.name in clip.joints]
     turns = tree_coordinates(drawn or mechanism, clip.links)
     limits = [*(j.limits or (-NO_LIMIT, NO_LIMIT) for j in joints), *[(-NO_LIMIT, NO_LIMIT)] * len(turns)]
@@ -112,7 +112,7 @@ def track(
 
 
 def _seven(Ts: Array) -> Array:
-    """Return poses (k, 4, 4) as x y z and a quaternion x y z w, (k, 7)."""
+    """Return poses (k, 4, 4) as (k, 7): x y z in m and a quaternion x y z w."""
     return np.concatenate([Ts[:, :3, 3], quaternions_xyzw(Ts)], axis=1)
 
 
@@ -122,12 +122,12 @@ def _flat(values: Any, transpose: bool = False) -> list[float]:
 
 
 def _plain(values: Any) -> list[float]:
-    """Return numbers as they are written: whole ones without .0, of which a pose has many."""
+    """Return numbers for JSON: whole numbers without .0, because poses have many."""
     return [int(v) if v == int(v) and abs(v) < 1e9 else v for v in (values + 0.0).tolist()]
 
 
 def _json(data: dict[str, Any]) -> str:
-    """Return JSON with one entry a line: flat arrays are long, but the head stays readable."""
+    """Return JSON with one line for each entry, so that the short entries at the head stay readable."""
     lines = (
         f"{json.dumps(k)}:{json.dumps(v, separators=(',', ':'), ensure_ascii=False, allow_nan=False)}"
         for k, v in data.items()
@@ -136,7 +136,7 @@ def _json(data: dict[str, Any]) -> str:
 
 
 _COLUMNS = ("times", "poses", "positions")
-"""Entries that are columns of the CSV; all others stand in its head."""
+"""Entries that become columns of the CSV; all others are in its head."""
 
 
 def _csv(data: dict[str, Any]) -> str:
@@ -157,6 +157,6 @@ def _csv(data: dict[str, Any]) -> str:
 
 
 def _text(value: float) -> str:
-    """Return a number without the zero before its point: half of the file is numbers below one."""
+    """Return a number as text without a leading zero, because half of the file is numbers below one."""
     text = repr(value)
     return text[1:] if text.startswith("0.") else f"-{text[2:]}" if text.startswith("-0.") else text

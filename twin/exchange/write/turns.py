@@ -1,7 +1,7 @@
-"""Coordinates of joints that have several: without them no table says where the links of a URDF behind a ball are.
+"""Coordinates of joints with several degrees of freedom, needed for the URDF links beyond a ball joint.
 
-A ball s has s_x, s_y, s_z: turns about x, then y, then z of its frame on the parent as it lies at home.
-A cylindrical joint c has c_slide and c: along and about z.
+A ball s has the coordinates s_x, s_y, s_z: rotations about x, then y, then z of its frame on the parent at home. A
+cylindrical joint c has c_slide and c: displacement along z and rotation about z.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from twin.usd.write.spanning import spanning
 
 
 class Coordinate(NamedTuple):
-    """One column of a track: values (k,) in m or rad of a "prismatic" or "revolute" joint."""
+    """One column of a track: values (k,) of a joint, in m if "prismatic", in rad if "revolute"."""
 
     name: str
     type: str
@@ -26,14 +26,14 @@ class Coordinate(NamedTuple):
 
 
 def tree_coordinates(mechanism: Mechanism, links: Mapping[str, Array]) -> list[Coordinate]:
-    """Return the coordinates that link poses T_world_body (k, 4, 4) give the balls and cylindrical joints of the tree.
+    """Return the coordinates of the tree's balls and cylindrical joints, from link poses T_world_body (k, 4, 4).
 
     Args:
-        mechanism: as the URDF is written from it: at its home all turns of a ball are zero.
+        mechanism: the one of which the URDF is written; at its home all ball coordinates are zero.
         links: poses of its bodies.
 
     Raises:
-        AssemblyError: the mechanism cannot be assembled as drawn.
+        AssemblyError: the loops of the mechanism cannot be closed.
     """
     joints = [j for j in spanning(mechanism).tree if j.type in ("spherical", "cylindrical")]
     if not joints:

@@ -1,4 +1,4 @@
-"""The Unity package `com.twin.player`, as it goes into a bundle."""
+"""Copy the Unity package `com.twin.player` into an export."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from pathlib import Path
 from twin.core.errors import OutputError
 
 PACKAGE = Path(__file__).resolve().parents[2] / "ui/headset/unity"
-"""Where the package lies, in a checkout and in an installed wheel."""
+"""Folder of the package, in a checkout and in an installed wheel."""
 
 
 def package_files() -> tuple[str, ...]:
-    """Return the files of the package by their paths in it, with forward slashes, sorted.
+    """Return the files of the package, sorted by their relative paths (with forward slashes).
 
     Raises:
-        OutputError: the package is not there.
+        OutputError: the package does not exist.
     """
     found = (p.relative_to(PACKAGE).as_posix() for p in PACKAGE.rglob("*") if p.is_file())
     names = tuple(sorted(n for n in found if not any(part.startswith(".") for part in n.split("/"))))
@@ -26,14 +26,14 @@ def package_files() -> tuple[str, ...]:
 def write_unity(folder: Path) -> tuple[Path, ...]:
     """Copy the package into `folder` and return its files, sorted.
 
-    The package is the same for every robot: Unity's menu "Twin > Import bundle…" takes the model and the tracks from
-    the folder that the bundle is in. A file is written byte by byte, without the times and rights of its source.
+    The package is the same for every robot: Unity's menu "Twin > Import bundle…" imports the model and the tracks from
+    the export folder. Only the contents of files are copied, not their times and permissions.
 
     Args:
-        folder: the package folder itself (`<bundle>/unity`); made if it is not there.
+        folder: the package folder (`<bundle>/unity`); created if it does not exist.
 
     Raises:
-        OutputError: the package is not there, or the folder cannot be written.
+        OutputError: the package does not exist, or the folder cannot be written.
     """
     written = []
     for name in package_files():

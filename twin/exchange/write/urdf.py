@@ -1,8 +1,8 @@
-"""The robot as URDF: its tree only, because URDF cannot close a loop; the file says which joints are missing.
+"""The robot as URDF: its tree only, because URDF cannot close a loop; the file states which joints are missing.
 
-Links have the names and the frames of the mechanism's bodies. A URDF joint turns about a line through the origin of
-its child, so that a body whose pin is elsewhere hangs on a small link `<joint>_axis` at the pin. A ball is three
-turns about x, y and z, which are zero as drawn: the place farthest from their own singularity.
+Links have the names and the frames of the mechanism's bodies. A URDF joint turns about a line through the origin of its
+child; a body whose pin is not at its origin is therefore the child of an auxiliary link `<joint>_axis` at the pin. A
+ball becomes three hinges about x, y and z, which are zero at home, far from their singularity.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from twin.core import spatial
-from twin.core.findings import Finding
+from twin.core.findings import Finding, Kind, info, warning
 from twin.core.spatial import Array
 from twin.exchange.write.left_out import CONES, MAX_ACCELERATIONS, SOFT_LIMITS, left_out, motors_left_out
 from twin.exchange.write.masses import inertia_of, unweighed
@@ -25,34 +25,40 @@ from twin.model.mechanism import Body, Coupling, Drive, Inertia, Joint, Material
 from twin.usd.write.spanning import spanning
 
 SMALL = Inertia(1e-6, np.zeros(3), 1e-9 * np.eye(3))
-"""Of a link between two turns: next to nothing, but an inertia that engines take."""
+"""Mass in kg of an auxiliary link: negligible, but with an inertia that engines accept."""
 
 UNKNOWN = {"effort": "1e6", "velocity": "1e6"}
-"""URDF wants numbers where nobody knows any."""
+"""Values that mean "unknown" for numbers that URDF requires."""
 
 SIMPLE = "transmission_interface/SimpleTransmission"
-"""One motor and one joint: m = mechanicalReduction * q."""
+"""Transmission type of one motor and one joint: m = mechanicalReduction * q."""
 
 COUPLED = "twin/LinearTransmission"
-"""Several motors move several joints together; URDF has no word for their matrix."""
+"""Transmission type of several motors and joints; URDF cannot hold the matrix."""
 
 FAR = 1e3
-"""m a slide without limits may go: URDF has no slide without limits."""
+"""Limit in m of a slide without limits, because URDF requires a limit."""
 
 _ON_AXIS = 1e-12
-"""m from its pin at which a body's origin counts as on it."""
+"""Distance in m up to which a body's origin counts as on its pin axis."""
+
+
+_TRANSMISSION = Kind("export.urdf_transmission", "warning", "use MJCF or USD if motors matter")
+_LOOPS = Kind("export.urdf_loops", "warning", "use MJCF or USD if loops must close")
 
 
 def write_urdf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
-    """Write <robot>.urdf, or <name>.urdf, and its meshes; return that file. See `urdf_findings` for what it cannot say.
+    """Write <robot>.urdf, or <name>.urdf, and its meshes; return the .urdf file.
+
+    `urdf_findings` lists what the file cannot hold.
 
     Args:
-        mechanism: weighed; loops are cut as `spanning` does.
-        folder: made if it is missing; the caller moves it into place.
-        name: of the file, where one robot has several (a trocar elsewhere).
+        mechanism: with masses; loops are cut by `spanning`.
+        folder: created if it is missing; the caller moves it to its final place.
+        name: of the file, if a robot has several (one for each trocar position).
 
     Raises:
-        AssemblyError: the mechanism cannot be assembled as drawn.
+        AssemblyError: the loops of the mechanism cannot be closed.
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_meshes(mechanism, folder)
@@ -60,17 +66,14 @@ def write_urdf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
 
 
 def urdf_findings(mechanism: Mechanism) -> list[Finding]:
-    """Return what URDF cannot say of this mechanism; the file says it too, in comments."""
+    """Return findings on data that URDF cannot hold; the file also contains them, as comments."""
     file = f"{mechanism.name}.urdf"
     found = [*unweighed(mechanism, file), *motors_left_out(mechanism, file, "limits", "rotor_inertia", "stiffness")]
     found += [
-        Finding(
-            "export.urdf_transmission",
-            "warning",
-            f"{file}: URDF cannot hold the matrix of the transmission {t.name}: {t.equations}; the file names its "
-            "joints and actuators alone",
-            where=t.name,
-            suggestion="use MJCF or USD where motors matter",
+        _TRANSMISSION(
+            t.name,
+            f"{file}: URDF cannot hold the matrix of transmission {t.name} ({t.equations}), only the names of its "
+            "joints and actuators",
         )
         for t in mechanism.transmissions
         if not all(map(t.single, t.joints))
@@ -79,35 +82,31 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
     if cut:
         names = ", ".join(f"{j.name} ({j.type}, {j.parent} to {j.child})" for j in cut)
         found.append(
-            Finding(
-                "export.urdf_loops",
-                "warning",
-                f"{file}: URDF cannot close a loop; left out: {names}. Its links are right only while the "
-                f"passive joints get the values of the tracks",
-                where=", ".join(j.name for j in cut),
-                suggestion="use MJCF or USD where loops must hold",
+            _LOOPS(
+                ", ".join(j.name for j in cut),
+                f"{file}: URDF cannot close loops; left out: {names}. Link poses are correct only with the values "
+                "of the passive joints from the tracks",
             )
         )
     held = _mimics(mechanism).values()
     for coupling in (c for c in mechanism.couplings if c not in held):
         terms = " + ".join(f"{r:g} {n}" for n, r in zip(coupling.joints, coupling.ratios, strict=True))
         found.append(
-            Finding(
+            warning(
                 "export.urdf_coupling",
-                "warning",
-                f"{file}: URDF cannot hold the coupling {coupling.name}: {terms} = {coupling.total:g}",
-                where=coupling.name,
+                coupling.name,
+                f"{file}: URDF cannot hold coupling {coupling.name}: {terms} = {coupling.total:g}",
             )
         )
     found += left_out(mechanism, file, {**SOFT_LIMITS, **MAX_ACCELERATIONS, **CONES})
     if mechanism.frames or mechanism.points:
         names = ", ".join(x.name for x in (*mechanism.frames, *mechanism.points))
-        found.append(Finding("export.left_out", "info", f"{file}: the frames and points {names} are left out", names))
+        found.append(info("export.left_out", names, f"{file}: URDF cannot hold the frames and points {names}"))
     return found
 
 
 def _mimics(mechanism: Mechanism) -> dict[str, Coupling]:
-    """Return the couplings that URDF holds: of two joints of the tree, by the one that follows and is not driven."""
+    """Return the couplings that URDF can hold (two joints of the tree), by the joint that is not driven."""
     single = {j.name for j in spanning(mechanism).tree if j.type in ("revolute", "prismatic")}
     driven = {j.name for j in mechanism.active}
     out: dict[str, Coupling] = {}
@@ -146,7 +145,7 @@ def _document(mechanism: Mechanism) -> ET.Element:
 
 
 def _as_driven(mechanism: Mechanism, joint: Joint) -> Joint:
-    """Return a joint with the largest effort and speed that its motor can give it, if one motor moves it alone."""
+    """Return a joint with the maximum effort and speed of its motor, if one motor alone moves it."""
     t = mechanism.transmission_of(joint.name)
     single = t and t.single(joint.name)
     if not single:
@@ -157,7 +156,7 @@ def _as_driven(mechanism: Mechanism, joint: Joint) -> Joint:
 
 
 def _transmissions(root: ET.Element, mechanism: Mechanism) -> None:
-    """Write what drives the joints, where anything but the joints themselves does: then all driven ones are named."""
+    """Write transmissions of all driven joints, if at least one joint has a motor with a transmission."""
     if not mechanism.transmissions:
         return
     for joint in mechanism.active:
@@ -199,7 +198,7 @@ def _link(root: ET.Element, body: Body, materials: Mapping[str, Material], weigh
 
 
 def _joint(root: ET.Element, joint: Joint, T_home: Array) -> None:
-    """Write a joint of the tree as one URDF joint, or as a chain of them over small links."""
+    """Write a joint of the tree as one URDF joint, or as a chain of URDF joints over auxiliary links."""
     name, at = joint.name, joint.T_child_joint
     through_origin = np.linalg.norm(np.cross(at[:3, 3], at[:3, 2])) < _ON_AXIS
     if joint.type in ("fixed", "prismatic") or (joint.type == "revolute" and through_origin):

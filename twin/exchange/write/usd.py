@@ -1,22 +1,20 @@
-"""The robot as layered USD with its motions: what simulators (Isaac Sim, Newton, PhysX) and editors open.
+"""Write the robot as layered USD with its motions, for simulators (Isaac Sim, Newton, PhysX) and editors.
 
-physics.usda over geometry.usdc      the robot, assembled at home, simulators start there
+physics.usda over geometry.usdc      the robot assembled at home, where simulators start
 motion/<protocol>.usdc               baked poses and joint values at the times of the clip
-<robot>_<protocol>.usda              what a person opens to see the motion
+<robot>_<protocol>.usda              the file to open to see the motion
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdPhysics
 
-from twin.cad.build import fingerprint, read_mechanism
-from twin.core.assets import RobotFiles
 from twin.core.atomic import Scratch
 from twin.core.errors import AssemblyError, StageError
 from twin.core.spatial import Array
@@ -30,23 +28,24 @@ if TYPE_CHECKING:
     from twin.planning.trajectory import Trajectory
 
 STEPS_PER_SECOND = 1000
-"""Of the scene: at 240 the loops of SHER let its tool sag by 0.1 mm, at 1000 by a few um (measured)."""
+"""Time steps per second of the physics scene: at 240 the tool of SHER sags by 0.1 mm, at 1000 by a few um (measured).
+"""
 
 
 def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list[Path]:
     """Write the stage of a mechanism and one motion for each clip.
 
     Args:
-        mechanism: weighed, if simulators are to know the masses.
-        clips: motions to bake; their times become time codes at 60 a second.
-        folder: made if it is missing; the caller moves it into place.
+        mechanism: with masses, if the stage is for simulators.
+        clips: motions to bake; their times become time codes at 60 per second.
+        folder: created if it is missing; the caller moves it to its final place.
 
     Returns:
         The files written, root layer first.
 
     Raises:
-        StageError: a joint has what UsdPhysics cannot hold, or a clip does not fit the mechanism.
-        AssemblyError: the mechanism cannot be assembled as drawn.
+        StageError: UsdPhysics cannot hold a joint, or a clip does not match the mechanism.
+        AssemblyError: the loops of the mechanism cannot be closed.
     """
     from twin.reference import ReferenceModel
     from twin.usd.write import Motion, write_motion, write_stage
@@ -55,7 +54,7 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
     home = model.home()
     try:
         efforts = holding_efforts(model, home)
-    except AssemblyError:  # loops that stay open, or more drives than freedoms: nothing can be moved a little
+    except AssemblyError:  # loops stay open, or more drives than degrees of freedom: no small motion is possible
         efforts = {}
     files = write_stage(mechanism, folder, rounded(home.link_poses), home.q_full, efforts=efforts)
     out = [files.root, files.physics, files.geometry, _write_scene(mechanism, folder / f"{mechanism.name}_sim.usda")]
@@ -67,13 +66,13 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
 
 
 def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder: Path) -> None:
-    """Write a planned trajectory beside the stage of `mechanism` in `folder`, every 1/60 s and at its end.
+    """Write a planned trajectory, sampled every 1/60 s and at its end, beside the stage of `mechanism` in `folder`.
 
     Args:
-        mechanism: as the stage has it.
-        bound: the same with its trocar where the protocol has it.
-        trajectory: as planned.
-        folder: that of the stage.
+        mechanism: the mechanism of the stage.
+        bound: the same mechanism with the trocar positions of the protocol.
+        trajectory: the planned motion.
+        folder: folder of the stage.
     """
     from twin.planning.trajectory import key_times
     from twin.reference import ReferenceModel
@@ -89,12 +88,14 @@ def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder:
 
 
 def _write_scene(mechanism: Mechanism, path: Path) -> Path:
-    """Write a root layer that adds a physics scene beside the robot, so that referencing the robot leaves it behind."""
+    """Write a root layer with a physics scene beside the robot, so that references to the robot exclude the scene."""
     layer = new_layer(path)
     describe(layer, mechanism.name)
-    layer.comment = f"{mechanism.name} in a scene, as measured with PhysX on a CPU: {STEPS_PER_SECOND} steps a second."
+    layer.comment = (
+        f"{mechanism.name} in a physics scene with {STEPS_PER_SECOND} steps a second, as measured with PhysX on a CPU."
+    )
     _add_scene(layer)
-    # Last, when no stage is open: USD looks for sublayers at once, and this layer has no place yet.
+    # Last, when no stage is open: USD resolves sublayers at once, and this layer has no path yet.
     layer.subLayerPaths = [f"./{mechanism.name}.usda"]
     return save(layer, path)
 
@@ -109,26 +110,32 @@ def _add_scene(layer: Sdf.Layer) -> None:
     for name, kind, value in (
         ("timeStepsPerSecond", Sdf.ValueTypeNames.UInt, STEPS_PER_SECOND),
         ("solverType", Sdf.ValueTypeNames.Token, "TGS"),
-        # Gravity in one lump a step moves a loop before its iterations begin.
+        # Gravity applied once in each step moves a loop before the solver's iterations begin.
         ("enableExternalForcesEveryIteration", Sdf.ValueTypeNames.Bool, True),
     ):
         prim.CreateAttribute(f"physxScene:{name}", kind, False).Set(value)
-    # MuJoCo, also as a solver of Newton: the only integrator of its that takes drives and ties in one solve.
+    # MuJoCo, also as a solver of Newton: its only integrator that solves drives and ties together.
     prim.CreateAttribute("mjc:option:integrator", Sdf.ValueTypeNames.Token, False).Set("discrete")
 
 
 @contextlib.contextmanager
-def fresh_stage(files: RobotFiles) -> Iterator[Path]:
-    """Yield a robot's USD stage if it was made from the present CAD, else one rebuilt in a temporary folder."""
-    if files.stage.is_file():
+def fresh_stage(stage: Path, source: str, weighed: Callable[[], Mechanism]) -> Iterator[Path]:
+    """Yield a robot's USD stage if it is up to date, else one rebuilt in a temporary folder.
+
+    Args:
+        stage: where it is, if there is one.
+        source: `Mechanism.source` of the robot as it is now: its description, and the hash of its CAD.
+        weighed: returns the mechanism with masses, to rebuild the stage from.
+    """
+    if stage.is_file():
         with contextlib.suppress(StageError):
-            if fingerprint(files.description) in made_from(files.stage):
-                yield files.stage
+            if made_from(stage) == source:
+                yield stage
                 return
     with Scratch() as folder:
-        yield write_usd(read_mechanism(files.description).mechanism, (), Path(folder))[0]
+        yield write_usd(weighed(), (), Path(folder))[0]
 
 
 def rounded(poses: Mapping[str, Array]) -> dict[str, Array]:
-    """Return poses rounded to 1e-13, so that the last bits of a processor do not reach the file."""
+    """Return poses rounded to 1e-13, so that the file does not depend on the processor."""
     return {name: np.round(T, 13) + 0.0 for name, T in poses.items()}

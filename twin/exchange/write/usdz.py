@@ -1,8 +1,8 @@
-"""One .usdz for AR Quick Look and other viewers: shape and motion, no physics.
+"""Write one .usdz for AR Quick Look and other viewers: shape and motion, no physics.
 
-One flattened .usdc, Y up, in metres. The robot's root prim turns z up to y up once; its links stay in the
-robot's own frame, so that a pose there is the pose of the tracks and of the GLB. Only links that move have
-samples. A viewer plays the motion in a loop: where the last pose is not the first, it is held for `HOLD`.
+It is one flattened .usdc, y up, in metres. The robot's root prim rotates z up to y up; the links below keep their poses
+in the robot's own frame, which equal those of the tracks and of the GLB. Only links that move have samples. A viewer
+plays the motion in a loop: if the last pose differs from the first, it is held for `HOLD` seconds.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ if TYPE_CHECKING:
     from twin.exchange.write.clip import Clip
 
 HOLD = 1.0
-"""Seconds that the last pose is shown before the motion begins again."""
+"""Time in s that the last pose is held before the motion repeats."""
 
 STILL = 1e-9
-"""A link whose pose never changes by more than this (m, and parts of its rotation matrix) has no samples."""
+"""A link whose pose changes by at most this (m, and entries of its rotation matrix) has no samples."""
 
 _ALIGNMENT = 64
-"""Bytes: readers map the layer in place (USDZ specification)."""
+"""Alignment of files in the archive in bytes (USDZ specification), so that readers can map them into memory."""
 
 _PADDING = 0x1986
-"""Id of the extra field that fills a zip header up to the alignment, as usd-core writes it."""
+"""Id of the extra field that pads a zip header to the alignment, as in usd-core."""
 
 
 def write_usdz(mechanism: Mechanism, clip: Clip | None, path: Path) -> Path:
-    """Write the robot, with a motion or at rest, as one .usdz; the same robot gives the same bytes.
+    """Write the robot, with a motion or at rest, as one .usdz; the output is reproducible byte by byte.
 
     Args:
-        mechanism: its meshes and materials are written, its frames, points and joints are not.
+        mechanism: its meshes and materials are written; frames, points and joints are not.
         clip: the motion, or None.
         path: the .usdz file, replaced if it exists.
 
     Raises:
-        StageError: a clip does not fit the mechanism, or the file cannot be written.
-        AssemblyError: without a clip, the mechanism cannot be assembled as drawn.
+        StageError: the clip does not match the mechanism, or the file cannot be written.
+        AssemblyError: there is no clip, and the loops of the mechanism cannot be closed.
     """
     with Scratch() as name:
         folder = Path(name)
@@ -65,7 +65,7 @@ def write_usdz(mechanism: Mechanism, clip: Clip | None, path: Path) -> Path:
 
 
 def _rest(mechanism: Mechanism, clip: Clip | None) -> dict[str, Array]:
-    """Return T_world_body (4, 4) of every body: where the motion begins, or home."""
+    """Return T_world_body (4, 4) of every body at the start of the motion, or at home without a motion."""
     if clip is not None:
         return rounded({name: Ts[0] for name, Ts in clip.links.items()})
     from twin.reference import ReferenceModel
@@ -74,7 +74,7 @@ def _rest(mechanism: Mechanism, clip: Clip | None) -> dict[str, Array]:
 
 
 def _flattened(mechanism: Mechanism, layers: list[str], end: float) -> Sdf.Layer:
-    """Return one layer of these, strongest first, turned to y up, without what only twin reads."""
+    """Return the given layers, strongest first, as one layer: rotated to y up, without twin's own data."""
     stage = Usd.Stage.CreateInMemory()
     # Before the layers come below it: times of a layer with another rate are rescaled.
     stage.SetTimeCodesPerSecond(TIME_CODES_PER_SECOND)
@@ -102,10 +102,10 @@ def _flattened(mechanism: Mechanism, layers: list[str], end: float) -> Sdf.Layer
 
 
 def _single_precision(layer: Sdf.Layer) -> None:
-    """Store translations as float3, which viewers turn them into anyway.
+    """Store translations as float3, to which viewers convert them anyway.
 
-    The reader of three.js (r187) knows no double3 of small whole numbers, as usdc packs (0, 0, 0): a link that
-    passes through the origin vanishes there, without an error.
+    The reader of three.js (r187) does not support double3 values of small whole numbers, which usdc packs: a link whose
+    translation is (0, 0, 0) vanishes without an error.
     """
     double = []
     layer.Traverse(
@@ -127,10 +127,10 @@ def _single_precision(layer: Sdf.Layer) -> None:
 
 
 def package(layer: Path, path: Path) -> None:
-    """Put one layer file into a zip as USDZ wants it: stored, its data at a multiple of 64 bytes, no time.
+    """Put one layer file into a zip as USDZ requires: uncompressed, data at a multiple of 64 bytes, without a date.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the archive cannot be written.
     """
     info = zipfile.ZipInfo(layer.name, (1980, 1, 1, 0, 0, 0))
     info.create_system, info.external_attr = 3, 0o644 << 16

@@ -1,4 +1,4 @@
-"""Numbers and colours as MJCF and URDF write them."""
+"""Write numbers and colours for MJCF and URDF."""
 
 from __future__ import annotations
 
@@ -9,21 +9,26 @@ from xml.etree import ElementTree as ET
 from twin.core import units
 
 DECIMALS = 12
-"""Of m and of rad: the last bits of a processor do not reach the file."""
+"""Decimals of m and rad, so that the file does not depend on the processor."""
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Return numbers with spaces between, rounded to `DECIMALS`."""
+    """Return numbers as text, separated by spaces, rounded to `DECIMALS`."""
     return " ".join(f"{round(float(v), DECIMALS) + 0.0:.{DECIMALS}g}" for v in values)
 
 
 def srgb(color_rgba: tuple[float, float, float, float]) -> str:
-    """Return a linear colour as the display values that viewers of these formats show unchanged."""
+    """Return the display values (sRGB) of a linear colour; viewers of these formats expect display values."""
     return " ".join(f"{v:.4g}" for v in (*map(units.srgb, color_rgba[:3]), color_rgba[3]))
 
 
-def write_xml(root: ET.Element, path: Path) -> Path:
-    """Write an XML file with one element a line, and return its path."""
+def xml_text(root: ET.Element) -> str:
+    """Return the text of an XML file with one element in each line."""
     ET.indent(root)
-    path.write_text('<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n", "utf-8", newline="\n")
+    return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def write_xml(root: ET.Element, path: Path) -> Path:
+    """Write an XML file with one element in each line, and return its path."""
+    path.write_text(xml_text(root), "utf-8", newline="\n")
     return path
