@@ -11,15 +11,61 @@ from typing import TYPE_CHECKING, Any
 from twin.core.version import __version__
 
 if TYPE_CHECKING:
-    from twin.api import Robot, build, export, load, names, plan, validate
+    from twin.analysis.search import workspace
+    from twin.analysis.sweep import sweep
+    from twin.analysis.tolerance import Spread, tolerance
+    from twin.api import (
+        Robot,
+        audit,
+        build,
+        console,
+        explain,
+        export,
+        load,
+        load_scene,
+        masses,
+        names,
+        operate,
+        plan,
+        play,
+        strokes,
+        study,
+        track,
+        validate,
+        world,
+    )
     from twin.core.errors import TwinError
     from twin.core.findings import Finding
+    from twin.core.result import Result
     from twin.kinematics import Joints, Pose, Tip, Trocar
 
 _HOMES = {
-    "twin.api": ("Robot", "build", "export", "load", "names", "plan", "validate"),
+    "twin.api": (
+        "Robot",
+        "audit",
+        "build",
+        "console",
+        "explain",
+        "export",
+        "load",
+        "load_scene",
+        "masses",
+        "names",
+        "operate",
+        "plan",
+        "play",
+        "strokes",
+        "study",
+        "track",
+        "validate",
+        "world",
+    ),
+    "twin.analysis.search": ("workspace",),
+    "twin.analysis.sweep": ("sweep",),
+    "twin.analysis.tolerance": ("Spread", "tolerance"),
     "twin.core.errors": ("TwinError",),
     "twin.core.findings": ("Finding",),
+    "twin.core.result": ("Result",),
     "twin.kinematics": ("Joints", "Pose", "Tip", "Trocar"),  # tasks for `Robot.solve`
 }
 
@@ -27,17 +73,33 @@ __all__ = [
     "Finding",
     "Joints",
     "Pose",
+    "Result",
     "Robot",
+    "Spread",
     "Tip",
     "Trocar",
     "TwinError",
     "__version__",
+    "audit",
     "build",
+    "console",
+    "explain",
     "export",
     "load",
+    "load_scene",
+    "masses",
     "names",
+    "operate",
     "plan",
+    "play",
+    "strokes",
+    "study",
+    "sweep",
+    "tolerance",
+    "track",
     "validate",
+    "workspace",
+    "world",
 ]
 
 

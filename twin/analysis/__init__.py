@@ -1,1 +1,1 @@
-"""Many poses, many tolerances, many designs: what a robot reaches, how exactly, and what would be better."""
+"""Analysis of a robot: workspace, accuracy under tolerances, and comparison of designs."""

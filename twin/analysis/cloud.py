@@ -10,7 +10,7 @@ from twin.analysis.workspace import COLUMNS, Workspace
 from twin.core.spatial import Array
 
 MOST = 400_000
-"""Points of a cloud; of more reached positions every second, third, ... is taken."""
+"""Maximum number of points of a cloud; larger sets are thinned evenly."""
 
 
 def points(found: Workspace) -> tuple[Array, np.ndarray, np.ndarray]:
@@ -45,7 +45,7 @@ def write_ply(found: Workspace, path: Path) -> None:
 
 
 def write_usd(found: Workspace, path: Path) -> None:
-    """Write a USD layer with one Points prim: to be referenced beside the robot, whose base frame it shares."""
+    """Write a USD layer with one Points prim: to be referenced next to the robot; both use the robot's base frame."""
     from pxr import Sdf, Usd, UsdGeom, Vt
 
     from twin.usd.write.layers import describe, new_layer, save

@@ -1,7 +1,6 @@
-"""Work on other processors: Dask's scheduler, a running one by its address, or one of our own on this machine.
+"""Run tasks on other processors by a Dask scheduler: a running one, by its address, or a local one on this machine.
 
-What a task returns is fetched as soon as it is done, so that a worker that is lost takes no result with it; what it
-was at is done again by another.
+Results are fetched as soon as a task is done. If a worker dies, its unfinished tasks are rerun by another.
 """
 
 from __future__ import annotations
@@ -20,11 +19,11 @@ if TYPE_CHECKING:
     from distributed import Client
 
 HERE = "local"
-"""In place of an address: workers of our own, one for each processor."""
+"""Value of --scheduler that starts local workers, one for each processor."""
 
 
 PATIENCE = "10s"
-"""For a scheduler to answer."""
+"""Seconds to wait for a scheduler."""
 
 
 @contextlib.contextmanager
@@ -32,7 +31,7 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
     """Yield a client of the scheduler at an address such as tcp://10.0.0.1:8786, or of workers on this machine.
 
     Raises:
-        TwinError: nobody answers there, or `distributed` is not installed.
+        TwinError: there is no scheduler, or `distributed` is not installed.
     """
     require("distributed", "work on several processors or machines")
     import dask
@@ -62,15 +61,15 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
 
 
 def each(client: Client, function: Callable[..., Any], tasks: Iterable[tuple]) -> Iterator[tuple[int, Any]]:
-    """Yield the number and the result of each task as it is done, in any order.
+    """Yield the number and the result of each finished task, in any order.
 
     Args:
-        client: of a scheduler.
-        function: of a module that the workers have too; the same arguments must give the same result.
-        tasks: arguments.
+        client: client of a scheduler.
+        function: at the top level of a module that the workers have too; the same arguments must give the same result.
+        tasks: arguments of each task.
 
     Raises:
-        Exception: what a task raised.
+        Exception: the error that a task raised.
     """
     from distributed import as_completed
 

@@ -1,8 +1,8 @@
-"""Designs beside the drawn one: parameters and distances varied, each design judged by what it reaches and keeps.
+"""Design variants: parameters and distances are varied, each design is evaluated by workspace and accuracy.
 
 A factor is a parameter of the equations, or a distance between two joints on one body of the mechanism, written
-`body:joint-joint`; the second joint moves along the line between them. Each design is judged by itself, so that work
-can go to any processor, and stop and go on at any time.
+`body:joint-joint`; the second joint moves along the line between them. Each design is evaluated independently, so that
+work can be distributed, stopped and resumed.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from twin.model.mechanism import Joint, Mechanism
 
 OBJECTIVES = {
     "volume": ("dm³", +1, "positions reached in the home orientation"),
-    "conditioning": ("", +1, "mean inverse condition number over them"),
+    "conditioning": ("", +1, "mean inverse condition number over these positions"),
     "margin": ("", +1, "mean margin to the nearest joint limit, 1 in the middle of the range"),
-    "tolerance": ("µm", -1, "position error that 95 % keep to at home, 10 µm of each joint frame, 1 µm of encoders"),
+    "tolerance": ("µm", -1, "95th-percentile position error at home, 10 µm of each joint frame, 1 µm of encoders"),
 }
-"""What a design is judged by: unit, whether more (+1) or less (-1) is better, and what it is."""
+"""Objectives: unit, whether larger (+1) or smaller (-1) is better, and description."""
 
 POSITIONS = 27_000
-"""Positions of the tool at which a design is judged: the same for all designs."""
+"""Number of tool positions at which every design is evaluated."""
 
 _SPREAD = Spread(10 * UM, 0.001 * DEG, 1 * UM, 0.001 * DEG)
 _UNITS = {"m": 1.0, "mm": MM, "um": UM, "µm": UM, "rad": 1.0, "deg": DEG, "": 1.0}
@@ -41,11 +41,13 @@ _UNITS = {"m": 1.0, "mm": MM, "um": UM, "µm": UM, "rad": 1.0, "deg": DEG, "": 1
 
 @dataclass(frozen=True)
 class Factor:
-    """What is varied.
+    """A quantity that is varied.
 
     Attributes:
-        name: of a parameter, or `body:joint-joint`.
-        low, high: in SI. unit: to show it in. drawn: its value in the design as it is.
+        name: name of a parameter, or `body:joint-joint`.
+        low, high: range in SI.
+        unit: unit in which it is shown.
+        drawn: its value in the CAD's design, in SI.
     """
 
     name: str
@@ -56,17 +58,19 @@ class Factor:
 
     @property
     def scale(self) -> float:
-        """SI per unit."""
+        """Factor from `unit` to SI."""
         return _UNITS[self.unit]
 
 
 @dataclass(frozen=True)
 class Job:
-    """What a worker needs to judge any design.
+    """All that a worker needs to evaluate a design.
 
     Attributes:
-        source: name or path of the robot. protocol: that binds its trocar, or None.
-        factors: what is varied. objectives: by what it is judged.
+        source: name or path of the robot.
+        protocol: the protocol that places its trocar, or None.
+        factors: the factors to vary.
+        objectives: the objectives to evaluate.
         low, step, shape, R: grid of positions and the orientation; see `Grid`.
     """
 
@@ -81,10 +85,10 @@ class Job:
 
 
 def factor(robot: api.Robot, text: str) -> Factor:
-    """Return the factor that NAME=LOW..HIGH[unit] means; without a unit, that of the parameter, or mm.
+    """Return the factor that NAME=LOW..HIGH[unit] means; the default unit is that of the parameter, or mm.
 
     Raises:
-        TwinError: it is written otherwise, or names nothing.
+        TwinError: the text has another form, or names nothing that exists.
     """
     name, mark, range_ = text.partition("=")
     low, dots, high = range_.partition("..")
@@ -112,16 +116,16 @@ def factor(robot: api.Robot, text: str) -> Factor:
 
 
 def distance(mechanism: Mechanism, name: str) -> float:
-    """Return the distance in m of two joints on a body, named `body:joint-joint`; across pins, if they are parallel."""
+    """Return the distance in m of two joints `body:joint-joint`; between parallel pins it is perpendicular to them."""
     return float(np.linalg.norm(_between(mechanism, name)[0]))
 
 
 def stretched(mechanism: Mechanism, name: str, value: float) -> Mechanism:
-    """Return the mechanism with that distance in m; the second joint moves along the line from the first."""
+    """Return the mechanism with this distance set in m; the second joint moves along the line from the first."""
     line, joint, side = _between(mechanism, name)
     size = float(np.linalg.norm(line))
     if size < 1e-9:
-        raise TwinError(f"--vary {name}: both joints are at one point, so that there is no direction to move one in")
+        raise TwinError(f"--vary {name}: both joints are at one point, so the direction of the distance is undefined")
     moved = getattr(joint, side).copy()
     moved[:3, 3] += line * (value / size - 1)
     changed = replace(joint, **{side: moved})
@@ -129,7 +133,7 @@ def stretched(mechanism: Mechanism, name: str, value: float) -> Mechanism:
 
 
 def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
-    """Return the line (3,) in the body from the first joint to the second, that joint, and its side on the body."""
+    """Return (line (3,) in the body from the first joint to the second, second joint, its side on the body)."""
     body, _, pair = name.partition(":")
     first, mark, second = pair.partition("-")
     if not mark:
@@ -143,7 +147,7 @@ def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
     a, b = (getattr(joint, side) for joint, side in ends)
     line = b[:3, 3] - a[:3, 3]
     axes = [T[:3, 2] for T, (joint, _) in zip((a, b), ends, strict=True) if joint.type in ("revolute", "cylindrical")]
-    if axes and np.linalg.norm(np.cross(axes[0], axes[-1])) < 1e-6:  # where along its pin a part sits is no length
+    if axes and np.linalg.norm(np.cross(axes[0], axes[-1])) < 1e-6:  # where along its pin a part sits is not a length
         line = line - (line @ axes[0]) * axes[0]
     return line, *ends[1]
 
@@ -151,7 +155,7 @@ def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
 def job(
     robot: api.Robot, source: str, protocol: str | None, factors: Sequence[Factor], objectives: Sequence[str]
 ) -> Job:
-    """Return the job: positions are spread over what the drawn design reaches and a fifth beyond."""
+    """Return the job: its positions cover the workspace of the CAD's design and a fifth more."""
     from twin.analysis.workspace import box
 
     for name in objectives:
@@ -160,13 +164,13 @@ def job(
     places = [f.name for f in factors if ":" in f.name]
     if places and set(objectives) - {"tolerance"}:
         raise TwinError(
-            f"--objective: '{places[0]}' is a distance of the mechanism, which 'tolerance' alone judges; vary the "
-            "parameter of the equations for the others"
+            f"--objective: '{places[0]}' is a distance of the mechanism, and only 'tolerance' depends on it; for "
+            "the other objectives vary the parameter of the equations"
         )
     if len(places) < len(factors) and "tolerance" in objectives:
         raise TwinError(
-            "--objective tolerance judges the mechanism, which no parameter of the equations changes; vary a distance "
-            "of the mechanism (body:joint-joint) for it"
+            "--objective tolerance depends on the mechanism only, not on parameters of the equations; vary a "
+            "distance of the mechanism (body:joint-joint)"
         )
     if set(objectives) == {"tolerance"}:
         return Job(source, protocol, tuple(factors), tuple(objectives), (0.0, 0.0, 0.0), 1.0, (1, 1, 1), ())
@@ -181,7 +185,7 @@ def job(
 
 
 def values(factors: Sequence[Factor], samples: int, levels: int | None, seed: int) -> Array:
-    """Return designs (k, factors) in SI: the drawn one, then a grid of levels or a Latin hypercube of samples."""
+    """Return designs (k, factors) in SI: the CAD's design, then a grid of levels or a Latin hypercube."""
     from scipy.stats import qmc
 
     low, high = np.array([f.low for f in factors]), np.array([f.high for f in factors])
@@ -200,7 +204,7 @@ def _robot(source: str, protocol: str | None) -> api.Robot:
 
 
 def judge(work: Job, design: Sequence[float]) -> dict[str, float]:
-    """Return the objectives of one design; NaN where it cannot be built."""
+    """Return the objectives of one design; NaN if it cannot be assembled."""
     robot = _robot(work.source, work.protocol)
     out: dict[str, float] = {}
     named = {f.name: float(v) for f, v in zip(work.factors, design, strict=True)}
@@ -219,14 +223,14 @@ def judge(work: Job, design: Sequence[float]) -> dict[str, float]:
 
 
 def grid_error(work: Job) -> float:
-    """Return by how much the volume of the drawn design may be wrong because it is counted in cells, in dm3."""
+    """Return the uncertainty in dm3 of the volume of the CAD's design, which is counted in cells."""
     _, _, good = _good(work, _robot(work.source, work.protocol).kinematics())
     nx, ny, nz = work.shape
     return volume_error(good.reshape(nz, ny, nx), (work.step / 0.1) ** 3)
 
 
 def _good(work: Job, kin: Kinematics) -> tuple[Array, Array, np.ndarray]:
-    """Return the poses (k, 4, 4) of the grid, the joints (k, n) there, and which are reached (k,)."""
+    """Return (poses (k, 4, 4) of the grid, their joints (k, n), which are reached (k,))."""
     robot = _robot(work.source, work.protocol)
     grid = Grid(np.array(work.low), work.step, work.shape, np.array(work.R))
     Ts = spatial.pose(np.array(work.R), grid.position(np.arange(grid.positions)))
@@ -261,7 +265,7 @@ def _reach(work: Job, robot: api.Robot, parameters: dict[str, float]) -> dict[st
 
 
 def pareto(rows: Array, directions: Sequence[int]) -> np.ndarray:
-    """Return which designs (k,) no other beats in one objective without being beaten in another."""
+    """Return which designs (k,) are Pareto-optimal."""
     better = rows * np.array(directions)
     known = np.isfinite(better).all(axis=1)
     out = np.zeros(len(rows), bool)
@@ -272,7 +276,7 @@ def pareto(rows: Array, directions: Sequence[int]) -> np.ndarray:
 
 
 def row(work: Job, number: int, design: Sequence[float], judged: dict[str, float]) -> dict[str, Any]:
-    """Return one line of the table, factors in their units."""
+    """Return one line of the table, with the factors in their units."""
     names = [f"{f.name} [{f.unit}]" if f.unit else f.name for f in work.factors]
     shown = {n: v / f.scale for n, f, v in zip(names, work.factors, design, strict=True)}
     named = {f"{n} [{OBJECTIVES[n][0]}]" if OBJECTIVES[n][0] else n: v for n, v in judged.items()}

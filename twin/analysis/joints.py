@@ -1,8 +1,8 @@
-"""What a robot reaches when its joints go through their ranges: for robots whose equations have no closed inverse.
+"""Workspace by sampling joint ranges: for robots whose equations have no closed-form inverse.
 
-Joints are spread evenly over their ranges, the tool positions they lead to are counted in cells. A robot without
-equations is driven by its mechanism, loops closed; then the margin to a singularity of the loops stands for the
-singularity measure, and no condition number is known.
+Joints are spread evenly over their ranges, and the resulting tool positions are counted in cells. For a robot without
+equations, the mechanism with closed loops gives the positions; the margin to a singularity of the loops then replaces
+the singularity measure, and there is no condition number.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ import numpy as np
 
 from twin import robots
 from twin.analysis import measure
-from twin.analysis.workspace import CHUNK, Grid, Workspace, gaps_of
+from twin.analysis.workspace import CHUNK, Grid, Workspace, shared_bounds
 from twin.api import Robot
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 
 _FIRST = 50_000
-"""Samples that tell how large the box is."""
+"""Number of samples used to find the size of the box."""
 
 _CELLS = 20_000_000
-"""More cells than that are refused: their step is too small."""
+"""Maximum number of cells."""
 
 
 def by_joints(
@@ -32,13 +32,13 @@ def by_joints(
     step: float | None = None,
     progress: Callable[[str, float], None] = lambda label, fraction: None,
 ) -> Workspace:
-    """Return what a robot reaches over the ranges of its joints.
+    """Return the workspace of a robot over the ranges of its joints.
 
     Args:
-        robot: with equations that go forward, or with a mechanism alone.
-        count: samples.
-        step: edge of a cell in m; default a 64th of the largest extent.
-        progress: called with what is being done.
+        robot: a robot with forward equations, or with a mechanism only.
+        count: number of samples.
+        step: edge of a cell in m; default: a 64th of the largest extent.
+        progress: called with a description of the current step.
 
     Raises:
         TwinError: a sliding joint has no limits, or the cells are too many.
@@ -57,7 +57,7 @@ def by_joints(
     low = p.min(axis=0) - margin
     shape = np.ceil((extent + 2 * margin) / step).astype(int) + 1
     if shape.prod() > _CELLS:
-        raise TwinError(f"--step-mm: {shape.prod():.3g} cells of {1e3 * step:.3g} mm; at most {_CELLS:.0g} are kept")
+        raise TwinError(f"--step-mm: {shape.prod():.3g} cells of {1e3 * step:.3g} mm; the limit is {_CELLS:.0g}")
     nx, ny, nz = (int(n) for n in shape)
     grid = Grid(low, step, (nx, ny, nz), np.eye(3))
     cells = grid.positions
@@ -93,7 +93,7 @@ def _ranges(robot: Robot) -> Array:
     for joint, r in zip(robot.mechanism.active, ranges, strict=True):
         if not np.isfinite(r).all():
             if not joint.is_angle:
-                raise TwinError(f"{robot.name}: joint '{joint.name}' slides without limits: give it some ([[limit]])")
+                raise TwinError(f"{robot.name}: joint '{joint.name}' is prismatic and has no limits: add a [[limit]]")
             r[:] = -np.pi, np.pi
     return ranges
 
@@ -107,7 +107,7 @@ def _root(n: int) -> float:
 
 
 def _sampler(robot: Robot, ranges: Array) -> Callable[[int, int], tuple[Array, Array]]:
-    """Return a function of the first and last sample that gives (k, 4) values and (k, 3) positions."""
+    """Return a function: (first, last sample) -> (values (k, 4), positions (k, 3) in m)."""
     n = len(ranges)
     steps = _root(n) ** -np.arange(1, n + 1)
 
@@ -118,20 +118,22 @@ def _sampler(robot: Robot, ranges: Array) -> Callable[[int, int], tuple[Array, A
     if robot.name in robots.names() or (robot.files is not None and robot.files.has_equations):
         kin = robot.kinematics()
         if kin.closed_forward:
-            kernel = measure.kernel(kin, ranges, at, gaps=gaps_of(robot), from_joints=True)
+            kernel = measure.kernel(kin, ranges, at, bounds=shared_bounds(robot), from_joints=True)
 
             def by_equations(first: int, last: int) -> tuple[Array, Array]:
                 *values, p = kernel(np.arange(first, last, dtype=np.float64)[None])
                 return np.concatenate(values).T, p.T
 
             return by_equations
-    loops = robot.loops
+    loops, bounds = robot.loops, shared_bounds(robot)
 
     def by_mechanism(first: int, last: int) -> tuple[Array, Array]:
         x = 0.5 + np.arange(first, last)[:, None] * steps
         q = ranges[:, 0] + np.ptp(ranges, axis=1) * (x % 1)
         found = loops.forward_many(q)
         closed = np.isfinite(found.Ts_base_tool).all(axis=(1, 2))
+        for bound in bounds:
+            closed &= q @ bound.weights >= bound.least
         near = 2 * np.minimum(q - ranges[:, 0], ranges[:, 1] - q) / np.ptp(ranges, axis=1)
         values: Array = np.stack([closed.astype(float), 0 * found.offset, near.min(axis=1), found.margin], axis=1)
         return values, found.Ts_base_tool[:, :3, 3]

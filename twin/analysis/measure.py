@@ -1,7 +1,7 @@
-"""One compiled kernel that judges poses: reached, how near to the limits, how well conditioned.
+"""One compiled kernel that evaluates poses: reachability, distance to joint limits, conditioning.
 
-Condition numbers are those of singular values: eigenvalues of J J^T by Jacobi's rotations, sweep by sweep until what
-is beside the diagonal is rounding. It is written out, so that many poses turn at once.
+Condition numbers are those of singular values: eigenvalues of J J^T by Jacobi's rotations, sweep by sweep until the
+off-diagonal entries are rounding. The sweeps are unrolled code, so that many poses are computed at once.
 """
 
 from __future__ import annotations
@@ -15,14 +15,25 @@ import numpy as np
 from twin.codegen import Kernel, Stage
 from twin.core.spatial import Array
 from twin.kinematics import Kinematics
+from twin.kinematics.closed_loops.leading import Bound
 from twin.kinematics.compile import POSE_TOL
 
 NAMES = ("reached", "inverse_condition", "limit_margin", "singularity")
-"""What is measured at a pose: 1 or 0; smallest by largest singular value, 0..1; the joint nearest to a limit, 1 in the
-middle of its range and 0 at its end; the smallest singularity measure of the equations (NaN: they have none).
+"""Quantities at a pose.
+
+Reached (1 or 0); inverse condition number, 0..1; margin of the joint nearest to a limit (1 in the middle of its range,
+0 at its end); smallest singularity measure of the equations (NaN if they have none).
 """
 
+ROOT = 1.2207440846057596
+"""Root of x^4 = x + 1: the fractional parts of i / root^k cover three dimensions more evenly than random numbers."""
+
 _SWEEPS, _BESIDE = 12, 1e-13
+
+
+def shared(bounds: Sequence[Bound]) -> tuple[Bound, ...]:
+    """Return the limits that involve several joints: of motors of transmissions, and of carriages on one rail."""
+    return tuple(b for b in bounds if b.kind in ("motor", "gap"))
 
 
 def kernel(
@@ -30,20 +41,22 @@ def kernel(
     limits: Array,
     pose: Callable[[ca.SX], ca.SX],
     *,
-    gaps: Sequence[tuple[int, int, float]] = (),
+    bounds: Sequence[Bound] = (),
     from_joints: bool = False,
+    size: int = 1,
 ) -> Kernel:
-    """Return a kernel from the number of a sample to `NAMES` and the position of the tool.
+    """Return a kernel from a sample (its number or its coordinates) to `NAMES` and the tool's position.
 
     Args:
         kin: the equations.
         limits: (n, 2) of the active joints, infinite where there is none.
-        pose: from the number of a sample to its pose (4, 4), or with `from_joints` to its joints (n,).
-        gaps: pairs of joints, of which the second must be so much (m) beyond the first: carriages of one rail.
-        from_joints: samples are joints; the equations go forward.
+        pose: function from a sample (size,) to its pose (4, 4), or with `from_joints` to its joints (n,).
+        bounds: limits that involve several joints, see `shared`.
+        from_joints: samples are joints; requires forward equations.
+        size: count of numbers in a sample.
     """
     program, n = kin.program, len(kin.joints)
-    i = ca.SX.sym("i")
+    i = ca.SX.sym("i", size)
     if from_joints:
         q = pose(i)
         T = ca.reshape(program.forward.function(q), 4, 4).T
@@ -55,7 +68,7 @@ def kernel(
         state = ca.reshape(T.T, 16, 1)
         out = program.inverse.function(state)
         q, reached = out[:-1], out[-1] <= POSE_TOL
-        if kin.closed_forward:  # of a redundant arm the inverse is one of many: its slope says less
+        if kin.closed_forward:  # the inverse of a redundant arm is one of many: its slope is less informative
             J = ca.reshape(program.forward_jacobian.function(q), n, 6).T
             J = ca.vertcat(J[:3, :], J[3:, :] * kin.characteristic_length)
         else:
@@ -63,13 +76,13 @@ def kernel(
             J = ca.horzcat(J[:, :3], J[:, 3:] / kin.characteristic_length)
     margin = ca.SX(1)
     for j, (low, high) in enumerate(limits):
-        reached = ca.logic_and(reached, q[j] == q[j])  # NaN is no answer
+        reached = ca.logic_and(reached, q[j] == q[j])  # NaN is not an answer
         if np.isfinite(low) and np.isfinite(high):
             near = 2 * ca.fmin(q[j] - low, high - q[j]) / (high - low)
             margin = ca.if_else(near < margin, near, margin)
         reached = ca.logic_and(reached, ca.logic_and(q[j] >= low, q[j] <= high))
-    for j, k, least in gaps:
-        reached = ca.logic_and(reached, q[k] - q[j] >= least)
+    for bound in bounds:
+        reached = ca.logic_and(reached, ca.dot(ca.SX(ca.DM(bound.weights)), q) >= bound.least)
     aspects = program.group["aspect"]
     if aspects.function.numel_out(0):  # another assembly is another machine
         for sign, aspect in zip(ca.vertsplit(aspects.function(state)), kin.formula.aspects, strict=True):
@@ -99,13 +112,13 @@ def kernel(
         Stage(_sweep(m), ("gram",), ("gram", "error"), _SWEEPS, _BESIDE),
         Stage(last, ("gram", "reached", "margin", "singularity"), NAMES),
     ]
-    return Kernel(stages, {"i": 1}, [*NAMES, "position"])
+    return Kernel(stages, {"i": size}, [*NAMES, "position"])
 
 
 def _sweep(m: int) -> ca.Function:
-    """Return a function for one sweep of Jacobi's rotations over a symmetric matrix, and what was beside its diagonal.
+    """Return a function for one Jacobi sweep over a symmetric matrix; it also returns the off-diagonal size.
 
-    The matrix is its lower triangle by rows; what is beside the diagonal is relative to the diagonal.
+    The matrix is its lower triangle by rows; off-diagonal entries are relative to the diagonal.
     """
     entries = ca.SX.sym("a", m * (m + 1) // 2)
     a = {(r, c): entries[r * (r + 1) // 2 + c] for r in range(m) for c in range(r + 1)}

@@ -1,4 +1,4 @@
-"""The table of a sweep on disk: a line for each design as it is judged, so that a sweep can stop and go on."""
+"""The table of a sweep on disk: a line for each evaluated design, so that a sweep can be stopped and resumed."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ def key_of(work: Job, designs: Array) -> str:
 
 
 class Table:
-    """`rows.csv` and `job.json` in a folder; open it, then `add` what is judged.
+    """`rows.csv` and `job.json` in a folder; open it, then `add` each evaluated design.
 
     Attributes:
-        done: objectives by number of design, as far as they were judged before.
+        done: objectives by number of the design, of the designs evaluated before.
     """
 
     def __init__(self, folder: Path, work: Job, designs: Array, *, fresh: bool = False) -> None:
-        """Open a folder, and read what an earlier sweep of the same job left there.
+        """Open a folder, and read the results of an earlier sweep of the same job.
 
         Raises:
-            TwinError: another job is in that folder.
+            TwinError: the folder holds the results of another job.
         """
         self.folder, self._work = folder, work
         key = key_of(work, designs)
@@ -43,9 +43,11 @@ class Table:
             try:
                 old = json.loads(job.read_text(encoding="utf-8"))["key"]
             except (ValueError, KeyError, TypeError) as error:
-                raise TwinError(f"{job}: damaged; give --fresh to begin anew") from error
+                raise TwinError(f"{job}: damaged; give --fresh to start again") from error
             if old != key:
-                raise TwinError(f"{folder}: another sweep lies here; give another --out, or --fresh to begin anew")
+                raise TwinError(
+                    f"{folder}: the folder holds another sweep; give another --out, or --fresh to start again"
+                )
         else:
             self._path.unlink(missing_ok=True)
             part = job.with_suffix(".tmp")
@@ -59,7 +61,7 @@ class Table:
         if not self._path.is_file():
             return out
         text = self._path.read_bytes()
-        whole = text[: text.rfind(b"\n") + 1]  # a line that was cut off is judged again
+        whole = text[: text.rfind(b"\n") + 1]  # a truncated line is evaluated again
         if whole != text:
             self._path.write_bytes(whole)
         for line in csv.reader(whole.decode("utf-8", "replace").splitlines()):
@@ -75,7 +77,7 @@ class Table:
         return self
 
     def add(self, number: int, judged: dict[str, float]) -> None:
-        """Keep the objectives of a design: on disk before this returns."""
+        """Store the objectives of a design; they are on disk when this returns."""
         assert self._file is not None
         self.done[number] = judged
         csv.writer(self._file, lineterminator="\n").writerow([number, *(judged[n] for n in self._work.objectives)])
@@ -109,6 +111,6 @@ def arrow() -> tuple[Any, Any]:
     """Return pyarrow and its parquet module.
 
     Raises:
-        TwinError: it is not installed.
+        TwinError: pyarrow is not installed.
     """
     return require("pyarrow", "--parquet"), import_module("pyarrow.parquet")

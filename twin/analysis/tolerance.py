@@ -1,32 +1,41 @@
-"""What errors of manufacture and of encoders cost at the tool: to first order through the loops, and by chance.
+"""Tool error caused by manufacturing and encoder errors: first order through the loops, and Monte Carlo.
 
-Every joint has two frames, one on each body; each is off by a small shift and turn. The loops are closed again, in the
-least-squares sense where they are overconstrained (pins of a planar loop that are no longer parallel: what cannot be
-closed is shared, as clearances would). The derivative of that is linear algebra (implicit functions); a Monte Carlo run
-of the whole, with compiled Newton steps, checks it.
+Every joint has two frames, one on each body; each has a small error in position and rotation. The loops are closed
+again, in the least-squares sense where they are overconstrained (pins of a planar loop that are no longer parallel: the
+gaps are distributed, as by clearances). The derivative follows from linear algebra (implicit functions); a Monte Carlo
+simulation with compiled Newton steps checks it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from twin.api import Progress, Robot, plan
+from twin.api.robot import silent
 from twin.codegen import Kernel, Stage
 from twin.core import spatial
 from twin.core.errors import TwinError
+from twin.core.findings import Finding, Verdict, disagreement
+from twin.core.quantity import um
+from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
+from twin.core.units import DEG, UM
 from twin.kinematics.closed_loops import LoopSolver, linear
 from twin.kinematics.closed_loops.equations import Equations
 from twin.model.mechanism import Mechanism
 
 _CHUNK = 8192
-"""Samples of chance at once: a few hundred errors each."""
+"""Number of Monte Carlo samples per batch; a sample is a few hundred errors."""
 
 _NEWTON, _LAST = 12, 1e-10
+
+_ALONG = 12
+"""Number of states along a protocol."""
 
 SHARE = 0.95
 """Share of machines that must be within the requirement."""
@@ -34,11 +43,12 @@ SHARE = 0.95
 
 @dataclass(frozen=True)
 class Spread:
-    """Standard deviations, each about each axis of each frame.
+    """Standard deviations of the errors, for each axis of each frame.
 
     Attributes:
-        shift: of the position of a joint frame on its body, m. turn: of its direction, rad.
-        slide, angle: of the encoders of sliding and turning active joints, m and rad.
+        shift: of the position of a joint frame on its body, in m.
+        turn: of the rotation of a joint frame, in rad.
+        slide, angle: of the encoders of prismatic and revolute active joints, in m and rad.
     """
 
     shift: float
@@ -49,16 +59,18 @@ class Spread:
 
 @dataclass(frozen=True)
 class Budget:
-    """What the errors cost in one state.
+    """Tool error in one state.
 
     Attributes:
-        name: of the state. q: (n,) active joints.
+        name: name of the state.
+        q: (n,) active joints.
         sensitivity: (6, errors) tool shift (m) and turn (rad), in base, per error.
-        labels: (errors,) joint of each. sigma: (errors,) standard deviations.
+        labels: (errors,) joint of each error.
+        sigma: (errors,) standard deviations.
         covariance: (6, 6) of the tool to first order.
-        within: (2,) what `SHARE` of machines keep to, position in m and rotation in rad, to first order.
-        sampled: (6, 6) covariance, and sampled_within: (2,) the same by Monte Carlo; None if it was not asked for.
-        samples: how many.
+        within: (2,) error that `SHARE` of machines do not exceed, position in m and rotation in rad, to first order.
+        sampled: (6, 6) covariance, and sampled_within: (2,) the same by Monte Carlo; None if not requested.
+        samples: number of Monte Carlo samples.
     """
 
     name: str
@@ -86,7 +98,7 @@ class Budget:
 
     @property
     def difference(self) -> float | None:
-        """By how much the standard deviations of both ways differ at most, relative to the largest of their kind."""
+        """Maximum relative difference between the standard deviations of both methods."""
         if self.sampled is None:
             return None
         a, b = (np.sqrt(np.diag(c)) for c in (self.covariance, self.sampled))
@@ -95,14 +107,14 @@ class Budget:
 
 
 class Tolerances:
-    """The errors of one mechanism; `budget` for one state."""
+    """Error propagation of one mechanism; `budget` evaluates one state."""
 
     def __init__(self, mechanism: Mechanism, spread: Spread) -> None:
-        """Write down the equations with their errors.
+        """Set up the equations with their errors.
 
         Raises:
             TwinError: a spread is negative or all are zero.
-            AssemblyError: as drawn the loops do not close.
+            AssemblyError: the loops do not close in the rest poses.
         """
         parts = (spread.shift, spread.turn, spread.slide, spread.angle)
         if min(parts) < 0 or not max(parts) > 0 or not np.isfinite(parts).all():
@@ -121,19 +133,19 @@ class Tolerances:
         self._slopes = self._derivatives(T)
 
     def budget(self, name: str, q: Array, samples: int = 0, rng: np.random.Generator | None = None) -> Budget:
-        """Return what the errors cost at active joints q (n,).
+        """Return the tool error at active joints q (n,).
 
         Args:
-            name: of the state.
-            q: in m or rad.
-            samples: of chance, to check; 0: none.
-            rng: of them.
+            name: name of the state.
+            q: (n,) in m or rad.
+            samples: number of samples of the Monte Carlo check; 0: no check.
+            rng: random generator of the samples.
 
         Raises:
             AssemblyError: the loops cannot be closed at q.
         """
         found = self.solver.forward_many(np.asarray(q, float)[None])
-        self.solver.forward(q)  # raises with words if it cannot
+        self.solver.forward(q)  # raises a clear error if it cannot
         state = found.states[:, 0]
         S = self._sensitivity(np.asarray(q, float), state)
         covariance = (S * self.sigma**2) @ S.T
@@ -149,7 +161,7 @@ class Tolerances:
         )
 
     def _derivatives(self, T: ca.SX) -> ca.Function:
-        """Return slopes of residual and tool by steps of the unknowns, by errors and by active joints."""
+        """Return derivatives of residual and tool pose by the unknowns, by the errors and by the active joints."""
         e = self.equations
         zero = [(self.error, 0), (e.steps, 0)]
 
@@ -199,7 +211,7 @@ class Tolerances:
 
     @property
     def _kernel(self) -> Kernel:
-        """The loops closed again for given errors: Gauss-Newton from the state without them."""
+        """Compiled function that closes the loops for given errors, by Gauss-Newton from the state without errors."""
         e = self.equations
         names = [p.name for p in e.passive]
         seed = ca.SX.sym("seed", e.states.numel())
@@ -228,33 +240,13 @@ class Tolerances:
 
 
 def _within(covariance: Array) -> tuple[float, float]:
-    """Return the lengths that `SHARE` of normal vectors keep to, of position and rotation."""
+    """Return the radii in m and rad that contain the fraction `SHARE` of normal errors with covariance (6, 6)."""
     draw = np.random.default_rng(0).normal(size=(200_000, 3))
     out = []
     for block in (covariance[:3, :3], covariance[3:, 3:]):
         values = np.maximum(np.linalg.eigvalsh(block), 0)
         out.append(float(np.sqrt(np.quantile(draw**2 @ values, SHARE))))
     return out[0], out[1]
-
-
-def all_states(
-    tolerances: Tolerances,
-    states: list[tuple[str, Array]],
-    samples: int,
-    seed: int,
-    progress: Callable[[str, float], None],
-) -> list[Budget]:
-    """Return the budget of each state; chance checks the worst of them alone, whose budget it replaces."""
-    budgets = []
-    for i, (name, q) in enumerate(states):
-        progress(f"state {name}", i / (len(states) + 1))
-        budgets.append(tolerances.budget(name, q))
-    if samples:
-        worst = int(np.argmax([b.within[0] for b in budgets]))
-        progress(f"{samples} machines by chance", len(states) / (len(states) + 1))
-        name, q = states[worst]
-        budgets[worst] = tolerances.budget(name, q, samples, np.random.default_rng(seed))
-    return budgets
 
 
 def as_dict(budget: Budget) -> dict[str, Any]:
@@ -280,3 +272,157 @@ def as_dict(budget: Budget) -> dict[str, Any]:
             "difference": budget.difference,
         }
     return out
+
+
+@dataclass(frozen=True)
+class ToleranceBudget(Result):
+    """Tool error in several states, compared with the requirement.
+
+    Attributes:
+        robot: name of the robot.
+        spread: standard deviations of the errors.
+        budgets: one for each state; Monte Carlo checks the worst state.
+        required: position error in m that `SHARE` of machines must not exceed, or None.
+        requirement: source of the requirement.
+    """
+
+    robot: str
+    spread: Spread
+    budgets: tuple[Budget, ...]
+    required: float | None = None
+    requirement: str = ""
+
+    kind = "tolerance"
+
+    @property
+    def worst(self) -> Budget:
+        """The state with the largest position error."""
+        return max(self.budgets, key=lambda b: b.within[0])
+
+    @property
+    def factor(self) -> float | None:
+        """Required position error divided by the computed one in the worst state; below 1 it is not met."""
+        return None if self.required is None else self.required / self.worst.within[0]
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """A finding if the requirement is not met."""
+        if self.required is None or self.factor is None or self.factor >= 1:
+            return ()
+        size, limit = um(self.worst.within[0]), um(self.required)
+        what, way = (
+            f"{100 * SHARE:g}th-percentile position error",
+            f"reduce all errors by a factor of {1 / self.factor:.3g}",
+        )
+        name, word = self.worst.name, "required"
+        return (disagreement("tolerance.required", "tool", what, size, limit, way, when=name, word=word),)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return "unchecked" if nothing is required, else "agree" if the requirement is met, "disagree" if not."""
+        return "unchecked" if self.required is None else super().verdict
+
+    @property
+    def word(self) -> str:
+        """Whether the requirement is met."""
+        met = {"agree": "The requirement is met", "disagree": "The requirement is not met"}
+        return met.get(self.verdict, "Nothing is required")
+
+    @property
+    def exit_code(self) -> int:
+        """Return 1 if a requirement is not met, else 0."""
+        return 1 if self.findings else 0
+
+    def content(self) -> dict[str, Any]:
+        """Return plain data, SI where no unit is named."""
+        s = self.spread
+        return {
+            "robot": self.robot,
+            "errors": {
+                "sigma_um": s.shift / UM,
+                "sigma_deg": s.turn / DEG,
+                "encoder_um": s.slide / UM,
+                "encoder_deg": s.angle / DEG,
+                "note": "normal, independent, for each axis of each joint frame; ASSUMED unless given",
+            },
+            "required_um": None if self.required is None else self.required / UM,
+            "requirement": self.requirement,
+            "factor": self.factor,
+            "worst": self.worst.name,
+            "states": [as_dict(b) for b in self.budgets],
+        }
+
+    def text(self) -> Iterator[Part]:
+        """Yield a row for each state, the Monte Carlo check, and whether the requirement is met."""
+        s = self.spread
+        yield f"{self.robot} · tool error caused by part and encoder errors\n"
+        yield "  standard deviations for each axis of each joint frame, ASSUMED unless given:"
+        place = f"{s.shift / UM:g} µm and {s.turn / DEG:g}° of its pose"
+        yield f"  {place}, {s.slide / UM:g} µm and {s.angle / DEG:g}° of an encoder\n"
+        rows = []
+        for b in self.budgets:
+            sd = ", ".join(f"{x / UM:.3g}" for x in np.sqrt(np.diag(b.covariance))[:3])
+            most = ", ".join(f"{what} {100 * p:.0f} %" for what, p, _ in b.contributors[:3])
+            rows.append((b.name, f"{b.within[0] / UM:.4g} µm", f"{b.within[1] / DEG:.3g}°", sd, most))
+        yield Table(("state", "95 % within", "turned", "sigma x, y, z [µm]", "worst contributors"), rows, fit=True)
+        yield ""
+        for b in self.budgets:
+            if b.sampled_within is not None and b.difference is not None:
+                yield (
+                    f"  Monte Carlo, {b.samples} machines in state '{b.name}': 95 % within "
+                    f"{b.sampled_within[0] / UM:.4g} µm; standard deviations differ by {100 * b.difference:.2g} %"
+                )
+        if self.required is not None and self.factor is not None:
+            small = f"is NOT met: reduce all errors by a factor of {1 / self.factor:.3g}"
+            yield f"  required: {self.required / UM:g} µm {'is met' if self.factor >= 1 else small}"
+            if self.requirement:
+                yield f"    {self.requirement}"
+        yield ""
+
+
+def tolerance(
+    robot: Robot,
+    spread: Spread,
+    protocol: str | None = None,
+    *,
+    required: float | None = None,
+    samples: int = 0,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> ToleranceBudget:
+    """Return the tool error caused by errors of parts and encoders.
+
+    Args:
+        robot: a robot with CAD, or of a stage.
+        spread: standard deviations of the errors.
+        protocol: use states along this protocol; default: the robot's postures.
+        required: maximum position error in m; default: that of the description.
+        samples: number of random machines in the worst state, to check the first-order result; 0: no check.
+        seed: seed of the random machines.
+        progress: see `twin.api.Progress`.
+
+    Raises:
+        TwinError: a standard deviation is invalid, or the protocol cannot be planned.
+    """
+    if protocol or robot.mechanism.trocars:
+        robot = robot.bound(robot.protocol(protocol))
+    if protocol:
+        trajectory = plan(robot, protocol, progress)
+        at = np.unique(np.linspace(0, len(trajectory.t) - 1, _ALONG).astype(int))
+        states = [(f"t = {trajectory.t[k]:.2f} s", trajectory.q[k]) for k in at]
+    else:
+        postures = robot.mechanism.postures
+        states = [(n, robot.mechanism.posture(n)) for n in postures] or [("as drawn", robot.loops.q)]
+    progress("error equations", 0.0)
+    errors, budgets = Tolerances(robot.mechanism, spread), []
+    for i, (name, q) in enumerate(states):
+        progress(f"state {name}", i / (len(states) + 1))
+        budgets.append(errors.budget(name, q))
+    if samples:
+        worst = int(np.argmax([b.within[0] for b in budgets]))
+        progress(f"{samples} random machines", len(states) / (len(states) + 1))
+        budgets[worst] = errors.budget(*states[worst], samples, np.random.default_rng(seed))
+    stated = robot.cad.description.requirement if robot.files is not None and required is None else None
+    source = f"{stated.provenance}: {stated.note}" if stated else ""
+    required = stated.tool_um * UM if stated else required
+    return ToleranceBudget(robot.name, spread, tuple(budgets), required, source)

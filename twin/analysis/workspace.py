@@ -1,13 +1,13 @@
-"""What a robot reaches: positions on a grid, orientations around one, each judged by a compiled kernel.
+"""Workspace: positions on a grid, in several orientations around a given one, evaluated by a compiled kernel.
 
-The poses are never held: a kernel makes each from its number, chunk by chunk, and what remains of a position is a few
-numbers. Collisions are not looked for; passive joints are limited only where the equations say so.
+Poses are not stored: the kernel computes each from its index, chunk by chunk, and stores a few numbers for each
+position. Collisions are not checked; passive joints are limited only by the equations.
 """
 
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -20,28 +20,30 @@ from twin.analysis.cluster import each
 from twin.api import Robot, load
 from twin.codegen import Kernel
 from twin.core.errors import KinematicsError, TwinError
+from twin.core.findings import Finding
+from twin.core.result import Part, Result
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
+from twin.kinematics.closed_loops.leading import Bound, bounds_of
 
 if TYPE_CHECKING:
     from distributed import Client
 
 CHUNK = 1 << 18
-"""Poses between two looks at the results: tens of milliseconds of work, some MB."""
+"""Number of poses in a chunk: tens of milliseconds of work, a few MB."""
 
 COLUMNS = ("reached", "inverse_condition", "limit_margin", "singularity")
-"""What is kept of a position: the share of its orientations that are reached; over those the mean inverse condition
-number, the largest margin to a joint limit, the smallest singularity measure.
+"""Columns for a position.
+
+Share of its orientations that are reached; over the reached ones the mean inverse condition number, the largest margin
+to a joint limit, the smallest singularity measure.
 """
 
-_ROOT = 1.2207440846057596
-"""Of x^4 = x + 1: fractions of i / root^k are spread more evenly in three dimensions than chance does it."""
-
 _START, _FARTHEST = 0.1, 12.8
-"""Half the edge in m of the first box that is searched, and of the last."""
+"""Half the edge in m of the first and of the last box that is searched."""
 
 _COARSE, _GROWN = 32, 5
-"""Positions along an edge while the box is searched, and how often it is looked at again."""
+"""(positions along an edge while the box is searched, maximum number of repetitions)."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +51,12 @@ class Grid:
     """Positions and orientations to try.
 
     Attributes:
-        low: (3,) first position in m, in base. step: between positions in m. shape: (nx, ny, nz).
-        R_base_tool: (3, 3) the orientation around which others are tried.
-        tilt: largest turn about each axis of base in rad. turns: orientations at each position; the first has no tilt.
+        low: (3,) first position in m, in base.
+        step: distance between positions in m.
+        shape: (nx, ny, nz).
+        R_base_tool: (3, 3) the central orientation.
+        tilt: largest rotation about each axis of base in rad.
+        turns: number of orientations at each position; the first is the central one.
     """
 
     low: Array
@@ -63,22 +68,22 @@ class Grid:
 
     @property
     def positions(self) -> int:
-        """How many positions."""
+        """Number of positions."""
         return int(np.prod(self.shape))
 
     @property
     def poses(self) -> int:
-        """How many poses."""
+        """Number of poses."""
         return self.positions * self.turns
 
     def position(self, number: np.ndarray) -> Array:
-        """Return the positions (k, 3) in m of numbers (k,), x first."""
+        """Return the positions (k, 3) in m with numbers (k,); x varies first."""
         nx, ny, _ = self.shape
         index = np.stack([number % nx, number // nx % ny, number // (nx * ny)], axis=1)
         return self.low + self.step * index
 
     def pose(self, i: ca.SX) -> ca.SX:
-        """Return the pose (4, 4) of a number: the orientations of a position follow each other."""
+        """Return the pose (4, 4) with a number; the orientations of one position have consecutive numbers."""
         nx, ny, _ = self.shape
         place = ca.floor((i + 0.5) / self.turns)
         row = ca.floor((place + 0.5) / nx)
@@ -88,7 +93,7 @@ class Grid:
         R = ca.SX(self.R_base_tool)
         if self.turns > 1 and self.tilt:
             turn = i - self.turns * place
-            parts = [turn / _ROOT**k for k in (1, 2, 3)]
+            parts = [turn / measure.ROOT**k for k in (1, 2, 3)]
             w = [2 * self.tilt * (x + 0.5 - ca.floor(x + 0.5) - 0.5) for x in parts]
             R = _turned(ca.vertcat(*w)) @ R
         return ca.vertcat(ca.horzcat(R, ca.vertcat(*p)), ca.SX([[0, 0, 0, 1]]))
@@ -106,13 +111,14 @@ def _turned(w: ca.SX) -> ca.SX:
 
 
 @dataclass(frozen=True)
-class Workspace:
-    """What was found.
+class Workspace(Result):
+    """The workspace of a robot.
 
     Attributes:
-        robot: name. grid: what was tried.
+        robot: name.
+        grid: the positions and orientations that were tried.
         values: (positions, 4), see `COLUMNS`.
-        facts: what else to say.
+        facts: further results.
     """
 
     robot: str
@@ -120,9 +126,17 @@ class Workspace:
     values: np.ndarray
     facts: dict[str, Any] = field(default_factory=dict)
 
+    kind = "workspace"
+    judges = False
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Always empty: a workspace is measured, not judged."""
+        return ()
+
     @property
     def reached(self) -> np.ndarray:
-        """Which positions (k,) are reached in at least one orientation."""
+        """(k,) bool: positions that are reached in at least one orientation."""
         return self.values[:, 0] > 0
 
     @property
@@ -131,7 +145,7 @@ class Workspace:
         nx, ny, nz = self.grid.shape
         return self.values.reshape(nz, ny, nx, len(COLUMNS)).transpose(2, 1, 0, 3)
 
-    def summary(self) -> dict[str, Any]:
+    def content(self) -> dict[str, Any]:
         """Return volumes in dm3, shares and condition in numbers."""
         cell = (self.grid.step / 0.1) ** 3
         good = self.values[self.reached]
@@ -141,6 +155,7 @@ class Workspace:
         best = int(np.argmax(np.where(self.reached, self.values[:, 1], -1)))
         g = self.grid
         return {
+            "robot": self.robot,
             "poses": g.poses,
             "positions": g.positions,
             "orientations": g.turns,
@@ -159,16 +174,46 @@ class Workspace:
             **self.facts,
         }
 
+    def text(self) -> Iterator[Part]:
+        """Yield volumes, condition, margins and the best position."""
+        s = self.content()
+        yield f"{s['robot']} · {_what(s)} · cells of {s['step_mm']:.3g} mm"
+        yield ""
+        corner = ", ".join(f"{a:.0f} .. {b:.0f}" for a, b in zip(s["box_mm"]["low"], s["box_mm"]["high"], strict=True))
+        volume = f"{s['volume_dm3']:.4g} ± {s['volume_error_dm3']:.1g} dm³ (grid)"
+        yield f"  reached           {volume} in x, y, z = {corner} mm"
+        if s["orientations"] > 1:
+            yield f"  every orientation {s['volume_every_orientation_dm3']:.4g} dm³"
+        if s["global_conditioning_index"] is not None:
+            spread = ", ".join(f"{k}: {v:.3f}" for k, v in s["inverse_condition_quantiles"].items())
+            yield f"  inverse condition {s['global_conditioning_index']:.3f} mean ({spread})"
+        spread = ", ".join(f"{k}: {v:.2f}" for k, v in s["limit_margin_quantiles"].items())
+        yield f"  joint limits      best margin of a position, 1 in the middle of the range: {spread}"
+        if s["smallest_singularity_measure"] is not None:
+            yield f"  singularity       smallest measure {s['smallest_singularity_measure']:.3g}"
+        if s["best_position_mm"] is not None:
+            yield f"  best position     {', '.join(f'{x:.0f}' for x in s['best_position_mm'])} mm"
+        yield "  collisions are not checked"
+        yield ""
+
+
+def _what(s: Mapping[str, Any]) -> str:
+    if s.get("sampled") == "joints":
+        return f"{s['samples']} joint positions, {100 * s['assembled']:.1f} % assembled"
+    if s["orientations"] == 1:
+        return f"{s['poses']} positions in one orientation"
+    return f"{s['positions']} positions in {s['orientations']} orientations within {s['tilt_deg']:g}° about each axis"
+
 
 def volume_error(cube: np.ndarray, cell: float) -> float:
-    """Return by how much a volume may be wrong because it is counted in cells, about two standard deviations.
+    """Return the uncertainty of a volume that is counted in cells, about two standard deviations.
 
-    It is the standard deviation of the volumes that the eight interleaved grids of twice the step give, which is
-    about twice the grid's own: measured on SILS at 6 to 32 mm with the grid shifted.
+    It is the standard deviation of the volumes from the eight interleaved grids with twice the step. That is about
+    twice the grid's own standard deviation, as measured on SILS at 6 to 32 mm with shifted grids.
 
     Args:
         cube: (nx, ny, nz) which positions are reached.
-        cell: volume of one.
+        cell: volume of one cell.
     """
     parts = [cube[i::2, j::2, k::2].sum() for i in (0, 1) for j in (0, 1) for k in (0, 1)]
     return float(8 * cell * np.std(parts))
@@ -185,8 +230,13 @@ def _least(x: np.ndarray) -> float | None:
     return float(good.min()) if len(good) else None
 
 
+def shared_bounds(robot: Robot) -> tuple[Bound, ...]:
+    """Return the limits that involve several joints of a robot."""
+    return measure.shared(bounds_of(robot.mechanism, robot.cad.gaps if robot.files is not None else ()))
+
+
 def gaps_of(robot: Robot) -> list[tuple[int, int, float]]:
-    """Return the pairs of carriages on one rail: numbers of the joints, and the minimum distance in m."""
+    """Return (joint index, joint index, minimum distance in m) of each pair of carriages on one rail."""
     order = [j.name for j in robot.mechanism.active]
     pairs = robot.cad.gaps if robot.files is not None else ()
     return [(order.index(lower), order.index(upper), least) for lower, upper, least in pairs]
@@ -196,14 +246,14 @@ def judge(robot: Robot, grid: Grid) -> Kernel:
     """Return the kernel for a robot and a grid.
 
     Raises:
-        KinematicsError: the equations have no closed inverse.
+        KinematicsError: the equations have no closed-form inverse.
     """
     kin = robot.kinematics()
     if not kin.closed_inverse:
         raise KinematicsError(
             f"{robot.name}: its equations have no closed inverse; solving pose by pose would take hours"
         )
-    return measure.kernel(kin, robot.mechanism.limits, grid.pose, gaps=gaps_of(robot))
+    return measure.kernel(kin, robot.mechanism.limits, grid.pose, bounds=shared_bounds(robot))
 
 
 def chunks(grid: Grid, size: int = CHUNK) -> Iterator[tuple[int, int]]:
@@ -227,7 +277,7 @@ def evaluate(kernel: Kernel, grid: Grid, first: int, last: int) -> np.ndarray:
 
 
 def centre(robot: Robot) -> Array:
-    """Return T_base_tool (4, 4) of the robot's first posture, or as drawn."""
+    """Return T_base_tool (4, 4) of the robot's first posture; without postures, of the rest poses."""
     names = [n for n in ("home", *robot.mechanism.postures) if n in robot.mechanism.postures]
     if names:
         return robot.loops.forward(robot.mechanism.posture(names[0]))
@@ -235,10 +285,10 @@ def centre(robot: Robot) -> Array:
 
 
 def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Array, Array]:
-    """Return the corners (3,) in m of a box that holds all that is reached around a pose.
+    """Return two corners (3,) in m of a box that contains all positions reached around a pose.
 
     Raises:
-        TwinError: nothing is reached near that pose in that orientation.
+        TwinError: no position is reached near the pose in its orientation.
     """
     half, middle = _START, T[:3, 3]
     while True:
@@ -248,7 +298,7 @@ def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Arra
         half *= 2
     if not len(p):
         raise TwinError(
-            f"{robot.name}: nothing is reached within {half:g} m of the tool's position in that orientation; with "
+            f"{robot.name}: no pose is reachable within {half:g} m of the tool's position in that orientation; with "
             f"{len(robot.joints)} joints not every orientation can be held: give --tilt-deg, or --joints"
         )
     low, high = p.min(axis=0) - 2 * step, p.max(axis=0) + 2 * step
@@ -262,7 +312,7 @@ def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Arra
 
 
 def _reached(robot: Robot, low: Array, high: Array, T: Array, tilt: float, turns: int) -> tuple[Array, float]:
-    """Return the reached positions (k, 3) of a coarse grid between two corners, and its step, all in m."""
+    """Return (reached positions (k, 3), step) of a coarse grid between two corners, in m."""
     step = float((high - low).max() / (_COARSE - 1))
     nx, ny, nz = (int(n) for n in np.ceil((high - low) / step - 1e-9) + 1)
     grid = Grid(low, step, (nx, ny, nz), T[:3, :3], tilt, turns)
@@ -280,7 +330,7 @@ def _judge_of(source: str, protocol: str | None, packed: bytes) -> tuple[Kernel,
 
 
 def _remote(source: str, protocol: str | None, packed: bytes, first: int, last: int) -> np.ndarray:
-    """Judge a chunk in another process, which keeps the kernel for the next."""
+    """Evaluate a chunk in another process, which keeps the kernel for the next chunk."""
     return evaluate(*_judge_of(source, protocol, packed), first, last)
 
 
@@ -294,16 +344,16 @@ def workspace(
     source: str = "",
     protocol: str | None = None,
 ) -> Workspace:
-    """Return what a robot reaches of a grid, on all processors of this machine, or on those of a cluster.
+    """Return the workspace of a robot on a grid, computed on all processors of this machine or of a cluster.
 
     Args:
-        robot: with a closed inverse.
-        grid: what to try.
-        store: makes the array (positions, 4) for the results: on disk, if they are many.
-        progress: called with what is being done.
-        client: of a cluster whose workers find the robot by the same name or path.
-        source: that name or path.
-        protocol: that binds the robot's trocar, if it has one.
+        robot: a robot with a closed-form inverse.
+        grid: the positions and orientations to try.
+        store: function that makes the array (positions, 4) for the results; on disk, if they are many.
+        progress: called with a description of the current step.
+        client: client of a cluster whose workers find the robot by the same name or path.
+        source: the name or path by which workers find the robot.
+        protocol: the protocol that places the robot's trocar, if it has one.
     """
     values = store((grid.positions, len(COLUMNS)))
     if client is not None:

@@ -1,1 +1,1 @@
-"""CAD in: STEP and meshes to a `Mechanism` whose joint frames are measured on exact faces."""
+"""Reading CAD: STEP and meshes become a `Mechanism` whose joint frames are measured on exact faces."""

@@ -22,8 +22,10 @@ from twin.cad.motors import actuators, transmissions
 from twin.cad.parameters import SCALES, parameters
 from twin.cad.step import MASS_TOLERANCE, Part, StepModel, read_step
 from twin.core.errors import CadError, unknown
-from twin.core.findings import Finding
+from twin.core.findings import Finding, info, warning
+from twin.core.foreign.once import Once, Read
 from twin.core.provenance import Parameter
+from twin.core.quantity import um
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, UM
 from twin.model.mechanism import Body, Coupling, Drive, Finish, Inertia, Joint, Mechanism, Mesh
@@ -31,13 +33,13 @@ from twin.model.mechanism import Body, Coupling, Drive, Finish, Inertia, Joint, 
 
 @dataclass(frozen=True)
 class CadModel:
-    """What the CAD and its description say.
+    """A robot as read from its CAD and description.
 
     Attributes:
-        mechanism: bodies, joints and loops, rest poses as drawn.
-        findings: parts that do not meet, open meshes, lost precision.
+        mechanism: bodies, joints and loops, rest poses as in the CAD.
+        findings: parts that do not meet, open meshes, single-precision placements.
         description: the TOML file as read.
-        measured: every feature by body and name, in drawn coordinates.
+        measured: every feature by body and name, in drawn coordinates (those of the STEP file, in m).
         dimensions: the lengths that the drawing was made from, with provenance.
         gaps: pairs of joints on one rail and the minimum distance between them in m.
     """
@@ -51,46 +53,56 @@ class CadModel:
 
     @property
     def placement_loss(self) -> float:
-        """Return how far in m placements in single precision may have moved a joint frame; 0 if none did."""
+        """Return the possible error in m of joint frames caused by single-precision placements; 0 if there are none."""
         return max((f.size or 0.0 for f in self.findings if f.code == "cad.placement_precision"), default=0.0) * UM
 
 
 def inputs(description_path: Path, description: Description | None = None) -> list[Path]:
-    """Return everything that the mechanism is made from: the TOML file (`description` if read) and the CAD it names."""
+    """Return the files of a robot: its TOML file and the CAD files that it names (`description`: the TOML as read)."""
     description = description or load(description_path)
     files = [description_path]
     files += [description_path.parent / description.step] if description.step else []
     return files + [description_path.parent / m.file for b in description.body.values() for m in b.meshes]
 
 
-def fingerprint(description_path: Path, description: Description | None = None) -> str:
-    """Return the hash of all `inputs`."""
+def fingerprint(description_path: Path, description: Description | None = None, read: Read | None = None) -> str:
+    """Return the hash of all `inputs`; `read` gives the bytes of description and STEP, by default from the disk."""
+    read = read or Once()
+    description = description or load(description_path, read)
     digest = hashlib.sha256()
     for file in inputs(description_path, description):
         try:
-            digest.update(file.read_bytes())
+            if file == description_path:
+                data = read(file, "TOML")
+            elif description.step and file == description_path.parent / description.step:
+                data = read(file, "STEP")
+            else:  # meshes are not kept: their reader opens them by itself
+                data = file.read_bytes()
+            digest.update(data)
         except OSError as error:
             raise CadError(f"{file}: cannot be read ({error.strerror or error})") from error
     return f"sha256:{digest.hexdigest()}"
 
 
-def read_mechanism(description_path: Path, *, with_mass: bool = True) -> CadModel:
+def read_mechanism(description_path: Path, *, with_mass: bool = True, read: Read | None = None) -> CadModel:
     """Build the mechanism of a robot from its description and CAD.
 
     Args:
         description_path: cad/<robot>/<robot>.toml.
         with_mass: also weigh the bodies, on a finer mesh; about a second more.
+        read: gives the bytes of TOML files and STEP; default from the disk, each once.
 
     Raises:
-        DescriptionError: the TOML file is wrong.
-        CadError: a file or a named feature is missing, or grossly off.
-        MechanismError: the bodies and joints form no mechanism.
+        DescriptionError: the TOML file is malformed.
+        CadError: a file or a named feature is missing, or a feature is off by more than the gross tolerance.
+        MechanismError: the bodies and joints do not form a mechanism.
     """
-    d = load(description_path)
+    read = read or Once()
+    d = load(description_path, read)
     references.check(description_path, d)
     folder = description_path.parent
     found: list[Finding] = []
-    step = read_step(folder / d.step) if d.step else None
+    step = read_step(folder / d.step, read=read) if d.step else None
     parts = _parts_by_body(d, step)
     measured = {
         body: {name: features.find(body, name, spec, parts[body], d.tolerance) for name, spec in specs.items()}
@@ -98,7 +110,8 @@ def read_mechanism(description_path: Path, *, with_mass: bool = True) -> CadMode
     }
 
     at = frames.drawn(d, measured)
-    meshes, inertias = _shapes(d, folder, step, parts, at.bodies, with_mass, found)
+    fine = read_step(step.path, MASS_TOLERANCE, 0.15, read) if step is not None and with_mass else None
+    meshes, inertias = _shapes(d, folder, parts, at.bodies, _exact(step, fine), with_mass, found)
     joints = [_joint(d, j, at, measured) for j in d.joint]
     found += meetings(d, at)
     if step is not None and step.placement_error > 0:
@@ -122,10 +135,10 @@ def read_mechanism(description_path: Path, *, with_mass: bool = True) -> CadMode
             for c in d.coupling
         ),
         trocars=(d.trocar,) if d.trocar else tuple(d.trocars),
-        source=f"{description_path.name} {fingerprint(description_path, d)}",
+        source=f"{description_path.name} {fingerprint(description_path, d, read)}",
     )
     gaps = tuple((g.lower, g.upper, g.min_gap_mm * MM) for g in d.gap)
-    return CadModel(mechanism, tuple(found), d, measured, read_dimensions(folder / "dimensions.toml"), gaps)
+    return CadModel(mechanism, tuple(found), d, measured, read_dimensions(folder / "dimensions.toml", read), gaps)
 
 
 def _parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Part]]:
@@ -147,21 +160,19 @@ def _parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Par
 def _shapes(
     d: Description,
     folder: Path,
-    step: StepModel | None,
     parts: dict[str, list[Part]],
     drawn: Mapping[str, Array],
+    fine: Mapping[int, Part],
     with_mass: bool,
     found: list[Finding],
 ) -> tuple[dict[str, list[Mesh]], dict[str, Inertia]]:
-    """Return the meshes of each body and, if asked for, its inertia, both in the body frame."""
+    """Return the meshes of each body and, on request, its inertia, both in the body frame.
+
+    `fine` has for the `id` of a part the same part with finer triangles, to be weighed.
+    """
     meshes: dict[str, list[Mesh]] = {name: [] for name in d.body}
     masses: dict[str, list[Inertia]] = {name: [] for name in d.body}
     taken: set[str] = set()
-    fine: dict[int, Part] = {}
-    if step is not None and with_mass:
-        # Names need not be unique in a foreign file; the order is the same.
-        weighed = read_step(step.path, MASS_TOLERANCE, 0.15).parts
-        fine = {id(p): exact for p, exact in zip(step.parts, weighed, strict=True)}
     for body in d.body:
         for part in parts[body]:
             vertices = into(drawn[body], part.vertices)
@@ -185,8 +196,13 @@ def _shapes(
     return meshes, {**weighed, **given}
 
 
+def _exact(step: StepModel | None, fine: StepModel | None) -> dict[int, Part]:
+    """Return the finer part for the `id` of each; names need not be unique in a foreign file, the order is the same."""
+    return {} if step is None or fine is None else {id(p): f for p, f in zip(step.parts, fine.parts, strict=True)}
+
+
 def _given(spec: MassSpec, T_drawn_body: Array) -> Inertia:
-    """Return a given mass in the body frame."""
+    """Return the mass and inertia that the description gives, in the body frame."""
     xx, yy, zz, xy, xz, yz = spec.inertia_kg_m2
     R = T_drawn_body[:3, :3]
     I = R.T @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R  # noqa: E741
@@ -194,7 +210,7 @@ def _given(spec: MassSpec, T_drawn_body: Array) -> Inertia:
 
 
 def _material(d: Description, part: str) -> str | None:
-    """Return the name of the last material in the description that names the part, or None."""
+    """Return the name of the last material in the description whose patterns match the part, or None."""
     named = [name for name, m in d.material.items() if any(fnmatch.fnmatch(part, p) for p in m.parts)]
     return named[-1] if named else None
 
@@ -216,11 +232,10 @@ def _weigh(
     if material is None:
         if d.material:
             found.append(
-                Finding(
+                warning(
                     "cad.no_material",
-                    "warning",
-                    f"part '{part}' matches no material: it has no mass",
-                    where=part,
+                    part,
+                    f"part '{part}' has no material and therefore no mass",
                     suggestion="add it to a [material.*] in the description",
                 )
             )
@@ -288,7 +303,7 @@ def _joint(
 
 
 def _names(spec: FrameSpec) -> list[str]:
-    """Return the features that touch in the joint: its axis or centre, and what locates it along the axis."""
+    """Return the features that define the joint: its axis or centre, and the feature that locates it along the axis."""
     out: list[str] = []
     for value in (spec.origin, spec.at, spec.z):
         out += value if isinstance(value, list) else [value] if value else []
@@ -301,13 +316,12 @@ def _posture(values: dict[str, float]) -> dict[str, float]:
 
 
 def _placement_finding(step: StepModel) -> Finding:
-    return Finding(
+    return info(
         "cad.placement_precision",
-        "info",
-        f"{step.path.name} places instances by matrices, which are read in single precision: joint frames "
-        f"are measured to ±{step.placement_error / UM:.2g} µm",
-        where=step.path.name,
-        size=step.placement_error / UM,
-        unit="um",
+        step.path.name,
+        f"{step.path.name} places instances by single-precision matrices: joint frames are measured to "
+        f"±{um(step.placement_error)}",
+        um(step.placement_error),
         suggestion="bake placements into the shapes to measure exactly",
+        word="",
     )

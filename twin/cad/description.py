@@ -1,8 +1,8 @@
-"""The robot's TOML file, `cad/<robot>/<robot>.toml`: what a person says about the CAD.
+"""The robot's TOML file, `cad/<robot>/<robot>.toml`: the hand-written description of the CAD.
 
 It names the faces to measure, the joints between bodies, limits, drives, materials and postures. Lengths
 and placements belong to the STEP, not to this file: `near_mm` and `direction` only say which face is
-meant. Every number that is nobody's measurement carries provenance and a reason.
+meant. Every number that is not measured has a provenance and a reason.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from twin.core.foreign.budget import read_bytes
+from twin.core.foreign.once import Read
 from twin.model.mechanism import JointType
 from twin.schema import Identifier, Origin, Range, Table, Vector, at, error_at, load_toml
 
@@ -19,8 +21,8 @@ from twin.schema import Identifier, Origin, Range, Table, Vector, at, error_at, 
 class Feature(Table):
     """A face of the STEP: its kind, roughly where it is, and which of its two directions is meant.
 
-    `near_mm` is a point near the face (for a cylinder: near its axis) in drawn coordinates; a face further
-    away than `tolerance.gross_mm`, or tilted more than `tolerance.gross_deg`, is not the one that is named.
+    `near_mm` is a point near the face (for a cylinder: near its axis) in drawn coordinates; a face further away than
+    `tolerance.gross_mm`, or tilted more than `tolerance.gross_deg`, is ignored.
     """
 
     kind: Literal["cylinder", "plane", "sphere"]
@@ -32,26 +34,26 @@ class Feature(Table):
     @model_validator(mode="after")
     def _complete(self) -> Feature:
         if self.kind == "plane" and self.direction is None:
-            raise at("kind", "a plane needs `direction`, its normal: a STEP plane has no outside")
+            raise at("kind", "a plane needs `direction`, the side its normal points to")
         if self.kind == "cylinder" and self.direction is None:
-            raise at("kind", "a cylinder needs `direction`: its axis has two")
+            raise at("kind", "a cylinder needs `direction`, the sense of its axis")
         if self.kind != "plane" and self.radius_mm is None:
             raise at("kind", f"a {self.kind} needs `radius_mm`")
         if self.direction is not None and not any(self.direction):
-            raise at("direction", "a direction is not zero")
+            raise at("direction", "a direction must not be zero")
         return self
 
 
 class FrameSpec(Table):
     """A frame on one body, measured from its features or, where there is no exact geometry, given.
 
-    Measured: `origin` is a sphere centre, the centroid of several, or a point on a cylinder axis: where it
-    meets the plane, or comes nearest to the axis or centre, of feature `at`. z is along `z` (a feature's
-    direction, or the normal of three sphere centres taken counter-clockwise). x or y is turned towards a
-    feature's point (`x_towards`, `y_towards`; a list means its centroid) or along a direction (`x_along`).
-    `offset_mm` moves the frame along its z, where no face of the body says how far.
-    Given: `position_mm` and `angles_deg` (z, y, x angles: R = Rz Ry Rx) in drawn coordinates. Beside `origin`,
-    `angles_deg` gives what no face shows: every direction, or with `z` that of x.
+    Measured: `origin` is a sphere centre, the centroid of several, or a point on a cylinder axis: where it meets the
+    plane, or comes nearest to the axis or centre, of feature `at`. z is along `z` (a feature's direction, or the normal
+    of three sphere centres taken counter-clockwise). x or y is turned towards a feature's point (`x_towards`,
+    `y_towards`; a list means its centroid) or along a direction (`x_along`). `offset_mm` moves the frame along its z by
+    a distance that no face gives. Given: `position_mm` and `angles_deg` (z, y, x angles: R = Rz Ry Rx) in drawn
+    coordinates. With `origin`, `angles_deg` gives the directions that no face shows: all three, or with `z` only that
+    of x.
     """
 
     origin: str | list[str] | None = None
@@ -69,7 +71,10 @@ class FrameSpec(Table):
         for key in ("origin", "z", "x_towards", "y_towards"):
             value = getattr(self, key)
             if value == [] or (key == "z" and isinstance(value, list) and len(value) != 3):
-                raise at(key, "three sphere centres are needed" if key == "z" else "the list names no feature")
+                raise at(
+                    key,
+                    "three sphere centres are needed" if key == "z" else "the list is empty; name at least one feature",
+                )
         turned = [self.x_towards, self.y_towards, self.x_along]
         if self.position_mm is not None:
             if self.origin or self.at or self.z or self.offset_mm or any(turned):
@@ -95,7 +100,7 @@ class MassSpec(Table):
 class BodySpec(Table):
     """A rigid body: the STEP node of the same name (or `node`), or mesh files with a declared unit.
 
-    `mass` is a given one; without it the body is weighed by the density of its materials.
+    `mass` states its mass; without it, the densities of its materials and its volume give the mass.
     """
 
     node: str | None = None
@@ -105,7 +110,7 @@ class BodySpec(Table):
 
 
 class MeshSpec(Table):
-    """A mesh file. It has no unit of its own: say it. `up` points up in the file; `color` is RGB, or with alpha."""
+    """A mesh file. Its unit must be given. `up` points up in the file; `color` is RGB, or with alpha."""
 
     file: str
     unit: Literal["m", "cm", "mm", "um", "in"]
@@ -114,7 +119,7 @@ class MeshSpec(Table):
 
 
 class Material(Table):
-    """A density, a finish, and the parts that have them, as shell patterns; the last match wins.
+    """A density, a finish, and the parts that have them, as shell patterns; the last match applies.
 
     `metallic` is 1 for bare metal, 0 for paint, plastic and glass; `roughness` goes from 0, mirror, to 1, chalk.
     """
@@ -128,7 +133,7 @@ class Material(Table):
 
 
 class LimitSpec(Table):
-    """Limits shared by the joints that are named; mm and mm/s for prismatic, deg and deg/s for revolute."""
+    """Limits shared by the named joints; mm and mm/s for prismatic, deg and deg/s for revolute."""
 
     joints: list[Identifier]
     limits_mm: Range | None = None
@@ -153,15 +158,16 @@ class LimitSpec(Table):
             if hard and soft and max(hard[0] - soft[0], soft[1] - hard[1]) > 1e-6 * max(map(abs, hard)):
                 raise at(
                     f"soft_limits_{unit}",
-                    f"{soft[0]:g} .. {soft[1]:g} {unit} goes beyond the hard limits {hard[0]:g} .. {hard[1]:g} {unit}, "
-                    f"where it can never warn; write [{max(soft[0], hard[0]):g}, {min(soft[1], hard[1]):g}], or leave "
+                    f"{soft[0]:g} .. {soft[1]:g} {unit} exceeds the hard limits {hard[0]:g} .. {hard[1]:g} "
+                    f"{unit} and has no effect there; write [{max(soft[0], hard[0]):g}, {min(soft[1], hard[1]):g}], "
+                    "or leave "
                     "it out",
                 )
         return self
 
 
 class DriveSpec(Table):
-    """A position drive shared by the joints that are named, in SI (N/m or N m/rad)."""
+    """A position drive shared by the named joints, in SI (N/m or N m/rad)."""
 
     joints: list[Identifier]
     stiffness: float = Field(gt=0)
@@ -224,7 +230,7 @@ class CouplingSpec(Table):
 
 
 class ActuatorSpec(Table):
-    """A motor that a [[transmission]] leads to joints: all numbers on its side, efforts, gains and inertia in SI.
+    """A motor that moves joints by a [[transmission]]; all numbers are on its side; efforts, gains and inertia in SI.
 
     SI of an angle: N m, N m/rad, N m s/rad, kg m2; of a length: N, N/m, N s/m, kg.
     """
@@ -254,7 +260,7 @@ class ActuatorSpec(Table):
 
 
 class TransmissionSpec(Table):
-    """What leads motors to active joints: q_joints = matrix @ m_actuators, a row for each joint, in rad or m."""
+    """Transmission from motors to active joints: q_joints = matrix @ m_actuators, a row for each joint, in rad or m."""
 
     name: Identifier
     joints: list[Identifier] = Field(min_length=1)
@@ -286,7 +292,7 @@ class PairGap(Table):
 
 
 class LengthSpec(Table):
-    """A length between two features of one body that the equations know as `parameter`."""
+    """A length between two features of one body, `parameter` in the equations."""
 
     body: Identifier
     between: tuple[Identifier, Identifier]
@@ -294,7 +300,7 @@ class LengthSpec(Table):
 
 
 class RequirementSpec(Table):
-    """How well the tool must be placed, for the sweeps to be measured by."""
+    """Required accuracy of the tool; the tolerance sweeps compare with it."""
 
     tool_um: float = Field(gt=0)
     provenance: Origin
@@ -302,7 +308,7 @@ class RequirementSpec(Table):
 
 
 class Tolerance(Table):
-    """How far a face may be from where the file expects it, and how well parts must meet."""
+    """Tolerances of face positions and of meeting parts."""
 
     gross_mm: float = Field(gt=0)
     gross_deg: float = Field(gt=0)
@@ -332,9 +338,9 @@ class Description(Table):
     transmission: list[TransmissionSpec] = Field(default_factory=list)
     coupling: list[CouplingSpec] = Field(default_factory=list)
     trocar: Annotated[Identifier | None, Field(description="joint that holds the trocar to the base")] = None
-    trocars: Annotated[list[Identifier], Field(description="the same, where there are several trocars")] = Field(
-        default_factory=list
-    )
+    trocars: Annotated[
+        list[Identifier], Field(description="joints that hold the trocars to the base, if there are several")
+    ] = Field(default_factory=list)
     length: list[LengthSpec] = Field(default_factory=list)
     requirement: RequirementSpec | None = None
     frame: dict[Identifier, NamedFrame]
@@ -345,18 +351,19 @@ class Description(Table):
     def _one_list_of_trocars(self) -> Description:
         if self.trocar is not None and self.trocars:
             raise at(
-                "trocars", f"add '{self.trocar}' to this list and take `trocar` out: one of the two keys names all"
+                "trocars",
+                f"`trocar` and `trocars` are both given: add '{self.trocar}' to `trocars` and delete `trocar`",
             )
         return self
 
 
-def load(path: Path) -> Description:
-    """Read a robot description.
+def load(path: Path, read: Read = read_bytes) -> Description:
+    """Return a robot description; `read` gives the bytes of the file.
 
     Raises:
-        DescriptionError: file, line, key, value and what would be right.
+        DescriptionError: with file, line, key, value and the allowed values.
     """
-    description = load_toml(path, Description)
+    description = load_toml(path, Description, read)
     if description.name != path.stem:
         raise error_at(path, ("name",), f"'{description.name}' must be the file's name, '{path.stem}'")
     return description

@@ -1,6 +1,6 @@
 """The lengths that a drawing was made from, `cad/<robot>/dimensions.toml`: read for their provenance only.
 
-The mechanism never uses them (it is measured on the STEP); reports list which of them nobody has published.
+The mechanism never uses them (it is measured on the STEP); reports list the unpublished ones.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from typing import Literal
 from pydantic import Field, ValidationError
 
 from twin.core.errors import DescriptionError
+from twin.core.foreign.budget import read_bytes
+from twin.core.foreign.once import Read
 from twin.core.foreign.text import read_text
 from twin.core.provenance import Parameter
 from twin.core.units import DEG, MM
@@ -29,8 +31,8 @@ class Dimension(Table):
     note: str = Field(min_length=1)
 
 
-def read_dimensions(path: Path) -> tuple[Parameter, ...]:
-    """Return the dimensions as parameters named `drawing.<name>`; none if there is no such file.
+def read_dimensions(path: Path, read: Read = read_bytes) -> tuple[Parameter, ...]:
+    """Return the dimensions in a file, as `read` gives it, as parameters named `drawing.<name>`; none if it is missing.
 
     Raises:
         DescriptionError: the file is not TOML, or an entry lacks value, unit, provenance or note.
@@ -38,7 +40,7 @@ def read_dimensions(path: Path) -> tuple[Parameter, ...]:
     if not path.is_file():
         return ()
     try:
-        data = tomllib.loads(read_text(path, "TOML"))
+        data = tomllib.loads(read_text(path, "TOML", read=read))
     except (ValueError, RecursionError) as error:
         raise DescriptionError(f"{path}: {error}") from error
     out = []

@@ -1,7 +1,7 @@
-"""Which part may be off where two do not meet in the drawing: each suspect is one feature of one part, and its move.
+"""Find the part that is wrong where two parts do not meet in the CAD.
 
-A feature is a suspect if moving it, and nothing else, makes every joint meet that it belongs to. Of two suspects the
-drawing can often tell the one: by lengths that several parts share, and by parts that are alike.
+A feature of a part (a face that defines a joint) is a suspect if moving this feature alone makes both sides of all its
+joints meet. The CAD often distinguishes two suspects: by lengths that several parts share, and by identical parts.
 """
 
 from __future__ import annotations
@@ -23,30 +23,31 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM, UM, decimals
 
 _LEVER = 0.1
-"""Metres by which turns are weighed against offsets."""
+"""Length in m that converts angles to offsets."""
 
 _STEPS = 5
-"""Newton steps; the first is nearly exact."""
+"""Number of Newton steps; the first is nearly exact."""
 
 _PARALLEL = 0.02
 """Sine of the angle up to which two directions are compared as parallel."""
 
 
 _COAXIAL = 1e-7
-"""Metres, and sine of the angle, up to which two cylinders are on one axis."""
+"""Distance in m, and sine of the angle, up to which two cylinders are on one axis."""
 
 
 @dataclass(frozen=True, eq=False)
 class Suspect:
-    """A part that may be off.
+    """A part that may be faulty.
 
     Attributes:
-        body: the part. features: what is off on it; empty if only its place in the drawing is.
-        joints: those that meet once it is put right.
-        offset, tilt: by how much the features are off, m and rad.
-        faces: every feature of every part with these put right.
-        given: the corrected frame of a joint on the part, by joint and part, if numbers are what is off.
-        for_it, against_it: what in the drawing tells that it is this part, or that it is not.
+        body: the part.
+        features: the faulty ones; empty if only the placement of the part is wrong.
+        joints: those that meet after the correction.
+        offset, tilt: errors of the features, m and rad.
+        faces: every feature of every part, with the faulty ones corrected.
+        given: the corrected frame of a joint on the part, by (joint, part), if the description gives it by numbers.
+        for_it, against_it: evidence in the drawing for and against this part.
     """
 
     body: str
@@ -61,24 +62,25 @@ class Suspect:
 
     @property
     def score(self) -> int:
-        """How much speaks for it."""
+        """Pieces of evidence for the suspect minus pieces against it."""
         return len(self.for_it) - len(self.against_it)
 
 
 @dataclass(frozen=True)
 class Fault:
-    """Joints that do not meet for one reason, and the parts that may be off; none if no single part explains it."""
+    """Joints whose sides do not meet for one reason, and the suspects; none if no single part explains it."""
 
     joints: tuple[str, ...]
     suspects: tuple[Suspect, ...]
 
 
 def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fault]:
-    """Return the faults of a drawing, each with the parts that may have it, the likeliest first.
+    """Return the faults of a CAD model, each with the parts that may cause it, the likeliest first.
 
     Args:
-        cad: the drawing as read.
-        nominal: values in m of lengths that the description declares, by parameter, if they are known otherwise.
+        cad: the CAD model as read.
+        nominal: values in m of lengths that the description declares, by parameter, as far as another source gives
+            them.
     """
     d = cad.description
     bad = _apart(d, drawn(d, cad.measured))
@@ -86,7 +88,7 @@ def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fa
     out, left = [], list(bad)
     while left:
         best = max((s.joints for s in found if set(s.joints) <= set(left)), key=len, default=(left[0],))
-        mine = _plainest([s for s in found if s.joints == best])
+        mine = _plainest([s for s in found if s.joints == best], _placed(d))
         mine = [_weighed(cad, s, nominal or {}) for s in mine]
         out.append(Fault(best, tuple(sorted(mine, key=lambda s: -s.score))))
         left = [j for j in left if j not in best]
@@ -94,14 +96,27 @@ def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fa
 
 
 def _apart(d: Description, at: Drawn) -> list[str]:
-    """Return the joints that do not meet."""
+    """Return the names of the joints whose two sides do not meet."""
     return list(dict.fromkeys(f.where for f in meeting.meetings(d, at)))
 
 
-def _plainest(suspects: list[Suspect]) -> list[Suspect]:
-    """Of one part, keep the suspects that take the fewest features: one alone, else those of a joint together."""
+def _plainest(suspects: list[Suspect], placed: set[tuple[str, str]]) -> list[Suspect]:
+    """For each part, keep the suspects with the fewest features: a single one, else those of one joint.
+
+    A suspect with more features is also kept if its additional features place a frame or a point: the rows of the
+    equations can then decide between the two.
+    """
     few = {s.body: min(len(o.features) or 99 for o in suspects if o.body == s.body) for s in suspects}
-    return [s for s in suspects if not s.features or len(s.features) == few[s.body]]
+    plain = [s for s in suspects if not s.features or len(s.features) == few[s.body]]
+    alone = {(s.body, n) for s in plain for n in s.features}
+    return plain + [s for s in suspects if s not in plain and ({(s.body, n) for n in s.features} - alone) & placed]
+
+
+def _placed(d: Description) -> set[tuple[str, str]]:
+    """Return the features, as (body, name), that place frames and points."""
+    frames = {(f.body, n) for f in d.frame.values() for n in _names(f.at)}
+    points = {(p.body, n) for p in d.point.values() for n in (p.origin, p.at) if n}
+    return frames | points
 
 
 # -- candidates --------------------------------------------------------------------------------------------------
@@ -119,7 +134,10 @@ def _names(spec: FrameSpec) -> list[str]:
 
 
 def _candidates(cad: CadModel, bad: list[str]) -> Iterator[tuple[str, tuple[str, ...], str]]:
-    """Yield parts and features (alone, of one axis, of one joint; none for the whole part) or a typed joint."""
+    """Yield (part, features, joint): features that may be wrong together, or () and a typed joint.
+
+    Without features and joint ("") the placement of the whole part may be wrong.
+    """
     d = cad.description
     seen: set[tuple[str, tuple[str, ...]]] = set()
     for joint in (j for j in d.joint if j.name in bad):
@@ -136,7 +154,7 @@ def _candidates(cad: CadModel, bad: list[str]) -> Iterator[tuple[str, tuple[str,
 
 
 def _on_axis(own: Mapping[str, Measured], name: str) -> tuple[str, ...]:
-    """Return the cylinders of a part that are on the axis of one: they may be off together."""
+    """Return the cylinders of a part that share the axis of a feature: they may be off together."""
     a = own[name].face
     return tuple(
         n
@@ -148,14 +166,14 @@ def _on_axis(own: Mapping[str, Measured], name: str) -> tuple[str, ...]:
 
 
 def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, bad: list[str]) -> Suspect | None:
-    """Return the part with these features corrected, or None if its joints do not meet wherever they are.
+    """Return the suspect whose features are moved so that its joints close, or None if no such move exists.
 
     Args:
-        cad: the drawing.
+        cad: the CAD model.
         body: the part.
-        names: its features; none for all.
-        typed: the joint whose frame on the part is given by numbers, if these are what is corrected.
-        bad: joints that do not meet.
+        names: the features that may move; empty: all.
+        typed: the joint whose numeric frame on the part is moved instead; "" if features are moved.
+        bad: joints that do not close.
     """
     d, still = cad.description, drawn(cad.description, cad.measured).on
     own = cad.measured.get(body, {})
@@ -213,7 +231,7 @@ def _moved(m: Measured, T: Array) -> Measured:
 
 
 def _weighed(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Suspect:
-    """Return the suspect with what in the drawing speaks for and against it."""
+    """Return the suspect with the evidence for and against it."""
     lengths = _lengths(cad, s, nominal)
     alike = _alike(cad, s)
     told = [*lengths, *alike]
@@ -223,11 +241,11 @@ def _weighed(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Suspect
 
 
 def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterator[tuple[bool, str]]:
-    """Yield lengths of the part that are those of other parts only if it is off, or only if it is not."""
+    """Yield (with, text) for a length that equals that of other parts only with, or only without, the correction."""
     limit = cad.description.tolerance.meeting_um * UM
     try:
         before, after = measure(cad), measure(replace(cad, measured=s.faces))  # type: ignore[arg-type]
-    except CadError:  # an axis that is tilted has no distance
+    except CadError:  # a tilted axis has no distance
         return
     for i, (a, b) in enumerate(zip(before, after, strict=True)):
         if a.body != s.body:
@@ -250,7 +268,7 @@ def _apart_mm(value: float, true: float) -> str:
 
 
 def _alike(cad: CadModel, s: Suspect) -> Iterator[tuple[bool, str]]:
-    """Yield whether the part is as the parts are that are drawn alike, only once it is put right or only before."""
+    """Yield (with, text) if the part matches its identical parts only with, or only without, the correction."""
     kinds = {b: {n: (m.face.kind, round(m.face.radius, 6)) for n, m in f.items()} for b, f in cad.measured.items()}
     twins = [b for b in kinds if b != s.body and kinds[b] == kinds[s.body]]
     if not twins or not s.features:

@@ -1,4 +1,4 @@
-"""Measuring: which face a name means, and the frames that faces define.
+"""Measure on the CAD: find the face that a feature names, and the frames that faces define.
 
 All results are in drawn coordinates (the STEP's own), metres.
 """
@@ -19,10 +19,10 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
 _RADIUS_TOLERANCE = 0.005 * MM
-"""Two faces whose radii differ by more are different features."""
+"""Difference of radii in m above which two faces are different features."""
 
 _ALIKE = 0.001 * MM
-"""Faces whose distances differ by less cannot be told apart by `near_mm`."""
+"""Difference of distances in m below which `near_mm` cannot distinguish two faces."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
     Of the faces of that kind and radius, the nearest to `near_mm` is taken.
 
     Raises:
-        CadError: no such face, or none within the gross tolerance; the message gives the nearest one and
-            how far it is off.
+        CadError: the body has no such face, or none within the gross tolerance; the message gives the nearest face and
+            its distance.
     """
     label = f"feature '{name}' of body '{body}'"
     if spec.part is not None:
@@ -83,8 +83,8 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
     if rivals:
         raise CadError(
             f"{label}: two {spec.kind} faces are equally near, on '{part_name}' at {_mm(face.point)} mm and on "
-            f"'{rivals[0][3]}' at {_mm(rivals[0][2].point)} mm. Move near_mm towards the one that is meant, or name "
-            f"its `part`."
+            f"'{rivals[0][3]}' at {_mm(rivals[0][2].point)} mm. Move near_mm towards the intended one, or name its "
+            "`part`."
         )
     direction = face.direction
     if spec.direction is not None and direction @ np.array(spec.direction) < 0:
@@ -93,7 +93,7 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
 
 
 def _tilt(a: Sequence[float], b: Sequence[float]) -> float:
-    """Return the angle in rad between two axes (3,), whichever way they point."""
+    """Return the angle in rad between two axes (3,), ignoring their senses."""
     across = math.hypot(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
     return math.atan2(across, abs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2]))
 
@@ -110,10 +110,10 @@ def _same(a: Face, b: Face) -> bool:
 
 
 def _distance(face: Face, near: Array) -> float:
-    """Distance from `near` to a sphere's centre, a cylinder's axis, or a plane and its middle.
+    """Return the distance in m from `near` to a sphere's centre, a cylinder's axis, or a plane and its middle.
 
-    A face of finite size is meant, so along a plane or an axis the distance to its middle counts too, if
-    only a little: of two bores on one axis, the nearer is taken.
+    The distance to the middle of the face along its plane or axis counts too, with a small weight: of two bores on one
+    axis, the nearer is taken.
     """
     x, y, z = (near - face.point).tolist()
     if face.kind == "sphere":
@@ -127,9 +127,9 @@ def _distance(face: Face, near: Array) -> float:
 
 
 def centre(names: str | list[str], features: Mapping[str, Measured], at: str | None = None) -> Array:
-    """Return the point (3,) that a feature, or the centroid of several, stands for.
+    """Return the point (3,) of a feature, or the centroid of several.
 
-    A cylinder stands for the point of its axis where it meets, or comes nearest to, feature `at`.
+    For a cylinder it is the point of its axis that meets, or is nearest to, feature `at`.
     """
     if isinstance(names, list):
         return np.mean([centre(n, features) for n in names], axis=0)
@@ -149,7 +149,7 @@ def centre(names: str | list[str], features: Mapping[str, Measured], at: str | N
     e = other.direction
     across = e - d * (d @ e)
     if np.linalg.norm(across) < 0.1:
-        raise CadError(f"the axes of '{names}' and '{at}' are parallel: no point of the first is nearest")
+        raise CadError(f"the axes of '{names}' and '{at}' are parallel: they have no nearest points")
     # Nearest point to a second line: move along d until the rest is perpendicular to both.
     w = other.point - face.point
     return face.point + d * ((w @ d) - (w @ e) * (d @ e)) / (1 - (d @ e) ** 2)
@@ -164,7 +164,7 @@ def point(spec: NamedPoint, features: Mapping[str, Measured]) -> Array:
 
 
 def frame(spec: FrameSpec, features: Mapping[str, Measured]) -> Array:
-    """Return the frame (4, 4) that a spec describes.
+    """Return the frame (4, 4) of a spec.
 
     Raises:
         CadError: an unknown feature, or directions that do not span a frame.
@@ -189,7 +189,9 @@ def _turned(spec: FrameSpec, along: str | list[str], p: Array, given: Array, fea
     else:
         z = _get(along, features).direction
     if np.linalg.norm(z) < 1e-12:
-        raise CadError(f"z = {along!r} gives no direction: a sphere has none, and three points must span a plane")
+        raise CadError(
+            f"z = {along!r} gives no direction: use a feature other than a sphere; three points must span a plane"
+        )
     z = z / np.linalg.norm(z)
     try:
         if spec.y_towards is not None:

@@ -1,4 +1,4 @@
-"""Where bodies, joints and named frames are in the drawing, from the faces that were measured on each body."""
+"""Poses of bodies, joints and named frames in drawn coordinates, from the faces that were measured on each body."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class Drawn:
     """Frames (4, 4) in drawn coordinates.
 
     Attributes:
-        on: of each joint, on its parent and on its child.
-        named: of each named frame.
+        on: two frames of each joint, on its parent and on its child.
+        named: frame of each named frame.
         bodies: of each body: the named frame that the file asks for, else the first joint whose child it is.
     """
 
@@ -75,13 +75,13 @@ def points(d: Description, at: Drawn, faces: Faces) -> tuple[Point, ...]:
 
 
 def rest(d: Description, at: Drawn) -> dict[str, Array]:
-    """Return T_base_body (4, 4) of every body as drawn."""
+    """Return T_base_body (4, 4) of every body as in the CAD."""
     T_base_drawn = spatial.inverse(at.bodies[d.base])
     return {n: T_base_drawn @ T for n, T in at.bodies.items()}
 
 
 def moved(mechanism: Mechanism, d: Description, faces: Faces, given: Given | None = None) -> Mechanism:
-    """Return the mechanism with its joints, frames and points on other faces; without shapes and masses.
+    """Return the mechanism with joints, frames and points measured on other faces; without shapes and masses.
 
     Raises:
         CadError: the faces span no frame.
@@ -103,7 +103,7 @@ def moved(mechanism: Mechanism, d: Description, faces: Faces, given: Given | Non
 
 
 def into(T_drawn_body: Array, points: Array) -> Array:
-    """Return drawn points (..., 3) in the body frame."""
+    """Convert points (..., 3) from drawn coordinates to the body frame."""
     return (points - T_drawn_body[:3, 3]) @ T_drawn_body[:3, :3]
 
 

@@ -1,6 +1,6 @@
 """Lengths of single parts that the equations know by name, measured between two faces of one body.
 
-A pin that is off shows at the joint where two bodies do not meet; which of the two has it, its lengths say.
+If a pin is misplaced, the two sides of a joint do not meet; the lengths show which of the two bodies is wrong.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from twin.core import spatial
 from twin.core.errors import CadError
 
 _PARALLEL = 1e-3
-"""Sine of the angle up to which two axes have one distance: a bore that is further off is no link of a plane."""
+"""Sine of the maximum angle between two axes that are taken as parallel."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Length:
         body: the body that both faces are on.
         between: the two features.
         parameter: the name that the equations give it.
-        value: in m.
+        value: length in m.
     """
 
     body: str
@@ -39,7 +39,7 @@ def measure(cad: CadModel) -> tuple[Length, ...]:
     """Return the lengths that the description declares.
 
     Raises:
-        CadError: two axes are not parallel, so that their distance says nothing.
+        CadError: two axes are not parallel: their distance is undefined.
     """
     out = []
     for spec in cad.description.length:

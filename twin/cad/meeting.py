@@ -1,4 +1,4 @@
-"""Whether the two sides of each joint meet in the drawing."""
+"""Check that the two sides of each joint meet in the CAD."""
 
 from __future__ import annotations
 
@@ -7,48 +7,46 @@ import numpy as np
 from twin.cad.description import Description
 from twin.cad.frames import Drawn
 from twin.core import spatial
-from twin.core.findings import Finding
+from twin.core.findings import Finding, disagreement
+from twin.core.quantity import Quantity, deg, mm
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM, UM
+from twin.core.units import UM
 
 
 def meetings(d: Description, at: Drawn) -> list[Finding]:
-    """Return where the two sides of a joint do not meet in the drawing, with the size in the locked directions."""
+    """Return a finding for each joint whose two sides do not meet in the CAD; its size is in the locked directions."""
     found = []
     for joint in d.joint:
         offset, tilt = locked_error(between(at, joint.name), joint.type)
-        for size, limit, unit, code in (
-            (offset / MM, d.tolerance.meeting_um * UM / MM, "mm", "cad.meeting"),
-            (tilt / DEG, d.tolerance.meeting_deg, "deg", "cad.tilt"),
+        for code, what, size, limit in (
+            ("cad.meeting", "apart", mm(offset), mm(d.tolerance.meeting_um * UM)),
+            ("cad.tilt", "tilted", deg(tilt), Quantity(d.tolerance.meeting_deg, "deg")),
         ):
-            if size > limit:
-                what = "apart" if unit == "mm" else "out of line"
+            if size.value > limit.value:
                 found.append(
-                    Finding(
+                    disagreement(
                         code,
-                        "disagreement",
-                        f"joint '{joint.name}': the faces on '{joint.parent}' and '{joint.child}' are "
-                        f"{size:.4g}{' mm' if unit == 'mm' else '°'} {what} as drawn",
-                        where=joint.name,
+                        joint.name,
+                        f"joint '{joint.name}': faces on '{joint.parent}' and '{joint.child}' are {what} in the CAD",
+                        size,
+                        limit,
+                        f"compare the bores of '{joint.parent}' and '{joint.child}' in the CAD",
                         when="as drawn",
-                        size=size,
-                        unit=unit,
-                        limit=limit,
-                        suggestion=f"compare the bores of '{joint.parent}' and '{joint.child}' in the CAD",
+                        word="tolerance",
                     )
                 )
     return found
 
 
 def between(at: Drawn, joint: str) -> Array:
-    """Return the pose (4, 4) of the child's joint frame in the parent's, as drawn."""
+    """Return the pose (4, 4) of the child's joint frame in the parent's, as in the CAD."""
     return spatial.inverse(at.on[joint][0]) @ at.on[joint][1]
 
 
 def locked(T: Array, joint_type: str) -> tuple[Array, Array]:
-    """Return offset (m) and turn (rad) between a joint's two frames, (3,) each, zero in the directions it leaves free.
+    """Return offset (m) and turn (rad) between a joint's two frames, (3,) each, zero in the free directions.
 
-    A turn that is left after the free one is that from one axis to the other.
+    The rotation that remains is the one between the two axes.
     """
     p, turn = T[:3, 3].copy(), np.zeros(3)
     if joint_type == "free":

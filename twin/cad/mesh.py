@@ -1,7 +1,7 @@
 """Triangle meshes: files with a declared unit, watertightness, and mass properties from density.
 
-Mesh files carry no unit (3MF does, and must agree), so one is required, never guessed; a size that is
-implausible for it is said.
+Mesh files carry no unit (3MF does, and must agree), so one is required, never guessed; an implausible size is a
+finding.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ import numpy as np
 
 from twin.cad.threemf import UNITS, read_3mf
 from twin.core.errors import BudgetError, CadError
-from twin.core.findings import Finding
+from twin.core.findings import Finding, warning
 from twin.core.foreign.admit import admit
+from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.core.units import LENGTH, MM
 from twin.model.mechanism import Inertia, Mesh
@@ -43,19 +44,19 @@ def load_mesh(
         color: linear RGB, or RGB and alpha.
 
     Raises:
-        CadError: no unit, missing or unreadable file, nothing in it.
-        BudgetError: it costs more to read than its format may.
+        CadError: the unit is missing, or the file is missing, unreadable or empty.
+        BudgetError: reading it would exceed the limits of its format.
     """
     import trimesh
 
     if unit is None:
-        raise CadError(f"{path}: a mesh file has no unit of its own; say unit = 'mm' (or {', '.join(LENGTH)})")
+        raise CadError(f"{path}: a mesh file does not state its unit; give unit = 'mm' (or {', '.join(LENGTH)})")
     if unit not in LENGTH:
         raise CadError(f"{path}: unit '{unit}' is not known; use one of {', '.join(LENGTH)}")
     if path.suffix.lower() not in SUFFIXES:
         raise CadError(f"{path}: '{path.suffix}' is not read; use STEP or one of {', '.join(SUFFIXES)}")
     if not path.is_file():
-        raise CadError(f"{path}: there is no such mesh file")
+        raise CadError(f"{path}: the mesh file does not exist")
     stated = None
     admit(path)
     try:
@@ -69,7 +70,7 @@ def load_mesh(
     except Exception as error:  # foreign readers raise anything on damaged input
         raise CadError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({error})") from error
     if len(triangles) == 0:
-        raise CadError(f"{path}: there are no triangles in it")
+        raise CadError(f"{path}: it has no triangles")
     if stated is not None and UNITS[stated] != LENGTH[unit]:
         raise CadError(f"{path}: unit '{unit}' is declared, but the file itself says {stated}")
     vertices, triangles = weld(vertices * LENGTH[unit] @ _UP[up].T, triangles)
@@ -77,13 +78,11 @@ def load_mesh(
     extent = float(np.ptp(vertices, axis=0).max())
     if not _PLAUSIBLE[0] <= extent <= _PLAUSIBLE[1]:
         findings.append(
-            Finding(
+            warning(
                 "cad.implausible_size",
-                "warning",
-                f"{path.name} is {extent:.3g} m across when read in {unit}",
-                where=str(path),
-                size=extent,
-                unit="m",
+                str(path),
+                f"{path.name} has an implausible size when read in {unit}",
+                Quantity(extent, "m"),
                 suggestion="check the declared unit",
             )
         )
@@ -94,12 +93,11 @@ def load_mesh(
 
 
 def open_mesh(name: str) -> Finding:
-    """Return the warning for a mesh that is not closed and therefore has no mass."""
-    return Finding(
+    """Return the warning that a mesh is not closed and therefore has no mass."""
+    return warning(
         "cad.open_mesh",
-        "warning",
-        f"'{name}' is not watertight: its volume is not defined and it is left out of the mass",
-        where=name,
+        name,
+        f"'{name}' is not watertight: its volume is undefined and it is left out of the mass",
         suggestion="close the surface in the CAD, or export a solid",
     )
 

@@ -1,4 +1,4 @@
-"""The actuators and transmissions of a description, in SI."""
+"""The actuators and transmissions of a description, converted to SI."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def actuators(d: Description) -> tuple[Actuator, ...]:
 
 
 def transmissions(d: Description) -> tuple[Transmission, ...]:
-    """Return what leads the motors of a description to its joints."""
+    """Return the transmissions of a description."""
     return tuple(
         Transmission(t.name, tuple(t.joints), tuple(t.actuators), np.array(t.matrix, float)) for t in d.transmission
     )

@@ -7,11 +7,11 @@ from twin.core.provenance import Parameter
 from twin.core.units import DEG, MM
 
 SCALES = {"mm": MM, "deg": DEG, "mm/s": MM, "deg/s": DEG, "mm/s2": MM, "deg/s2": DEG, "kg/m3": 1.0}
-"""From the units of the files to SI."""
+"""Factors from the units of the files to SI."""
 
 
 def parameters(d: Description) -> list[Parameter]:
-    """Return every number that the description adds to the drawing, as people read it."""
+    """Return every number that the description adds to the drawing, with unit and provenance."""
     out = []
 
     def add(name: str, unit: str, shown: float, spec: LimitSpec | DriveSpec) -> None:

@@ -77,7 +77,7 @@ def _limits(d: Description) -> Iterator[tuple[Keys, str]]:
                 if joint not in types:
                     yield (kind, i, "joints"), unknown("joint", joint, types)
                 elif joint in first:
-                    yield (kind, i, "joints"), f"joint '{joint}' has a [[{kind}]] entry above already; keep one"
+                    yield (kind, i, "joints"), f"joint '{joint}' has a [[{kind}]] entry above; keep one"
                 first[joint] = i
     for i, limit in enumerate(d.limit):
         for joint in limit.joints:
@@ -116,7 +116,7 @@ def _postures(d: Description) -> Iterator[tuple[Keys, str]]:
         for key in values:
             joint, _, unit = key.rpartition("_")
             if unit not in ("mm", "deg"):
-                yield ("posture", posture, key), f"there is no unit; write {key}_mm or {key}_deg"
+                yield ("posture", posture, key), f"the unit is missing; write {key}_mm or {key}_deg"
             elif joint not in types:
                 yield ("posture", posture, key), unknown("active joint", joint, types)
             elif unit != UNITS.get(types[joint], unit):

@@ -1,8 +1,8 @@
-"""STEP in, by way of OpenCASCADE (cascadio): parts with triangles, linear colours and exact faces.
+"""STEP import by OpenCASCADE (cascadio): parts with triangles, linear colours and exact faces.
 
-The reader writes a GLB whose JSON carries the tree, the names and, per part, the analytic faces in double
-precision. Vertices and instance placements in it are float32: a STEP whose shapes carry their placement
-(ours do) keeps exact faces exact; any other gets the lost precision stated (`StepModel.placement_error`).
+The reader writes a GLB whose JSON carries the tree, the names and, per part, the analytic faces in double precision.
+Vertices and instance placements in it are float32: a STEP whose shapes carry their placement (ours do) keeps exact
+faces exact; for other files `StepModel.placement_error` states the loss.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from twin.core.atomic import Scratch, atomic_folder, cache_folder
 from twin.core.errors import CadError, OutputError, SourceError
 from twin.core.foreign.budget import read_bytes
 from twin.core.foreign.guard import run
+from twin.core.foreign.once import Once, Read
 from twin.core.spatial import Array
 from twin.core.units import MM
 
@@ -30,10 +31,10 @@ VISUAL_TOLERANCE = 0.1 * MM
 """Chord tolerance of the meshes that are shown, with 0.5 rad between normals."""
 
 MASS_TOLERANCE = 0.005 * MM
-"""Chord tolerance of the meshes that are weighed; a convex part's triangles always weigh a little less."""
+"""Chord tolerance of the meshes that are weighed; of a convex part they enclose slightly too little."""
 
 _CACHED = 32
-"""How many files the cache holds."""
+"""Maximum number of files in the cache."""
 
 _SPACE = bytes(i for i in range(256) if chr(i).isspace())
 
@@ -80,7 +81,7 @@ class Part:
 
 @dataclass(frozen=True)
 class StepModel:
-    """The parts of a STEP file, its unit in metres, and what instance placements lost, in metres."""
+    """The parts of a STEP file, its unit in metres, and error of instance placements in m."""
 
     path: Path
     unit: float
@@ -88,21 +89,21 @@ class StepModel:
     placement_error: float
 
 
-def length_unit(path: Path) -> float:
-    """Return the length unit of a STEP file in metres.
+def length_unit(path: Path, read: Read = read_bytes) -> float:
+    """Return the length unit of a STEP file, as `read` gives it, in metres.
 
     Raises:
-        CadError: if the file is missing, no STEP file, cut off, or states no length unit.
+        CadError: the file is missing, is not a STEP file, is cut off, or states no length unit.
     """
     try:
-        data = read_bytes(path, "STEP")
+        data = read(path, "STEP")
     except OSError as error:
         raise CadError(f"{path}: cannot read the STEP file ({error.strerror or error})") from error
     compact = data.translate(None, _SPACE).decode("latin-1")
     if not compact.startswith("ISO-10303-21"):
         raise CadError(f"{path} is not a STEP file: it does not begin with ISO-10303-21")
     if b"END-ISO-10303-21" not in data[-4096:]:
-        raise CadError(f"{path} is cut off: END-ISO-10303-21 is missing. Export or copy it again.")
+        raise CadError(f"{path} is truncated: END-ISO-10303-21 is missing. Export or copy it again.")
     found: set[float] = set()
     for entity in (e for e in compact.split(";") if "LENGTH_UNIT()" in e and "=(" in e and e.endswith(")")):
         named = re.search(r"CONVERSION_BASED_UNIT\('([^']*)'", entity)
@@ -124,49 +125,55 @@ def length_unit(path: Path) -> float:
     return found.pop()
 
 
-def read_step(path: Path, tolerance: float = VISUAL_TOLERANCE, angle: float = 0.5) -> StepModel:
+def read_step(
+    path: Path, tolerance: float = VISUAL_TOLERANCE, angle: float = 0.5, read: Read | None = None
+) -> StepModel:
     """Read a STEP file.
 
     Args:
         path: the file.
         tolerance: chord tolerance of the triangles in metres.
         angle: largest angle between neighbouring normals in rad.
+        read: gives the bytes of the file; default from the disk.
 
     Raises:
-        CadError: missing, not a STEP file, cut off, without unit, or without solids.
+        CadError: the file is missing, is not a STEP file, is cut off, or has no unit or no solids.
     """
-    unit = length_unit(path)
-    header, binary = _split_glb(_glb(path, tolerance / MM, angle))
+    read = read or Once()
+    unit = length_unit(path, read)
+    header, binary = _split_glb(_glb(path, tolerance / MM, angle, read))
     parts, error = _parts(header, binary)
     if not parts:
         raise CadError(f"{path} holds no solids")
     return StepModel(path, unit, tuple(parts), error)
 
 
-def _glb(path: Path, tolerance: float, angle: float) -> bytes:
+def _glb(path: Path, tolerance: float, angle: float, read: Read = read_bytes) -> bytes:
     """Return the STEP as GLB with exact faces; from the user's cache if the same file was read before.
 
     `tolerance` is in mm, to which OpenCASCADE converts whatever the file's unit is.
     Reading takes seconds, and every command reads. The cache is keyed by content and reader version, and
     may be deleted at any time.
     """
-    key = hashlib.sha256(path.read_bytes())
+    step = read(path, "STEP")
+    key = hashlib.sha256(step)
     key.update(f"{tolerance!r} {angle!r} {version('cascadio')}".encode())
     folder = cache_folder("step")
     cached = folder / f"{key.hexdigest()}.glb"
     with contextlib.suppress(OSError):
         data = cached.read_bytes()
         if data[:4] == b"glTF" and int.from_bytes(data[8:12], "little") == len(data):
-            return data  # whole; one that was cut off is read anew
+            return data  # complete; a truncated one is read again
     with Scratch() as work:
-        glb = Path(work) / "step.glb"
+        glb, copy = Path(work) / "step.glb", Path(work) / "read.step"
         try:
             kind = "STEP" if tolerance * MM >= VISUAL_TOLERANCE else "fine STEP"
-            code = run(path, kind, str(glb), repr(tolerance), repr(angle))
+            copy.write_bytes(step)  # what is cached under its hash must come from these bytes
+            code = run(path, kind, str(glb), repr(tolerance), repr(angle), given=copy)
         except SourceError as error:
             raise CadError(str(error)) from error
         if code != 0 or not glb.is_file():
-            try:  # it does not tell whether reading or writing failed
+            try:  # the error does not say whether reading or writing failed
                 (Path(work) / "room").write_bytes(bytes(path.stat().st_size))
             except OSError as e:
                 raise CadError(
@@ -174,7 +181,7 @@ def _glb(path: Path, tolerance: float, angle: float) -> bytes:
                 ) from None
             raise CadError(f"{path}: OpenCASCADE could not read it (code {code}); the file is damaged")
         data = glb.read_bytes()
-    with contextlib.suppress(OSError, OutputError):  # a cache that cannot be written is no error
+    with contextlib.suppress(OSError, OutputError):  # a cache that cannot be written is not an error
         for old in sorted(folder.glob("*.glb"), key=lambda p: p.stat().st_mtime)[:-_CACHED]:
             old.unlink()
         with atomic_folder(folder) as work:

@@ -1,4 +1,4 @@
-"""3MF in, core specification: meshes, components, build items and their placements, and the unit it states."""
+"""Read 3MF, core specification: meshes, components, build items and their placements, and the stated unit."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:
     """Return vertices (n, 3) in the file's unit, triangles (m, 3), and the unit that the file states.
 
     Raises:
-        ValueError, KeyError, zipfile.BadZipFile, ElementTree.ParseError: it is no such file.
-        BudgetError: it unpacks into, or builds, too much.
+        ValueError, KeyError, zipfile.BadZipFile, ElementTree.ParseError: the file is not a 3MF file.
+        BudgetError: the file unpacks or expands beyond the limits of its format.
     """
     with zipfile.ZipFile(path) as archive:
         root = parse_xml(path, archive.read(_MODEL), "3MF")
@@ -57,11 +57,11 @@ def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:
 
 
 def _check_count(path: Path, root: ElementTree.Element, objects: dict[str | None, ElementTree.Element]) -> None:
-    """Count what a file builds before it is built: an object may stand several times in another, and that again.
+    """Count the parts of a file before they are built: objects may be nested and repeated.
 
     Raises:
         ValueError: an object is missing, or holds itself.
-        BudgetError: it builds too much.
+        BudgetError: the file expands beyond the limits of its format.
     """
     limits = BUDGETS["3MF"]
     totals: dict[str | None, int] = {}
@@ -70,7 +70,7 @@ def _check_count(path: Path, root: ElementTree.Element, objects: dict[str | None
         if depth > limits.depth:
             over(path, "3MF", "depth of its objects, at least", depth, limits.depth)
         if number not in objects or number in open_:
-            raise ValueError(f"object {number} is missing or holds itself")
+            raise ValueError(f"object {number} is missing or contains itself")
         if number not in totals:
             open_.add(number)
             own = sum(len(e) for e in objects[number].iterfind("{*}mesh/*"))
@@ -82,7 +82,7 @@ def _check_count(path: Path, root: ElementTree.Element, objects: dict[str | None
     open_: set[str | None] = set()
     count = sum(total(item.get("objectid")) for item in root.iterfind("{*}build/{*}item"))
     if count > limits.numbers:
-        over(path, "3MF", "vertices and triangles that it builds", count, limits.numbers)
+        over(path, "3MF", "vertices and triangles in its objects", count, limits.numbers)
 
 
 def _numbers(items, keys, kind) -> np.ndarray:
@@ -90,5 +90,5 @@ def _numbers(items, keys, kind) -> np.ndarray:
 
 
 def _placement(text: str | None) -> Array:
-    """Return the (4, 3) matrix for row vectors: a turn over a shift."""
+    """Return the matrix (4, 3) for row vectors: the rotation in rows 0 to 2, the translation in row 3."""
     return np.vstack([np.eye(3), np.zeros(3)]) if text is None else np.array(text.split(), float).reshape(4, 3)

@@ -16,21 +16,21 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from twin.cli.parser import UsageError, parser
+from twin.core import findings
 from twin.core.atomic import cache_folder, no_room, settle
 from twin.core.errors import TwinError
-from twin.core.findings import Finding
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     if argv is None and sys.getfilesystemencoding() == "ascii":
-        # LC_ALL=C with PYTHONUTF8=0: names of files would be no text that USD or a mesh library could take.
+        # LC_ALL=C with PYTHONUTF8=0: USD and mesh libraries could not read such file names.
         os.execv(sys.executable, [sys.executable, "-X", "utf8", *sys.orig_argv[1:]])
     argv = sys.argv[1:] if argv is None else list(argv)
-    for stream in (sys.stdout, sys.stderr):  # a terminal that lacks a sign gets a question mark, not a traceback
+    for stream in (sys.stdout, sys.stderr):  # characters that a terminal lacks become question marks
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
-    if not argv:  # nothing was asked: say what can be, which is not to have done anything
+    if not argv:  # no command: print the help, and exit as wrong usage
         parser().print_help()
         return 2
     try:
@@ -38,12 +38,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except UsageError as error:
         print(error.usage, end="", file=sys.stderr)
         return _failed("usage", str(error), "--json" in argv)
-    # All matrices here are small: threads of the linear algebra library only get in each other's way.
+    # All matrices are small, so that threads of the linear algebra library only slow each other down.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Processes started from here must not import a `numpy.py` that lies beside a downloaded robot.
+    # Child processes must not import a `numpy.py` that is beside a downloaded robot.
     os.environ["PYTHONSAFEPATH"] = "1"
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
-    # That a stranger's code is run is told always, --quiet and --json or not: it is on stderr.
+    # A note on stderr that a robot's code is run is always printed, also with --quiet and --json.
     logging.getLogger("twin.robots").setLevel(logging.INFO)
     if args.no_code:
         from twin.robots import NO_CODE
@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _settle(args)
         scene.refuse(args)
         code = int(commands.COMMANDS[args.command](args))
-        sys.stdout.flush()  # here a broken pipe can still be dealt with
+        sys.stdout.flush()  # a broken pipe can still be handled here
         return code
     except TwinError as error:
         if args.debug:
@@ -73,15 +73,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         if full := no_room(error):
             return _failed("OutputError", full, args.json)
         if isinstance(error, UnicodeEncodeError) and any("\ud800" <= c <= "\udfff" for c in str(error.object)):
-            text = f"{ascii(str(error.object))[:200]} is no text (UTF-8): give files and folders another name"
+            text = f"{ascii(str(error.object))[:200]} is not valid UTF-8: rename the file or folder"
             return _failed("output", text, args.json)
         # Python would exit with 1, which here means "disagree".
-        text = f"internal error, {type(error).__name__}: {error}. Please report it, with what --debug shows."
+        text = f"internal error, {type(error).__name__}: {error}. Please report it with the output of --debug."
         return _failed(type(error).__name__, text, args.json)
 
 
 def _settle(args: argparse.Namespace) -> None:
-    """Complete or remove what killed processes left where this command reads and writes."""
+    """Complete or remove unfinished files of killed processes in the folders that this command reads and writes."""
     made = Path("twin-out")
     places = [Path(tempfile.gettempdir()), cache_folder("step"), cache_folder("kernels")]
     places += [made, *made.glob("*/"), *made.glob("*/*/")]
@@ -91,9 +91,9 @@ def _settle(args: argparse.Namespace) -> None:
 
 
 def _failed(kind: str, message: str, as_json: bool) -> int:
-    """Say why nothing could be judged; return the exit code of that."""
+    """Report an error because of which nothing could be checked; return exit code 2."""
     if as_json:
-        finding = Finding("error." + kind.removesuffix("Error").lower(), "error", message).as_dict()
+        finding = findings.error("error." + kind.removesuffix("Error").lower(), "", message).as_dict()
         out = {"verdict": "unchecked", "error": kind, "message": message, "residuals": [], "findings": [finding]}
         print(json.dumps(out, indent=2))
     print(f"twin: {message}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Where a server is: a port that is free, the address that the terminal shows, and the token in it."""
+"""Address of a server: find a free port, and print the address with its token on the terminal."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from twin.core.extras import require
 
 
 def free_port(host: str, port: int) -> int:
-    """Return the port if it is free; 0 takes any.
+    """Return the port if it is free; for 0 return any free port.
 
     Raises:
-        TwinError: something listens there, or the host is not this machine's; with what would do.
+        TwinError: the port is in use (the message names a free port), or the host is not this machine.
     """
     with socket.socket() as s:
         s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -24,19 +24,20 @@ def free_port(host: str, port: int) -> int:
                     other.bind((host, 0))
                     free = other.getsockname()[1]
                 raise TwinError(
-                    f"port {port} is taken, perhaps by another twin view: end that, or use --port {free}, which is free"
+                    f"port {port} is in use, perhaps by another twin view: stop that process, or use --port {free}, "
+                    "which is free"
                 ) from error
             raise TwinError(f"cannot listen on {host}:{port}: {error.strerror or error}") from error
         return int(s.getsockname()[1])
 
 
 class Address:
-    """Where the page is, as the terminal shows it.
+    """The address of a page, as the terminal shows it.
 
     Attributes:
-        url: for a browser on this machine, or in the network that the server is open to.
-        title: of what is served.
-        advice: what to tell a person who opens it to the network.
+        url: for a browser on this machine, or in the network if the server is open to it.
+        title: of the robot or scene that is served.
+        advice: text printed if the server is open to the network.
     """
 
     def __init__(self, host: str, port: int, secure: bool, title: str, advice: str = "") -> None:
@@ -47,30 +48,30 @@ class Address:
         self._first = True
 
     def say(self, token: str) -> None:
-        """Print the address; with a token also as a QR code, for one device."""
+        """Print the address; if it has a token, which is valid for one device, also as a QR code."""
         if not token:
             print(f"{self.title}: {self.url}   (Ctrl-C ends it)", flush=True)
             return
         url = f"{self.url}?token={token}"
         if self._first:
-            print(f"{self.title}: open to the network; each address opens once   (Ctrl-C ends it)")
+            print(f"{self.title}: open to the network; each address works once   (Ctrl-C ends it)")
             if self.advice:
                 print(f"  {self.advice}")
         else:
-            print("  a device has come in; for the next one:")
+            print("  a device is connected; address for the next one:")
         self._first = False
         try:
             require("segno", "a QR code").make(url, error="m").terminal(compact=True)
-        except TwinError as error:  # the address alone does as well
+        except TwinError as error:  # without the package only the address is printed
             print(f"  {error}")
         print(f"  {url}", flush=True)
 
 
 def _reachable() -> str:
-    """Return the address of this machine in its network."""
+    """Return the IP address of this machine in its network."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
         try:
-            s.connect(("192.0.2.1", 9))  # an address of documentation: nothing is sent, a route is chosen
+            s.connect(("192.0.2.1", 9))  # an address for documentation: nothing is sent, only a route is chosen
             return str(s.getsockname()[0])
         except OSError:
             return socket.gethostname()

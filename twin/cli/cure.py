@@ -1,4 +1,4 @@
-"""What cures a disagreement, asked of `explain` for as long as a reader of a verdict likes to wait."""
+"""Search for the fix of a disagreement by `explain`, for a few seconds."""
 
 from __future__ import annotations
 
@@ -16,33 +16,34 @@ if TYPE_CHECKING:
     from twin.validation.result import Report
 
 SECONDS = 5.0
-"""What a search for the cure may take; what it has not found by then, `twin explain` may be asked for.
+"""Time limit in s of the search for a fix; `twin explain` can search longer.
 
-Of this thread's processor time, so that a busy machine finds what an idle one does; by the clock at most `_PATIENCE`
-times as much.
+It counts processor time of this thread, so that the result does not depend on the load of the machine; the elapsed time
+is limited to `_PATIENCE` times as much.
 """
 
 _PATIENCE = 3.0
 
 _PAIRS = 0.4
-"""Of that, what the search for two edits in one row may take; the rest is for poses, single edits and numbers."""
+"""Part of that time in s for the search for two edits in one row (one equation compared with the mechanism); the rest
+is for poses, single edits and numbers."""
 
 Progress = Callable[[str, float], None]
 
 
 class _LateError(BaseException):
-    """Ends a search from within; no search may take it for an error of an edit."""
+    """Raised to stop a search; a `BaseException`, so that the search does not treat it as an error of an edit."""
 
 
 class Cures:
-    """Cures of one robot, each looked for once: protocols do not change what equations need."""
+    """Fixes of one robot, cached because they do not depend on the protocol."""
 
     def __init__(self, robot: api.Robot, seconds: float = SECONDS) -> None:
         self.robot, self.seconds = robot, seconds
         self._known: dict[tuple[object, ...], str] = {}
 
     def of(self, report: Report, protocol: str | Path | None, progress: Progress) -> Report:
-        """Return the report on a protocol with the cure, if its first cause is in the equations and it is found."""
+        """Return the report on a protocol, with a fix added if its first cause is in the equations and one is found."""
         causes = report.causes
         if not causes or causes[0].side != "equations" or causes[0].head.severity != "disagreement":
             return report
@@ -76,13 +77,13 @@ class Cures:
                 budget=_PAIRS * self.seconds,
                 root=Path.cwd(),
             )
-        except (_LateError, TwinError):  # what cannot be explained has been judged all the same
+        except (_LateError, TwinError):  # the report is valid even if it cannot be explained
             return ""
         return text(found, report.commands.get("explain", ""))
 
 
 def tolerance(report: Report) -> tuple[float, float]:
-    """Return the tolerances of a judgement, position in m and rotation in rad."""
+    """Return the tolerances of a report: (position in m, rotation in rad)."""
     from twin.validation.rows import Tolerances
 
     judged = [r for r in report.residuals if r.pair == "A-B" and r.quantity in ("point", "driven", "passive", "tool")]
@@ -92,16 +93,16 @@ def tolerance(report: Report) -> tuple[float, float]:
 
 
 def text(found: Explanation, command: str) -> str:
-    """Return what would make the rows agree in one line, or "" if nothing would."""
+    """Return the fix of the disagreeing rows (equations compared with the mechanism) in one line, or ""."""
     parts = [*_edits(found, command), *_numbers(found), *dict.fromkeys(c.message for c in found.conventions)]
     if not parts:
         return ""
-    rest = "every row then agrees" if found.explained else f"other rows stay off: {command}"
+    rest = "every row then agrees" if found.explained else f"other rows still disagree: {command}"
     return f"{'; '.join(parts)}; {rest}"
 
 
 def _edits(found: Explanation, command: str) -> list[str]:
-    """Return the edits, one that is the same in several rows once; of edits that do the same the first."""
+    """Return the edits as text: an edit of several rows once; of equivalent edits only the first."""
     rows: dict[tuple[str, ...], list[str]] = {}
     lines: dict[tuple[str, ...], set[int]] = {}
     tied: set[tuple[str, ...]] = set()
@@ -116,7 +117,7 @@ def _edits(found: Explanation, command: str) -> list[str]:
         tied |= {key} if len(readings) > 1 else set()
     return [
         f"in {key[0]}, {', '.join(symbols)}: replace {key[2]} ({key[1]}:{', '.join(map(str, sorted(lines[key])))})"
-        + (f" or an edit that does the same, see {command}" if key in tied else "")
+        + (f" or an equivalent edit, see {command}" if key in tied else "")
         for key, symbols in rows.items()
     ]
 
@@ -129,5 +130,5 @@ def _numbers(found: Explanation) -> list[str]:
     fit = found.identified
     if fit is None or not fit.exact or not fit.moved:
         return []
-    values = [f"{m.name} = {m.fitted:.9g} {m.unit} for {m.formula:.9g} {m.unit}" for m in fit.moved]
+    values = [f"{m.name} = {m.fitted:.9g} {m.unit} instead of {m.formula:.9g} {m.unit}" for m in fit.moved]
     return [f"set {(' or ' if fit.alternatives else ', ').join(values)}"]

@@ -1,4 +1,4 @@
-"""`twin doctor`: what is installed, and what that allows."""
+"""`twin doctor`: show what is installed, and which checks are possible."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from twin.core import assets
 
 
 def doctor(args: argparse.Namespace) -> int:
-    """Print what is installed and what that allows."""
+    """Print what is installed and which checks are possible."""
     packages = _needed()
     extras = {
         "distributed": "sweeps, on several processors or machines (extra: cluster)",
@@ -36,12 +36,12 @@ def doctor(args: argparse.Namespace) -> int:
         print(f"  data in {assets.data_folder()}\n")
         print(show.table(rows, ("package", "found", "")))
         if missing:
-            print(f"\n  missing: {', '.join(missing)}. Install twin again: pip install .")
+            print(f"\n  missing: {', '.join(missing)}. Reinstall twin: pip install .")
     return 2 if missing else 0
 
 
 def _needed() -> list[str]:
-    """Return the packages that twin itself asks for, without those of its extras."""
+    """Return the required packages of twin, without the packages of optional extras."""
     asked = [line for line in requires("twin-robotics") or () if "extra ==" not in line]
     return [re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in asked]
 

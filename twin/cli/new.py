@@ -1,4 +1,4 @@
-"""`twin new`: a robot folder from a foreign description, or from the CAD alone."""
+"""`twin new`: make a robot folder from a description in another format, or from CAD only."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.core.errors import TwinError
 from twin.core.findings import Finding
 
 _SHOWN = 3
-"""How many findings of one kind are printed; all are in the notes."""
+"""Maximum number of printed findings of one kind; the notes contain all."""
 
 
 def new(args: argparse.Namespace) -> int:
@@ -22,10 +22,10 @@ def new(args: argparse.Namespace) -> int:
     source, name = Path(args.source or args.name), args.name
     if args.source is None:
         if source.suffix.lower() not in SUFFIXES:
-            raise TwinError(f"'{args.name}' is no file to begin with: say which with --from ({', '.join(SUFFIXES)})")
+            raise TwinError(f"'{args.name}' does not exist: give a file with --from ({', '.join(SUFFIXES)})")
         name = identifier(source.stem)
     elif identifier(name) != name:
-        raise TwinError(f"'{name}' is no name for a robot; use [a-z][a-z0-9_]*, as in {identifier(name)}")
+        raise TwinError(f"'{name}' is not a valid robot name; use [a-z][a-z0-9_]*, as in {identifier(name)}")
     target = Path(args.out or name)
     with show.progress(args.quiet or args.json) as progress:
         data, findings = _make(args, name, source, target, progress)
@@ -37,7 +37,7 @@ def new(args: argparse.Namespace) -> int:
     first = "" if data["active"] else f"name the joints in {data['files'][0]}, then "
     print(
         f"  {target}/: {data['bodies']} bodies, {data['joints']} joints{loops}, {len(data['active'])} driven; "
-        f"what is not as in the file: {target}/IMPORT.md\n"
+        f"changes and omissions: {target}/IMPORT.md\n"
         f"  next: {first}twin info {target}/, twin build {target}/, twin view {target}/; then your equations in "
         f"formula.py and twin validate {target}/"
     )
@@ -58,7 +58,7 @@ def _make(
         from twin.exchange.read.step import read_skeleton, write_skeleton
 
         if args.closures or args.root:
-            raise TwinError(f"{source}: a STEP has neither a closure YAML nor prims")
+            raise TwinError(f"{source}: --closures and --root do not apply to a STEP file")
         skeleton = read_skeleton(source)
         progress("write the skeleton", 0.5)
         written, m = write_skeleton(skeleton, name, target, source, args.force)
@@ -84,7 +84,7 @@ def _make(
 
 
 def _print(findings: list[Finding]) -> None:
-    """Print the warnings, a few of each kind."""
+    """Print the warnings, at most a few of each kind."""
     kinds: dict[str, list[Finding]] = {}
     for finding in findings:
         if finding.severity != "info":

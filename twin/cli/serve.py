@@ -1,4 +1,4 @@
-"""`twin serve`: the robot in a headset, or in any browser that draws in three dimensions."""
+"""`twin serve`: show a robot or a scene in a headset, or in a browser with WebGL."""
 
 from __future__ import annotations
 
@@ -9,71 +9,100 @@ import ssl
 import sys
 import threading
 import webbrowser
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from twin import api
+from twin.cli import scene as scenes
 from twin.cli.address import Address, free_port
 from twin.core import assets
 from twin.core.errors import TwinError
 
-_ADVICE = "a headset enters AR only over https (--cert and --key), or over its cable, see --help"
+if TYPE_CHECKING:
+    from twin.ui.headset.served import Served
+
+_ADVICE = "a headset enters AR only over https (--cert and --key) or a USB cable, see --help"
 
 
 def serve(args: argparse.Namespace) -> int:
-    """Serve a robot until Ctrl-C."""
+    """Serve a robot or a scene until Ctrl-C."""
     port = free_port(args.host, args.port)
     context = _tls(args.cert, args.key)
     if args.record is not None:
         if args.replay is not None:
-            raise TwinError("--record and --replay exclude each other: what is replayed is recorded already")
+            raise TwinError("--record and --replay cannot be combined: the session is already recorded")
         assets.require_writable(Path(args.record).parent)
-    robot = api.load(args.robot)
-    if args.protocol is not None:
-        robot.protocol(args.protocol)
-    asyncio.run(_run(args, robot, port, context))
+    name, make = _what(args)
+    asyncio.run(_run(args, name, make, port, context))
     return 0
 
 
-async def _run(args: argparse.Namespace, robot: api.Robot, port: int, context: ssl.SSLContext | None) -> None:
+def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
+    """Return (title, function that starts the source in the event loop); an invalid name raises `TwinError` here."""
+    from twin.ui.headset import served
+
+    plans = args.replay is None
+    file = scenes.find(args.robot)
+    if file is None:
+        robot = api.load(args.robot)
+        if args.protocol is not None:
+            robot.protocol(args.protocol)
+        return robot.name, lambda: served.of_robot(robot, str(args.robot), args.protocol, plans)
+    if args.protocol is not None:
+        raise TwinError(f"{args.robot} is a scene: its file gives the protocol of each robot; omit the protocol")
+    from twin.cad.build import read_mechanism
+    from twin.model.scene import load_scene
+
+    scene = load_scene(file)
+    kinds = {name: api.load(name) for name in {p.robot for p in scene.places}}
+    robots = {p.name: kinds[p.robot] for p in scene.places}
+    props = None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
+    if scene.console is not None:
+        return scene.name, lambda: served.of_console(scene, robots, props)
+    return scene.name, lambda: served.of_scene(scene, robots, props, plans)
+
+
+async def _run(
+    args: argparse.Namespace, name: str, make: Callable[[], Served], port: int, context: ssl.SSLContext | None
+) -> None:
     from twin.ui.door.gate import Gate
     from twin.ui.headset import files
     from twin.ui.headset.recording import Recording, Replay
     from twin.ui.headset.server import StreamServer
-    from twin.ui.headset.twin import Twin
 
-    # Each send lets go of the interpreter; the thread that solves would keep it for 5 ms each time.
+    # Each send releases the interpreter's lock; the solver thread would then keep it for 5 ms each time.
     sys.setswitchinterval(5e-4)
     stopping = asyncio.Event()
     _on_ctrl_c(stopping)
-    from twin.exchange.write.glb import glb_bytes
-
-    twin = Twin(robot, str(args.robot), args.protocol, plans=args.replay is None)
-    source, recording = twin, None
+    shown = make()
+    live, source, recording = shown.live, shown.live, None
     try:
-        about = twin.description
         if args.replay is not None:
-            source = Replay(Path(args.replay), robot.name, about["model_hash"])
+            source = Replay(Path(args.replay), name, shown.model_hash)
         if args.record is not None:
-            recording = Recording(Path(args.record), robot.name, about["model_hash"], twin.links, robot.joints)
-        own = files.page_files(Path(str(resources.files("twin.ui.headset"))) / "web" / "dist")
-        own |= files.robot_files(glb_bytes(robot.mechanism), about)
-        own |= files.patient_files({n: glb_bytes(p.mechanism, (), p.poses) for n, p in twin.patients.items()})
+            recording = Recording(Path(args.record), name, shown.model_hash, live.links, live.joints, live.version)
+        web = Path(str(resources.files("twin.ui.headset"))) / "web" / "dist"
+        own = files.page_files(web, shown.preload) | shown.files
         advice = "" if context is not None else _ADVICE
-        address = Address(args.host, port, context is not None, robot.name, advice)
+        address = Address(args.host, port, context is not None, name, advice)
         gate = Gate(args.host, port, context is not None, address.say)
-        server = StreamServer(source, {"robot": robot.name, "model_hash": about["model_hash"]}, own, gate, recording)
+        server = StreamServer(source, shown.hello, own, gate, recording)
         server.stopping = stopping
         await server.start(args.host, port, context)
         if "/" not in own:
-            print("twin: twin/ui/headset/web/dist is missing: there is no page, only the stream", file=sys.stderr)
+            print(
+                "twin: twin/ui/headset/web/dist is missing: only the stream is served, without the page",
+                file=sys.stderr,
+            )
         if not gate.open:
             address.say("")
             if not args.no_browser:
                 threading.Thread(target=webbrowser.open, args=(address.url,), daemon=True).start()
         await server.run()
     finally:
-        twin.close()
+        live.close()
     print()
 
 
@@ -92,7 +121,7 @@ def _tls(cert: str | None, key: str | None) -> ssl.SSLContext | None:
 
 
 def _on_ctrl_c(stopping: asyncio.Event) -> None:
-    """Let Ctrl-C ask for the end; the second time it ends whatever there is."""
+    """Let Ctrl-C request the end; a second Ctrl-C ends the process."""
     loop = asyncio.get_running_loop()
 
     def end() -> None:

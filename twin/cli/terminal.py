@@ -1,4 +1,4 @@
-"""Questions that a page has to the person at the terminal: what it wants to write is written when he says so."""
+"""Ask the person at the terminal for confirmation before a page's request writes files."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from collections.abc import Callable
 from twin.core.errors import TwinError
 
 PATIENCE = 60.0
-"""Seconds after which no answer is a no."""
+"""Time in s after which a missing answer counts as no."""
 
 
 class Terminal:
-    """One question at a time; `poll` looks for its answer without waiting."""
+    """A terminal that asks one question at a time; `poll` reads the answer without waiting."""
 
     def __init__(self, stdin: int) -> None:
         self._stdin = stdin
@@ -24,36 +24,38 @@ class Terminal:
 
     @classmethod
     def here(cls) -> Terminal | None:
-        """Return the terminal that this program was started in, if somebody can answer there."""
+        """Return the terminal of this program; None if it is not interactive."""
         try:
             if sys.stdin.isatty() and sys.stdout.isatty() and hasattr(os, "tcgetpgrp"):
                 return cls(sys.stdin.fileno())
-        except (AttributeError, OSError, ValueError):  # closed, or in the place of one
+        except (AttributeError, OSError, ValueError):  # closed, or replaced by another stream
             pass
         return None
 
     def ask(self, question: str, then: Callable[[bool], object]) -> None:
-        """Print a question; `then` is called with whether the answer was yes.
+        """Print a question; `then` is called with True if the answer is yes, else with False.
 
         Raises:
-            TwinError: another question waits, or the program is in the background.
+            TwinError: another question is unanswered, or the program is in the background.
         """
         if self._then is not None:
-            raise TwinError("a question waits in the terminal: answer that first")
+            raise TwinError("answer the open question in the terminal first")
         if not self._in_front():
-            raise TwinError("twin view is in the background of its terminal: bring it back there (fg) to be asked")
+            raise TwinError(
+                "twin view runs in the background of its terminal: bring it to the foreground (fg) to answer"
+            )
         import termios
 
-        termios.tcflush(self._stdin, termios.TCIFLUSH)  # what was typed before is no answer
+        termios.tcflush(self._stdin, termios.TCIFLUSH)  # what was typed before is not an answer
         self._then, self._until = then, time.monotonic() + PATIENCE
         print(f"  {question} [y/N] ", end="", flush=True)
 
     def poll(self) -> None:
-        """Take the answer if there is one."""
+        """Read the answer, if it was typed, and pass it on."""
         if self._then is None:
             return
         if time.monotonic() > self._until:
-            print("  no answer: not written", flush=True)
+            print("  no answer: nothing was written", flush=True)
             self._answer(False)
         elif self._in_front() and select.select([self._stdin], [], [], 0)[0]:
             self._answer(os.read(self._stdin, 1024).strip().lower() in (b"y", b"yes"))
@@ -64,5 +66,5 @@ class Terminal:
         then(yes)
 
     def _in_front(self) -> bool:
-        """Return whether what is typed comes to this program; to read it in the background would stop it."""
+        """Return whether this program is in the foreground; reading in the background would stop the program."""
         return os.tcgetpgrp(self._stdin) == os.getpgrp()

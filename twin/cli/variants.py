@@ -1,4 +1,4 @@
-"""What `--variant` asks for: one bare name for every equation that has it, or EQ=NAME pairs."""
+"""Read `--variant`: one name for every equation that has such a variant, or EQ=NAME pairs."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from twin.core.errors import TwinError
 
 
 def asked(texts: Sequence[str]) -> str | dict[str, str] | None:
-    """Return a bare name, or variants by equation; None if nothing is asked.
+    """Return a variant name, or a dictionary of variants by equation; None without the option.
 
     Raises:
-        TwinError: bare names beside pairs, several bare names, or an equation given twice.
+        TwinError: names are mixed with EQ=NAME pairs, several names are given, or an equation is given twice.
     """
     bare = [t for t in texts if "=" not in t]
     if bare and len(texts) > 1:
-        raise TwinError("--variant: give either one bare name or EQ=NAME pairs, not both")
+        raise TwinError("--variant: give either one variant name or EQ=NAME pairs, not both")
     if bare:
         return bare[0]
     pairs = dict(t.split("=", 1) for t in texts)
     if len(pairs) < len(texts):
-        raise TwinError("--variant: an equation is given twice; give each once")
+        raise TwinError("--variant: an equation is given twice; give each equation once")
     return pairs or None

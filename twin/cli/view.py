@@ -1,4 +1,4 @@
-"""`twin view`: the interactive twin in a browser."""
+"""`twin view`: show an interactive robot or scene in a browser."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin import api
-from twin.cli import scene as scenes
 from twin.cli import show
 from twin.cli.address import Address, free_port
 from twin.core import assets
@@ -23,11 +22,11 @@ if TYPE_CHECKING:
     from twin.ui.viewer.front import Actor, Front
 
 
-_ADVICE = "whoever comes in can move and load what is shown; nothing can be written from there"
+_ADVICE = "everyone who connects can move and load robots, but cannot write to disk"
 
 
 def view(args: argparse.Namespace) -> int:
-    """Show a robot, a scene or a stage until Ctrl-C; with --html write a recording and end."""
+    """Show a robot, a scene or a stage until Ctrl-C; with --html write a recording and exit."""
     port = free_port(args.host, args.port)
     title, load = _what(args)
     if args.html is not None:
@@ -39,7 +38,7 @@ def view(args: argparse.Namespace) -> int:
     front, stopping = None, threading.Event()
 
     def end(*_: object) -> None:
-        """Ask for the end: as an exception Ctrl-C could hit anywhere. The second time it is one."""
+        """Request the end, because an exception could interrupt any code; a second Ctrl-C raises KeyboardInterrupt."""
         stopping.set()
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -73,8 +72,8 @@ def view(args: argparse.Namespace) -> int:
 
 
 def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor], Mechanism | None]]]:
-    """Return what is to be shown, and how it is loaded; a wrong name is told here, before anything opens."""
-    file = scenes.find(args.robot)
+    """Return (title, function that loads it); an invalid name raises `TwinError` here, before a port opens."""
+    file = assets.scene_file(args.robot)
     if file is None:
         robot = api.load(args.robot, tool=args.tool)
         show.told(robot, args.quiet)
@@ -89,19 +88,20 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor]
 
         return robot.name, load_robot
     if args.tool is not None:
-        raise TwinError(f"{args.robot} is a scene: its robots say what their tools are")
+        raise TwinError(f"{args.robot} is a scene: the tools are set by its robots; omit --tool")
     if args.protocol is not None:
-        raise TwinError(f"{args.robot} is a scene: its file says what each robot plays; leave the protocol out")
+        raise TwinError(f"{args.robot} is a scene: its file gives the protocol of each robot; omit the protocol")
     from twin.model.scene import load_scene
 
     scene = load_scene(file)
+    scene.require_protocols()
 
     def load_scene_robots() -> tuple[list[Actor], Mechanism | None]:
         from twin.cad.build import read_mechanism
         from twin.ui.session.desk import Desk
         from twin.ui.viewer.front import Actor
 
-        actors = [Actor(p.name, p.name, Desk(api.load(p.name)), p.T_world_base, p.protocol) for p in scene.places]
+        actors = [Actor(p.name, p.robot, Desk(api.load(p.robot)), p.T_world_base, p.protocol) for p in scene.places]
         return actors, None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
 
     return scene.name, load_scene_robots

@@ -1,4 +1,4 @@
-"""CasADi functions as machine code: one loop over samples, several samples an instruction, no compiler needed."""
+"""Compile CasADi functions to machine code by LLVM: one vectorised loop over samples; no C compiler is needed."""
 
 from twin.codegen.emit import Stage
 from twin.codegen.kernel import Kernel

@@ -1,9 +1,9 @@
-"""The text of a kernel, in LLVM's language: stages of CasADi functions inside one loop over the samples.
+"""Write a kernel as LLVM assembly: CasADi functions (stages) called in sequence in one loop over samples.
 
-Each instruction of a function becomes one line, on a vector of as many samples (lanes) as `width` says. Functions of
-the processor's library would be called lane by lane, ten times slower than all the rest: sine and cosine are therefore
-written out, branch-free, the others in `lower`. No flag allows what would change NaN or infinity, so that poses out of
-reach remain NaN; products and sums may be fused, which rounds once less.
+Each instruction of a function becomes one line, on a vector of `width` samples (lanes). Calls of mathematical library
+functions would process one lane at a time, ten times slower than the rest; sine and cosine are therefore written inline
+without branches, the other functions in `lower`. NaN and infinity follow IEEE 754, so that poses out of reach remain
+NaN; products and sums may be fused, which saves one rounding.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _INTRINSIC = {
 }
 
 _HALF_PI = (1.5707963267948966, 6.123233995736766e-17)
-"""A right angle as a sum of doubles."""
+"""pi/2 as a sum of doubles, for an exact reduction of angles."""
 
 _SINE = (
     *(1.58969099521155010221e-10, -2.50507602534068634195e-08, 2.75573137070700676789e-06),
@@ -41,16 +41,16 @@ _COSINE = (
     *(-1.13596475577881948265e-11, 2.08757232129817482790e-09, -2.75573143513906633035e-07),
     *(2.48015872894767294178e-05, -1.38888888888741095749e-03, 4.16666666666666019037e-02),
 )
-"""Coefficients of FreeBSD's msun (k_sin.c, k_cos.c), highest power first."""
+"""Polynomial coefficients of sine and cosine from FreeBSD's msun (k_sin.c, k_cos.c), highest power first."""
 
 _ROUND = 1.5 * 2.0**52
-"""Added to a number it leaves the nearest integer in the lowest bits."""
+"""Constant whose addition to a number puts the nearest integer into the lowest bits."""
 
 _AHEAD = 4
-"""Vectors between the one at work and the one that is fetched from memory."""
+"""Number of vectors by which memory is prefetched ahead of the computation."""
 
 _TURNS = 1e9
-"""Radians beyond which sine and cosine are NaN: their argument has lost its meaning long before."""
+"""Limit in rad beyond which sine and cosine return NaN, because their argument has too little precision."""
 
 
 @dataclass(frozen=True)
@@ -58,14 +58,14 @@ class Stage:
     """One function of a kernel.
 
     Attributes:
-        function: of dense arguments and results.
-        takes: the names of its arguments: inputs of the kernel, or what an earlier stage gives.
-        gives: the names of its results.
-        repeat: calls at most. If more than one, results that it also takes are fed back until the result `error` is at
-            most `tolerance` (or NaN) in every lane.
+        function: CasADi function with dense arguments and results.
+        takes: names of its arguments: inputs of the kernel, or results of earlier stages.
+        gives: names of its results.
+        repeat: maximum number of calls. If above 1, results that are also arguments are fed back until the result
+            `error` is at most `tolerance` (or NaN) in every lane.
         tolerance: see `repeat`.
-        reciprocals: whether to divide once by what several numbers are divided by, which rounds once more: for steps
-            towards a solution, which the next step corrects.
+        reciprocals: whether several divisions by one number become multiplications by its reciprocal, which adds a
+            rounding error; suitable for iterations, where the next step corrects it.
     """
 
     function: ca.Function
@@ -77,7 +77,7 @@ class Stage:
 
 
 class _Writer:
-    """Lines of one LLVM function on vectors of `width` lanes."""
+    """Writer of the lines of one LLVM function on vectors of `width` lanes."""
 
     def __init__(self, width: int) -> None:
         self.width = width
@@ -116,7 +116,7 @@ class _Writer:
         return self.put(f"fcmp une {self.V} {x}, {self.constant(0.0)}")
 
     def value(self, name: str) -> str:
-        """Return a value; an input is loaded where it is first used, not to fill the registers before."""
+        """Return the LLVM name of a value; an input is loaded at its first use, which saves registers."""
         if name in self.waiting:
             at = self.put(f"getelementptr double, ptr %in{self.waiting.pop(name)}, i64 %i")
             self.loaded[name] = self.put(f"load {self.V}, ptr {at}, align 8")
@@ -127,7 +127,7 @@ class _Writer:
     ) -> list[list[str]]:
         """Write the instructions of a function; return the names of its results."""
         if not function.is_a("SXFunction"):
-            raise ValueError(f"function '{function.name()}' is no CasADi function of scalars (SX)")
+            raise ValueError(f"function '{function.name()}' is not a CasADi function of scalars (SX)")
         V, one, zero = self.V, self.constant(1.0), self.constant(0.0)
         at: dict[int, str] = {}
         fixed: dict[str, float] = {}
@@ -197,7 +197,7 @@ class _Writer:
         return tuple(self.put(f"extractvalue {{{self.V}, {self.V}}} {both}, {i}") for i in (0, 1))  # pyright: ignore[reportReturnType]
 
     def _of_point(self, y: str, x: str) -> tuple[str, str]:
-        """Return sine and cosine of the angle of a point: an angle that is only made to be taken apart costs a root."""
+        """Return (sine, cosine) of the angle of a point (y, x), by a square root instead of an arc tangent."""
         V = self.V
         square = self.put(f"fadd contract {V} {self.put(f'fmul {V} {x}, {x}')}, {self.put(f'fmul {V} {y}, {y}')}")
         length = self.intrinsic("sqrt", square)
@@ -215,7 +215,7 @@ class _Writer:
 
 
 def _sines(width: int) -> _Writer:
-    """Write sine and cosine of %x: the nearest right angle taken off exactly, polynomials on what is left."""
+    """Write the function for sine and cosine of %x: exact reduction by multiples of pi/2, then polynomials."""
     w = _Writer(width)
     V, integers, c = w.V, w.I, w.constant
     shifted = w.intrinsic("fma", "%x", c(2 / 3.141592653589793), c(_ROUND))
@@ -254,19 +254,19 @@ def emit(
     """Return the text of `void kernel(i64 begin, i64 end, double **in, double **out, double *carry)`.
 
     Args:
-        stages: called one after the other for each sample.
-        inputs: numbers of a sample by name; each number has an array of its own.
-        outputs: names of what is stored.
-        width: samples at once. `end - begin` is a multiple of it.
-        carried: numbers by name that a sample takes over from the one before: what the stages leave under that name.
-            They begin and end in `carry`.
-        backwards: from the last sample to the first.
+        stages: called in this order for each sample.
+        inputs: count of numbers per sample, by name of the input; each number has a separate array.
+        outputs: names of the stored values.
+        width: number of samples in a vector; `end - begin` is a multiple of it.
+        carried: count of numbers, by name, that a sample takes from the result of the sample before. `carry` holds
+            their initial and final values.
+        backwards: whether the loop runs from the last sample to the first.
 
     Returns:
-        The text, and how many numbers each output has.
+        (text, count of numbers of each output by name).
 
     Raises:
-        ValueError: an operation that is not known, or a function not of scalars (SX).
+        ValueError: an operation is not supported, or a function is not of scalars (SX).
     """
     w = _Writer(width)
     V = w.V
@@ -320,12 +320,12 @@ def emit(
 
 
 def _invertible(x: float) -> bool:
-    """Return whether a product with 1 / x is a division by x but for rounding."""
+    """Return whether multiplication by 1 / x equals division by x except for rounding."""
     return x != 0 and 1e-300 < abs(x) < 1e300
 
 
 def _fetched(w: _Writer, inputs: Sequence[str], outputs: Sequence[str]) -> None:
-    """Ask for the memory of samples to come: so many arrays are more than a processor foresees."""
+    """Write prefetches of the next samples, because processors do not prefetch so many arrays by themselves."""
     w.declared.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
     ahead = w.put(f"add i64 %i, {_AHEAD * w.width}")
     for writing, arrays in enumerate((inputs, outputs)):
@@ -340,7 +340,7 @@ def _pointer(kind: str, number: int) -> list[str]:
 
 
 def _repeated(w: _Writer, number: int, stage: Stage, known: dict[str, list[str]], before: str) -> str:
-    """Write a stage that is called until its error is small; return the block that follows it."""
+    """Write a stage that is repeated until its error is small; return the label of the following block."""
     here, after = f"repeat{number}", f"after{number}"
     fed = [n for n in stage.gives if n in stage.takes]
     known |= {n: [w.value(v) for v in known[n]] for n in stage.takes}

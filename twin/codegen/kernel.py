@@ -1,4 +1,4 @@
-"""A kernel with arrays: structure of arrays in, structure of arrays out, on all processors."""
+"""Run a compiled kernel on arrays (structure of arrays) on all processors."""
 
 from __future__ import annotations
 
@@ -19,9 +19,11 @@ from twin.codegen.machine import compiled, lanes
 from twin.core.spatial import Array
 
 _CHUNK, _PIECES = 4096, 64
-"""Least samples that a thread takes at once, and about the most pieces of work: each costs a turn of Python's lock."""
+"""Minimum number of samples of a chunk, and maximum number of chunks: each chunk acquires Python's lock once."""
+_BLOCK = 1024
+"""Samples that are turned into columns at once; two blocks of 20 numbers fit the cache of a core."""
 _WORTH = 2e-4
-"""Seconds of work for which it is worth waking a thread."""
+"""Work in s above which threads are used."""
 
 
 @cache
@@ -38,8 +40,8 @@ class Kernel:
     """Stages of CasADi functions, called for many samples.
 
     Attributes:
-        inputs: numbers of a sample by name.
-        outputs: numbers of a result by name.
+        inputs: count of numbers per sample, by name of the input.
+        outputs: count of numbers per sample, by name of the output.
     """
 
     def __init__(
@@ -52,18 +54,19 @@ class Kernel:
         carried: Mapping[str, int] | None = None,
         backwards: bool = False,
     ) -> None:
-        """Compile, or take from the cache.
+        """Compile the stages, or load them from the cache.
 
         Args:
             stages: see `Stage`.
-            inputs: numbers of a sample by name.
-            outputs: names of what is wanted.
-            single: one sample at a time: the fastest for a few samples.
-            carried: what one sample takes over from the one before (see `emit`): samples in sequence, no threads.
+            inputs: count of numbers per sample, by name of the input.
+            outputs: names of the requested results.
+            single: whether to process one sample at a time, which is fastest for a few samples.
+            carried: values taken from the result of the sample before (see `emit`); samples are then processed in
+                sequence, without threads.
             backwards: with `carried`: from the last sample to the first.
 
         Raises:
-            ValueError: an operation of CasADi that cannot be compiled.
+            ValueError: an operation of CasADi cannot be compiled.
         """
         self.inputs, self._carried = dict(inputs), dict(carried or {})
         self._width = 1 if single or carried else lanes()
@@ -81,12 +84,12 @@ class Kernel:
 
         Args:
             arrays: (numbers, k) float64 in the order of `inputs`; samples along the last axis.
-            carry: what the first sample takes over; afterwards what the last one left.
-            threads: at most so many; default as many as there are processors.
-            out: arrays (numbers, k) float64 that are filled and returned: fresh memory costs as much as a small kernel.
+            carry: initial carried values; overwritten by the final values.
+            threads: maximum number; default: the number of processors.
+            out: arrays (numbers, k) float64 that are filled and returned, which saves the time of allocation.
 
         Raises:
-            ValueError: an array has another shape, or one of `out` cannot be filled.
+            ValueError: an array has a wrong shape, or an array of `out` is not contiguous float64.
         """
         if len(arrays) != len(self.inputs):
             raise ValueError(f"{len(arrays)} arrays for {', '.join(self.inputs)}")
@@ -102,7 +105,7 @@ class Kernel:
         results = tuple(np.zeros(shape) for shape in shapes.values()) if out is None else tuple(out)
         for (name, shape), a in zip(shapes.items(), results, strict=True):
             if a.shape != shape or a.dtype != np.float64 or not (a.flags.c_contiguous and a.flags.writeable):
-                raise ValueError(f"out for '{name}' is no contiguous float64 array of shape {shape}")
+                raise ValueError(f"out for '{name}' is not a contiguous float64 array of shape {shape}")
         whole = k - k % self._width
         self._run(given, results, 0, whole, carry, threads)
         if whole < k:  # the last few, in a vector of their own
@@ -114,15 +117,43 @@ class Kernel:
                 a[:, whole:] = b[:, : k - whole]
         return results
 
-    def single(self) -> Callable[..., Array]:
-        """Return a function of one vector for each input, that returns all results as one vector.
+    def rows(self, Z: Array) -> Array:
+        """Return all results of samples Z (k, numbers of the only input) as rows (k, numbers), on all processors.
 
-        Arrays stay where they are, so that a call costs a microsecond more than its arithmetic.
+        Samples become columns and results rows again block by block, in the processor's cache: turning all of them
+        at once takes five times as long as the arithmetic of a closed inverse.
+        """
+        (count,), size, k = self.inputs.values(), sum(self.outputs.values()), len(Z)
+        if Z.shape != (k, count):
+            raise ValueError(f"samples have shape {Z.shape}, not {(k, count)}")
+        result, left = np.zeros((k, size)), deque(range(0, k, _BLOCK))
+
+        def work(most: int = k) -> None:
+            given, made = np.zeros((count, _BLOCK)), np.zeros((size, _BLOCK))
+            ins, outs = _pointers([given]), _pointers([made])
+            with contextlib.suppress(IndexError):
+                for _ in range(most):
+                    begin = left.popleft()
+                    end = min(begin + _BLOCK, k)
+                    given[:, : end - begin] = Z[begin:end].T
+                    whole = -(-(end - begin) // self._width) * self._width  # what is beyond the end goes nowhere
+                    self._call(0, whole, ins, outs, None)
+                    result[begin:end] = made[:, : end - begin].T
+
+        first = time.perf_counter()
+        work(1)
+        _share(work, len(left), (time.perf_counter() - first) * len(left))
+        return result
+
+    def single(self) -> Callable[..., Array]:
+        """Return a function that takes one vector for each input and returns all results as one vector.
+
+        Its buffers are allocated once, so that a call takes only a microsecond more than its arithmetic.
         """
         ins = [np.zeros((count, 1)) for count in self.inputs.values()]
         outs = np.zeros((sum(self.outputs.values()), 1))
         flat, result = [a[:, 0] for a in ins], outs[:, 0]
-        # Arguments are made once, and Python's lock is not given away for what takes less time than that.
+        # Arguments are made once, and Python's lock is kept, because releasing it would take longer than the call.
         address = ctypes.cast(self._call, ctypes.c_void_p).value or 0
         code = ctypes.PYFUNCTYPE(None)(address)  # pyright: ignore[reportArgumentType]
         pointers = (ctypes.cast(_pointers(a), ctypes.c_void_p) for a in (ins, [outs]))
@@ -166,7 +197,7 @@ class Kernel:
         ins, outs = _pointers(given), _pointers(results)
         start = None if carry is None else carry.ctypes.data
         if self._carried and carry is None:
-            raise ValueError(f"no carry for {', '.join(self._carried)}")
+            raise ValueError(f"no carry value for {', '.join(self._carried)}")
         if carry is not None and (carry.dtype != np.float64 or carry.size != sum(self._carried.values())):
             raise ValueError(f"carry has {carry.size} numbers, not {sum(self._carried.values())}")
         if self._carried or threads == 1 or end - begin <= _CHUNK:
@@ -176,23 +207,29 @@ class Kernel:
         left = deque((i, min(i + size, end)) for i in range(begin, end, size))
         first = time.perf_counter()
         self._call(*left.popleft(), ins, outs, None)
-        wanted = min(threads or len(left), (time.perf_counter() - first) * len(left) / _WORTH, _processors())
+        each = time.perf_counter() - first
 
         def work() -> None:  # ctypes lets other threads run meanwhile
             with contextlib.suppress(IndexError):
                 while True:
                     self._call(*left.popleft(), ins, outs, None)
 
-        helpers = [_pool().submit(work) for _ in range(int(wanted) - 1)]
-        work()
-        for helper in helpers:
-            if not helper.cancel():  # one that has not begun has nothing left to do
-                helper.result()
+        _share(work, threads or len(left), each * len(left))
+
+
+def _share(work: Callable[[], None], most: int, seconds: float) -> None:
+    """Do work that takes so many seconds alone: here, and in other threads as far as they pay off, `most` in all."""
+    wanted = min(most, seconds / _WORTH, _processors())
+    helpers = [_pool().submit(work) for _ in range(int(wanted) - 1)]
+    work()
+    for helper in helpers:
+        if not helper.cancel():  # one that has not begun has nothing left to do
+            helper.result()
 
 
 def _pointers(arrays: Sequence[Array]) -> ctypes.Array:
     rows: list[int] = []
     for a in arrays:
-        first, step = a.ctypes.data, a.strides[0]  # asked once an array: it costs more than all the rest
+        first, step = a.ctypes.data, a.strides[0]  # read once for each array: slower than all the rest
         rows += range(first, first + len(a) * step, step) if step else [first] * len(a)
     return (ctypes.c_void_p * max(1, len(rows)))(*rows)

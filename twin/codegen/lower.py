@@ -1,6 +1,6 @@
-"""Functions that processors do not have, in terms of those they have: as CasADi expressions, so without branches.
+"""Express functions without a processor instruction by supported operations, as CasADi expressions without branches.
 
-The arcus tangent is the rational approximation of the Cephes library (S. L. Moshier, atan.c), good to one unit in the
+The arc tangent is the rational approximation of the Cephes library (S. L. Moshier, atan.c), good to one unit in the
 last place; the others follow from it.
 """
 
@@ -27,15 +27,15 @@ _BELOW = (
     1.945506571482613964425e2,
 )
 _STEEP, _MIDDLE = 2.41421356237309504880, 0.66
-"""Slopes from which the angle is counted from a right one, and from half of it."""
+"""Slopes above which the arc tangent is computed relative to pi/2 and to pi/4."""
 
 _LOST = 6.123233995736765886130e-17
-"""What a right angle has more than its double."""
+"""Difference between pi/2 and its nearest double."""
 
 
 @cache
 def lowered() -> dict[int, ca.Function]:
-    """Return by operation a function of the same arguments."""
+    """Return the replacements: by CasADi operation, a function of the same arguments."""
     a, b = ca.SX.sym("a"), ca.SX.sym("b")
     other = ca.sqrt((1 - a) * (1 + a))  # NaN beyond 1, as it must be
     return {

@@ -1,4 +1,4 @@
-"""From LLVM's language to code in memory, and the cache of what was compiled before."""
+"""Compile LLVM assembly to machine code in memory, with a cache on disk."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from twin.core.atomic import atomic_folder, cache_folder
 from twin.core.errors import OutputError
 
 _CACHED = 256
-"""Kernels that are kept; the oldest goes first."""
+"""Maximum number of kernels in the cache; the oldest are removed first."""
 
 Call = Any
-"""The kernel as a function of (begin, end, in, out, carry)."""
+"""C type of the kernel: a function of (begin, end, in, out, carry)."""
 
 _lock = threading.Lock()
 _ready = False
 
 
 def compiled(text: str) -> tuple[Call, Any]:
-    """Return a kernel, and what must stay alive with it; compiled now, or once before on this machine.
+    """Return (kernel, object that must be kept alive with it), compiled or loaded from the cache.
 
-    The cache lies in the user's own folder and may be deleted at any time. Its key is the text, the processor and
-    LLVM's version; what others could have written, or was cut off, is not loaded.
+    The cache is in the user's own folder and may be deleted at any time. Its key is the text, the processor and LLVM's
+    version. A truncated file, or a file that other users can write, is not loaded.
     """
     with _lock:
         target = _machine()
@@ -50,7 +50,7 @@ def compiled(text: str) -> tuple[Call, Any]:
 
 
 def lanes() -> int:
-    """Return how many doubles a vector of this processor has, twice: two at a time hide what each waits for."""
+    """Return the number of lanes: two vector registers of doubles, because two at a time hide latencies."""
     features = llvm.get_host_cpu_features()
     return 16 if features.get("avx512f") else 8 if features.get("avx2") else 4
 
@@ -75,7 +75,7 @@ def _code(text: str, target: llvm.TargetMachine) -> bytes:
     module = llvm.parse_assembly(text)
     module.verify()
     options = llvm.create_pipeline_tuning_options(speed_level=2)
-    options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False  # it is written in vectors
+    options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False  # already vectorised
     builder = llvm.create_pass_builder(target, options)
     builder.getModulePassManager().run(module, builder)
     return target.emit_object(module)
@@ -97,7 +97,7 @@ def _cached(key: str) -> bytes | None:
 
 def _keep(key: str, code: bytes) -> None:
     folder = cache_folder("kernels")
-    with contextlib.suppress(OSError, OutputError):  # a cache that cannot be written is no error
+    with contextlib.suppress(OSError, OutputError):  # a cache that cannot be written is not an error
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         for old in sorted(folder.glob("*.o"), key=lambda p: p.stat().st_mtime)[:-_CACHED]:
             old.unlink()

@@ -1,1 +1,1 @@
-"""What every room stands on: errors, findings, units, provenance, rotations, files, processes, foreign data."""
+"""Basics for all packages: errors, findings, units, provenance, rotations, files, processes, foreign data."""

@@ -1,24 +1,26 @@
 """Where the data folders are: in a checkout beside pyproject.toml, in an installed wheel in twin/_data.
 
-A robot of one's own is one folder with `cad/`, `trajectories/`, `usd/` and `formula.py` inside; a
+A user's robot is one folder with `cad/`, `trajectories/`, `usd/` and `formula.py` inside; a
 built-in robot is spread over three places. `RobotFiles` gives the same paths for both.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from twin.core.atomic import atomic_folder as atomic_folder
 from twin.core.atomic import require_writable as require_writable
 from twin.core.atomic import settle
 from twin.core.errors import KinematicsError, TwinError, unknown
+from twin.core.foreign.once import Once
+from twin.core.foreign.text import read_text
 
 _BESIDE = ("dimensions", "inertia", "exhibit", "scene")
-"""What may lie beside a description in a robot's cad/ folder."""
+"""Files allowed in a robot's cad/ folder besides the description."""
 
 NO_EQUATIONS = "FORMULA = None"
-"""The line of a formula.py that waits for its equations."""
+"""The line that marks an empty template formula.py."""
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -36,13 +38,21 @@ def is_checkout() -> bool:
 
 @dataclass(frozen=True)
 class RobotFiles:
-    """The paths of one robot; they need not all exist."""
+    """The paths of one robot; they need not all exist.
+
+    Attributes:
+        name: of the robot.
+        cad, usd, trajectories: folders.
+        formula: file of its equations.
+        read: the reader of these files, which opens each once.
+    """
 
     name: str
     cad: Path
     usd: Path
     trajectories: Path
     formula: Path
+    read: Once = field(default_factory=Once, compare=False, repr=False)
 
     @property
     def description(self) -> Path:
@@ -51,9 +61,9 @@ class RobotFiles:
 
     @property
     def has_equations(self) -> bool:
-        """Whether there is a formula that is no empty template: one has the line `FORMULA = None`; nothing is run."""
+        """Whether there is a formula other than the empty template (`FORMULA = None`); nothing is run."""
         try:
-            return NO_EQUATIONS not in self.formula.read_text("utf-8", "replace").splitlines()
+            return NO_EQUATIONS not in read_text(self.formula, "text", errors="replace", read=self.read).splitlines()
         except OSError:
             return False
 
@@ -70,7 +80,7 @@ class RobotFiles:
         """Return the file of one protocol.
 
         Raises:
-            TwinError: if there is none of that name; the message lists those that exist.
+            TwinError: no protocol has this name; the message lists the existing ones.
         """
         known = self.protocols()
         if name not in known:
@@ -82,16 +92,37 @@ def equations(files: RobotFiles | None, name: str) -> Path:
     """Return the file of a robot's equations; `files` is None for a bare stage.
 
     Raises:
-        KinematicsError: there is none, or it is still the empty template.
+        KinematicsError: the file is missing, or is still the empty template.
     """
     if files is None or not files.formula.is_file():
         raise KinematicsError(f"robot '{name}' has no equations: formula.py is missing")
     if not files.has_equations:
         raise KinematicsError(
             f"{files.formula}: there are no equations yet, so nothing can be planned or judged. Write `inverse` or "
-            f"`forward` there, and take the line `{NO_EQUATIONS}` out."
+            f"`forward` there, and delete the line `{NO_EQUATIONS}`."
         )
     return files.formula
+
+
+def scenes() -> list[str]:
+    """Return the names of the built-in scenes: every cad/<name>/scene.toml."""
+    return sorted(p.parent.name for p in data_folder().glob("cad/*/scene.toml"))
+
+
+def scene_file(scene: str | Path) -> Path | None:
+    """Return the file of a built-in scene, or of a path to one or to its folder; None if it is not a scene."""
+    if str(scene) in scenes():
+        return data_folder() / "cad" / str(scene) / "scene.toml"
+    path = Path(scene)
+    path = path / "scene.toml" if path.is_dir() else path
+    return path if path.name == "scene.toml" and path.is_file() else None
+
+
+def studies(name: str) -> list[Path]:
+    """Return the study files of a built-in name that is not a robot: every trajectories/<name>/study/*.toml."""
+    if name in names() or "/" in name or name in ("", ".", ".."):
+        return []
+    return sorted((data_folder() / "trajectories" / name / "study").glob("*.toml"))
 
 
 def names() -> list[str]:
@@ -103,7 +134,7 @@ def files(robot: str | Path) -> RobotFiles:
     """Return the paths of a built-in robot (by name) or of a robot folder (by path).
 
     Raises:
-        TwinError: if it is neither.
+        TwinError: the argument is neither.
     """
     if str(robot) in names():
         root, name = data_folder(), str(robot)
@@ -119,7 +150,7 @@ def files(robot: str | Path) -> RobotFiles:
     folder = Path(robot)
     if folder.is_dir():
         folder = folder.resolve()
-        descriptions = [p for p in (folder / "cad").glob("*.toml") if p.stem not in _BESIDE]
+        descriptions = _descriptions(folder)
         if len(descriptions) != 1:
             raise TwinError(
                 f"robot folder {folder}: expected one robot description in {folder / 'cad'}, found "
@@ -138,7 +169,18 @@ def files(robot: str | Path) -> RobotFiles:
     raise TwinError(f"{unknown('robot', str(robot), names())} A path to a robot folder is accepted too.")
 
 
+def hidden(robot: str | Path) -> Path | None:
+    """Return the robot folder in the present folder that a built-in robot of the same name hides, if there is one."""
+    there = str(robot) in names() and _descriptions(Path(robot))
+    return Path(robot).resolve() if there else None
+
+
+def _descriptions(folder: Path) -> list[Path]:
+    """Return the files in a robot folder that may be its description."""
+    return [p for p in (folder / "cad").glob("*.toml") if p.stem not in _BESIDE]
+
+
 def _settled(files: RobotFiles) -> None:
-    """Complete what a process that was killed began to write there."""
+    """Complete or remove files that a killed process was writing, and return the paths."""
     for folder in (files.cad, files.usd, files.trajectories):
         settle(folder)

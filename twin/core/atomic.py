@@ -1,9 +1,9 @@
-"""Files that appear all at once or not at all, also when the process is killed, and temporary folders that go.
+"""Files that appear all at once or not at all, also when the process is killed, and self-removing temporary folders.
 
-`atomic_folder` writes into `.twin-XXXXXXXX.tmp/new` in the target. When all is written, a journal is put there by one
-rename: before it nothing has changed, after it everything will. Whoever comes next (`settle`) completes the moves of a
-killed process, or removes what it had not finished writing. A folder in use is locked by its process, and the kernel
-takes the lock off when that dies. Nothing here waits for the disk: a loss of power may still lose files.
+`atomic_folder` writes into `.twin-XXXXXXXX.tmp/new` in the target. When all files are written, one rename puts a
+journal there: before this rename the target is unchanged, after it all files will be moved. The next process calls
+`settle`, which completes the moves of a killed process or removes its unfinished files. A folder in use is locked by
+its process, and the kernel releases the lock when it dies. There is no fsync: a power loss may still lose files.
 """
 
 from __future__ import annotations
@@ -22,17 +22,18 @@ from pathlib import Path
 from twin.core.errors import OutputError
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""What the system says when there is no room left."""
+"""Error numbers of a full disk."""
 
 _PREFIX, _SUFFIX = ".twin-", ".tmp"
 _OWN = re.compile(r"\.twin-[a-z0-9_]{8}\.tmp")
 """Names of the folders that are made here, beside a target and among the temporary files."""
 
 _ABOVE = 4
-"""How many folders above a place are searched: the journal lies where the first folder that was there already is."""
+"""Number of parent folders in which `settle` looks for the journal of an interrupted write. The journal lies in the
+nearest parent folder that existed before the write began."""
 
 _COMMIT, _UNDO = "commit", "undo"
-"""Names of the journal: moves are to be completed, or to be taken back."""
+"""File names of the journal: the first if its moves are to be completed, the second if they are to be undone."""
 
 
 @contextlib.contextmanager
@@ -43,7 +44,7 @@ def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Pat
 
     Args:
         target: an existing or new folder.
-        replacing: files below it that are removed in the same step, unless they are written anew.
+        replacing: files below it that are removed in the same step, unless they are written again.
 
     Raises:
         OutputError: if the target cannot be written (read-only, full, a file in the way).
@@ -76,7 +77,7 @@ class _ProbeError(Exception):
 
 
 def require_writable(target: Path) -> None:
-    """Do nothing if `atomic_folder` could write there: for those who compute long before they write.
+    """Raise an error if `atomic_folder` could not write to the target; call it before a long computation.
 
     Raises:
         OutputError: as `atomic_folder`.
@@ -108,7 +109,7 @@ def cache_folder(name: str) -> Path:
 
 
 def settle(folder: Path) -> None:
-    """Complete or remove what killed processes left in a folder, or in one of the few above it."""
+    """Complete or remove what killed processes left in a folder, or in its nearest parent folders."""
     place = folder.absolute()
     for where in (place, *list(place.parents)[:_ABOVE]):
         try:
@@ -143,7 +144,7 @@ def _discard(own: Path) -> None:
 
 
 def _claim(make: Callable[[], str]) -> tuple[Path, int]:
-    """Make a folder and lock it; made again if another process swept it before it was locked."""
+    """Make a folder and lock it; repeat if another process removed it before it was locked."""
     while True:
         own = Path(make())
         with contextlib.suppress(FileNotFoundError):
@@ -158,7 +159,7 @@ def _claim(make: Callable[[], str]) -> tuple[Path, int]:
 @contextlib.contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     """Let one process at a time move files in a folder."""
-    if _OWN.fullmatch(folder.name):  # it is this process's alone, by the lock that says that its process lives
+    if _OWN.fullmatch(folder.name):  # only this process uses it, as its lock shows
         yield
         return
     lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
@@ -171,7 +172,7 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 def _commit(base: Path, target: Path, own: Path, replacing: Collection[str]) -> None:
-    """Move the files of `own`/new into the target, which is `base` or will lie in it."""
+    """Move the files of `own`/new into the target, which is `base` or a folder inside it."""
     below = Path(os.path.relpath(target.absolute(), base.absolute()))
     put = sorted(p.relative_to(own / "new") for p in (own / "new").rglob("*") if p.is_file())
     drop = sorted({Path(r) for r in replacing} - set(put))
@@ -190,14 +191,14 @@ def _commit(base: Path, target: Path, own: Path, replacing: Collection[str]) -> 
     try:
         _forward(base, own)
     except BaseException:
-        if (own / _COMMIT).is_file():  # else an interrupt came after the last move
+        if (own / _COMMIT).is_file():  # otherwise an interrupt came after the last move
             os.rename(own / _COMMIT, own / _UNDO)  # noqa: PTH104
             _back(base, own)
         raise
 
 
 def _forward(base: Path, own: Path) -> None:
-    """Complete the moves of a journal; those that are done already are left."""
+    """Complete the moves of a journal; moves that are already done are skipped."""
     journal = json.loads((own / _COMMIT).read_text(encoding="utf-8"))
     for name, source in journal["put"]:
         if (fresh := _inside(own / "new", source)).is_file():
@@ -206,11 +207,11 @@ def _forward(base: Path, own: Path) -> None:
             os.replace(fresh, final)  # noqa: PTH105
     for name in journal["drop"]:
         _drop(base, _inside(base, name))
-    (own / _COMMIT).unlink()  # from here the folder is waste
+    (own / _COMMIT).unlink()  # from here on the folder can be removed
 
 
 def _back(base: Path, own: Path) -> None:
-    """Put back what was there before the moves of a journal."""
+    """Undo the moves of a journal: restore the files that were there before."""
     journal = json.loads((own / _UNDO).read_text(encoding="utf-8"))
     moves = [*journal["put"], *([name, None] for name in journal["drop"])]
     for number, (name, source) in enumerate(moves):
@@ -228,14 +229,14 @@ def _back(base: Path, own: Path) -> None:
 
 
 def _inside(base: Path, name: str) -> Path:
-    """Return a path of a journal, which may lie in a folder that somebody else has made.
+    """Return the path of a file that a journal names. The name is untrusted: another user may have made the folder.
 
     Raises:
-        ValueError: it leads out of the folder.
+        ValueError: the path is outside the folder.
     """
     path = base / name
     if not path.parent.resolve().is_relative_to(base.resolve()) or ".." in Path(name).parts:
-        raise ValueError(f"{name} leads out of {base}")
+        raise ValueError(f"{name} is outside {base}")
     return path
 
 
@@ -252,7 +253,7 @@ def _drop(base: Path, file: Path) -> None:
 
 
 def _keep(file: Path, kept: Path) -> None:
-    """Keep a second copy of a file, without taking it away."""
+    """Keep a second copy of a file."""
     try:
         kept.hardlink_to(file)
     except OSError:  # a file system without links
@@ -260,12 +261,12 @@ def _keep(file: Path, kept: Path) -> None:
 
 
 def no_room(error: BaseException) -> str:
-    """Return what to say of an error that means a full disk, "" for any other."""
+    """Return the advice for a full disk, "" for any other error."""
     if not (isinstance(error, OSError) and error.errno in FULL):
         return ""
     place = Path(error.filename).parent if error.filename else "the disk"
     return (
-        f"cannot write to {place}: {error.strerror}. Make room there, or choose another folder with --out, or with "
+        f"cannot write to {place}: {error.strerror}. Free some space, or choose another folder with --out, or with "
         f"TMPDIR for temporary files (now {tempfile.gettempdir()})."
     )
 
@@ -275,5 +276,5 @@ def _unwritable(target: Path, error: OSError) -> str:
     if error.errno not in FULL:
         return text
     if error.filename and not Path(error.filename).absolute().is_relative_to(target.absolute().parent):
-        return no_room(error)  # of what else was written meanwhile
+        return no_room(error)  # the error is of another file, written meanwhile
     return f"{text} Temporary files are in {tempfile.gettempdir()} (TMPDIR)."

@@ -12,7 +12,7 @@ from typing import Any
 
 
 class TwinError(Exception):
-    """Base of all errors that twin raises on purpose; the message names the thing and the way out."""
+    """Base of all errors that twin raises on purpose; the message names the cause and the way out."""
 
 
 class DescriptionError(TwinError):
@@ -20,7 +20,7 @@ class DescriptionError(TwinError):
 
 
 class CadError(TwinError):
-    """A CAD file is missing, unreadable, without unit, not watertight, or lacks a feature that is named."""
+    """A CAD file is missing, unreadable, without unit, not watertight, or lacks a named feature."""
 
 
 class MechanismError(TwinError):
@@ -28,11 +28,11 @@ class MechanismError(TwinError):
 
 
 class SourceError(TwinError):
-    """A foreign description (URDF, MJCF, SDF, closure YAML) is malformed, or holds what no mechanism here can."""
+    """A foreign description (URDF, MJCF, SDF, closure YAML) is malformed, or cannot be expressed as a mechanism."""
 
 
 class BudgetError(TwinError):
-    """Reading a file would cost more than its format may: bytes, depth, parts, memory or time."""
+    """Reading a file would exceed a limit of its format: bytes, depth, parts, memory or time."""
 
 
 class StageError(TwinError):
@@ -40,14 +40,14 @@ class StageError(TwinError):
 
 
 class CodeRefusedError(TwinError):
-    """Equations are a Python file, and it is not to be run."""
+    """Equations are a Python file, and running it is forbidden."""
 
 
 class KinematicsError(TwinError):
     """The equations cannot answer: out of reach, on a singularity, or the solver did not converge.
 
     Attributes:
-        best: the best iterate, in the form of the answer that was asked for (or None if there is none).
+        best: the best iterate, in the form of the requested answer (or None if there is none).
         residual: its residual, dimensionless unless the message says otherwise.
     """
 
@@ -72,11 +72,15 @@ class AssemblyError(TwinError):
 
 
 class ProtocolError(TwinError):
-    """A protocol cannot be carried out; the message says in which phase, where on it, by how much."""
+    """A protocol cannot be carried out; the message names the phase, the place on its path and the amount."""
 
 
 class TimingError(TwinError):
-    """There is no timing within the limits, or what was found breaks one between grid points."""
+    """No timing keeps the limits, or the timing that was found exceeds a limit between grid points."""
+
+
+class WorldError(TwinError):
+    """Blocks of a World do not fit together, a signal is not a finite number, or a recording is not of this World."""
 
 
 class OutputError(TwinError):
@@ -84,18 +88,18 @@ class OutputError(TwinError):
 
 
 def unknown(kind: str, name: str, known: Iterable[str], unread: Iterable[str] = ()) -> str:
-    """Return a message for a name that does not exist: the name that is probably meant, then all of them.
+    """Return a message for an unknown name: the most similar name, then all of them.
 
     Args:
-        kind: what the name is to be.
-        name: the name.
+        kind: kind of object, for instance "joint".
+        name: the unknown name.
         known: names that exist.
-        unread: those of them that have a value and that nothing reads: one of them is meant rather than any other.
+        unread: known names that have a value but are never used; they are suggested first.
     """
     names, waiting = sorted(known), sorted(unread)
     close = get_close_matches(name, waiting, n=1, cutoff=0.3) or (waiting if len(waiting) == 1 else [])
     if close:
-        hint = f" '{close[0]}' has a value and nothing reads it: is '{name}' meant to be '{close[0]}'?"
+        hint = f" '{close[0]}' has a value but is never used: is '{name}' a misspelling of '{close[0]}'?"
     else:
         folded = {n.casefold(): n for n in names}
         close = get_close_matches(name, names, n=1) or get_close_matches(name.casefold(), folded, n=1)

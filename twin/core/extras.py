@@ -1,4 +1,4 @@
-"""Packages that few commands need: not installed by default, and named with the way to get them when one is missing."""
+"""Optional packages of single commands; a missing one is named with its install command."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from types import ModuleType
 from twin.core.errors import TwinError
 
 EXTRAS = {"distributed": "cluster", "segno": "qr", "yaml": "yaml", "pyarrow": "parquet"}
-"""By module, the extra of this package that brings it."""
+"""Extra of this package by module."""
 
 
 def require(module: str, purpose: str) -> ModuleType:
-    """Return a module of an extra; `purpose` says what needs it.
+    """Return a module of an extra; `purpose` is for the message.
 
     Raises:
-        TwinError: it is not installed; the message says how it is.
+        TwinError: the module is not installed; the message gives the install command.
     """
     try:
         return import_module(module)

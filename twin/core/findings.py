@@ -1,10 +1,13 @@
-"""What a check has to say: findings, their severities, and the verdict that follows from them."""
+"""Results of a check: findings, their severities, and the verdict that follows."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any, Literal
+
+from twin.core.quantity import Quantity
 
 Severity = Literal["info", "warning", "disagreement", "error"]
 SEVERITIES: tuple[Severity, ...] = ("info", "warning", "disagreement", "error")
@@ -19,15 +22,14 @@ class Finding:
     Attributes:
         code: dotted and stable, so that scripts can look for it ("rcm.missed", "cad.meeting", ...).
         severity: "info", "warning", "disagreement" (the two sides differ), "error" (could not check).
-        message: one sentence for a person: the thing, the value, the limit.
+        message: one sentence for a person: the subject, the value, the limit.
         where: named point, joint, loop, prim or file.
         when: pose, phase or time.
         size: the number, in `unit`; with `limit` in the same unit.
         unit: "mm", "um", "deg", "s", ...
-        limit: what the size was compared with.
-        suggestion: the way out.
-        cause: what it is put down to, the same text in all findings of one cause ("eq1 (printed)"); "" if it stands
-            for itself.
+        limit: the limit of the size.
+        suggestion: how to fix it.
+        cause: the common cause, the same text in all findings that it explains ("eq1 (printed)"); "" for none.
     """
 
     code: str
@@ -46,6 +48,83 @@ class Finding:
         return asdict(self)
 
 
+def finding(
+    severity: Severity,
+    code: str,
+    where: str,
+    what: str,
+    size: Quantity | None = None,
+    limit: Quantity | float | None = None,
+    suggestion: str = "",
+    *,
+    when: str = "",
+    cause: str = "",
+    word: str = "limit",
+) -> Finding:
+    """Return a finding whose message is "<what>: <size> (limit <limit>)"; `disagreement` etc. set the severity.
+
+    Args:
+        severity: see `Finding`.
+        code: see `Finding`.
+        where: see `Finding`.
+        what: the subject and its fault, without the number.
+        size: the measured value.
+        limit: the limit of the size; a plain number is in the unit of `size`.
+        suggestion: how to fix it.
+        when: see `Finding`.
+        cause: see `Finding`.
+        word: the word before the limit in the message ("required", "CAD"); "" if `what` has all the numbers.
+    """
+    if limit is not None and not isinstance(limit, Quantity):
+        limit = Quantity(limit, size.unit if size is not None else "")
+    if size is not None and limit is not None and size.unit != limit.unit:
+        raise ValueError(f"finding {code}: size in {size.unit!r}, limit in {limit.unit!r}; give both in one unit")
+    message = what
+    if size is not None and word:
+        message += f": {size}" + (f" ({word} {limit})" if limit is not None else "")
+    value, bound = (None if q is None else float(q.value) for q in (size, limit))
+    unit = next((q.unit for q in (size, limit) if q is not None), "")
+    return Finding(code, severity, message, where, when, value, unit, bound, suggestion, cause)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Fields that all findings of one code share. A call adds the other fields and returns the finding.
+
+    Attributes:
+        code: see `Finding`.
+        severity: see `Finding`.
+        suggestion: how to fix it, unless the call gives another.
+        word: the word before the limit in the message.
+    """
+
+    code: str
+    severity: Severity
+    suggestion: str = ""
+    word: str = "limit"
+
+    def __call__(
+        self,
+        where: str,
+        what: str,
+        size: Quantity | None = None,
+        limit: Quantity | float | None = None,
+        suggestion: str = "",
+        *,
+        when: str = "",
+        cause: str = "",
+    ) -> Finding:
+        """Return the finding; for the arguments see the function `finding`."""
+        way = suggestion or self.suggestion
+        return finding(self.severity, self.code, where, what, size, limit, way, when=when, cause=cause, word=self.word)
+
+
+info = partial(finding, "info")
+warning = partial(finding, "warning")
+disagreement = partial(finding, "disagreement")
+error = partial(finding, "error")
+
+
 def verdict(findings: Iterable[Finding]) -> Verdict:
     """Return "unchecked" if anything could not be checked, else "disagree" if anything differs, else "agree"."""
     severities = {f.severity for f in findings}
@@ -59,5 +138,5 @@ EXIT_CODES: dict[Verdict, int] = {"agree": 0, "disagree": 1, "unchecked": 2}
 
 
 def by_severity(findings: Iterable[Finding]) -> list[Finding]:
-    """Return the findings, the gravest first, otherwise in their order."""
+    """Return the findings, the most severe first; findings of one severity keep their order."""
     return sorted(findings, key=lambda f: -SEVERITIES.index(f.severity))

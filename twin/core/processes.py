@@ -1,8 +1,8 @@
-"""The one way in which this program starts Python: nothing of the working directory is imported there.
+"""Starts Python processes so that they import nothing from the working directory.
 
 `python -c` has the working directory first on its path: a `numpy.py` beside a downloaded robot would be run. And
 `multiprocessing` runs the user's own script once more. So children are isolated (`-I`), find twin and the packages
-where their parent has them, and are told what to call over a pipe.
+where their parent has them, and receive the call over a pipe.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ _SERVE = "from twin.core.processes import serve; serve()"
 def isolated(program: str, *arguments: object) -> list[str]:
     """Return the command that runs a Python program, with `sys.argv[1:]` the arguments.
 
-    Of the path it gets the folder of twin and those of packages, behind the standard library. Neither PYTHONPATH nor
-    a script's own folder count.
+    Its `sys.path` is the standard library, then the folder of twin and the folders of installed packages; PYTHONPATH
+    and the folder of a script are not on it.
     """
     places = [str(Path(__file__).resolve().parents[2])]
     places += [p for p in sys.path if Path(p).is_absolute() and Path(p).name in _PACKAGES]
@@ -37,16 +37,17 @@ def isolated(program: str, *arguments: object) -> list[str]:
 
 
 class Apart:
-    """A function in a process of its own, that ends with this object, or with this program.
+    """A function in a separate process, which ends with this object or with this program.
 
-    Ctrl-C is not for it: it inherits the mask, since it could be hit before it asks for that itself.
+    It ignores Ctrl-C from the start, by an inherited signal mask.
 
     Args:
-        function: of a module of twin; called with its end of the line, then the arguments. All of it is pickled.
-        arguments: for it.
+        function: at the top level of a module of twin; called with its end of the pipe, then the arguments. Function
+            and arguments are pickled.
+        arguments: arguments of the function.
 
     Attributes:
-        line: this end: `send`, `recv`, `poll`. It ends when the process does.
+        line: this end of the pipe: `send`, `recv`, `poll`. It closes when the process ends.
     """
 
     def __init__(self, function: Callable[..., None], *arguments: Any) -> None:
@@ -60,7 +61,7 @@ class Apart:
             finally:
                 signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         self._end = weakref.finalize(self, _end, self._process)
-        with contextlib.suppress(OSError):  # it has ended already: `line` tells
+        with contextlib.suppress(OSError):  # it has ended already: `line` reports it
             self.line.send((function.__module__, function.__qualname__, arguments))
 
     @property
@@ -69,7 +70,7 @@ class Apart:
         return self._process.poll() is None
 
     def close(self) -> None:
-        """End the process at once: it must hold nothing that would need to be put away. `line` is left open."""
+        """Kill the process; it must not hold resources that need cleaning up. `line` is left open."""
         self._end()
 
 
@@ -79,7 +80,7 @@ def _end(process: subprocess.Popen) -> None:
 
 
 def serve() -> None:
-    """Do what the parent says: the child's side."""
+    """Run the requested call in the child."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with Connection(int(sys.argv[1])) as line, contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):

@@ -1,4 +1,4 @@
-"""A number with its origin. Reports list every parameter, and the assumed ones by name."""
+"""A number with its origin. Reports list every parameter, and name the assumed ones."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ Provenance = Literal["PUBLISHED", "CITED", "DERIVED", "ASSUMED"]
 ASSUMED: no published value was found; the note says why this one."""
 
 EARLIER: dict[str, Provenance] = {"SEED": "PUBLISHED"}
-"""Words of earlier files, and what they are called now."""
+"""Old provenance words and their present names."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number: `value` in SI, and how to show it.
+    """One number: its value in SI, its unit for people, and its origin.
 
     Attributes:
         name: identifier.
         value: the number in SI units.
         unit: unit it is shown in ("mm", "deg", "kg/m3", "mm/s", ...).
-        shown: the number in that unit.
-        provenance: where it comes from.
+        shown: the number in `unit`.
+        provenance: kind of its origin, see `Provenance`.
         note: source or reason; never empty.
     """
 

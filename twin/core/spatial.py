@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 Index = NDArray[np.intp]
-"""Numbers of samples, joints, ..."""
+"""Array of integer indices (of samples, joints, ...)."""
 
 _SMALL = 1e-8
 """Angle in rad below which series replace quotients; their next term is below double precision."""
@@ -56,25 +56,28 @@ def rotation_angle(R: ArrayLike) -> Array:
 def quat_from_matrix_wxyz(R: ArrayLike) -> Array:
     """Return unit quaternions (..., 4), w first and w >= 0, of rotation matrices (..., 3, 3).
 
-    Shepperd's method: the largest of four candidates is divided by, so no case is ill conditioned.
+    Shepperd's method: the division is by the largest of four candidates, so no case is ill conditioned.
     """
     R = np.asarray(R, float)
     m = R.reshape(-1, 3, 3)
     t = np.trace(m, axis1=1, axis2=2)
     k = np.argmax(np.column_stack([t, m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]]), axis=1)
     q = np.zeros((len(m), 4))
-    rows = k == 0
-    q[rows] = np.column_stack(
-        [
-            1 + t[rows],
-            m[rows, 2, 1] - m[rows, 1, 2],
-            m[rows, 0, 2] - m[rows, 2, 0],
-            m[rows, 1, 0] - m[rows, 0, 1],
-        ]
-    )
-    for i in range(3):
-        rows = k == i + 1
-        j, l = (i + 1) % 3, (i + 2) % 3  # noqa: E741
+    for case in range(4):
+        rows = k == case
+        if not np.count_nonzero(rows):
+            continue  # of one matrix three cases are empty
+        if case == 0:
+            q[rows] = np.column_stack(
+                [
+                    1 + t[rows],
+                    m[rows, 2, 1] - m[rows, 1, 2],
+                    m[rows, 0, 2] - m[rows, 2, 0],
+                    m[rows, 1, 0] - m[rows, 0, 1],
+                ]
+            )
+            continue
+        i, j, l = case - 1, case % 3, (case + 1) % 3  # noqa: E741
         q[rows, 0] = m[rows, l, j] - m[rows, j, l]
         q[rows, 1 + i] = 1 + m[rows, i, i] - m[rows, j, j] - m[rows, l, l]
         q[rows, 1 + j] = m[rows, j, i] + m[rows, i, j]
@@ -99,7 +102,8 @@ def matrix_from_quat_wxyz(q: ArrayLike) -> Array:
 def continuous_signs(q: ArrayLike) -> Array:
     """Return quaternions (k, 4) with signs chosen so that neighbours are less than a half turn apart.
 
-    Many players interpolate the four numbers as they are; a sign change in between is a 180 degree glitch.
+    Many players interpolate the four numbers without looking at their signs; a change of sign then shows as a 180
+    degree glitch.
     """
     q = np.asarray(q, float)
     flips = np.sum(q[1:] * q[:-1], axis=1) < 0
@@ -110,6 +114,10 @@ def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
     """Return poses (..., 4, 4) from rotations (..., 3, 3) and positions (..., 3) in metres."""
     R = np.eye(3) if R is None else np.asarray(R, float)
     p = np.zeros(3) if p is None else np.asarray(p, float)
+    if R.ndim == 2 and p.ndim == 1:  # one pose: shapes cost more than all the rest
+        T = np.zeros((4, 4))
+        T[:3, :3], T[:3, 3], T[3, 3] = R, p, 1.0
+        return T
     shape = np.broadcast_shapes(R.shape[:-2], p.shape[:-1])
     T = np.zeros((*shape, 4, 4))
     T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, p, 1.0
@@ -143,7 +151,7 @@ def rotation_z(angle: ArrayLike) -> Array:
 
 
 def angle_about_z(T: ArrayLike) -> Array:
-    """Return angles (...) in rad of rotations or poses (..., 3, 3) or (..., 4, 4) that turn about z, nearly."""
+    """Return angles (...) in rad about z of rotations (..., 3, 3) or poses (..., 4, 4) that turn (nearly) about z."""
     R = np.asarray(T, float)
     return np.arctan2(R[..., 1, 0] - R[..., 0, 1], R[..., 0, 0] + R[..., 1, 1])
 
@@ -151,7 +159,7 @@ def angle_about_z(T: ArrayLike) -> Array:
 def euler_angles(R: ArrayLike, order: str, first: float = 0.0) -> Array:
     """Return angles (..., 3) in rad with R = R_1 R_2 R_3, turns about the axes `order` ("zyx": R = Rz Ry Rx).
 
-    Exact to 1e-12 in every pose. Where the first and the last turn about one line, the first is `first`.
+    Exact to 1e-12 in every pose. In gimbal lock the first angle is `first`.
     """
     R = np.asarray(R, float)
     i, j, last = ("xyz".index(axis) for axis in order)
@@ -173,7 +181,7 @@ def euler_angles(R: ArrayLike, order: str, first: float = 0.0) -> Array:
 
 
 def cubic(s: Array | float, a: Array, b: Array, slope_a: Array, slope_b: Array) -> Array:
-    """Return the cubic at s in 0..1 from a to b, whose derivatives by s are slope_a and slope_b at its ends."""
+    """Return the cubic at s in 0..1 from a to b; its derivatives d/ds at the ends are slope_a and slope_b."""
     return a + s * (slope_a + s * (3 * (b - a) - 2 * slope_a - slope_b + s * (2 * (a - b) + slope_a + slope_b)))
 
 

@@ -1,4 +1,4 @@
-"""Unit factors: multiply to get SI, divide to leave it. SI is used everywhere inside."""
+"""Unit factors: multiply to convert to SI, divide to convert back. All internal values are SI."""
 
 from math import floor, log10, pi
 
@@ -11,17 +11,17 @@ LENGTH = {"m": 1.0, "cm": 1e-2, "mm": MM, "um": UM, "in": 0.0254}
 
 
 def srgb(linear: float) -> float:
-    """Return a linear part of a colour, 0..1, as displays show it, 0..1 (IEC 61966-2-1)."""
+    """Convert a linear colour component, 0..1, to sRGB, 0..1 (IEC 61966-2-1)."""
     part = min(max(linear, 0.0), 1.0)
     return 12.92 * part if part <= 0.0031308 else 1.055 * part ** (1 / 2.4) - 0.055
 
 
 def linear(shown: float) -> float:
-    """Return the linear part of a colour, 0..1, from what displays show: the inverse of `srgb`."""
+    """Convert an sRGB colour component, 0..1, to linear, 0..1: the inverse of `srgb`."""
     part = min(max(shown, 0.0), 1.0)
     return part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4
 
 
 def decimals(difference: float) -> int:
-    """Return how many decimals show a difference with three digits: three at least, nine at most."""
+    """Return the number of decimals, 3 to 9, that show a difference with three significant digits."""
     return min(max(2 - floor(log10(abs(difference))), 3), 9) if difference else 3

@@ -1,3 +1,3 @@
-"""The version of twin, where every room can read it."""
+"""The version of twin, readable from every package."""
 
 __version__ = "0.1.0"

@@ -1,10 +1,9 @@
-"""What a formula file provides: plain functions of symbols, and what is known about them.
+"""What a formula file provides: plain functions of symbols, and their names, units and sources.
 
-A formula is a flow of named symbols. It starts with the parameters and the pose coordinates (or the
-joints, for a forward formula); every equation is a Python function whose argument names say which
-symbols it needs and which returns its outputs in order; all other entries of `Formula` only name
-symbols of the flow. A file in `twin/robots/` and a user's `formula.py` obey this contract alike: both
-hold a module-level `FORMULA = Formula(...)`.
+A formula is a flow of named symbols. It starts with the parameters and the pose coordinates (or the joints, for a
+forward formula). Every equation is a Python function: its argument names are the symbols that it needs, and it returns
+its outputs in order. All other entries of `Formula` only name symbols of the flow. A file in `twin/robots/` and a
+user's `formula.py` obey this contract alike: both hold a module-level `FORMULA = Formula(...)`.
 """
 
 from __future__ import annotations
@@ -22,33 +21,35 @@ from twin.core.errors import KinematicsError
 from twin.core.provenance import Parameter
 
 Stage = Literal["inverse", "forward", "helper"]
-"""inverse: leads from the pose to the joints. forward: from the joints to the pose. helper: quantities
-that no printed equation names (angles, margins, measures), computed when all else is known."""
+"""Stage of an equation: the direction in which it is used.
+
+inverse: from the pose to the joints. forward: from the joints to the pose. helper: quantities that no printed equation
+names (angles, margins, measures), computed after all others.
+"""
 
 POSE_SYMBOL = "T_base_tool"
-"""Symbol of the pose (4, 4). A forward flow yields it, or all the coordinates."""
+"""Symbol of the pose (4, 4). A forward flow yields this symbol, or all the coordinates."""
 
 Rows = Callable[..., Any]
-"""A function of symbols by name that returns one SX, or a tuple of SX in the order of the outputs."""
+"""A function whose arguments are symbols by name; it returns one SX, or a tuple of SX in the order of the outputs."""
 
 
 @dataclass(frozen=True)
 class Equation:
     """One published equation, or one helper, in all its variants.
 
-    An output that is also an argument is implicit (q1 = ... q2 - q1 ...): such rows are written as
-    printed and solved by the compiler, which refuses them unless they are linear.
+    An output that is also an argument is implicit (q1 = ... q2 - q1 ...): such rows (one assignment each) are written
+    as printed and solved by the compiler, which refuses them unless they are linear.
 
     Attributes:
         name: identifier, "eq1".
-        title: what leads to what.
+        title: its input and its output, "ball centres -> carriages".
         source: document and equation number.
         stage: see `Stage`.
         outputs: symbols that the function returns, in order.
         variants: readings of the equation by name ("printed", "corrected", ...).
-        reasons: for each variant, what it changes against the printed rows, and why.
-        default: the variant used unless another is asked for.
-
+        reasons: for each variant, its difference from the printed rows, and why.
+        default: the default variant.
     """
 
     name: str
@@ -94,10 +95,9 @@ class Measure:
     Attributes:
         name: identifier under which reports show it.
         symbol: symbol of the flow.
-        kind: "type1" (the tool stands still while joints move) or "type2" (the tool moves while they stand).
-        alarm: alarm when the magnitude falls below this; dimensionless.
-        note: what happens there; where the alarm comes from.
-
+        kind: "type1" (the tool is at rest while joints move) or "type2" (the tool moves while they are at rest).
+        alarm: magnitude below which the alarm is raised; dimensionless.
+        note: what happens at the singularity; source of the alarm.
     """
 
     name: str
@@ -109,7 +109,7 @@ class Measure:
 
 @dataclass(frozen=True)
 class Aspect:
-    """A sign that tells assemblies apart; `preferred` is +1 or -1."""
+    """A sign that distinguishes assemblies; `preferred` is +1 or -1."""
 
     symbol: str
     preferred: int
@@ -121,21 +121,20 @@ class Formula:
     """The equations of one robot.
 
     Attributes:
-        name, title, source: identifier, one line for people, document.
-        parameters: numbers with provenance; their names are symbols.
+        name, title, source: identifier, one line for people, and the source document.
+        parameters: numbers with provenance; each name is a symbol.
         joints: active joints, in the order of q.
         coordinates: pose coordinates of the paper.
         equations: in the order in which they apply, helpers last.
         characteristic_length: function of parameters, in m; makes rotations and translations comparable.
         points: named points in base: one symbol of three rows each, or three symbols.
         passive: symbols of the passive joints, in rad or m, zero and sign as in the CAD description.
-        reach: margin in m (>= 0: within reach) -> symbol.
-        measures: distance from singularities.
+        reach: symbol of each margin in m, by name (>= 0: within reach).
+        measures: distances from singularities.
         aspects: signs of the preferred assembly.
         branches: numeric enumeration of all assemblies, (q, parameters, variants) -> list of poses, or None.
         seeds: starting values for solvers in SI: coordinates, or joints for a formula that is only forward.
-        numbers: (pose, parameters) -> where in the file and why the inverse has no value there, or "".
-
+        numbers: (pose, parameters) -> the line of the file at which the inverse has no value there, and why; or "".
     """
 
     name: str
@@ -165,11 +164,10 @@ _JOINT_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
 def check_formula(formula: Any) -> None:
-    """Check everything about a formula that needs no equation to be evaluated.
+    """Check a formula, as far as this is possible without evaluating its equations.
 
     Raises:
-        KinematicsError: for the first thing that is wrong; the message names it and says what is expected.
-
+        KinematicsError: for the first fault; the message names it and says what is expected.
     """
     if not isinstance(formula, Formula):
         raise KinematicsError(f"FORMULA must be a twin.kinematics.Formula, not {type(formula).__name__}.")
@@ -178,7 +176,7 @@ def check_formula(formula: Any) -> None:
         raise KinematicsError(f"formula '{formula.name}': {text}")
 
     if not formula.joints:
-        fail("it names no active joint; give at least one ActiveJoint.")
+        fail("it has no active joint; give at least one ActiveJoint.")
     names = [j.name for j in formula.joints]
     _unique(fail, "joint", names)
     for joint in formula.joints:
@@ -208,7 +206,7 @@ def check_formula(formula: Any) -> None:
 
 
 def arguments(function: Rows) -> tuple[list[str], list[str]]:
-    """Return the names of the required and of the optional arguments of a function of symbols."""
+    """Return (required, optional): names of the arguments of a function of symbols."""
     required, optional = [], []
     for p in inspect.signature(function).parameters.values():
         (required if p.default is inspect.Parameter.empty else optional).append(p.name)
@@ -216,7 +214,7 @@ def arguments(function: Rows) -> tuple[list[str], list[str]]:
 
 
 def unread(formula: Formula, chosen: Mapping[str, str]) -> list[str]:
-    """Return the parameters that no equation asks for, in the chosen variants: given, and of no use."""
+    """Return the parameters that no equation uses in the chosen variants."""
     functions = [e.variants[chosen.get(e.name, e.default)] for e in formula.equations]
     read = {n for f in (*functions, formula.characteristic_length) for names in arguments(f) for n in names}
     return [p.name for p in formula.parameters if p.name not in read]
@@ -235,19 +233,19 @@ def _check_equations(formula: Formula, fail: Callable[[str], None]) -> None:
     _unique(fail, "equation", [e.name for e in formula.equations])
     for e in formula.equations:
         if e.stage not in ("inverse", "forward", "helper"):
-            fail(f"equation '{e.name}': stage '{e.stage}' is none of inverse, forward, helper.")
+            fail(f"equation '{e.name}': stage '{e.stage}' is not one of inverse, forward, helper.")
         if not e.outputs:
             fail(f"equation '{e.name}' has no outputs.")
         for output in e.outputs:
             if not _IDENTIFIER.fullmatch(output):
                 fail(f"equation '{e.name}': output '{output}' is not an identifier.")
         if e.default not in e.variants:
-            fail(f"equation '{e.name}': default variant '{e.default}' is none of {sorted(e.variants)}.")
+            fail(f"equation '{e.name}': default variant '{e.default}' is not one of {sorted(e.variants)}.")
         for variant, function in e.variants.items():
             if not callable(function):
                 fail(f"equation '{e.name}', variant '{variant}' is not a function.")
             if len(e.variants) > 1 and not e.reasons.get(variant):
-                fail(f"equation '{e.name}', variant '{variant}' has no reason; say what it changes and why.")
+                fail(f"equation '{e.name}', variant '{variant}' has no reason; state what it changes and why.")
 
 
 def _unique(fail: Callable[[str], None], kind: str, names: Iterable[str]) -> None:
@@ -258,6 +256,6 @@ def _unique(fail: Callable[[str], None], kind: str, names: Iterable[str]) -> Non
             count = len(set(names))
             fail(
                 f"two {kind} entries are named '{name}', number {seen[name]} and number {i}: {len(names)} entries have "
-                f"{count} names. Each needs one of its own."
+                f"{count} names. Each needs its own."
             )
         seen[name] = i

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import threading
 import traceback
@@ -21,20 +22,20 @@ if TYPE_CHECKING:
     from twin.codegen import Kernel
 
 _SQUARE = re.compile(r"not square but (\d+)x(\d+)")
-"""How CasADi refuses to invert a matrix."""
+"""Text of CasADi's error for a matrix that is not square."""
 
 _MANY = 20_000
-"""Rows from which a kernel is worth compiling."""
+"""Number of rows from which on a compiled kernel is used."""
 
 _REGULAR, _ROUNDING = 1e8, 1e-15
-"""Condition below which numbers are inverted, and what is left of zeros then."""
+"""(condition number below which numeric matrices are inverted, size of entries that are rounded zeros)."""
 
-_BLOCK = 256
-"""Samples that one mapped call evaluates; larger blocks are no faster and cost more for small batches."""
+_BLOCK = 32
+"""Samples that one mapped call evaluates; larger blocks are no faster, and evaluate as many for a small batch."""
 
 
 def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[str, str]:
-    """Return the variant of every equation with a choice.
+    """Return the chosen variant of every equation that has several.
 
     Args:
         formula: the formula.
@@ -42,7 +43,6 @@ def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[s
 
     Raises:
         KinematicsError: if an equation or a variant is unknown; the message lists those that exist.
-
     """
     known = {e.name: e for e in formula.equations if e.stage != "helper"}
     chosen = {name: e.default for name, e in known.items()}
@@ -64,11 +64,10 @@ def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[s
 
 
 def call(function: Rows, symbols: Mapping[str, Any], what: str, unread: Sequence[str] = ()) -> Any:
-    """Call a function of symbols by name; `unread` are names of which one is probably meant where a symbol is missing.
+    """Call a function of symbols by name; `unread`: names to suggest if a symbol is missing.
 
     Raises:
-        KinematicsError: if it needs a symbol that is not there, or fails; with its file and line.
-
+        KinematicsError: if it needs a missing symbol, or fails; the message gives file and line.
     """
     required, optional = arguments(function)
     for name in required:
@@ -89,14 +88,13 @@ def _told(error: Exception) -> str:
 
 
 def run(formula: Formula, chosen: Mapping[str, str], symbols: Mapping[str, Any], stage: Stage) -> dict[str, Any]:
-    """Return the symbols, and all that the equations of one stage add to them.
+    """Return the symbols together with the outputs of the equations of one stage.
 
-    Equations whose outputs are all there already are passed over, so a flow can start half way: with the
+    Equations whose outputs all exist are skipped, so a flow can start in the middle: with the
     named points instead of the pose.
 
     Raises:
         KinematicsError: if a symbol is missing, or an equation returns the wrong number or shape.
-
     """
     out = dict(symbols)
     for equation in formula.equations:
@@ -109,7 +107,7 @@ def run(formula: Formula, chosen: Mapping[str, str], symbols: Mapping[str, Any],
 
 
 def from_pose(formula: Formula, T: Any) -> dict[str, Any]:
-    """Return the symbols of a pose: itself and its coordinates."""
+    """Return the symbols of a pose: the pose itself and its coordinates."""
     what = f"formula '{formula.name}', coordinates.from_pose"
     try:
         values = formula.coordinates.from_pose(T)
@@ -185,7 +183,7 @@ def _outputs(formula: Formula, equation: Equation, function: Rows, symbols: Mapp
 
 
 def _solved(A: ca.SX, b: ca.SX) -> ca.SX:
-    """Return the solution of A x = b; numbers are inverted now, instead of being eliminated at every call."""
+    """Return the solution of A x = b; a matrix of plain numbers is inverted once, here, and not at every call."""
     if not ca.symvar(A):
         numbers = ca.DM(ca.densify(A)).full()
         if np.linalg.cond(numbers) < _REGULAR:
@@ -194,8 +192,8 @@ def _solved(A: ca.SX, b: ca.SX) -> ca.SX:
 
 
 def _where(error: BaseException, function: Rows) -> str:
-    """Return file and line of the innermost frame of the error in the file that defines the function."""
-    code = getattr(function, "__code__", None)
+    """Return "file:line" of the innermost line of the error in the file that defines the function."""
+    code = getattr(inspect.unwrap(function), "__code__", None)
     if code is None:
         return repr(function)
     line = code.co_firstlineno
@@ -251,7 +249,7 @@ class Evaluator:
         stage = codegen.Stage(self.function, ("z",), ("out",))
         try:
             return codegen.Kernel([stage], {"z": self._in.size}, ["out"])
-        except ValueError:  # a rootfinder, or an operation that no kernel has: CasADi does it
+        except ValueError:  # a rootfinder, or an operation without a kernel: CasADi evaluates it
             return None
 
     @cached_property
@@ -267,7 +265,7 @@ class Evaluator:
         """Return the values (k, *shape) at the rows of Z (k, n)."""
         k = len(Z)
         if k >= _MANY and self._out.size and self._kernel is not None:
-            return self._kernel(np.ascontiguousarray(np.asarray(Z, float).T))[0].T.reshape(k, *self.shape)
+            return self._kernel.rows(np.asarray(Z, float)).reshape(k, *self.shape)
         result = np.zeros((k, self._out.size))
         if k <= 16:
             for i in range(k):

@@ -10,7 +10,7 @@ from twin.formula.scalar import Scalar
 
 
 def if_else(condition: Any, yes: Any, no: Any) -> Any:
-    """Return `yes` where the condition holds, else `no`; both are computed. Arrays go entry by entry."""
+    """Return `yes` where the condition holds, else `no`; both are computed. Arrays are handled entry by entry."""
     if any(isinstance(x, np.ndarray | list | tuple) for x in (condition, yes, no)):
         parts = np.broadcast_arrays(*(np.asarray(x, dtype=object) for x in (condition, yes, no)))
         out = np.array([if_else(*p) for p in zip(*(p.ravel() for p in parts), strict=True)], dtype=object)
@@ -47,7 +47,7 @@ def pose(R: Any, p: Any) -> Any:
 
 
 def plain(array: np.ndarray) -> np.ndarray:
-    """Return an array of objects as one of numbers where it holds nothing else."""
+    """Return an array of objects as numbers if it contains only numbers."""
     if array.dtype == object and not any(isinstance(x, Scalar) for x in array.ravel()):
         return array.astype(float)
     return array

@@ -1,8 +1,7 @@
-"""NumPy and math for symbols: a plain function is run with globals in which they understand `Scalar`.
+"""NumPy and math for symbols: runs a plain function with globals that understand `Scalar`.
 
-The user writes `import numpy as np` and means NumPy. Its functions do most of their work on arrays of objects by
-themselves; here is the rest: numbers beside symbols in one array, arrays of zeros that are filled, conditions,
-`math.sin`, small inverses.
+The user imports NumPy. Most of its functions work on arrays of objects; this file adds the rest: numbers beside symbols
+in one array, arrays of zeros that are filled, conditions, `math.sin`, small inverses.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ _MATH = {
     "fabs": np.absolute,
     "pow": np.power,
 }
-"""Functions of `math` and what they are in NumPy."""
+"""Names of functions of `math` -> their names in NumPy."""
 
 _COMPARE = (np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal)
 
@@ -35,7 +34,7 @@ _MAKE = ("zeros", "ones", "eye", "identity", "empty", "full", "zeros_like", "one
 def scope(home: dict[str, Any]) -> dict[str, Any]:
     """Return the globals of a plain formula, with NumPy and math that understand symbols.
 
-    Functions of the same file are made anew, so that they see them too.
+    Functions of the same file are rebuilt with these globals.
     """
     out: dict[str, Any] = {}
     for name, value in home.items():
@@ -49,7 +48,7 @@ def scope(home: dict[str, Any]) -> dict[str, Any]:
 
 
 def lifted(value: Any) -> Any:
-    """Return the twin of NumPy, math, or one of their functions; anything else as it is."""
+    """Return the counterpart of NumPy, math, or one of their functions, for symbols; other values unchanged."""
     if isinstance(value, ModuleType):
         return _MODULES.get(value.__name__, value)
     if isinstance(value, np.ufunc) or getattr(value, "__module__", "") in ("numpy", "numpy.linalg"):
@@ -61,7 +60,7 @@ def lifted(value: Any) -> Any:
 
 
 class _Space:
-    """A module whose functions are lifted when they are first asked for."""
+    """A module whose functions are replaced by their counterparts for symbols when first used."""
 
     def __init__(self, module: Any, **special: Any) -> None:
         self._module = module
@@ -78,7 +77,7 @@ class _Space:
 
 
 def _kind(*values: Any) -> type[Scalar] | None:
-    """Return the class of the first symbol among values, lists and arrays."""
+    """Return the class of the first symbol found among values, lists and arrays."""
     for v in values:
         if isinstance(v, Scalar):
             return type(v)
@@ -90,7 +89,7 @@ def _kind(*values: Any) -> type[Scalar] | None:
 
 
 def _boxed(x: Any, kind: type[Scalar]) -> Any:
-    """Return a number or an array with every entry a symbol."""
+    """Convert a number or an array: every entry becomes a symbol."""
     if isinstance(x, Scalar):
         return x
     if isinstance(x, np.ndarray | list | tuple):
@@ -112,7 +111,7 @@ def _elementwise(f: Any) -> Callable[..., Any]:
         if kind is None:
             return f(*map(_numbers, args), **kwargs)
         if f in _COMPARE:
-            kwargs["dtype"] = object  # else the answer would have to be True or False
+            kwargs["dtype"] = object  # otherwise the answer would have to be True or False
         return f(*(_boxed(a, kind) for a in args), **kwargs)
 
     call.__name__ = f.__name__
@@ -136,7 +135,7 @@ def _whole(f: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _filled_later(f: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
-    """Return a maker of arrays that symbols can be written into."""
+    """Return a version of `zeros`, `ones` etc. whose arrays accept symbols as entries."""
 
     def call(*args: Any, **kwargs: Any) -> np.ndarray:
         made = f(*map(_numbers, args), **kwargs)

@@ -1,7 +1,6 @@
 """A plain formula file as a `Formula`: `inverse(pose)`, `forward(q)` or both, in NumPy or CasADi.
 
-The functions are run once on symbols when the file is loaded, so that whatever is wrong with them is said then,
-with file and line.
+The functions are run once on symbols when the file is loaded, so that errors are reported then, with file and line.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from twin.core.spatial import Array
 from twin.formula import symbolic
 from twin.formula.contract import POSE_SYMBOL, ActiveJoint, Coordinates, Equation, Formula, Stage
 from twin.formula.lift import scope
+from twin.formula.loader import text_of
 from twin.formula.rows import POSE, PlainRows, entries
 from twin.formula.scalar import METHODS, Scalar
 
@@ -41,7 +41,7 @@ class Symbol(Scalar):
 
 
 def is_plain(module: ModuleType) -> bool:
-    """Return whether a module holds a plain formula."""
+    """Return whether a module holds a plain formula (functions `inverse` or `forward`, without FORMULA)."""
     return any(hasattr(module, n) for n in ("inverse", "forward"))
 
 
@@ -55,14 +55,14 @@ def plain_formula(
     """Return the formula of a module with plain functions.
 
     Args:
-        module: as imported.
+        module: the imported module.
         path: its file.
-        name: of the robot.
-        joints: active joints in order, as the robot's TOML file drives them, and whether each is an angle.
-        home: a tool pose (4, 4) that the robot can take, and q there, for solvers to begin at.
+        name: name of the robot.
+        joints: active joints in order, as in the robot's TOML file, and whether each is an angle.
+        home: a tool pose (4, 4) that the robot can take, and its q: where solvers begin.
 
     Raises:
-        KinematicsError: whatever is wrong, with file and line.
+        KinematicsError: the first fault, with file and line.
     """
     text = (inspect.getdoc(module) or name).strip()
     values = vars(module)
@@ -81,7 +81,7 @@ def plain_formula(
             return None
         if not isinstance(f, FunctionType):
             raise KinematicsError(
-                f"{path}:{_line_of(path, which)}: {which} must be a function, not {type(f).__name__}."
+                f"{path}:{_line_of(module, path, which)}: {which} must be a function, not {type(f).__name__}."
             )
         return _Rows(which, path, functions[which], names, [*known, *more], POSE_SYMBOL, casadi, unread)
 
@@ -91,7 +91,7 @@ def plain_formula(
     inverse, forward = rows("inverse", points.outputs if points else ()), rows("forward")
     first = points is not None and inverse is not None and bool(set(points.outputs) & set(inverse.asked))
     if first and points is not None and set(names) & set(inspect.signature(points).parameters):
-        raise points.error("inverse() asks for points that themselves ask for joints", points.line)
+        raise points.error("inverse() needs points that in turn need joints", points.line)
     equations = []
     order: tuple[tuple[_Rows | None, Stage, tuple[str, ...], str], ...] = (
         (points, "inverse" if first else "helper", points.outputs if points else (), "named points"),
@@ -122,13 +122,13 @@ def plain_formula(
 
 
 class _Rows(PlainRows):
-    """Plain functions on CasADi's symbols."""
+    """A plain function that runs on CasADi symbols."""
 
     def __call__(self, **symbols: Any) -> tuple[Any, ...]:
         """Return the outputs, (n,) of SX.
 
         Raises:
-            KinematicsError: the function fails, or what it returns has another shape; with file and line.
+            KinematicsError: the function fails, or its outputs have another shape; the message gives file and line.
         """
         join = (lambda *q: ca.vertcat(*q)) if self.casadi else (lambda *q: np.array([_enter(x) for x in q], object))
         arguments = self.given(symbols, (lambda x: x) if self.casadi else _enter, join)
@@ -137,7 +137,7 @@ class _Rows(PlainRows):
         return tuple(self._leave(p, n) for p, n in zip(parts, self.outputs, strict=True))
 
     def run(self, arguments: Mapping[str, Any]) -> Any:
-        """Return what the function returns; numbers that turn to NaN are an error at their line."""
+        """Call the function and return its result; a number that becomes NaN is an error at its line."""
         try:
             with warnings.catch_warnings(), np.errstate(invalid="raise", divide="raise"):
                 warnings.simplefilter("error", FutureWarning)  # CasADi's about NumPy's functions
@@ -164,7 +164,7 @@ class _Rows(PlainRows):
 
 
 def _enter(x: Any) -> Any:
-    """Return a symbol of CasADi for NumPy: a scalar, an array (n,) or (m, n)."""
+    """Convert a symbol of CasADi to NumPy: a scalar, an array (n,) or (m, n)."""
     if not isinstance(x, ca.SX):
         return x
     rows, columns = x.shape
@@ -182,7 +182,7 @@ def _sx(value: Any) -> ca.SX:
     if isinstance(value, ca.DM | int | float | np.number):
         return ca.SX(float(value)) if not isinstance(value, ca.DM) else ca.SX(value)
     if not isinstance(value, np.ndarray | list | tuple):
-        raise TypeError(f"{type(value).__name__} is no number")
+        raise TypeError(f"{type(value).__name__} is not a number")
     a = np.asarray(value, dtype=object)
     if a.ndim > 2:
         raise ValueError(f"{a.ndim} dimensions")
@@ -208,9 +208,9 @@ def _arguments(function: FunctionType) -> tuple[str, ...]:
 
 
 def _coordinates(taken: set[str], asked: set[str]) -> Coordinates:
-    """Return position and angles: those of Rz Ry Rx if a function asks for them, else a rotation vector.
+    """Return the coordinates: position, and angles of Rz Ry Rx if a function asks for them, else a rotation vector.
 
-    A rotation vector describes every attitude; the angles do not where theta is a right angle.
+    A rotation vector describes every attitude; the angles fail where theta is a right angle.
     """
     angles = ("psi", "theta", "phi")
     if set(angles) & asked - taken:
@@ -238,12 +238,14 @@ def _vector(T: Any) -> tuple[Any, Any, Any]:
 def _parameters(module: ModuleType, path: Path) -> tuple[Parameter, ...]:
     given = getattr(module, "PARAMETERS", {})
     if not isinstance(given, Mapping):
-        raise KinematicsError(f"{path}:{_line_of(path, 'PARAMETERS')}: PARAMETERS must be a dictionary by name.")
+        raise KinematicsError(
+            f"{path}:{_line_of(module, path, 'PARAMETERS')}: PARAMETERS must be a dictionary by name."
+        )
     out = []
     for name, value in given.items():
-        place = f"{path}:{_line_of(path, 'PARAMETERS', name)}: PARAMETERS['{name}']"
+        place = f"{path}:{_line_of(module, path, 'PARAMETERS', name)}: PARAMETERS['{name}']"
         if not isinstance(name, str) or not name.isidentifier():
-            raise KinematicsError(f"{place}: a parameter's name must be one that a function can take.")
+            raise KinematicsError(f"{place}: a parameter's name must be a valid argument name of a function.")
         if isinstance(value, int | float):
             raise KinematicsError(
                 f"{place} = {value} has no unit: write mm({value}), m({value}), deg({value}), rad({value}) or "
@@ -257,9 +259,9 @@ def _parameters(module: ModuleType, path: Path) -> tuple[Parameter, ...]:
     return tuple(out)
 
 
-def _line_of(path: Path, name: str, key: str | None = None) -> int:
+def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) -> int:
     """Return the line of a module's variable or function, or of one key of its dictionary."""
-    for node in ast.parse(path.read_bytes()).body:
+    for node in ast.parse(text_of(path, vars(module))).body:
         targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
         if getattr(node, "name", None) == name or any(getattr(t, "id", None) == name for t in targets):
             if key is not None and isinstance(value := getattr(node, "value", None), ast.Dict):
@@ -271,7 +273,7 @@ def _line_of(path: Path, name: str, key: str | None = None) -> int:
 
 
 def _length_scale(parameters: Sequence[Parameter]) -> Any:
-    """Return the median of the lengths among the parameters: it only weighs rotations against translations."""
+    """Return the median of the lengths among the parameters: it only scales rotations against translations."""
     lengths = sorted(abs(p.value) for p in parameters if p.unit in ("mm", "m") and p.value)
     scale = lengths[len(lengths) // 2] if lengths else _LENGTH
     return lambda: scale
@@ -313,7 +315,7 @@ def _point_names(
 
 
 def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Any:
-    """Return a function of a pose (4, 4) and the parameters: the line at which the rows first have no value."""
+    """Return a function: (pose (4, 4), parameters) -> the first line without a value, and why; or ""."""
 
     def first(T: Array, parameters: Mapping[str, float]) -> str:
         symbols: dict[str, Any] = {**parameters, POSE_SYMBOL: T}
@@ -321,7 +323,7 @@ def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Any:
         try:
             for row in rows:
                 if row.casadi:
-                    return ""  # its functions return NaN without a word
+                    return ""  # its functions return NaN without an error
                 value = row.run(row.given(symbols, lambda x: x, lambda *q: np.array(q)))
                 symbols |= zip(row.outputs, row.spread(value, entries), strict=True)
         except KinematicsError as error:
@@ -335,7 +337,7 @@ def _try(formula: Formula, rows: Sequence[_Rows]) -> None:
     """Run every function on symbols.
 
     Raises:
-        KinematicsError: it fails, or an output is no number whatever the pose; with file and line.
+        KinematicsError: a function fails, or an output is NaN at every pose; the message gives file and line.
     """
     symbols = _symbols(formula.parameters, [j.name for j in formula.joints], formula.coordinates)
     symbols |= {n: ca.SX.sym(n, 3) for n in formula.points}
@@ -343,11 +345,11 @@ def _try(formula: Formula, rows: Sequence[_Rows]) -> None:
         wanted = inspect.signature(row).parameters
         for name, value in zip(row.outputs, row(**{n: symbols[n] for n in wanted}), strict=True):
             if _has_nan(value):
-                raise row.error(f"{row.name}(): '{name}' is nan whatever the pose: one of the numbers in it is nan")
+                raise row.error(f"{row.name}(): '{name}' is nan at every pose: one of the numbers in it is nan")
 
 
 def _has_nan(value: ca.SX) -> bool:
-    """Return whether one of the constants of an expression is no number: then nor is its value, ever."""
+    """Return whether a constant of an expression is NaN: then its value is always NaN."""
     f = ca.Function("f", ca.symvar(value), [value])
     constants = (i for i in range(f.n_instructions()) if f.instruction_id(i) == ca.OP_CONST)
     return any(np.isnan(f.instruction_constant(i)) for i in constants)

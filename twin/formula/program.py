@@ -1,4 +1,4 @@
-"""The compiled functions behind one formula: which symbols they come from, each made when first used."""
+"""The compiled functions of one formula and their input symbols; each is made when first used."""
 
 from __future__ import annotations
 
@@ -7,22 +7,25 @@ from functools import cached_property
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from twin.core.errors import KinematicsError, unknown
 from twin.formula import flow, symbolic
 from twin.formula.contract import POSE_SYMBOL, Formula
 from twin.formula.flow import Evaluator
 
+POSE_TOL = 1e-6
+"""Maximum norm of the difference between a pose and the one of its coordinates."""
+
 
 class Program:
     """Functions of the state: the pose (16 numbers, row by row) if there is a closed inverse, else q (n).
 
     Attributes:
-        order: symbol that each joint of the robot carries.
-        beside: value (m, rad) of the joints among them that the equations do not know; see `Compiled.auxiliary`.
+        order: symbol of each joint of the robot.
+        beside: values (m, rad) of the joints that are not in the equations; see `Compiled.auxiliary`.
         length: characteristic length in m.
         scalars: names of "passive", "reach", "measure" and "aspect", the rows of `group`.
-
     """
 
     def __init__(
@@ -68,10 +71,18 @@ class Program:
 
     @cached_property
     def inverse(self) -> Evaluator:
-        """Pose -> q (n), then the norm of what the pose differs by from the pose of its coordinates."""
+        """Pose -> q (n), and the norm of the difference between the pose and the pose rebuilt from its coordinates."""
         T = symbolic.unflat(self._z, 4, 4)
         misfit = _length(ca.vec(flow.to_pose(self.formula, self._symbols) - T))
         return Evaluator("inverse", self._z, ca.vertcat(self._q, misfit))
+
+    @cached_property
+    def judged_inverse(self) -> Evaluator:
+        """Pose -> q (n); NaN in all of it if the pose is not rigid within `POSE_TOL`, or out of reach."""
+        pose = self.inverse.function(self._z)
+        q, misfit = pose[:-1], pose[-1]
+        good = ca.logic_and(misfit <= POSE_TOL, ca.sumsqr(q) < np.inf)
+        return Evaluator("judged_inverse", self._z, ca.vertcat(*(ca.if_else(good, v, np.nan) for v in ca.vertsplit(q))))
 
     @cached_property
     def inverse_jacobian(self) -> Evaluator:
@@ -117,9 +128,9 @@ class Program:
     def newton(self) -> Evaluator:
         """(q, start pose) -> pose (16), joint error, travel, aspects: Newton's method from the start pose.
 
-        The error is the norm of that of the joints, in m or rad; the travel that of the translation by the
-        characteristic length and the rotation in rad. All in one call, because Python around it would
-        cost ten times as much as the solution.
+        The joint error is a norm in m or rad; the travel is the norm of the translation (divided by the characteristic
+        length) and the rotation in rad. Everything is one call, because Python around it would cost ten times as much
+        as the solution.
         """
         n = len(self.order)
         xi, p = ca.SX.sym("xi", 6), ca.SX.sym("p", n + 16)
@@ -152,10 +163,10 @@ class Program:
         return self._partial[names]
 
     def margins_at(self, passive: tuple[str, ...], points: tuple[str, ...]) -> Evaluator:
-        """State of a mechanism -> reach, measures, aspects, each row fed with what the mechanism says.
+        """State of a mechanism -> reach, measures, aspects: each number (row) is computed from the mechanism's values.
 
         Takes parameters in the order of `parameters`, pose (16), joints (n), the passive joints and the named points
-        (3 numbers each) that are given, in that order. An equation makes only what none of them is.
+        (3 numbers each) that are given, in that order. Equations compute only the remaining symbols.
         """
         key = ("margins", *passive, "", *points)
         if key not in self._partial:
@@ -184,8 +195,8 @@ class Program:
     def around(self, state: ca.SX, step: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return pose and joints as expressions of a state and a step from it.
 
-        The state is q (n), the step is added to it, where there is a forward equation; else they are a pose
-        (16 numbers) and a twist (6).
+        With a forward equation, the state is q (n) and the step is added to q; otherwise the state is a pose (16
+        numbers) and the step a twist (6).
         """
         if self.forward_flow:
             return ca.SX(self._after_joints(state + step)[POSE_SYMBOL]), state + step
@@ -235,5 +246,5 @@ class Program:
 
 
 def _length(v: ca.SX) -> ca.SX:
-    """Return the length of v, NaN if an entry is NaN: the maximum norm would lose it in fmax."""
+    """Return the length of v; it is NaN if an entry is NaN (the maximum norm by fmax would lose the NaN)."""
     return ca.sqrt(ca.sumsqr(v))

@@ -1,4 +1,4 @@
-"""One function of a plain formula: what it asks for, what it gives back, and where in the file it goes wrong."""
+"""One function of a plain formula: its arguments, its outputs, and errors with file and line."""
 
 from __future__ import annotations
 
@@ -14,23 +14,26 @@ from typing import Any
 import numpy as np
 
 from twin.core.errors import KinematicsError, unknown
+from twin.formula.loader import text_of
 from twin.formula.scalar import NeedsNumberError
 
 POSE, JOINTS = "pose", "q"
-"""Arguments that stand for the whole pose (4, 4) and for all active joints (n,)."""
+"""Names of arguments that take the whole pose (4, 4), and all active joints (n,)."""
 
 
 class PlainRows(ABC):
-    """A plain function in the form that a flow of symbols calls: its symbols by name, a tuple of its outputs.
+    """A plain function as a flow of symbols calls it: it takes symbols by name and returns a tuple of outputs.
 
     Attributes:
         name: "inverse", "forward" or "points".
-        path: the file. line: of its `def`. end: of its last `return`.
-        function: the function, in globals that understand symbols.
-        casadi: whether it takes CasADi's matrices, because its file imports CasADi; else NumPy's arrays.
+        path: the file.
+        line: line of its `def`.
+        end: line of its last `return`.
+        function: the function, run with globals that understand symbols.
+        casadi: whether it takes CasADi matrices, because its file imports CasADi; else NumPy arrays.
         joints: names of the active joints, in order.
-        pose: name of the symbol that the pose is.
-        outputs: names of what it returns, in order.
+        pose: name of the symbol of the pose.
+        outputs: names of its outputs, in order.
     """
 
     def __init__(
@@ -44,12 +47,12 @@ class PlainRows(ABC):
         casadi: bool,
         unread: Iterable[str] = (),
     ) -> None:
-        """Check the arguments of a function against the symbols that it may ask for.
+        """Check the arguments of a function against the available symbols.
 
-        `unread` are those that have a value and that no function asks for: where one is missing, they are meant.
+        `unread` are symbols with a value that no function uses: an error suggests them for a missing argument.
 
         Raises:
-            KinematicsError: an argument is not known; with file and line.
+            KinematicsError: an argument is not known; the message gives file and line.
         """
         self.name, self.path, self.joints, self.pose, self.casadi = name, path, tuple(joints), pose, casadi
         self.function = self.__wrapped__ = function
@@ -76,10 +79,10 @@ class PlainRows(ABC):
 
     @abstractmethod
     def __call__(self, **symbols: Any) -> Any:
-        """Return the outputs for symbols of CasADi, which this room does not know."""
+        """Return the outputs for CasADi symbols."""
 
     def given(self, symbols: Mapping[str, Any], convert: Callable[[Any], Any], join: Callable[..., Any]) -> dict:
-        """Return the arguments out of the symbols; `convert` turns one into what the function takes, `join` several."""
+        """Return the arguments from the symbols; `convert` converts one symbol, `join` joins several into an array."""
         out = {}
         for n in self.asked:
             if n == POSE:
@@ -94,11 +97,11 @@ class PlainRows(ABC):
         """Return one value for each output.
 
         Args:
-            value: what the function returned: values in order, one column, or a dictionary by name.
-            split: the entries of a column or array of one dimension; None for anything else.
+            value: the function's result: values in order, one column, or a dictionary by name.
+            split: a function that returns the entries of a one-dimensional array or column, else None.
 
         Raises:
-            KinematicsError: too many, too few, or of other names; with file and line.
+            KinematicsError: the outputs are too many, too few, or have other names; the message gives file and line.
         """
         names = self.outputs
         if isinstance(value, Mapping):
@@ -107,7 +110,7 @@ class PlainRows(ABC):
             if wrong:
                 what = "points" if self.name == "points" else "active joints"
                 text = ", ".join(names)
-                raise self.error(f"{self.name}() returns other names than the {what} {text}: {', '.join(wrong)}")
+                raise self.error(f"{self.name}() returns names that differ from the {what} {text}: {', '.join(wrong)}")
             return [value[n] for n in names]
         if self.name == "forward":
             return [value]
@@ -122,24 +125,24 @@ class PlainRows(ABC):
         return parts
 
     def error(self, text: str, line: int | None = None) -> KinematicsError:
-        """Return an error at a line of the file; default the last return."""
+        """Return an error at a line of the file; default: the last return."""
         return KinematicsError(f"{self.path}:{line or self.end}: {text}.")
 
     def located(self, error: BaseException) -> KinematicsError:
-        """Return the error at the innermost line of this file that led to another error."""
+        """Return an error that names the innermost line of this file at which `error` was raised."""
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(self.path)]
         return self.error(f"{self.name}(): {reason(error)}", lines[-1] if lines else self.line)
 
 
 def reason(error: BaseException) -> str:
-    """Return what an error that came out of a plain formula means to its author."""
+    """Return the message to the author for an error in a plain formula."""
     text = " ".join(str(error).split()).rstrip(".")
     if isinstance(error, NeedsNumberError) or "truth value of a CasADi" in text:
         return text if isinstance(error, NeedsNumberError) else _CASADI_IF
     if isinstance(error, FloatingPointError):
-        return f"{text}: the root or arc of a number out of range, or a division by zero"
+        return f"{text}: a root or arc function is out of range, or a number is divided by zero"
     if isinstance(error, FutureWarning) and "casadi" in text:
-        return "a NumPy function is called on a CasADi value: use CasADi's, or leave CasADi out and use NumPy alone"
+        return "a NumPy function is called on a CasADi value: use CasADi's, or use NumPy only"
     if "loop of ufunc" in text or "unsupported operand" in text:
         text = text.replace("Symbol", "symbol")
         return f"{text}: twin cannot differentiate this; write it with NumPy's elementary functions"
@@ -147,7 +150,7 @@ def reason(error: BaseException) -> str:
 
 
 _CASADI_IF = (
-    "`if`, `and`, `not` need to know now whether this is true, but it depends on the pose or the joints. "
+    "`if`, `and` and `not` do not work on values that depend on the pose or the joints. "
     "Write casadi.if_else(condition, yes, no)"
 )
 
@@ -155,7 +158,7 @@ _CASADI_IF = (
 def _last_return(path: Path, function: FunctionType) -> int:
     first = function.__code__.co_firstlineno
     try:
-        tree = ast.parse(path.read_bytes())
+        tree = ast.parse(text_of(path, function.__globals__))
     except (OSError, SyntaxError):
         return first
     for node in ast.walk(tree):
@@ -167,7 +170,7 @@ def _last_return(path: Path, function: FunctionType) -> int:
 
 
 def entries(array: Any) -> list[Any] | None:
-    """Return the entries of an array (n,), (n, 1) or (1, n); None if it is none."""
+    """Return the entries of an array (n,), (n, 1) or (1, n); None for any other shape."""
     if isinstance(array, np.ndarray) and array.ndim in (1, 2) and array.size == max(array.shape):
         return list(array.ravel())
     return None

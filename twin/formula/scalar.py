@@ -1,7 +1,7 @@
-"""A scalar that stands in NumPy's arrays for what is no plain number: a symbol, or many samples at once.
+"""A scalar in NumPy's arrays that is not a plain number: a symbol, or many samples at once.
 
 NumPy's functions work on arrays of such objects: arithmetic calls the operators below, `np.sin` the method `sin`,
-and so on. A subclass says what these do. Whatever needs a number here and now (`if`, `math.sin`) is refused.
+and so on. A subclass says what these do. Operations that need a plain number (`if`, `math.sin`) raise.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ METHODS = (
     *("sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh"),
     *("exp", "log", "sqrt", "arctan2", "hypot", "fabs"),
 )
-"""Functions that NumPy looks for as methods of the objects in an array."""
+"""Functions that NumPy calls as methods of the objects in an array."""
 
 
 class NeedsNumberError(TypeError):
-    """A number was needed where there is a symbol; the message shows the way out."""
+    """A plain number is needed, but the value is a symbol; the message suggests a fix."""
 
 
 class Scalar:
-    """One scalar; `x` is what a subclass computes with.
+    """One scalar; subclasses compute with `x`.
 
     Attributes:
         x: the value.
@@ -102,7 +102,7 @@ class Scalar:
         return self._of("fabs")
 
     def conjugate(self) -> Any:
-        """Return the number itself: it is real. `np.linalg.norm` along an axis asks."""
+        """Return itself (it is real); `np.linalg.norm` along an axis needs this."""
         return self
 
     def radians(self) -> Any:
@@ -121,14 +121,14 @@ class Scalar:
 
     def __bool__(self) -> bool:
         raise NeedsNumberError(
-            "`if`, `and`, `not`, max() and sorted() need to know now whether this is true, but it depends on the pose "
-            "or the joints. Write if_else(condition, yes, no) of twin.formula, or np.where, np.maximum, np.minimum"
+            "`if`, `and`, `not`, max() and sorted() do not work on values that depend on the pose or the joints. "
+            "Write if_else(condition, yes, no) of twin.formula, or np.where, np.maximum, np.minimum"
         )
 
     def __float__(self) -> float:
         raise NeedsNumberError(
-            "a plain number is needed here, but this depends on the pose or the joints: leave float() and "
-            ".astype(float) out, and use functions of NumPy"
+            "a plain number is needed, but this value depends on the pose or the joints: remove float() and "
+            ".astype(float), and use NumPy functions"
         )
 
     __int__ = __index__ = __float__  # type: ignore[assignment]

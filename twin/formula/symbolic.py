@@ -2,7 +2,7 @@
 
 Every function takes and returns SX (or what SX accepts) and can be differentiated at the points where
 the naive form gives NaN: the derivative of a norm at the zero vector, of the logarithm at the identity.
-Those guards live here and nowhere else. Frames follow `twin.core.spatial`: T_a_b is the pose of b in a,
+These guards are only here. Frames follow `twin.core.spatial`: T_a_b is the pose of b in a,
 twists are linear rows first, angles are in rad.
 """
 
@@ -22,7 +22,7 @@ _SERIES = 1e-6
 def sqrt(x: SX) -> SX:
     """Return the root of x, 0 for x <= 0, with derivative 0 there instead of infinity or NaN.
 
-    For lengths that may vanish. Not for the radical of a reach condition: there NaN is the answer.
+    For lengths that may vanish. Do not use it for the radical of a reach condition: NaN must say "out of reach" there.
     """
     positive = x > 0
     # Both branches of a conditional are evaluated and differentiated, so the argument is made safe first.
@@ -143,7 +143,7 @@ def log_so3(R: SX) -> SX:
 def retract(T: SX, xi: SX) -> SX:
     """Return the pose (4, 4) after the small twist xi (6): p + v, exp(w) R.
 
-    The twist is in base axes, at the tool origin, linear rows first: the one that Jacobians here speak of.
+    The twist is in base axes, at the tool origin, linear rows first: the convention of all Jacobians in this package.
     """
     return pose(exp_so3(xi[3:6]) @ T[0:3, 0:3], T[0:3, 3] + xi[0:3])
 
@@ -151,8 +151,8 @@ def retract(T: SX, xi: SX) -> SX:
 def pose_residual(T: SX, T_target: SX) -> SX:
     """Return the 6 errors of T against T_target, in the axes of the target: position in m, rotation in rad.
 
-    Zero only where the poses are equal. Single rows may be left out: the rotation rows x and y vanish
-    together exactly when the z axes agree.
+    Zero only where the poses are equal. A task may omit single rows: the rotation rows x and y both vanish exactly when
+    the z axes agree.
     """
     R = T_target[0:3, 0:3].T
     return ca.vertcat(R @ (T[0:3, 3] - T_target[0:3, 3]), log_so3(R @ T[0:3, 0:3]))

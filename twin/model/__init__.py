@@ -1,1 +1,1 @@
-"""What a robot and a scene are: bodies, joints, loops, trocars, inertia; places, props, cameras."""
+"""Model of robots and scenes: bodies, joints, loops, trocars, inertia; places, props, cameras."""

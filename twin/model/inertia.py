@@ -29,12 +29,12 @@ class Inertia:
         return Inertia(mass, centre, tensor)
 
     def seen_from(self, T: Array) -> Inertia:
-        """Return it in another frame, T (4, 4) the pose of its own frame in that."""
+        """Return this inertia in another frame; T (4, 4) is the pose of the present frame in the other one."""
         R = T[:3, :3]
         return Inertia(self.mass, R @ self.p_body_com + T[:3, 3], R @ self.I_com @ R.T)
 
     def principal(self) -> tuple[Array, Array]:
-        """Return principal moments (3,) and the rotation (3, 3) of their axes, as near to identity as they allow.
+        """Return principal moments (3,) and the rotation (3, 3) of their axes, chosen nearest to identity.
 
         The order of eigenvectors is arbitrary; the choice nearest to identity keeps a part that is already
         aligned readable, and stable when a length changes a little.
@@ -50,8 +50,8 @@ class Inertia:
     def pseudo(self) -> Array:
         """Return the pseudo-inertia (4, 4) about the origin of the frame: [[Sigma, h], [h', m]].
 
-        Sigma (kg m2) are the second moments of the mass, tr(I) / 2 - I about the origin, h (kg m) the first ones. It is
-        positive definite for what mass can do, and for nothing else.
+        Sigma (kg m2) are the second moments of the mass, tr(I) / 2 - I about the origin; h (kg m) is the first moment.
+        It is positive definite exactly for physically possible mass distributions.
 
         Source: P. M. Wensing, S. Kim, J.-J. E. Slotine, Linear matrix inequalities for physically consistent inertial
         parameter identification, IEEE Robotics and Automation Letters 3 (2018) 60-67.
@@ -64,7 +64,7 @@ class Inertia:
         return out
 
     def violations(self) -> list[str]:
-        """Return what makes this tensor impossible for a rigid body; empty if nothing does."""
+        """Return the reasons why no rigid body has this tensor; empty if there are none."""
         bad = []
         if not (np.isfinite(self.mass) and self.mass > 0):
             bad.append(f"mass {self.mass:g} kg is not positive")

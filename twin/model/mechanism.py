@@ -1,11 +1,11 @@
-"""The neutral model: bodies, joints and loops, whatever file they came from.
+"""The format-neutral model: bodies, joints and loops.
 
 A joint ties a frame on its parent body to one on its child body; its motion is along or about their common z axis:
 
     T_parent_child = T_parent_joint @ motion(q) @ inverse(T_child_joint)
 
-Joints that would reach a body a second time close a loop; they have no coordinate of their own in the
-tree but the same two frames. Everything is SI and frozen.
+A joint that leads to a body already reached closes a loop: it has the same two frames, but no coordinate in the tree.
+Everything is SI and frozen.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from twin.model.inertia import Inertia
 from twin.model.transmission import Actuator, Transmission, faults
 
 TOOL = "tool"
-"""Name of the frame that is the tool where a file does not name another."""
+"""Name of the tool frame if a file does not name one."""
 
 JointType = Literal["fixed", "revolute", "prismatic", "cylindrical", "spherical", "free"]
 
@@ -46,10 +46,10 @@ _IDENTIFIER = re.compile(r"[a-z][a-z0-9_]*")
 
 @dataclass(frozen=True)
 class Finish:
-    """What the surface of a mesh is, to a renderer.
+    """Surface properties of a mesh for a renderer.
 
     Attributes:
-        material: name of what the part is made of, or "" if nobody says.
+        material: name of the part's material, or "" if unknown.
         metallic: 0 paint, plastic, glass .. 1 bare metal.
         roughness: 0 mirror .. 1 chalk.
     """
@@ -61,7 +61,7 @@ class Finish:
 
 @dataclass(frozen=True)
 class Material:
-    """A material of a scene: a name that no other one of the robot has, a linear colour 0..1, and a finish."""
+    """A material of a scene: a name that is unique in the robot, a linear colour 0..1, and a finish."""
 
     name: str
     color_rgba: tuple[float, float, float, float]
@@ -77,7 +77,7 @@ class Mesh:
         vertices: (n, 3) float64, metres.
         triangles: (m, 3) int32, counter-clockwise seen from outside.
         color_rgba: linear, 0..1.
-        finish: of its surface.
+        finish: finish of its surface.
     """
 
     name: str
@@ -116,7 +116,7 @@ class Joint:
         limits: hard range of the coordinate in m or rad, or None.
         soft_limits: range whose breach is a warning only, or None.
         cone: largest angle in rad between the two z axes of a spherical joint, or None.
-        max_speed, max_acceleration: of the coordinate, or None.
+        max_speed, max_acceleration: limits of the coordinate, or None.
         drive: the position drive of an active joint that is driven directly, or None; see `Actuator`.
         mating: names of the two meshes that touch in this joint (pin and bore), not checked for contact.
     """
@@ -147,7 +147,7 @@ class Joint:
         return self.type == "revolute"
 
     def relative(self, T_base_parent: Array, T_base_child: Array) -> Array:
-        """Return the pose of the child's joint frame in the parent's, (4, 4): identity at q = 0, no gap."""
+        """Return the pose (..., 4, 4) of the child's joint frame in the parent's; identity means q = 0 and no gap."""
         return spatial.inverse(T_base_parent @ self.T_parent_joint) @ T_base_child @ self.T_child_joint
 
     def coordinate(self, T_base_parent: Array, T_base_child: Array) -> Array:
@@ -178,7 +178,7 @@ class Point:
 class Coupling:
     """A belt, gear or cable: the sum of ratio times coordinate of some joints of the tree is constant.
 
-    It is a constraint among joints and has no motor; what leads motors to joints is a `Transmission`.
+    It is a constraint among joints and has no motor; motors move joints by a `Transmission`.
 
     Attributes:
         name: identifier.
@@ -201,11 +201,12 @@ class Mechanism:
         name: identifier.
         base: name of the fixed body; its frame is the base frame.
         bodies, joints, frames, points: in file order; order decides which joint of a loop closes it.
-        rest: T_base_body (4, 4) of every body as drawn or as authored: the seed of the assembly.
+        rest: T_base_body (4, 4) of every body as in the CAD or in the file; closing the loops starts there.
         postures: named values of the active joints in m or rad.
-        tool: name of the frame that inverse and forward kinematics speak of.
+        tool: name of the tool frame of inverse and forward kinematics.
         parameters: numbers with provenance that the description adds (limits, drives, densities).
-        actuators, transmissions: motors and what leads them to active joints; others are driven directly.
+        actuators, transmissions: motors, and their transmissions to active joints; other active joints are driven
+            directly.
         couplings: belts and gears between joints.
         trocars: names of the joints that hold a trocar to the base; a trocar has the name of its joint.
         source: the file it came from, for messages.
@@ -234,8 +235,8 @@ class Mechanism:
     def tree(self) -> tuple[Joint, ...]:
         """Joints that span the bodies from the base, parents first; the joint's child is the outer body.
 
-        The file order is kept as far as possible: of two joints that could reach a body, the earlier one
-        does. A joint that is met from its child's side is turned round.
+        The file order is kept as far as possible: of two joints that could reach a body, the earlier one does. A joint
+        that is reached from its child's side is reversed.
         """
         reached, tree, pending = {self.base}, [], list(self.joints)
         while pending:
@@ -270,9 +271,9 @@ class Mechanism:
     def auxiliary(self) -> tuple[Joint, ...]:
         """Active joints that cannot move the tool: the jaw of an instrument, another arm on the same base.
 
-        A joint moves the tool if it is on the tree's path to it, or in a loop or a coupling with one that does. Two
-        joints of one loop are of one connected part of the graph; its fundamental cycles tell (a joint that leads to
-        a whole loop, which hangs on one body of the path, is not in it).
+        A joint moves the tool if it is on the tree's path to the tool, or shares a loop or a coupling with a joint that
+        moves the tool. The loop of a closing joint is its fundamental cycle in the tree: a joint that only carries a
+        loop is not part of it.
         """
         tool = next((f.body for f in self.frames if f.name == self.tool), None)
         if tool is None:
@@ -286,13 +287,13 @@ class Mechanism:
         return tuple(j for j in self.active if j not in driven) if driven else ()
 
     def beside(self, names: Iterable[str]) -> tuple[tuple[int, str, bool, float], ...]:
-        """Return auxiliary joints that are not among `names`: place in q, name, whether an angle, value as drawn."""
+        """Return (index in q, name, is an angle, value of `_drawn`) of each auxiliary joint not in `names`."""
         known = set(names)
         left = [j for j in self.auxiliary if j.name not in known]
         return tuple((self.active.index(j), j.name, j.is_angle, self._drawn(j)) for j in left)
 
     def _drawn(self, joint: Joint) -> float:
-        """Return the coordinate of a joint in the first posture, else where it is drawn, in m or rad."""
+        """Return the coordinate of a joint in m or rad: in the first posture, or without postures in the CAD."""
         if self.postures:
             return float(next(iter(self.postures.values()))[joint.name])
         at = (self.rest.get(body, np.eye(4)) for body in (joint.parent, joint.child))
@@ -305,13 +306,13 @@ class Mechanism:
 
     @cached_property
     def motor_names(self) -> tuple[str, ...]:
-        """Motors (n,): the actuator k of a transmission where its joint k is in q, else the joint itself."""
+        """Names of the motors (n,) of the active joints: actuator k for joint k of a transmission, else the joint."""
         names = {j: a for t in self.transmissions for j, a in zip(t.joints, t.actuators, strict=True)}
         return tuple(names.get(j.name, j.name) for j in self.active)
 
     @cached_property
     def motor_matrix(self) -> Array:
-        """The matrix (n, n) of all active joints, q = motor_matrix @ m: the identity where no transmission is."""
+        """The matrix (n, n) of all active joints, q = motor_matrix @ m: identity without transmissions."""
         return self._blocks({t.name: t.matrix for t in self.transmissions})
 
     @cached_property
@@ -328,15 +329,15 @@ class Mechanism:
         return out
 
     def motors(self, q: Array) -> Array:
-        """Return motor values (..., n) in the order of `motor_names`, of joint values or rates (..., n)."""
+        """Return values or rates (..., n) of the motors, as `motor_names`, for those of the joints (..., n)."""
         return np.asarray(q, float) @ self._motor_rows.T
 
     def from_motors(self, m: Array) -> Array:
-        """Return joint values or rates (..., n) of those of the motors (..., n)."""
+        """Return values or rates (..., n) of the joints for those of the motors (..., n), as `motor_names`."""
         return np.asarray(m, float) @ self.motor_matrix.T
 
     def motor_efforts(self, efforts: Array) -> Array:
-        """Return efforts (..., n) of the motors that do the same work as those of the joints (..., n), in N m or N."""
+        """Return the motor efforts (..., n) equivalent to joint efforts (..., n), in N m or N."""
         return np.asarray(efforts, float) @ self.motor_matrix
 
     @cached_property
@@ -346,7 +347,10 @@ class Mechanism:
 
     @property
     def driven(self) -> tuple[list[tuple[str, bool]], Array, Array | None]:
-        """Joints that move the tool and whether each is an angle; T_base_tool; q (n,), None if there is no posture."""
+        """Return (joints, T_base_tool, q): (name, is an angle) of each joint that moves the tool; (4, 4); (n,) or None.
+
+        q is None if the mechanism has no posture.
+        """
         tool, joints = self.frame(self.tool), [j for j in self.active if j not in self.auxiliary]
         q = np.array([self._drawn(j) for j in joints]) if self.postures else None
         return [(j.name, j.is_angle) for j in joints], self.rest.get(tool.body, np.eye(4)) @ tool.T_body_frame, q
@@ -355,8 +359,8 @@ class Mechanism:
     def materials(self) -> dict[str, Material]:
         """Material of every mesh, by mesh name; all formats that are written take names and finish from here.
 
-        A name is what the part is made of and its colour, `steel_8a8f96`: the same for all robots and after every
-        change of the drawing, so that what a user puts in its place in another program stays.
+        A name is the material of the part and its colour, `steel_8a8f96`: the same for all robots and after every
+        change of the drawing, so that a user's replacement in another program is kept.
         """
         known: dict[tuple[tuple[float, ...], Finish], Material] = {}
         taken: set[str] = set()
@@ -390,7 +394,9 @@ class Mechanism:
         """Return the pose (4, 4) in the tool of a frame that moves with it, or raise `MechanismError`."""
         tool, it = self.frame(self.tool), self.frame(name)
         if tool.body != it.body:
-            raise MechanismError(f"frame '{name}' is on body '{it.body}', the tool on '{tool.body}': they move apart")
+            raise MechanismError(
+                f"frame '{name}' is on body '{it.body}', the tool on '{tool.body}': it moves relative to the tool"
+            )
         return spatial.inverse(tool.T_body_frame) @ it.T_body_frame
 
     def actuator(self, name: str) -> Actuator:
@@ -430,20 +436,24 @@ class Mechanism:
         return np.array([self.postures[name][j.name] for j in self.active])
 
     def with_rest(self, rest: Mapping[str, Array]) -> Mechanism:
-        """Return the same mechanism resting in other poses."""
+        """Return the same mechanism with other rest poses of its bodies."""
         return replace(self, rest=dict(rest))
 
     @property
     def trocar_places(self) -> dict[str, Array]:
-        """Where each trocar is, (3,) in base in m, by name; empty if the mechanism has none."""
+        """Position of each trocar, (3,) in base in m, by name; empty if the mechanism has no trocar."""
         return {n: self.joint(n).T_parent_joint[:3, 3] for n in self.trocars}
 
     def trocar_at(self, name: str = "") -> Array:
-        """Return where a trocar is, (3,) in base in m; "" is the only one. Or raise `MechanismError`."""
+        """Return the position (3,) of a trocar in base in m; see `trocar_named` for its name and errors."""
         return self.trocar_places[self.trocar_named(name)]
 
     def trocar_named(self, name: str = "") -> str:
-        """Return the name of a trocar, "" standing for the only one, or raise `MechanismError` with those there are."""
+        """Return the name of a trocar; "" means the only one.
+
+        Raises:
+            MechanismError: there is no such trocar, or "" is given and there are several; names the existing ones.
+        """
         if name in self.trocars:
             return name
         if name and self.trocars:
@@ -453,26 +463,26 @@ class Mechanism:
                 return only
             case ():
                 raise MechanismError(f"{self.name}: no joint is a trocar")
-        raise MechanismError(f"{self.name} has the trocars {', '.join(self.trocars)}: say by name which one")
+        raise MechanismError(f"{self.name} has the trocars {', '.join(self.trocars)}: choose one by name")
 
     def with_trocar(self, p_base: Array, name: str = "") -> Mechanism:
-        """Return the same mechanism with a trocar at p_base (3,) in m, turned as it was; "" is the only one."""
+        """Return the same mechanism with a trocar at p_base (3,) in m, orientation unchanged; see `trocar_named`."""
         name = self.trocar_named(name)
         T = self.joint(name).T_parent_joint.copy()
         T[:3, 3] += np.asarray(p_base, float) - self.trocar_at(name)
         return replace(self, joints=tuple(replace(j, T_parent_joint=T) if j.name == name else j for j in self.joints))
 
     def with_trocars(self, places: Mapping[str, Array]) -> Mechanism:
-        """Return the same mechanism with each named trocar at its place (3,) in m; the others stay where they are."""
+        """Return the same mechanism with each named trocar at its place (3,) in m; the others are unchanged."""
         out = self
         for name, p_base in places.items():
             out = out.with_trocar(p_base, name)
         return out
 
     def shaft_through(self, name: str = "") -> Frame | None:
-        """Return the frame on the instrument whose z is the shaft in a trocar; None if nothing slides in the trocar.
+        """Return the instrument's frame whose z axis is the shaft in a trocar; None if nothing slides in the trocar.
 
-        What slides is tied to the trocar's own body, or to one that only turns about it (the rings of a gimbal).
+        The sliding joint is on the trocar's body, or on one that only turns about it (the rings of a gimbal).
         """
         bodies = [self.joint(self.trocar_named(name)).child]
         for body in bodies:
@@ -488,7 +498,7 @@ class Mechanism:
 
 
 def _hex(color_rgba: tuple[float, ...]) -> str:
-    """Return a linear colour as the hexadecimal digits that web pages and drawing programs know it by."""
+    """Return a linear colour in sRGB as hexadecimal digits, as web pages and drawing programs write it."""
     parts = [*map(units.srgb, color_rgba[:3]), *(a for a in color_rgba[3:] if a < 1)]
     return "".join(f"{round(255 * min(max(part, 0.0), 1.0)):02x}" for part in parts)
 
@@ -501,7 +511,7 @@ def _find(kind: str, items, name: str):
 
 
 def reversed_joint(joint: Joint) -> Joint:
-    """Return the joint seen from its child: parent and child swapped, half a turn about x keeps the sign of q.
+    """Return the joint with parent and child swapped; half a turn about x keeps the sign of q.
 
     T_child_parent = T_child_joint @ inverse(motion(q)) @ inverse(T_parent_joint), and a half turn H about x
     gives H @ motion(q) @ H = inverse(motion(q)) for motion along or about z.
@@ -517,7 +527,7 @@ def reversed_joint(joint: Joint) -> Joint:
 
 
 def _check(m: Mechanism) -> None:
-    """Raise `MechanismError` for the first thing that keeps `m` from being a mechanism."""
+    """Raise `MechanismError` for the first inconsistency of `m`."""
 
     def fail(text: str) -> None:
         raise MechanismError(f"{m.name or 'mechanism'}: {text}")
@@ -534,10 +544,10 @@ def _check(m: Mechanism) -> None:
             seen.add(item.name)
     for kind, count in (("bodies", len(m.bodies)), ("joints", len(m.joints))):
         if count > BODIES:
-            fail(f"{count} {kind}; at most {BODIES} are computed with")
+            fail(f"{count} {kind}; the limit is {BODIES}")
     freedoms = sum(len(FREE_AXES.get(j.type, ())) for j in m.joints)
     if freedoms > FREEDOMS:
-        fail(f"its joints have {freedoms} degrees of freedom together; at most {FREEDOMS} are computed with")
+        fail(f"its joints have {freedoms} degrees of freedom together; the limit is {FREEDOMS}")
     names = {b.name for b in m.bodies}
     if m.base not in names:
         fail(f"base: {unknown('body', m.base, names)}")
@@ -571,7 +581,7 @@ def _check(m: Mechanism) -> None:
             fail(f"coupling '{coupling.name}' needs one ratio, not zero, for each of its joints")
     for name in m.trocars:
         if next((j.parent for j in m.joints if j.name == name), None) != m.base:
-            fail(f"trocar: joint '{name}' must be one that holds to the base '{m.base}'")
+            fail(f"trocar: the parent of joint '{name}' must be the base '{m.base}'")
         if m.trocars.count(name) > 1:
             fail(f"trocar '{name}' is named twice")
     for item in (*m.frames, *m.points):
@@ -587,7 +597,7 @@ def _check(m: Mechanism) -> None:
         if name in names and not spatial.is_pose(T, 1e-6):
             fail(f"body '{name}': its rest pose is not rigid")
     if lost := ", ".join(sorted(names - {m.base} - {j.child for j in m.tree})):
-        fail(f"no joint leads from base '{m.base}' to: {lost}. Join them, or leave them out as props.")
+        fail(f"no joint leads from base '{m.base}' to: {lost}. Join them, or make them props.")
     for posture, values in m.postures.items():
         if wrong := sorted(set(values) ^ set(active)):
             fail(f"posture '{posture}' must give each active joint once; check: {', '.join(wrong)}")

@@ -1,4 +1,4 @@
-"""The scene file: which robots stand where, through which ports they work, what stands around."""
+"""The scene file: places of robots, their ports, and props."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from twin.core import spatial
-from twin.core.errors import unknown
+from twin.core.errors import TwinError, unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
@@ -26,10 +26,17 @@ class PortTable(Table):
 
 
 class RobotTable(Table):
-    """A robot: its base frame in world, upright, turned by `yaw_deg` about z; the port of its trocar, or of each."""
+    """A robot: its base frame in world, upright, turned by `yaw_deg` about z; the port of its trocar, or of each.
+
+    `protocol` may be left out where the scene has a console. `robot` says which one it is, if that is not its name: a
+    scene may have two of a kind. `start` are joints in deg or mm from which a console begins; the others are as in the
+    posture home.
+    """
 
     name: Identifier
-    protocol: Identifier
+    robot: Identifier | None = None
+    start: dict[Identifier, float] = Field(default_factory=dict)
+    protocol: Identifier | None = None
     port: Identifier | None = None
     ports: dict[Identifier, Identifier] = Field(default_factory=dict)
     position_mm: Vector
@@ -40,22 +47,39 @@ class RobotTable(Table):
     @model_validator(mode="after")
     def _one_way(self) -> RobotTable:
         if (self.port is None) == (not self.ports):
-            raise at("port", 'give the `port` of its only trocar, or `ports = { TROCAR = "PORT" }` of several')
+            raise at("port", 'give `port` for a robot with one trocar, or `ports = { TROCAR = "PORT" }` for several')
         return self
 
 
 class CameraTable(Table):
-    """A camera on a frame of a robot, looking along the frame's z with its -y up."""
+    """A camera on a frame of a robot, looking along the frame's z with its -y up, then turned by `roll_deg` about z."""
 
     robot: Identifier
     frame: Identifier
+    roll_deg: float = 0.0
     view_deg: float = Field(gt=1, lt=170)
+    provenance: Origin
+    note: str = Field(min_length=1)
+
+    @property
+    def in_frame(self) -> Array:
+        """The camera (4, 4) in its frame: turned by the roll."""
+        return spatial.pose(spatial.rotation_z(self.roll_deg * DEG))
+
+
+class ConsoleTable(Table):
+    """A surgeon's console: the robots that each hand leads, in the order of taps, and the camera that both drag."""
+
+    right: list[Identifier] = Field(min_length=1)
+    left: list[Identifier] = Field(min_length=1)
+    camera: Identifier
+    scale: float = Field(ge=0.05, le=1)
     provenance: Origin
     note: str = Field(min_length=1)
 
 
 class SceneTable(Table):
-    """The whole file. `props` is a description like a robot's, without driven joints; its base stands in world."""
+    """The scene file. `props` is a description like a robot's, without driven joints, in the world frame."""
 
     name: Identifier
     title: str
@@ -66,24 +90,28 @@ class SceneTable(Table):
     port: dict[Identifier, PortTable]
     robot: list[RobotTable] = Field(min_length=1)
     camera: dict[Identifier, CameraTable] = Field(default_factory=dict)
+    console: ConsoleTable | None = None
 
 
 @dataclass(frozen=True)
 class Place:
-    """A robot in a scene: T_world_base (4, 4), and by trocar the ports that it works through, (3,) in world.
+    """A robot in a scene: T_world_base (4, 4), and its ports by trocar, each (3,) in m in world.
 
-    The trocar "" is the only one, or the first RCM of the protocol.
+    The trocar "" is the only one, or the first RCM of the protocol, "" if there is none. `robot` is which robot it
+    is; `start` are joints in deg or mm for a console.
     """
 
     name: str
+    robot: str
     protocol: str
     T_world_base: Array
     ports: Mapping[str, str]
     p_world_ports: Mapping[str, Array]
+    start: Mapping[str, float]
 
     @property
     def port(self) -> str:
-        """The name of its port, or the names of several."""
+        """The name of its port; several names are separated by commas."""
         return ", ".join(self.ports.values())
 
 
@@ -92,13 +120,14 @@ class Scene:
     """A checked scene.
 
     Attributes:
-        name, title, source: what it is.
-        file: where it was read.
-        props: description of what stands around, or None.
+        name, title, source: name, title and source document.
+        file: the scene file.
+        props: description of the props, or None.
         places: the robots.
         clearance: minimum clearance in m that must be kept.
         touching: pairs of "owner/body" that touch by design.
         cameras: by name.
+        console: of a surgeon, or None.
         parameters: every number with its provenance.
     """
 
@@ -111,30 +140,55 @@ class Scene:
     clearance: float
     touching: frozenset[frozenset[str]]
     cameras: dict[str, CameraTable]
+    console: ConsoleTable | None
     parameters: tuple[Parameter, ...]
+
+    @property
+    def plays(self) -> bool:
+        """Whether every robot has a protocol."""
+        return all(p.protocol for p in self.places)
+
+    def require_protocols(self) -> None:
+        """Raise if a robot has no protocol to play.
+
+        Raises:
+            TwinError: it has none; the scene is led from its console.
+        """
+        if not self.plays:
+            lacking = ", ".join(p.name for p in self.places if not p.protocol)
+            raise TwinError(
+                f"scene '{self.name}' plays nothing: {lacking} have no protocol in {self.file.name}. "
+                f"It is led from its console: `twin serve {self.name}`"
+            )
 
 
 def load_scene(path: Path) -> Scene:
     """Return the scene in a TOML file.
 
     Raises:
-        DescriptionError: file, line, key, value and what would be right.
+        DescriptionError: with file, line, key, value and the allowed values.
     """
     table = load_toml(path, SceneTable)
     names = [r.name for r in table.robot]
     for k, robot in enumerate(table.robot):
+        if robot.protocol is None and table.console is None:
+            raise error_at(
+                path, ("robot", k), "protocol is missing: a robot without one needs a [console] in the scene"
+            )
         for trocar, port in _ports(robot).items():
             if port not in table.port:
                 keys = ("robot", k, "ports", trocar) if trocar else ("robot", k, "port")
                 raise error_at(path, keys, unknown("port", port, table.port))
         if names.count(robot.name) > 1:
-            raise error_at(path, ("robot", k, "name"), f"'{robot.name}' stands there twice")
+            raise error_at(path, ("robot", k, "name"), f"'{robot.name}' is listed twice")
     for name, camera in table.camera.items():
         if camera.robot not in names:
             raise error_at(path, ("camera", name, "robot"), unknown("robot", camera.robot, names))
+    if (console := table.console) is not None:
+        _console(path, console, table, names)
     props = None if table.props is None else path.parent / table.props
     if props is not None and not props.is_file():
-        raise error_at(path, ("props",), f"there is no file {props.name} beside it")
+        raise error_at(path, ("props",), f"there is no file {props.name} in the folder of the scene")
     return Scene(
         table.name,
         table.title,
@@ -145,6 +199,7 @@ def load_scene(path: Path) -> Scene:
         table.clearance_mm * MM,
         frozenset(frozenset(p) for p in table.touching),
         dict(table.camera),
+        table.console,
         tuple(_parameters(table)),
     )
 
@@ -152,7 +207,23 @@ def load_scene(path: Path) -> Scene:
 def _place(r: RobotTable, table: SceneTable) -> Place:
     T = spatial.pose(spatial.rotation_z(r.yaw_deg * DEG), np.array(r.position_mm) * MM)
     ports = _ports(r)
-    return Place(r.name, r.protocol, T, ports, {t: np.array(table.port[p].position_mm) * MM for t, p in ports.items()})
+    at = {t: np.array(table.port[p].position_mm) * MM for t, p in ports.items()}
+    return Place(r.name, r.robot or r.name, r.protocol or "", T, ports, at, dict(r.start))
+
+
+def _console(path: Path, console: ConsoleTable, table: SceneTable, names: list[str]) -> None:
+    if console.camera not in table.camera:
+        raise error_at(path, ("console", "camera"), unknown("camera", console.camera, table.camera))
+    seen = [table.camera[console.camera].robot]
+    for hand in ("right", "left"):
+        for name in getattr(console, hand):
+            if name not in names:
+                raise error_at(path, ("console", hand), unknown("robot", name, names))
+            if name in seen:
+                raise error_at(
+                    path, ("console", hand), f"a hand or the camera already moves '{name}'; name each robot once"
+                )
+            seen.append(name)
 
 
 def _ports(r: RobotTable) -> dict[str, str]:
@@ -167,5 +238,9 @@ def _parameters(table: SceneTable) -> list[Parameter]:
     for r in table.robot:
         for axis, v in zip("xyz", r.position_mm, strict=True):
             out.append(Parameter(f"{r.name} {axis}", v * MM, "mm", v, r.provenance, r.note))
+        for joint, value in r.start.items():
+            out.append(Parameter(f"{r.name} start {joint}", value, "deg or mm", value, r.provenance, r.note))
         out.append(Parameter(f"{r.name} yaw", r.yaw_deg * DEG, "deg", r.yaw_deg, r.provenance, r.note))
+    if (console := table.console) is not None:
+        out.append(Parameter("console scale", console.scale, "1", console.scale, console.provenance, console.note))
     return out

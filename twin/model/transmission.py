@@ -1,4 +1,4 @@
-"""Motors, and the linear maps that lead their motion to the joints: gears, belts, cables, lead screws, differentials.
+"""Motors, and linear maps from motors to joints: gears, belts, cables, lead screws, differentials.
 
 Joint values q and motor values m of a transmission are related by one matrix, q = matrix @ m, both zero together. By
 the balance of power the efforts follow from its transpose: tau_m = matrix.T @ tau_q.
@@ -24,17 +24,17 @@ CONDITION = 1e6
 
 @dataclass(frozen=True)
 class Actuator:
-    """A motor whose coordinate is led to joints by a transmission.
+    """A motor that moves joints by a transmission.
 
-    All numbers are on the motor's side. Units are those of `kind`: rad, N m and kg m2 of an angle; m, N and kg of a
+    All numbers are on the motor's side, in the units of `kind`: rad, N m and kg m2 for an angle; m, N and kg for a
     length.
 
     Attributes:
         name: identifier; no joint has it.
-        kind: of its coordinate, "angle" or "length".
+        kind: kind of its coordinate, "angle" or "length".
         limits: hard range of the coordinate, or None.
-        max_speed, max_effort: largest absolute values, or None where nobody knows.
-        rotor_inertia: of what moves with the motor, or None.
+        max_speed, max_effort: largest absolute values, or None if unknown.
+        rotor_inertia: inertia or mass of the parts that move with the motor, or None.
         stiffness, damping: gains of a position drive on the motor; stiffness None: it has no such drive.
     """
 
@@ -57,7 +57,7 @@ class Actuator:
 class Transmission:
     """A linear map from the coordinates of some actuators to those of as many active joints.
 
-    A `Coupling` is another thing: it constrains joints among themselves and has no motor.
+    A `Coupling`, by contrast, constrains joints among themselves and has no motor.
 
     Attributes:
         name: identifier.
@@ -78,7 +78,7 @@ class Transmission:
 
     @property
     def equations(self) -> str:
-        """The matrix in words: "q1 = 0.05 m1; q2 = -0.02 m1 + 0.04 m2"."""
+        """The matrix as text: "q1 = 0.05 m1; q2 = -0.02 m1 + 0.04 m2"."""
         rows = (
             " + ".join(f"{k:g} {a}" for k, a in zip(row, self.actuators, strict=True) if k).replace("+ -", "- ")
             for row in self.matrix
@@ -95,9 +95,9 @@ class Transmission:
 
 
 def joint_gains(transmission: Transmission, actuators: Sequence[Actuator]) -> tuple[Array, Array] | None:
-    """Return stiffness (n,) and damping (n,) that the drives of the motors have at each joint, the others held.
+    """Return stiffness (n,) and damping (n,) of the motors' drives at each joint, the other joints held.
 
-    They are the diagonals of inverse.T @ diag(k) @ inverse: what a format can hold that knows drives of joints alone.
+    They are the diagonals of inverse.T @ diag(k) @ inverse: for formats that only have drives of joints.
     None if a motor has no drive.
     """
     known = {a.name: a for a in actuators}
@@ -122,7 +122,7 @@ def condition(matrix: Array) -> float:
 
 
 Fault = tuple[Literal["actuator", "transmission"], str, str, str]
-"""What is wrong: of which kind, the name of the entry, which of its fields, and a sentence."""
+"""A fault: (kind of the entry, its name, its field, message)."""
 
 
 def faults(
@@ -132,11 +132,11 @@ def faults(
     joints: Sequence[str],
     own_drive: Collection[str],
 ) -> Iterator[Fault]:
-    """Yield what is wrong with actuators and transmissions; what follows from an earlier fault may be wrong itself.
+    """Yield the faults of actuators and transmissions; later ones may be caused by earlier ones.
 
     Args:
-        actuators: of the mechanism.
-        transmissions: of the mechanism.
+        actuators: actuators of the mechanism.
+        transmissions: transmissions of the mechanism.
         active: names of its active joints.
         joints: names of all its joints.
         own_drive: names of the joints that have a position drive of their own.
@@ -168,7 +168,7 @@ def _names(
             yield key, unknown(kind, name, known)
         if name in taken:
             where = "twice" if taken[name] == own else f"by transmission '{taken[name]}' already"
-            yield key, f"{kind} '{name}' is used {where}; one transmission holds it, once"
+            yield key, f"{kind} '{name}' is used {where}; it may be used once, in one transmission"
         taken[name] = own
 
 
@@ -198,7 +198,7 @@ def _actuator(a: Actuator, joints: Sequence[str]) -> Iterator[tuple[str, str]]:
 def _matrix(t: Transmission) -> Iterator[tuple[str, str]]:
     n, shape = len(t.joints), np.shape(t.matrix)
     if not n or len(t.actuators) != n:
-        yield "actuators", f"{n} joints and {len(t.actuators)} actuators; it needs as many of each, at least one"
+        yield "actuators", f"{n} joints and {len(t.actuators)} actuators; the numbers must be equal and at least 1"
     elif shape != (n, n):
         yield "matrix", f"the matrix is {' x '.join(map(str, shape))}; it must be {n} x {n}, a row for each joint"
     elif not np.all(np.isfinite(t.matrix)):

@@ -1,4 +1,4 @@
-"""Shared machinery for TOML that people write: strict pydantic tables and errors that show the way out."""
+"""Strict pydantic tables for hand-written TOML, with helpful errors."""
 
 from twin.schema.lines import Key as Key
 from twin.schema.lines import Keys as Keys

@@ -1,6 +1,6 @@
-"""Where things stand in TOML text: the line of each table, key and list element.
+"""Find the line of each table, key and list element in TOML text.
 
-tomllib tells no positions. The scanner follows the grammar only as far as positions need it.
+tomllib gives no positions. The scanner parses only the part of the grammar that determines positions.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ import tomllib
 
 Key = str | int
 Keys = tuple[Key, ...]
-"""The way to a value: table keys and list indices."""
+"""Type of the path to a value: table keys and list indices."""
 
 
 def spell(keys: Keys) -> str:
-    """Return keys as people write them: phases[2].depth_mm."""
+    """Return keys in the usual notation, such as phases[2].depth_mm."""
     text = ""
     for key in keys:
         text += f"[{key}]" if isinstance(key, int) else "." * bool(text) + key
@@ -24,14 +24,14 @@ def spell(keys: Keys) -> str:
 
 
 def nearest_line(lines: dict[Keys, int], keys: Keys) -> int:
-    """Return the line of `keys`, or of the nearest table or list around it."""
+    """Return the line of the value at `keys`, or of the nearest table or list that contains it."""
     while keys and keys not in lines:
         keys = keys[:-1]
     return lines.get(keys, 1)
 
 
 def key_lines(text: str) -> dict[Keys, int]:
-    """Return the line, from 1, on which each table, key and list element of valid TOML text begins."""
+    """Return, by path, the line (from 1) at which each table, key and list element of valid TOML text begins."""
     return _Scanner(text).lines
 
 
@@ -63,7 +63,7 @@ class _Scanner:
 
     def match(self, pattern: re.Pattern[str]) -> re.Match[str]:
         found = pattern.match(self.text, self.i)
-        if found is None:  # text that tomllib accepts does not lead here; the caller keeps what is known
+        if found is None:  # not reached for text that tomllib accepts; the caller keeps the positions found so far
             raise _Lost
         return found
 

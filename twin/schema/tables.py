@@ -1,7 +1,7 @@
-"""Reads TOML that people write into pydantic models, and says exactly what is wrong with it.
+"""Read hand-written TOML into pydantic models, with precise errors.
 
-Every mistake becomes one line: file, line, key, value, what is allowed, and a suggestion. Models
-derive from `Table`: unknown keys are refused, a string is never a number, NaN and infinity are refused.
+The message has one line for each mistake: file, line, key, value, allowed values, and a suggestion. Models
+derive from `Table`: unknown keys, strings for numbers, NaN and infinity are errors.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from twin.core.errors import DescriptionError
+from twin.core.foreign.budget import read_bytes
+from twin.core.foreign.once import Read
 from twin.core.foreign.text import check_depth, read_text
 from twin.core.provenance import EARLIER, Provenance
 from twin.schema.explain import explain, explain_syntax
@@ -34,11 +36,11 @@ M = TypeVar("M", bound=BaseModel)
 
 
 Origin = Annotated[Provenance, BeforeValidator(lambda said: EARLIER.get(said, said) if isinstance(said, str) else said)]
-"""Provenance of a number in a table; the word of earlier files is read too."""
+"""Provenance of a number in a table; former names are also accepted."""
 
 
 class Table(BaseModel):
-    """Base of every table: strict, frozen, closed; `lower_x` above `upper_x` (min above max) is refused."""
+    """Base of every table: strict types, immutable, no unknown keys; `lower_x` must not be above `upper_x`."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -64,35 +66,35 @@ def _in_order(limits: tuple[float, float]) -> tuple[float, float]:
 
 
 Identifier = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$")]
-"""A name that is legal in Python, USD, glTF and Unity alike."""
+"""A name that is valid in Python, USD, glTF and Unity."""
 
 Vector = tuple[float, float, float]
-"""Three numbers."""
+"""Type of three finite numbers."""
 
 Range = Annotated[tuple[float, float], AfterValidator(_in_order)]
-"""Two numbers, the lower first."""
+"""Type of two finite numbers, the lower first."""
 
 
 def at(key: Key | Keys, message: str) -> PydanticCustomError:
-    """Return an error for a model validator to raise that points at `key` below the table it checks."""
+    """Return an error for a model validator to raise; it points at `key` in the table that is validated."""
     keys = key if isinstance(key, tuple) else (key,)
     return PydanticCustomError("at_key", "{text}", {"text": message, "keys": keys})
 
 
-def load_toml(path: str | Path, model: type[M]) -> M:
-    """Return the file as a checked model.
+def load_toml(path: str | Path, model: type[M], read: Read = read_bytes) -> M:
+    """Return the content of a TOML file, as returned by `read`, as a validated model.
 
     Raises:
-        DescriptionError: the file is missing, not TOML, or does not fit the model; one line per mistake.
+        DescriptionError: the file is missing, not TOML, or does not match the model; one line for each mistake.
     """
-    return parse_toml(_read(Path(path)), model, str(path))
+    return parse_toml(_text(Path(path), read), model, str(path))
 
 
 def parse_toml(text: str, model: type[M], name: str = "<text>") -> M:
-    """Return TOML text as a checked model; `name` stands for the file in messages.
+    """Return TOML text as a validated model; `name` is the file name in messages.
 
     Raises:
-        DescriptionError: as `load_toml`.
+        DescriptionError: the text is not TOML, or does not match the model; one line for each mistake.
     """
     try:
         check_depth(Path(name), "TOML", text)
@@ -101,7 +103,7 @@ def parse_toml(text: str, model: type[M], name: str = "<text>") -> M:
         raise DescriptionError(explain_syntax(text, name, error)) from error
     for keys in _dates(data):
         line = nearest_line(key_lines(text), keys)
-        raise DescriptionError(f"{name}:{line}: {spell(keys)}: a date is not used here; put text in quotes")
+        raise DescriptionError(f"{name}:{line}: {spell(keys)}: dates are not supported; put text in quotes")
     try:
         # JSON mode: arrays become tuples, while numbers, text and booleans stay what they are
         return model.model_validate_json(json.dumps(data))
@@ -110,7 +112,7 @@ def parse_toml(text: str, model: type[M], name: str = "<text>") -> M:
 
 
 def error_at(path: str | Path, keys: Keys, message: str) -> DescriptionError:
-    """Return an error that points at one key of a file, for checks that a model cannot make by itself."""
+    """Return an error that points at one key of a file, for checks that the model itself cannot make."""
     try:
         line = nearest_line(key_lines(Path(path).read_text(encoding="utf-8")), keys)
     except (OSError, UnicodeDecodeError):
@@ -119,18 +121,18 @@ def error_at(path: str | Path, keys: Keys, message: str) -> DescriptionError:
 
 
 def json_schema(model: type[BaseModel]) -> dict[str, Any]:
-    """Return the model as JSON Schema (2020-12), so that editors complete and check the file."""
+    """Return the JSON Schema (2020-12) of a model, with which editors complete and check files."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema()}
 
 
-def _read(path: Path) -> str:
+def _text(path: Path, read: Read) -> str:
     try:
-        return read_text(path, "TOML")
+        return read_text(path, "TOML", read=read)
     except FileNotFoundError:
         parent = path.parent
         there = sorted(p.name for p in parent.glob("*.toml")) if parent.is_dir() else []
         hint = f" In {parent}: {', '.join(there)}." if there else ""
-        raise DescriptionError(f"{path}: there is no such file.{hint}") from None
+        raise DescriptionError(f"{path}: the file does not exist.{hint}") from None
     except UnicodeDecodeError as error:
         raise DescriptionError(f"{path}: not UTF-8 text at byte {error.start}; save the file as UTF-8") from None
     except OSError as error:
@@ -138,7 +140,7 @@ def _read(path: Path) -> str:
 
 
 def _dates(value: Any, keys: Keys = ()) -> Iterator[Keys]:
-    """Yield where TOML dates stand: JSON has none, and they would pass as text."""
+    """Yield the keys of TOML dates: JSON has no dates, and they would be accepted as text."""
     if isinstance(value, datetime.date | datetime.time):
         yield keys
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()

@@ -1,4 +1,4 @@
-"""tracks/<protocol>.json: a motion as plain flat arrays, for Unity's JsonUtility and everyone else."""
+"""Schema of tracks/<protocol>.json: a motion as flat arrays, for Unity's JsonUtility and other programs."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ Flag = Literal[0, 1]
 
 
 class Track(Table):
-    """A motion at keys: link poses and joint values, frame after frame; SI, z up, right-handed.
+    """A motion at keys: link poses and joint values, frame by frame; SI units, z up, right-handed.
 
-    One object, flat arrays, no dictionaries, no nulls. A pose is seven numbers, x y z in m and a unit quaternion
-    x y z w; signs of quaternions never jump from key to key.
+    One JSON object with flat arrays, without dictionaries and nulls. A pose is seven numbers: x y z in m and a unit
+    quaternion x y z w; the signs of quaternions are continuous from key to key.
     """
 
     schema_: Annotated[Literal["twin-track"], Field(alias="schema")]
@@ -23,47 +23,59 @@ class Track(Table):
     robot: str
     protocol: str
     title: str
-    model_hash: Annotated[str, Field(pattern="^sha256:[0-9a-f]{64}$", description="of the robot it was made for")]
+    model_hash: Annotated[str, Field(pattern="^sha256:[0-9a-f]{64}$", description="name of the robot")]
     frame: Literal["z-up right-handed"]
     length_unit: Literal["m"]
     angle_unit: Literal["rad"]
     quaternion_order: Literal["xyzw"]
-    rate: Annotated[float, Field(gt=0, description="keys a second; the last interval may be shorter")]
+    rate: Annotated[float, Field(gt=0, description="keys per second; the last interval may be shorter")]
     frames: Annotated[int, Field(ge=1, description="how many keys")]
     times: Annotated[list[float], Field(description="s, frames")]
     links: Annotated[list[Identifier], Field(description="names of the links, in the order of poses")]
-    poses: Annotated[list[float], Field(description="frames x links x 7, of the link in the world (the base frame)")]
+    poses: Annotated[
+        list[float], Field(description="frames x links x 7, pose of each link in the world (the base frame)")
+    ]
     joints: Annotated[
         list[Identifier],
         Field(
-            description="joints with one coordinate, passive ones too; then those of the URDF for which a ball stands: "
-            "<ball>_x, _y, _z, turns about x, y, z in this order, zero at home"
+            description=(
+                "joints with one coordinate, including passive joints; then the three URDF joints of each ball: "
+                "<ball>_x, _y, _z, rotations about x, y, z in this order, zero at home"
+            )
         ),
     ]
     joint_types: list[Literal["prismatic", "revolute"]]
-    joint_active: Annotated[list[Flag], Field(description="1: driven by an actuator")]
+    joint_active: Annotated[list[Flag], Field(description="1: driven by an actuator; 0: passive")]
     joint_lower: Annotated[list[float], Field(description="m or rad; -1e30: no limit")]
     joint_upper: Annotated[list[float], Field(description="m or rad; 1e30: no limit")]
     positions: Annotated[list[float], Field(description="frames x joints, m or rad")]
     phases: Annotated[list[Identifier], Field(description="names of the phases, in order")]
     phase_start: Annotated[list[float], Field(description="s")]
     phase_end: Annotated[list[float], Field(description="s")]
-    phase_has_rcm: Annotated[list[Flag], Field(description="1: a remote centre of motion is registered")]
+    phase_has_rcm: Annotated[
+        list[Flag], Field(description="1: the phase has a remote centre of motion (RCM); 0: it has none")
+    ]
     phase_rcm_enforced: Annotated[
         list[Flag],
         Field(
-            description="1: the shaft, z of a named frame of the tool's link, goes through it; 0: it is only watched"
+            description=(
+                "1: the shaft (z axis of a named frame on the tool's link) must pass through the RCM; 0: the RCM is "
+                "only monitored"
+            )
         ),
     ]
-    phase_rcm: Annotated[list[float], Field(description="phases x 3, m, in the world; zeros without one")]
+    phase_rcm: Annotated[list[float], Field(description="phases x 3, m, RCM in the world; zeros if the phase has none")]
     tool_link: Identifier
     tool_frame: Annotated[list[float], Field(min_length=7, max_length=7, description="pose of the tool in its link")]
-    moved_frame: Annotated[Identifier, Field(description="the named frame that the protocol moves")]
+    moved_frame: Annotated[Identifier, Field(description="name of the frame that the protocol moves")]
     frame_names: list[Identifier]
     frame_links: list[Identifier]
     frames_local: Annotated[list[float], Field(description="frame_names x 7, pose of the frame in its link")]
     rcm: Annotated[list[float], Field(max_length=3, description="the first remote centre of motion or trocar, or []")]
-    between_position: Annotated[float, Field(description="m, worst point of any link between keys, drawn linearly")]
-    between_rotation: Annotated[float, Field(description="rad, worst rotation of any link between keys")]
-    joint_gap: Annotated[float, Field(description="m, by which a joint opens between keys")]
-    assumed: Annotated[list[str], Field(description="numbers that nobody has published, with reason")]
+    between_position: Annotated[
+        float,
+        Field(description="m, largest position error of any point of a link between keys, with linear interpolation"),
+    ]
+    between_rotation: Annotated[float, Field(description="rad, largest rotation error of any link between keys")]
+    joint_gap: Annotated[float, Field(description="m, largest gap of a joint between keys")]
+    assumed: Annotated[list[str], Field(description="assumed (unpublished) numbers, with reason")]

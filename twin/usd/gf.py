@@ -1,8 +1,8 @@
-"""Conversions between numpy and Gf/Vt: the one place where their conventions meet.
+"""Conversions between numpy and the types Gf and Vt of OpenUSD.
 
-Three traps live here and nowhere else. Gf matrices act on row vectors, so a numpy pose must be
-transposed (handing it over as it is loses the translation without an error). `Gf.Quat*` is built w first,
-but `Vt.Quat*Array` exchanges with numpy x, y, z, w. And Gf types want Python floats, not numpy scalars.
+Three differences are handled only in this module. Gf matrices act on row vectors, so a numpy pose must be transposed
+(passing it untransposed loses the translation without an error). `Gf.Quat*` is built w first, but `Vt.Quat*Array`
+exchanges with numpy x, y, z, w. Gf types require Python floats instead of numpy scalars.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from twin.core.spatial import Array
 
 
 def matrix(T: ArrayLike) -> Gf.Matrix4d:
-    """Return the Gf matrix (row vectors) of a pose or affine map T (4, 4) (column vectors).
+    """Return the Gf matrix (row vectors) of a pose or affine matrix T (4, 4) (column vectors).
 
     Raises:
-        ValueError: if T is not (4, 4).
+        ValueError: T is not (4, 4).
 
     """
     T = np.asarray(T, float)
@@ -29,32 +29,32 @@ def matrix(T: ArrayLike) -> Gf.Matrix4d:
 
 
 def affine(M: Gf.Matrix4d) -> Array:
-    """Return the map (4, 4) (column vectors) of a Gf matrix, scale and shear included."""
+    """Return the affine matrix (4, 4) (column vectors) of a Gf matrix, including scale and shear."""
     return np.array(M, float).T.copy()
 
 
 def vec3d(v: ArrayLike) -> Gf.Vec3d:
-    """Return v (3,) in double precision."""
+    """Return v (3,) as a Gf vector in double precision."""
     return Gf.Vec3d(*_flat(v, 3))
 
 
 def vec3f(v: ArrayLike) -> Gf.Vec3f:
-    """Return v (3,) rounded to single precision."""
+    """Return v (3,) as a Gf vector rounded to single precision."""
     return Gf.Vec3f(*_flat(v, 3))
 
 
 def vector(v) -> Array:
-    """Return a Gf vector of any length and precision as float64 (n,)."""
+    """Return a Gf vector with n components of any precision as float64 (n,)."""
     return np.array(v, float)
 
 
 def quatf(R: ArrayLike) -> Gf.Quatf:
-    """Return the single precision quaternion (w >= 0) of a rotation R (3, 3)."""
+    """Return the single precision Gf quaternion (w >= 0) of a rotation R (3, 3)."""
     return Gf.Quatf(*_flat(spatial.quat_from_matrix_wxyz(R), 4))
 
 
 def quatd(R: ArrayLike) -> Gf.Quatd:
-    """Return the double precision quaternion (w >= 0) of a rotation R (3, 3)."""
+    """Return the double precision Gf quaternion (w >= 0) of a rotation R (3, 3)."""
     return Gf.Quatd(*_flat(spatial.quat_from_matrix_wxyz(R), 4))
 
 
@@ -67,32 +67,32 @@ def rotation(q) -> Array:
     """Return the rotation (3, 3) of a Gf quaternion; it is normalised first.
 
     Raises:
-        ValueError: if the quaternion has no direction (zero or not finite).
+        ValueError: the quaternion is zero or not finite.
 
     """
     wxyz = quat_wxyz(q)
     if not (np.all(np.isfinite(wxyz)) and np.linalg.norm(wxyz) > 1e-9):
-        raise ValueError(f"quaternion (w, x, y, z) = {wxyz.tolist()} is no rotation")
+        raise ValueError(f"quaternion (w, x, y, z) = {wxyz.tolist()} is not a rotation")
     return spatial.matrix_from_quat_wxyz(wxyz)
 
 
 def vec3d_array(v: ArrayLike) -> Vt.Vec3dArray:
-    """Return rows v (n, 3) in double precision."""
+    """Return vectors v (n, 3) as a Vt array in double precision."""
     return Vt.Vec3dArray.FromNumpy(_rows(v, 3, np.float64))
 
 
 def vec3f_array(v: ArrayLike) -> Vt.Vec3fArray:
-    """Return rows v (n, 3) rounded to single precision."""
+    """Return vectors v (n, 3) as a Vt array rounded to single precision."""
     return Vt.Vec3fArray.FromNumpy(_rows(v, 3, np.float32))
 
 
 def int_array(v: ArrayLike) -> Vt.IntArray:
-    """Return integers v of any shape, flattened."""
+    """Return integers v of any shape as a flat Vt array."""
     return Vt.IntArray.FromNumpy(np.ascontiguousarray(v, dtype=np.int32).ravel())
 
 
 def quatd_array(wxyz: ArrayLike) -> Vt.QuatdArray:
-    """Return quaternions (n, 4), w first, in double precision; their signs are kept."""
+    """Return quaternions (n, 4), w first, as a Vt array in double precision; their signs are kept."""
     return Vt.QuatdArray.FromNumpy(np.ascontiguousarray(_rows(wxyz, 4, np.float64)[:, [1, 2, 3, 0]]))
 
 
@@ -100,12 +100,12 @@ def quat_array_wxyz(quaternions) -> Array:
     """Return a Vt quaternion array, or a list of Gf quaternions of one type, as float64 (n, 4), w first."""
     if isinstance(quaternions, list):
         kind = Vt.QuatdArray if isinstance(quaternions[0], Gf.Quatd) else Vt.QuatfArray
-        quaternions = kind(quaternions)  # one call for all: numpy would ask each for its parts
+        quaternions = kind(quaternions)  # one call for all: numpy would query each quaternion
     return np.array(quaternions, float).reshape(-1, 4)[:, [3, 0, 1, 2]]
 
 
 def array(values) -> np.ndarray:
-    """Return a Vt array of numbers or vectors as numpy, a copy."""
+    """Return a copy of a Vt array of numbers or vectors as a numpy array."""
     return np.array(values)
 
 

@@ -1,4 +1,4 @@
-"""Whether two layers say the same, but for the last bits of their numbers."""
+"""Compare two layers, ignoring the last bits of their numbers."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from pxr import Sdf
 _NUMBER = re.compile(r"(?<![\w.])-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w.])")
 
 ABSOLUTE, RELATIVE = 1e-9, 1e-6
-"""Numbers closer than this are equal: joint frames and meshes are single precision."""
+"""Absolute tolerance of numbers; joint frames and meshes are single precision."""
 
 
 def same_layer(a: Path, b: Path) -> bool:
     """Return whether two layer files have the same content, numbers within `ABSOLUTE` + `RELATIVE`.
 
-    Another processor rounds sums differently, so that files of the same robot need not be equal to the byte.
+    Processors round sums differently, so that files of the same robot may differ in some bytes.
     """
     texts = [Sdf.Layer.OpenAsAnonymous(str(p)).ExportToString() for p in (a, b)]
     if _NUMBER.sub("#", texts[0]) != _NUMBER.sub("#", texts[1]):

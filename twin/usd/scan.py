@@ -1,8 +1,8 @@
-"""What a UsdPhysics stage holds, before anyone interprets it: rigid bodies, joints, poses.
+"""Uninterpreted content of a UsdPhysics stage: rigid bodies, joints, poses.
 
-Reader and checker start here. Everything leaves in metres with world z up, whatever the stage says; joint
-frames leave with their axis turned to z. Nothing is rejected that can be described: to refuse is the
-reader's business, to report the checker's.
+Reader and checker both use this module. It returns metres and world z up for any unit and up axis of the stage, and
+joint frames rotated so that z is the axis. It returns invalid data as well: the reader rejects them, the checker
+reports them.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ DIRECTIONS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
 """Instance names of the six directions of a generic joint, in the order of `mechanism.FREE_AXES`."""
 
 SYMMETRIC = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
-"""Cyclic turn: x to y, y to z, z to x. Its columns are the images of the axes."""
+"""Cyclic rotation (3, 3): x to y, y to z, z to x."""
 
 TURNS = {"X": SYMMETRIC, "Y": SYMMETRIC @ SYMMETRIC, "Z": np.eye(3)}
-"""Rotation R_joint_turned (3, 3) for each axis token: the z column is the joint's axis."""
+"""Rotation (3, 3) by axis token (X, Y, Z) that turns the joint frame so that its z is the joint's axis."""
 
 
 SCALE_TOL = 1e-5
-"""Largest relative deviation from unit scale that may still be rounding of a single precision transform."""
+"""Largest relative deviation from unit scale that counts as rounding of a single precision transform."""
 
 
 @dataclass(frozen=True)
 class End:
     """One side of a joint: the body's prim path ("" is the world) and T_body_joint (4, 4), axis along z.
 
-    `problem` says why the side cannot be resolved (dangling target, quaternion of zero); then T is identity.
+    `problem` says why the side is invalid (missing target, zero quaternion); T is then the identity.
     """
 
     body: str
@@ -55,13 +55,13 @@ class RawJoint:
 
     Attributes:
         prim: the prim.
-        type: one of the mechanism's joint types, or "" if none fits; then `problem` says why.
+        type: one of the mechanism's joint types, or "" if none matches; `problem` then says why.
         ends: body0 and body1.
-        instance: name of its drive and joint state ("angular", "linear", "rotX", ...), "" without coordinate.
+        instance: name of its drive and joint state ("angular", "linear", "rotX", ...), "" if it has no coordinate.
         limits: lower and upper in units of the stage (degrees for angles), None if unlimited.
         unit: degrees (angles) or metres per unit of limits, states and targets.
-        excluded: kept out of the articulation, because it closes a loop.
-        enabled: false for a joint that is switched off.
+        excluded: excluded from the articulation, because it closes a loop.
+        enabled: false for a disabled joint.
         problem: see `type`.
 
     """
@@ -78,12 +78,12 @@ class RawJoint:
 
     @property
     def path(self) -> str:
-        """Prim path."""
+        """Path of the joint's prim."""
         return str(self.prim.GetPath())
 
     @property
     def is_angle(self) -> bool:
-        """Whether the coordinate is an angle, in degrees on the stage."""
+        """Whether the coordinate is an angle, which is in degrees on the stage."""
         return self.type == "revolute"
 
 
@@ -95,7 +95,7 @@ class Scene:
         stage: the composed stage.
         meters: metres per unit.
         kilograms: kilograms per unit.
-        R_world_stage: (3, 3) turns the stage's axes so that z is up.
+        R_world_stage: rotation (3, 3) from the stage's axes to z up.
 
     """
 
@@ -103,7 +103,7 @@ class Scene:
         """Open `path`.
 
         Raises:
-            StageError: if it is missing, no USD file, or a layer that it names cannot be found.
+            StageError: the file is missing or not USD, or one of its layers cannot be found.
 
         """
         self.path = str(path)
@@ -115,12 +115,12 @@ class Scene:
 
     @cached_property
     def prims(self) -> list[Usd.Prim]:
-        """All prims in order, those inside instances too."""
+        """All prims in order, including prims inside instances."""
         return list(self.stage.Traverse(Usd.TraverseInstanceProxies()))
 
     @cached_property
     def bodies(self) -> dict[str, Usd.Prim]:
-        """Rigid bodies by prim path, in order; those that are switched off are left out."""
+        """Rigid bodies by prim path, in order, without disabled bodies."""
         out = {}
         for prim in self.prims:
             if prim.HasAPI(UsdPhysics.RigidBodyAPI):
@@ -131,12 +131,12 @@ class Scene:
 
     @cached_property
     def joints(self) -> list[RawJoint]:
-        """Joints in order, also those of a type that nobody here knows."""
+        """Joints in order, including joints of unknown type."""
         return [self._joint(p) for p in self.prims if p.IsA(UsdPhysics.Joint) or str(p.GetTypeName()).endswith("Joint")]
 
     @cached_property
     def sample_codes(self) -> Array:
-        """Time codes (k,) at which the transform of any body, or of a prim above one, is sampled."""
+        """Time codes (k,) at which the transform of a body or of an ancestor has samples."""
         prims = {a.GetPath(): a for b in self.bodies.values() for a in _ancestry(b)}
         codes = set()
         for prim in prims.values():
@@ -145,24 +145,24 @@ class Scene:
         return np.array(sorted(codes), float)
 
     def owner(self, prim: Usd.Prim) -> Usd.Prim | None:
-        """Return the rigid body that a prim belongs to: itself or the nearest above it, or None."""
+        """Return the rigid body that a prim belongs to: the prim itself or its nearest ancestor, or None."""
         for ancestor in _ancestry(prim):
             if str(ancestor.GetPath()) in self.bodies:
                 return ancestor
         return None
 
     def raw_transform(self, prim: Usd.Prim, code: Usd.TimeCode | None = None) -> Array:
-        """Return the map (4, 4) from a prim to the stage, units and scale as authored."""
+        """Return T_stage_prim (4, 4) with units and scale as authored."""
         time = Usd.TimeCode.Default() if code is None else code
         with self._evaluating():
             return gf.affine(UsdGeom.XformCache(time).GetLocalToWorldTransform(prim))
 
     def poses(self, prims: Sequence[Usd.Prim], codes: ArrayLike | None = None) -> Array:
-        """Return T_world_prim (len(prims), k, 4, 4) in metres, z up; scale is taken out.
+        """Return T_world_prim (len(prims), k, 4, 4) in metres, z up, without scale.
 
         Args:
-            prims: what to place.
-            codes: time codes; None stands for the default time alone (k = 1).
+            prims: the prims.
+            codes: time codes; None: only the default time (k = 1).
 
         """
         times = [Usd.TimeCode.Default()] if codes is None else [Usd.TimeCode(c) for c in np.asarray(codes).tolist()]
@@ -180,14 +180,14 @@ class Scene:
         return T
 
     def size(self, prim: Usd.Prim) -> float:
-        """Return how many units of the stage are one unit of a prim that is scaled alike in all directions."""
+        """Return the scale of a uniformly scaled prim: units of the stage per unit of the prim."""
         size = float(np.cbrt(abs(np.linalg.det(self.raw_transform(prim)[:3, :3]))))
         return 1.0 if abs(size - 1) <= SCALE_TOL else size
 
     def relative(self, prim: Usd.Prim, body: Usd.Prim) -> Array:
-        """Return the map (4, 4) from a prim below a body to the body, in units of the body, scale kept.
+        """Return T_body_prim (4, 4) of a prim below a body, in units of the body, with scale.
 
-        It multiplies only what lies between the two, so no precision is lost on the way to the world.
+        Only the transforms between the two are multiplied, so that no precision is lost.
         """
         with self._evaluating():
             M, _ = UsdGeom.XformCache().ComputeRelativeTransform(prim, body)
@@ -195,7 +195,7 @@ class Scene:
 
     @contextlib.contextmanager
     def _evaluating(self) -> Iterator[None]:
-        """Turn an error of USD's own (a transform op of a wrong type) into a `StageError`."""
+        """Convert an error that USD raises (a transform op of a wrong type) to a `StageError`."""
         try:
             yield
         except Tf.ErrorException as error:
@@ -237,10 +237,12 @@ class Scene:
             return End("", spatial.pose(self.R_world_stage) @ spatial.pose(R @ turn, p * self.meters))
         target = self.stage.GetPrimAtPath(targets[0])
         if len(targets) > 1 or not target:
-            return End("", np.eye(4), f"{rel.GetName()} points to {', '.join(map(str, targets))}, not to one prim")
+            return End(
+                "", np.eye(4), f"{rel.GetName()} points to {', '.join(map(str, targets))}, but must point to one prim"
+            )
         owner = self.owner(target)
         local = spatial.pose(R @ turn, p * self.meters * self.size(target))
-        if owner is None:  # a prim that is no rigid body stands for the world
+        if owner is None:  # a prim that is not a rigid body means the world
             return End("", self.poses([target])[0, 0] @ local)
         if owner == target:
             return End(str(owner.GetPath()), local)
@@ -250,10 +252,10 @@ class Scene:
 
 
 def rigid(M: Array) -> Array:
-    """Return the poses (..., 4, 4) of maps (..., 4, 4) with scale and rounding taken out of the rotation."""
+    """Return the poses (..., 4, 4) of affine matrices (..., 4, 4), without scale and with an exact rotation."""
     T = M.copy()
     size = np.linalg.norm(T[..., :3, :3], axis=-2, keepdims=True)
-    # An exact rotation is kept to the last bit; what rounding or scale has touched is made orthonormal.
+    # An exact rotation is returned unchanged; a rounded or scaled one is made orthonormal.
     R = np.where(np.abs(size - 1) < 1e-15, T[..., :3, :3], T[..., :3, :3] / np.where(size > 0, size, 1.0))
     R = np.where(np.linalg.det(R)[..., None, None] < 0, -R, R)
     exact = np.all(np.swapaxes(R, -1, -2) @ R == np.eye(3), axis=(-1, -2))[..., None, None]
@@ -269,9 +271,9 @@ def _open(path: Path) -> Usd.Stage:
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
-        raise StageError(f"{path} is no USD file that can be read: {said(error)}") from error
+        raise StageError(f"{path} is not a readable USD file: {said(error)}") from error
     if not stage:
-        raise StageError(f"{path} is no USD file that can be read")
+        raise StageError(f"{path} is not a readable USD file")
     stage.Reload()  # USD keeps layers in memory; the file may have been rebuilt since
     broken = [e for e in stage.GetCompositionErrors()]  # noqa: C416 - a C++ vector, not a list
     if broken:
@@ -280,11 +282,11 @@ def _open(path: Path) -> Usd.Stage:
 
 
 def said(error: object) -> str:
-    """Return the last line that USD says; text that is not UTF-8 makes its own messages unreadable."""
+    """Return the last line of an error of USD, which is unreadable if the file is not UTF-8."""
     try:
         lines = str(error).strip().splitlines()
     except UnicodeDecodeError:
-        return "it holds text that is not UTF-8"
+        return "the file contains text that is not UTF-8"
     return lines[-1].strip() if lines else "unknown format"
 
 
@@ -295,7 +297,7 @@ def _ancestry(prim: Usd.Prim):
 
 
 def _freedom(prim: Usd.Prim) -> tuple[str, frozenset[int], str, str]:
-    """Return type, free directions as authored, axis token and problem of a joint prim."""
+    """Return (type, free directions as authored, axis token, problem) of a joint prim."""
     for schema, kind in (
         (UsdPhysics.FixedJoint, "fixed"),
         (UsdPhysics.RevoluteJoint, "revolute"),
@@ -308,7 +310,7 @@ def _freedom(prim: Usd.Prim) -> tuple[str, frozenset[int], str, str]:
                 return "", frozenset(), "Z", f"axis '{token}' is not X, Y or Z"
             return kind, frozenset(FREE_AXES[kind]), token, ""
     if prim.GetTypeName() != "PhysicsJoint":
-        return "", frozenset(), "Z", f"joints of type {prim.GetTypeName()} have no counterpart here"
+        return "", frozenset(), "Z", f"joints of type {prim.GetTypeName()} are not supported"
     free = []
     for axis, name in enumerate(DIRECTIONS):
         if not prim.HasAPI(UsdPhysics.LimitAPI, name):
@@ -319,7 +321,7 @@ def _freedom(prim: Usd.Prim) -> tuple[str, frozenset[int], str, str]:
         if low < high:
             free.append(axis)
     if prim.HasAPI(UsdPhysics.LimitAPI, "distance"):
-        return "", frozenset(free), "Z", "a distance limit has no counterpart here"
+        return "", frozenset(free), "Z", "a distance limit is not supported"
     for i, token in enumerate("XYZ"):
         for kind, pattern in (("revolute", [3 + i]), ("prismatic", [i]), ("cylindrical", [i, 3 + i])):
             if free == pattern:
@@ -328,11 +330,11 @@ def _freedom(prim: Usd.Prim) -> tuple[str, frozenset[int], str, str]:
         if free == list(FREE_AXES[kind]):
             return kind, frozenset(free), "Z", ""
     names = ", ".join(DIRECTIONS[a] for a in free)
-    return "", frozenset(free), "Z", f"a joint free in {names} has no counterpart here; split it in two"
+    return "", frozenset(free), "Z", f"a joint free in {names} is not supported; split it in two joints"
 
 
 def _coordinate(prim: Usd.Prim, kind: str, free: frozenset[int]) -> tuple[str, tuple[float, float] | None]:
-    """Return the instance name of drive and state, and the limits, of a joint with one coordinate."""
+    """Return (instance name of drive and state, limits) of a joint with one coordinate."""
     if kind not in ("revolute", "prismatic"):
         return "", None
     if prim.GetTypeName() == "PhysicsJoint":

@@ -1,1 +1,1 @@
-"""Judging: the equations against the mechanism, the mechanism against its stage, the protocol against its RCM."""
+"""Validation: compare the equations with the mechanism, the mechanism with its USD stage, the motion with its RCM."""

@@ -1,4 +1,4 @@
-"""What is judged, and what of it."""
+"""The input of a validation, and its parts."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from twin.validation.rows import Tolerances
 
 @dataclass(frozen=True)
 class Case:
-    """What is judged.
+    """The input of a validation.
 
     Attributes:
-        kinematics: the equations, in the variants to judge; None: there are none yet, and all else is judged.
-        cad: the mechanism from the CAD and what reading it found.
-        protocol, trajectory: along what.
+        kinematics: the equations, in the variants to judge; None: there are none yet, and everything else is checked.
+        cad: the mechanism from the CAD, with the findings of reading it.
+        protocol, trajectory: protocol and planned trajectory of the motion.
         stage: root layer of the USD stage that holds the same robot.
-        tolerances: what counts as agreement.
-        paths: the robot as planning knows it; None: the trajectory's own findings are taken for its limits.
-        baked_for_it: a motion that lies beside the stage was made for this very trajectory, and has to be it.
+        tolerances: maximum deviations that count as agreement.
+        paths: the robot's planning data; None: the trajectory's own findings are used for its limits.
+        baked_for_it: whether the motion of the stage was made for this trajectory, and must match it.
     """
 
     kinematics: Kinematics | None
@@ -41,27 +41,30 @@ class Case:
 
     @property
     def written(self) -> Path | None:
-        """The stage with the protocol's motion baked in it, if there is one beside the robot's."""
+        """The layer with the protocol's baked motion, if it exists in the folder of the robot's stage."""
         path = self.stage.with_name(f"{self.stage.stem}_{self.trajectory.protocol}{self.stage.suffix}")
         return path if path.is_file() else None
 
 
 Part = Literal["protocol", "equations", "stage", "motion"]
-"""What can be judged by itself: timing and RCM of the samples; equations; stage; baked motion and clearances."""
+"""Parts of a validation that can run separately.
+
+They check: timing and RCM of the samples; equations; stage; baked motion and clearances.
+"""
 
 PARTS: frozenset[Part] = frozenset(("protocol", "equations", "stage", "motion"))
 
 
 @dataclass(frozen=True)
 class Known:
-    """What earlier judgements of the same equations, mechanism and trajectory have given; need not be done again."""
+    """Results of earlier checks of the same equations, mechanism and trajectory, for reuse."""
 
     comparison: Comparison | None = None
     measured: Measured | None = None
 
 
 def summaries(trajectory: Trajectory) -> tuple[PhaseSummary, ...]:
-    """Return the phases of a trajectory as reports have them."""
+    """Return the phases of a trajectory in the form of reports."""
     return tuple(
         PhaseSummary(
             p.name,

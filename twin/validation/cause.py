@@ -1,12 +1,13 @@
-"""The findings of one cause under one headline: which two sides differ, by how much, and what follows from it."""
+"""Group findings by cause. A side is one of: equations (A), CAD (B), USD stage (C), baked motion (D)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from twin.core.findings import Finding, by_severity
+from twin.core.format import shown
 
 Side = Literal["CAD", "equations", "stage", "motion", "protocol"]
 
@@ -17,32 +18,32 @@ SIDES: dict[Side, str] = {
     "motion": "baked motion (D) and CAD (B) differ",
     "protocol": "the motion breaks a limit of the protocol or of the robot",
 }
-"""What differs from what, in the order in which causes are told: what is later may follow from what is earlier."""
+"""Which two sides differ, in the order of causes: later entries may follow from earlier ones."""
 
 _FAMILIES: dict[str, Side] = {
     **dict.fromkeys(("cad", "loop"), "CAD"),
     **dict.fromkeys(("point", "points", "driven", "passive", "tool", "forward", "length", "mechanism"), "equations"),
-    **dict.fromkeys(("speed", "acceleration"), "equations"),
+    **dict.fromkeys(("speed", "acceleration", "margin"), "equations"),
     **dict.fromkeys(("stage", "usd"), "stage"),
     "baked": "motion",
 }
-"""Side by the first word of a finding's code; any other is of the protocol."""
+"""Key of `SIDES` by the first word of a finding's code; other codes belong to the protocol."""
 
 _SAME = 0.999
-"""Sizes within this ratio are equal but for rounding: the first of them then stands for the cause."""
+"""Ratio within which two sizes count as equal: the first of them is then shown for the cause."""
 
 
 @dataclass(frozen=True)
 class Cause:
-    """What is at fault.
+    """The cause of findings.
 
     Attributes:
         name: the equation with its variant, the joint or part of the CAD, the file, or the rule that is broken.
-        side: which two sides differ, see `SIDES`.
-        head: the finding whose size stands for the cause.
-        also: findings of the same kind, in other rows or places.
-        follows: findings that follow from it.
-        perhaps: findings that may follow from it: they were judged against what is at fault.
+        side: key of `SIDES`: which two sides differ.
+        head: the finding whose size is shown for the cause.
+        also: further findings of the same kind, in other rows or places.
+        follows: findings that follow from this cause.
+        perhaps: findings that may follow from this cause, because they were compared with the faulty side.
     """
 
     name: str
@@ -56,6 +57,12 @@ class Cause:
     def findings(self) -> tuple[Finding, ...]:
         """Every finding of the cause, its head first."""
         return (self.head, *self.also, *self.follows, *self.perhaps)
+
+    def lines(self) -> Iterator[str]:
+        """Yield the further findings of the cause as text: places and sizes, one line for each kind."""
+        for words, found in (("also", self.also), ("follows", self.follows), ("may follow", self.perhaps)):
+            if found:
+                yield f"{words}: {_sizes(found)}" if words == "also" else f"{words} from it: {_sizes(found)}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for JSON; findings are named by code and place."""
@@ -79,13 +86,13 @@ class Cause:
 
 
 def causes(findings: Iterable[Finding]) -> tuple[Cause, ...]:
-    """Return what disagrees or could not be checked by cause: what others may follow from first."""
+    """Return the causes of all disagreements, original causes first."""
     ordered = by_severity(findings)
     groups: dict[tuple[Side, str], list[Finding]] = {}
     for f in ordered:
         if f.severity in ("error", "disagreement"):
             groups.setdefault(_key(f), []).append(f)
-    for f in ordered:  # notes are told only with the cause that they name
+    for f in ordered:  # notes are reported only with the cause that they name
         if f.severity in ("warning", "info") and f.cause and _key(f) in groups:
             groups[_key(f)].append(f)
     out = [_cause(side, name, group) for (side, name), group in groups.items()]
@@ -94,13 +101,13 @@ def causes(findings: Iterable[Finding]) -> tuple[Cause, ...]:
 
 
 def side(finding: Finding) -> Side:
-    """Return which two sides a finding is about."""
+    """Return the key of `SIDES` that a finding belongs to, from the first word of its code."""
     return _FAMILIES.get(finding.code.partition(".")[0], "protocol")
 
 
 def _key(f: Finding) -> tuple[Side, str]:
     of = side(f)
-    if f.cause:  # a loop that the equations leave open is theirs
+    if f.cause:  # an open loop at the equations' joints is the equations' fault
         return "equations" if of == "CAD" and f.code.startswith("loop.") else of, f.cause
     return of, f.where if of == "CAD" else f"{f.code} {f.where}"
 
@@ -121,9 +128,18 @@ def _cause(of: Side, name: str, group: list[Finding]) -> Cause:
 
 
 def _after_cad(found: list[Cause]) -> tuple[Cause, ...]:
-    """Put what the equations are blamed for below a CAD that contradicts itself: they were judged against that."""
+    """If the CAD contradicts itself, list causes in the equations after it, because they were compared with it."""
     if not found or found[0].side != "CAD" or found[0].head.severity != "disagreement":
         return tuple(found)
     blamed = [c for c in found if c.side == "equations"]
     below = replace(found[0], perhaps=tuple(f for c in blamed for f in c.findings))
     return (below, *(c for c in found[1:] if c not in blamed))
+
+
+def _sizes(found: Sequence[Finding], most: int = 6) -> str:
+    """Return places and sizes of the first few findings as text."""
+    words = [
+        f.code.partition(".")[2].replace("_", " ") if f.size is None else f"{f.where} {shown(f.size, f.unit)}".strip()
+        for f in found
+    ]
+    return "; ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")

@@ -1,4 +1,4 @@
-"""The command lines that make a judgement again, and that look further into it."""
+"""The command lines that repeat a validation, and that explain it."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from twin.kinematics import Kinematics
 from twin.validation.rows import Tolerances
 
 SECONDS = 60
-"""What `explain` is given for the search for two edits when a short search has found nothing."""
+"""Time limit in s for `explain` to search for two edits, proposed after a short search without result."""
 
 
 def commands(
     files: assets.RobotFiles, kin: Kinematics | None, protocol: str | Path, tolerances: Tolerances | None
 ) -> dict[str, str]:
-    """Return the command lines "validate" and "explain" of a judgement, to be run from the present folder.
+    """Return {"validate": ..., "explain": ...}: command lines that repeat a validation and explain it, in this folder.
 
     Args:
-        files: of the robot.
+        files: files of the robot.
         kin: the equations in the variants that were judged; None: there are none to explain.
         protocol: name or path of the protocol.
-        tolerances: what was asked for; None: what the CAD gives.
+        tolerances: the requested tolerances; None: those of the CAD.
     """
     chosen = []
     if kin is not None:
@@ -41,13 +41,13 @@ def commands(
 
 
 def again(robot: str, protocol: str, variants: Mapping[str, str]) -> str:
-    """Return the command line of a judgement of which only names are known."""
+    """Return the command line of a validation, from names alone."""
     chosen = [w for n, v in variants.items() for w in ("--variant", f"{n}={v}")]
     return shlex.join(["twin", "validate", robot, "--protocol", protocol, *chosen])
 
 
 def _word(files: assets.RobotFiles) -> str:
-    """Return how the command line names a robot: a built-in one by its name, another by its folder."""
+    """Return the name of a robot on the command line: the name of a built-in robot, the folder of another."""
     if files.cad == assets.data_folder() / "cad" / files.name:
         return files.name
     folder = files.cad.parent

@@ -1,10 +1,9 @@
-"""A against B: the published equations against the independent model, cause separated from consequence.
+"""Compare the equations (A) with the independent model from the CAD (B); separate causes from consequences.
 
-The protocol gives tool poses. The mechanism is solved twice: for the poses (which joint values would take the
-tool there?) and for the equations' joint values (where would they take it?). Each printed equation is judged
-on its own input: the points that an equation places against the CAD's points at the same pose, and the joint
-values that an equation makes of the CAD's points against the mechanism's. What follows from an error that is
-already located is reported as its consequence, not as another error.
+The protocol gives tool poses. The mechanism is solved twice: its joint values for the tool poses, and its tool pose for
+the joint values of the equations. Each printed equation is checked on correct inputs: its points are compared with the
+CAD's points at the same pose, and its joint values, computed from the CAD's points, with the mechanism's. Consequences
+of a located error are reported as such, not as further errors.
 """
 
 from __future__ import annotations
@@ -16,25 +15,29 @@ from itertools import combinations
 import numpy as np
 
 from twin.core.errors import AssemblyError
-from twin.core.findings import Finding
+from twin.core.findings import Finding, Kind, disagreement, finding
+from twin.core.quantity import mm
 from twin.core.spatial import Array, Index
-from twin.core.units import DEG, MM
+from twin.core.units import MM
 from twin.kinematics import Kinematics
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel, Run
 from twin.validation.forward import forward
-from twin.validation.result import Quantity, Residual, headline
+from twin.validation.result import Residual, RowKind, headline
 from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
 
 COARSE = 10
-"""Joints, points, speeds and the stage are compared at every tenth sample, tool and loops at every one."""
+"""Joints, points, speeds and the stage are compared at every tenth sample, tool and loops at every sample."""
 
 Progress = Callable[[str, float], None]
 
 
+_NOT_RIGID = Kind("points.not_rigid", "disagreement", word="")
+
+
 @dataclass
 class Comparison:
-    """Rows, findings and curves of one comparison, being collected."""
+    """Collector of the rows, findings and curves of one comparison."""
 
     residuals: list[Residual] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
@@ -47,7 +50,7 @@ class Comparison:
     """The mechanism with its tool at the protocol's poses, at the coarse samples."""
 
     coarse: Index = field(default_factory=lambda: np.zeros(0, np.intp))
-    """The samples that are compared coarsely."""
+    """Indices of the coarse samples."""
 
 
 def compare(
@@ -58,10 +61,10 @@ def compare(
     tolerances: Tolerances,
     progress: Progress,
 ) -> Comparison:
-    """Return rows and findings of the equations `kin` against the independent model along a trajectory.
+    """Compare the equations `kin` with the independent model along a trajectory; return rows and findings.
 
     Without equations (None) the mechanism is driven by the trajectory's own joint values, and only its loops and rates
-    are judged. So it is where equations lead only forward and the mechanism itself has said where the tool goes.
+    are judged. The same is done if there are only forward equations and the mechanism determined the path.
     """
     out = Comparison()
     rows = _coarse_rows(trajectory)
@@ -71,17 +74,16 @@ def compare(
     asked = kin if kin is not None and (kin.closed_inverse or not trajectory.followed) else None
     q = trajectory.q if asked is None else asked.inverse_many(Ts)
     if asked is not None:
-        q[:, asked.auxiliary] = trajectory.q[:, asked.auxiliary]  # which the equations leave where they are
+        q[:, asked.auxiliary] = trajectory.q[:, asked.auxiliary]  # the equations do not change these joints
     out.series |= {"q": q, "t_coarse": coarse.t}
     if asked is not None and not np.isfinite(q).all():
         k = int(np.argmin(np.isfinite(q).all(axis=1)))
         out.findings.append(
-            Finding(
+            disagreement(
                 "driven.no_answer",
-                "disagreement",
+                ", ".join(j for j, bad in zip(asked.joints, ~np.isfinite(q[k]), strict=True) if bad),
                 f"the equations give no joint values for {np.sum(~np.isfinite(q).all(axis=1))} of {len(q)} tool "
-                f"poses that the mechanism can take ({', '.join(f'{n} {v}' for n, v in asked.variants.items())})",
-                where=", ".join(j for j, bad in zip(asked.joints, ~np.isfinite(q[k]), strict=True) if bad),
+                f"poses that the mechanism can reach ({', '.join(f'{n} {v}' for n, v in asked.variants.items())})",
                 when=f"{clock.phase(float(clock.t[k]))}, t = {clock.t[k]:.2f} s",
                 cause=_equation_of(asked, tuple(asked.joints)),
             )
@@ -90,7 +92,11 @@ def compare(
     def told(fraction: float) -> None:
         progress("mechanism at the tool poses", fraction)
 
-    if trajectory.followed:  # the poses are where the mechanism was taken by these joint values
+    by_joints = trajectory.followed or any(p.type == "free" for p in trajectory.phases)
+    chosen = asked is not None and by_joints and model.redundant
+    if chosen:  # of many solutions the equations give another one than the path takes: judged is theirs
+        posed = model.run_poses(Ts[rows], progress=told, near=q[rows])
+    elif trajectory.followed:  # the poses are where the mechanism was taken by these joint values
         posed = model.run(trajectory.q[rows], progress=told)
     else:
         posed = model.run_poses(Ts[rows], progress=told, near=trajectory.q[rows])
@@ -110,13 +116,14 @@ def compare(
         out.driven = model.run(q, progress=lambda f: progress("mechanism driven by its joints", f))
         _closed(model, out.driven, out, clock, tolerances)
     if out.driven is not None and not joints.row:
-        _rates(model, trajectory, out, rows, coarse, tolerances)
+        taken = model.run(trajectory.q).x if chosen else out.driven.x
+        _rates(model, trajectory, out, taken[rows], rows, coarse, tolerances)
     return out
 
 
 @dataclass(frozen=True)
 class _Blame:
-    """The row that explains others, the equation that yields it, and by point which equation is off there; or ""."""
+    """A row that explains others: its name, its equation, and the wrong equation by point; "" if there is none."""
 
     row: str = ""
     cause: str = ""
@@ -149,7 +156,7 @@ def _points(
     clock: Clock,
     tolerances: Tolerances,
 ) -> _Blame:
-    """Judge where the equations place the named points when the tool is where it should be."""
+    """Check the named points of the equations with the tool at the requested pose."""
     points = {n: p for n, p in kin.points_many(Ts=Ts, qs=posed.q).items() if n in posed.points}
     rows: dict[str, Residual] = {}
     equations: dict[str, str] = {}
@@ -170,7 +177,7 @@ def _points(
         out.residuals.append(r)
         if not r.agrees:
             by = f" by {equations[name]}" if equations[name] else ""
-            message = f"point {name}{by} is {text(r.worst, 'm')} off where the CAD has it, in {r.component}"
+            message = f"point {name}{by} differs from its position in the CAD in {r.component}"
             _add(out, r, message, equations[name] or blame.cause)
     _distances(model, points, posed, out, clock, tolerances, blame)
     return blame
@@ -185,7 +192,7 @@ def _distances(
     tolerances: Tolerances,
     blamed: _Blame,
 ) -> None:
-    """Judge whether points of one body keep their distances: equations that break them describe no rigid body."""
+    """Judge whether points of one body keep their distances; if not, the equations do not describe a rigid body."""
     on: dict[str, list[str]] = {}
     for point in model.mechanism.points:
         if point.name in points:
@@ -215,17 +222,11 @@ def _distances(
             if not r.agrees:
                 i = int(np.argmax(np.abs(length - true)))
                 out.findings.append(
-                    Finding(
-                        "points.not_rigid",
-                        "disagreement",
-                        f"the equations make {a}-{b} {length[0] / MM:.3f} mm at the start and "
-                        f"{length[i] / MM:.3f} mm at worst; on '{body}' in the CAD it is {true[0] / MM:.3f} mm: "
-                        "they describe no rigid body",
-                        where=f"{a}, {b}",
-                        when=f"{r.phase}, t = {r.t:.2f} s",
-                        size=r.worst / MM,
-                        unit="mm",
-                        limit=tolerances.position / MM,
+                    r.finding(
+                        _NOT_RIGID,
+                        f"the equations put {a} and {b} {mm(length[0])} apart at the start and {mm(length[i])} in "
+                        f"the worst case; in the CAD both are on '{body}', {mm(true[0])} apart",
+                        f"{a}, {b}",
                         cause=blamed.points[ends_off[0]] if ends_off else blamed.cause,
                     )
                 )
@@ -240,7 +241,7 @@ def _driven(
     clock: Clock,
     tolerances: Tolerances,
 ) -> _Blame:
-    """Judge the joint values: those of the whole chain, and those made of the CAD's own points."""
+    """Judge the joint values: of the whole chain of equations, and computed from the CAD's points."""
     alone = None
     if kin.closed_inverse and kin.formula.points:
         names = [n for n, s in kin.formula.points.items() if _equation_of(kin, (s,) if isinstance(s, str) else s)]
@@ -263,11 +264,10 @@ def _driven(
             cause = blamed.cause if because else equation or _equation_of(kin, tuple(kin.joints)) or joint
             wrong[joint] = r, cause
             by = f", because {because} is off," if because else f" by {equation}" if equation else ""
-            away = f"{text(r.worst, unit)} {'from where the mechanism has it' if unit == 'm' else 'off'}"
-            _add(out, r, f"joint {joint}{by} is {away}", cause)
+            _add(out, r, f"joint {joint}{by} differs from the mechanism's", cause)
     if alone is not None and blamed:
         out.facts.setdefault("equations by themselves", {})[_equation_of(kin, kin.joints)] = (
-            f"given the CAD's own points it yields the joints to {text(float(np.abs(alone - posed.q).max()), 'm')}"
+            f"with the points of the CAD it gives the joints within {text(float(np.abs(alone - posed.q).max()), 'm')}"
         )
     if not wrong:
         return _Blame()
@@ -286,7 +286,7 @@ def _passive(
         out.residuals.append(r)
         if not r.agrees:
             cause = blamed.cause or _equation_of(kin, (name,))
-            _add(out, r, f"passive joint {name} is {text(r.worst, 'rad')} from the mechanism's", cause)
+            _add(out, r, f"passive joint {name} differs from the mechanism's", cause)
 
 
 def _tool(
@@ -300,21 +300,21 @@ def _tool(
     tolerances: Tolerances,
     progress: Progress,
 ) -> None:
-    """Drive the mechanism with the equations' joint values and judge where the tool goes."""
+    """Drive the mechanism with the equations' joint values and check the tool pose."""
     Ts = trajectory.Ts_base_tool
     if not np.isfinite(q).all():
         return
     try:
         run = model.run(q, progress=lambda f: progress("mechanism driven by the equations", f))
-    except AssemblyError as error:
+    except AssemblyError as failed:
         out.findings.append(
-            Finding(
-                "tool.no_assembly",
+            finding(
                 "info" if blamed else "disagreement",
-                f"driven to the joint values of the equations the mechanism cannot be assembled ({error})",
-                where=", ".join(kin.joints) if blamed else "mechanism",
+                "tool.no_assembly",
+                ", ".join(kin.joints) if blamed else "mechanism",
+                f"the mechanism cannot be assembled at the joint values of the equations ({failed})",
+                suggestion=f"caused by {blamed.row}; fix that first" if blamed else "",
                 when=f"{clock.phase(0.0)}, from the start",
-                suggestion=f"a consequence of {blamed.row}: fix that first" if blamed else "",
                 cause=blamed.cause,
             )
         )
@@ -333,14 +333,19 @@ def _tool(
         r = row("A-B", "tool", name, unit, values, tolerance, clock, consequence_of=blamed.row)
         out.residuals.append(r)
         if not r.agrees:
-            _add(out, r, f"driven by the equations the tool is {text(r.worst, unit)} from where they say", blamed.cause)
+            _add(
+                out,
+                r,
+                "driven by the joint values of the equations, the mechanism's tool misses the requested pose",
+                blamed.cause,
+            )
     _closed(model, run, out, clock, tolerances, blamed.cause)
 
 
 def _closed(
     model: ReferenceModel, run: Run, out: Comparison, clock: Clock, tolerances: Tolerances, cause: str = ""
 ) -> None:
-    """Judge whether the loops of the driven mechanism close; `cause` is what the joint values are put down to."""
+    """Judge whether the loops of the driven mechanism close; `cause` explains wrong joint values."""
     balls = {j.name for j in model.mechanism.loops if j.type == "spherical"}
     for i, loop in enumerate(run.loop_names):
         r = row("B", "loop", loop, "m", run.gaps[:, i, 0], tolerances.loop, clock)
@@ -351,8 +356,7 @@ def _closed(
                 _add(
                     out,
                     gap,
-                    f"loop {loop} does not close: {text(gap.worst, gap.unit)} remain in the "
-                    "least-squares sense; the parts of this limb do not fit",
+                    f"the parts of one limb do not fit: loop {loop} does not close (least squares)",
                     cause,
                 )
 
@@ -361,14 +365,13 @@ def _rates(
     model: ReferenceModel,
     trajectory: Trajectory,
     out: Comparison,
+    states: Array,
     rows: Index,
     clock: Clock,
     tolerances: Tolerances,
 ) -> None:
     """Judge speed and acceleration of the tool: the protocol's against the mechanism's constraint Jacobian."""
-    run = out.driven
-    assert run is not None
-    twist, acceleration = model.rates(run.x[rows], trajectory.qd[rows], trajectory.qdd[rows])
+    twist, acceleration = model.rates(states, trajectory.qd[rows], trajectory.qdd[rows])
     lever = trajectory.Ts_base_tool[rows, :3, 3] - trajectory.Ts_base_frame[rows, :3, 3]
     w, dw = trajectory.angular_velocity[rows], trajectory.angular_acceleration[rows]
     v = trajectory.tip_velocity[rows] + np.cross(w, lever)
@@ -380,27 +383,20 @@ def _rates(
         ("acceleration", "m/s2", acceleration[:, :3] - a, tolerances.acceleration),
         ("acceleration", "rad/s2", acceleration[:, 3:] - dw, 10 * tolerances.acceleration),
     ):
-        kind: Quantity = "speed" if quantity == "speed" else "acceleration"
+        kind: RowKind = "speed" if quantity == "speed" else "acceleration"
         r = row("A-B", kind, "tool", unit, difference, tolerance, clock)
         out.residuals.append(r)
         if not r.agrees:
-            _add(out, r, f"the tool's {quantity} differs by {text(r.worst, unit)}")
+            _add(out, r, f"the tool's {quantity} differs")
 
 
-def _add(out: Comparison, r: Residual, message: str, cause: str = "") -> None:
+def _add(out: Comparison, r: Residual, what: str, cause: str = "") -> None:
     """Add a disagreement for a row, or a note if the row is a consequence of another."""
-    scale, unit = (MM, "mm" + r.unit[1:]) if r.unit.startswith("m") else (DEG, "deg" + r.unit[3:])
     out.findings.append(
-        Finding(
-            f"{r.quantity}.differs",
-            "info" if r.consequence_of else "disagreement",
-            message,
-            where=r.name,
-            when=f"{r.phase}, t = {r.t:.2f} s",
-            size=r.worst / scale,
-            unit=unit,
-            limit=None if r.tolerance is None else r.tolerance / scale,
-            suggestion=f"a consequence of {r.consequence_of}" if r.consequence_of else "",
+        r.finding(
+            Kind(f"{r.quantity}.differs", "info" if r.consequence_of else "disagreement", word="tolerance"),
+            what,
+            suggestion=f"caused by {r.consequence_of}; fix that first" if r.consequence_of else "",
             cause=cause,
         )
     )

@@ -1,8 +1,8 @@
-"""A waypoint that misses the RCM: the nearest poses that keep it, and whether the robot reaches them.
+"""For a waypoint whose shaft misses the RCM: find the nearest poses that pass it, and whether the robot reaches them.
 
-Each fix is one change of the protocol. It is planned through, with the pivot about the RCM: the shaft then keeps it all
-along, and the planner says what the robot cannot do. Beside it stands what a straight way to the same pose, as the
-protocol goes, would still miss between its ends.
+Each fix is one change of the protocol. The changed protocol is planned with a pivot about the RCM, so that the shaft
+always passes the RCM; the planner reports unreachable parts. For comparison, the error of the straight path to the same
+pose is given.
 """
 
 from __future__ import annotations
@@ -15,17 +15,18 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import ProtocolError, TimingError
-from twin.core.findings import Finding
+from twin.core.findings import Finding, info
+from twin.core.quantity import deg, mm
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.planning.check import rcm_error
-from twin.planning.path import angles_of, rotation
 from twin.planning.plan import plan
 from twin.planning.protocol import Pivot, Protocol, Waypoint
+from twin.planning.protocol.course import angles_of, rotation
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
 STEP = 0.02
-"""Seconds between the samples of a fix that is planned."""
+"""Time in s between the samples of a planned fix."""
 
 Planner = Callable[[Protocol], Trajectory]
 
@@ -35,13 +36,13 @@ class Fix:
     """One way to make a waypoint agree with the RCM.
 
     Attributes:
-        name: what is changed.
-        waypoint: which; "" if another thing is changed.
-        moved, turned: by how much, m and rad.
-        value: the new numbers, in words.
-        reachable: whether the robot carries the whole protocol out with it.
-        why: what keeps it from it, or what margin is left.
-        straight: m, what the straight way to the new pose would still miss; NaN where it was not planned.
+        name: the kind of change.
+        waypoint: its name; "" if something else is changed.
+        moved, turned: size of the change, in m and rad.
+        value: the new numbers, as text.
+        reachable: whether the robot can do the whole protocol with this change.
+        why: the obstacle, or the remaining margin.
+        straight: m, remaining error of the straight path to the new pose; NaN if not planned.
     """
 
     name: str
@@ -59,7 +60,7 @@ class Fix:
         size = [f"{self.moved / MM:.2f} mm"] if self.moved > 0 else []
         size += [f"{self.turned / DEG:.2f} deg"] if self.turned > 0 else []
         reach = f"the robot reaches it ({self.why})" if self.reachable else f"out of reach: {self.why}"
-        drift = f"; gone straight, the shaft would still leave the RCM by {self.straight / MM:.2f} mm on the way"
+        drift = f"; on the straight path the shaft would still miss the RCM by {self.straight / MM:.2f} mm in between"
         drifts = drift if self.straight > 1e-5 else ""
         return f"{self.name}, by {' and '.join(size) or '0 mm'}: {self.value}; {reach}{drifts}"
 
@@ -67,12 +68,12 @@ class Fix:
 def fixes(
     protocol: Protocol, trajectory: Trajectory, paths: PathKinematics, T_tool_frame: Array
 ) -> tuple[dict[str, str], list[Finding]]:
-    """Return the fixes of each monitored pivot that misses its RCM, in words and as notes.
+    """Return the fixes of each monitored pivot that misses its RCM, as text and as findings.
 
     Args:
-        protocol: what was planned.
-        trajectory: the plan.
-        paths: the robot, as planning knows it.
+        protocol: the protocol that was planned.
+        trajectory: the planned trajectory.
+        paths: the robot's planning data.
         T_tool_frame: (4, 4) the moved frame in the tool.
     """
 
@@ -92,14 +93,13 @@ def fixes(
             facts[f"{span.name}: {fix.name}"] = fix.text
             if fix.reachable:
                 findings.append(
-                    Finding(
+                    info(
                         "rcm.fix",
-                        "info",
+                        f"waypoint '{span.waypoint}'",
                         f"'{span.waypoint}' would keep the RCM: {fix.text}",
-                        where=f"waypoint '{span.waypoint}'",
+                        mm(fix.moved) if fix.moved > 0 else deg(fix.turned),
                         when=f"phase '{span.name}'",
-                        size=(fix.moved / MM) if fix.moved > 0 else fix.turned / DEG,
-                        unit="mm" if fix.moved > 0 else "deg",
+                        word="",
                     )
                 )
         facts[f"{span.name}: other readings of the angles"] = _readings(protocol, trajectory, span)
@@ -107,13 +107,13 @@ def fixes(
 
 
 def nearest(T: Array, axis: Array, rcm: Array, lever: float) -> Array:
-    """Return the pose (4, 4) whose shaft passes the RCM, nearest to T: moved and turned as little as possible.
+    """Return the pose (4, 4) whose shaft passes the RCM, nearest to T: minimum translation and rotation.
 
     Args:
-        T: (4, 4) the moved frame.
+        T: (4, 4) pose of the moved frame.
         axis: (3,) the shaft in that frame.
-        rcm: (3,).
-        lever: m; a turn by 1 rad counts as much as a way of this.
+        rcm: (3,) in m, in the same frame as T.
+        lever: m; a rotation by 1 rad counts as much as this length.
     """
     from scipy.optimize import minimize
 
@@ -149,7 +149,7 @@ def _poses(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan, planner:
         if 1e-12 < angle < np.pi - 1e-6:
             R = spatial.exp_so3(turn / np.linalg.norm(turn) * angle) @ T[:3, :3]
             out.append(("turn the shaft, keep the tip", spatial.pose(R, T[:3, 3])))
-        out.append(("move and turn as little as possible", nearest(T, axis, span.rcm, max(length, 10 * MM))))
+        out.append(("the smallest move and turn of the tool", nearest(T, axis, span.rcm, max(length, 10 * MM))))
     return [_tried(protocol, trajectory, span, name, new, planner) for name, new in out]
 
 
@@ -182,7 +182,7 @@ def _tried(
 
 
 def _with(protocol: Protocol, span: PhaseSpan, waypoint: Waypoint, mode: str | None) -> Protocol:
-    """Return the protocol with another waypoint, and its pivot there about the RCM if that is asked for."""
+    """Return the protocol with another waypoint and, on request, with its pivot to it about the RCM."""
     phases = protocol.phases
     if mode is not None:
         phases = tuple(
@@ -197,7 +197,7 @@ def _missed(trajectory: Trajectory, phase: str) -> float:
 
 
 def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
-    """Return where the RCM itself would have to be: nearest to the shaft where it is registered and where it ends."""
+    """Return the required position of the RCM: nearest to the shaft at registration and at the end of the pivot."""
     assert span.rcm is not None
     first = min(s.start for s in trajectory.phases if s.rcm is not None and np.array_equal(s.rcm, span.rcm))
     Ts, axis = (
@@ -214,7 +214,7 @@ def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     at = ", ".join(f"{x / MM:.2f}" for x in best)
     moved = float(np.linalg.norm(best - span.rcm))
     enough = left <= 1e-4
-    why = "both shafts pass it" if enough else f"even there the shafts pass it at {left / MM:.2f} mm: they are skew"
+    why = "both shafts pass it" if enough else f"even there the shafts miss it by {left / MM:.2f} mm: they are skew"
     return [Fix("move the RCM", "", moved, 0.0, f"({at}) mm", enough, why)]
 
 
@@ -224,7 +224,7 @@ def _readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> st
     assert span.waypoint is not None
     w = protocol.waypoints[span.waypoint]
     if w.position is None:
-        return "none: the waypoint is about the RCM already"
+        return "none: the waypoint already keeps the RCM"
     found: list[tuple[float, str]] = []
     for order in ("zyx", "xyz"):
         for signs in product((1, -1), repeat=3):
@@ -235,5 +235,5 @@ def _readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> st
             found.append((missed, f"order {order}, signs {', '.join('+' if s > 0 else '-' for s in signs)}"))
     missed, words = min(found)
     if missed <= protocol.tolerances.rcm:
-        return f"{words} keep it ({missed / MM:.3g} mm): the angles may be meant so"
-    return f"none keeps it; the best, {words}, misses it by {missed / MM:.2f} mm"
+        return f"{words} keep the RCM ({missed / MM:.3g} mm): these may be the intended angles"
+    return f"none keeps the RCM; the best, {words}, misses it by {missed / MM:.2f} mm"

@@ -1,7 +1,7 @@
-"""The stage read back, thing by thing: what the CAD's mechanism has that the tool alone does not feel.
+"""Compares the stage read back with the CAD's mechanism item by item, beyond the tool pose.
 
-Masses that were not weighed are estimated from the CAD's own meshes and densities, by a sum over tetrahedra that
-shares nothing with the scales of the build; the chords of a coarse mesh make it a few per cent too light.
+Masses that the build did not compute are estimated from the CAD's own meshes and densities, by a sum over tetrahedra,
+independent of the build's method; a coarse mesh makes the estimate a few per cent too low.
 """
 
 from __future__ import annotations
@@ -13,29 +13,35 @@ import numpy as np
 
 from twin.cad.description import Description
 from twin.core import spatial
-from twin.core.findings import Finding
+from twin.core.findings import Finding, Kind
+from twin.core.quantity import Quantity, deg, mm
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Body, Inertia, Joint, Mechanism, reversed_joint
 from twin.validation.masses import solid
 
 SINGLE = 1e-5
-"""Relative difference that single precision may make of a number."""
+"""Relative difference that single precision may cause."""
 
 COARSE_MASS, COARSE_SIZE = 0.15, 0.04
-"""How far an estimate from a coarse mesh may be off: share of a mass, and of a body's size for its mass centre."""
+"""Tolerances of an estimate from a coarse mesh: fraction of a mass; for a mass centre, of the body's size."""
 
 COARSE_MOMENT = 0.4
-"""... and of a principal moment: it goes with the fourth power of a diameter."""
+"""The same for a principal moment, which grows with the fourth power of a diameter."""
+
+
+_AGAIN = "rebuild the stage with `twin build`"
+_CONTENT = Kind("stage.content", "disagreement", _AGAIN, word="CAD and description")
+_MISPLACED = Kind("stage.content", "disagreement", _AGAIN, word="")
 
 
 def content(mechanism: Mechanism, stage: Mechanism, description: Description) -> list[Finding]:
-    """Return what of a mechanism its stage has lost, or has otherwise; nothing if they are the same.
+    """Return findings on data of a mechanism that are missing or different on its stage.
 
     Args:
-        mechanism: from the CAD, weighed or not.
-        stage: read back.
-        description: gives densities for bodies that were not weighed.
+        mechanism: from the CAD, with or without computed masses.
+        stage: the mechanism read back from the stage.
+        description: gives densities for bodies without computed masses.
     """
     found: list[Finding] = []
     for kind, ours, theirs in (
@@ -50,8 +56,8 @@ def content(mechanism: Mechanism, stage: Mechanism, description: Description) ->
         found += [_lost(kind, n, "is not on the stage") for n in sorted(want - have)]
         found += [_lost(kind, n, "is on the stage only") for n in sorted(have - want)]
     lost, more = (sorted(set(a.trocars) - set(b.trocars)) for a, b in ((mechanism, stage), (stage, mechanism)))
-    found += [_lost("trocar", n, "is not marked as one on the stage") for n in lost]
-    found += [_lost("trocar", n, "is marked as one on the stage only") for n in more]
+    found += [_lost("trocar", n, "is not marked as a trocar on the stage") for n in lost]
+    found += [_lost("trocar", n, "is marked as a trocar on the stage only") for n in more]
     by_name: Mapping[str, Joint] = {j.name: j for j in stage.joints}
     for joint in mechanism.joints:
         if joint.name in by_name:
@@ -73,36 +79,21 @@ def content(mechanism: Mechanism, stage: Mechanism, description: Description) ->
 
 
 def _lost(kind: str, name: str, text: str) -> Finding:
-    return Finding("stage.content", "disagreement", f"{kind} '{name}' {text}", where=name, suggestion=_AGAIN)
-
-
-_AGAIN = "rebuild the stage with `twin build`"
+    return _CONTENT(name, f"{kind} '{name}' {text}")
 
 
 def _differs(what: str, where: str, ours: float, theirs: float, unit: str, rel: float = SINGLE) -> Iterator[Finding]:
     if abs(ours - theirs) > rel * max(abs(ours), abs(theirs)) + 1e-12:
-        yield Finding(
-            "stage.content",
-            "disagreement",
-            f"{what} is {theirs:.6g} {unit} on the stage; the CAD and its description say {ours:.6g} {unit}".replace(
-                "  ", " "
-            ),
-            where=where,
-            size=float(theirs),
-            unit=unit,
-            limit=float(ours),
-            suggestion=_AGAIN,
-        )
+        yield _CONTENT(where, f"{what} differs on the stage", Quantity(theirs, unit), float(ours))
 
 
 def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
-    if (a.parent, a.child) == (b.child, b.parent):  # the stage has the joints of its tree lead outwards
+    if (a.parent, a.child) == (b.child, b.parent):  # on the stage, tree joints point outwards
         b = reversed_joint(b)
     for what in ("type", "parent", "child", "active"):
         ours, theirs = getattr(a, what), getattr(b, what)
         if ours != theirs:
-            text = f"has {what} {theirs} on the stage, {ours} in the CAD"
-            yield Finding("stage.content", "disagreement", f"joint '{a.name}' {text}", a.name, suggestion=_AGAIN)
+            yield _CONTENT(a.name, f"joint '{a.name}' has {what} {theirs} on the stage, {ours} in the CAD")
             return
     yield from _place(f"joint '{a.name}' on '{a.parent}'", a.name, a.T_parent_joint, b.T_parent_joint)
     yield from _place(f"joint '{a.name}' on '{a.child}'", a.name, a.T_child_joint, b.T_child_joint)
@@ -125,14 +116,14 @@ def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
         if one is None and two is None:
             continue
         if one is None or two is None:
-            state = "is missing on the stage" if two is None else "stands on the stage only"
-            yield Finding("stage.content", "disagreement", f"{what} {state}", a.name, suggestion=_AGAIN)
+            state = "is missing on the stage" if two is None else "is on the stage only"
+            yield _CONTENT(a.name, f"{what} {state}")
             continue
         yield from _differs(what, a.name, one / factor, two / factor, per)
 
 
 def _motors(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
-    """Hold actuators and the matrices of transmissions against the stage, which has them in double precision."""
+    """Compare actuators and transmission matrices with the stage, which has them in double precision."""
     theirs = {a.name: a for a in stage.actuators}
     for a in mechanism.actuators:
         for key, ours in vars(a).items():
@@ -142,7 +133,7 @@ def _motors(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
     for t in mechanism.transmissions:
         u = led.get(t.name, t)
         if (t.joints, t.actuators) != (u.joints, u.actuators) or not np.array_equal(t.matrix, u.matrix):
-            yield _lost("transmission", t.name, "leads other motors to joints, or otherwise, on the stage")
+            yield _lost("transmission", t.name, "has another matrix on the stage")
 
 
 def _place(what: str, where: str, ours: Array, theirs: Array) -> Iterator[Finding]:
@@ -150,16 +141,10 @@ def _place(what: str, where: str, ours: Array, theirs: Array) -> Iterator[Findin
     turn = float(spatial.rotation_angle(ours[:3, :3].T @ theirs[:3, :3]))
     limit = 1e-6 + 1e-6 * float(np.linalg.norm(ours[:3, 3]))
     if off > limit or turn > SINGLE:
-        size, unit = (off / MM, "mm") if off > limit else (turn / DEG, "deg")
-        yield Finding(
-            "stage.content",
-            "disagreement",
-            f"{what} is placed {off / MM:.4g} mm and {turn / DEG:.4g} deg off on the stage",
-            where=where,
-            size=size,
-            unit=unit,
-            limit=limit / MM if unit == "mm" else SINGLE / DEG,
-            suggestion=_AGAIN,
+        yield _MISPLACED(
+            where,
+            f"{what} is displaced on the stage by {mm(off)} and {deg(turn)}",
+            *((mm(off), mm(limit)) if off > limit else (deg(turn), deg(SINGLE))),
         )
 
 
@@ -178,28 +163,18 @@ def _body(a: Body, b: Body, description: Description) -> Iterator[Finding]:
     off = float(np.linalg.norm(ours.p_body_com - theirs.p_body_com))
     limit = 1e-6 + (SINGLE if weighed else COARSE_SIZE) * size
     if off > limit:
-        yield Finding(
-            "stage.content",
-            "disagreement",
-            f"the mass centre of '{a.name}' is {off / MM:.4g} mm from where the CAD has it",
-            where=a.name,
-            size=off / MM,
-            unit="mm",
-            limit=limit / MM,
-            suggestion=_AGAIN,
+        yield _MISPLACED(
+            a.name, f"the mass centre of '{a.name}' is {mm(off)} from its position in the CAD", mm(off), mm(limit)
         )
     apart = float(np.abs(ours.I_com - theirs.I_com).max())
     largest = float(np.abs(ours.I_com).max())
     if apart > moment * largest:
-        yield Finding(
-            "stage.content",
-            "disagreement",
-            f"the inertia tensor of '{a.name}' is {apart:.3g} kg m2 off, its largest entry in the CAD {largest:.3g}",
-            where=a.name,
-            size=apart,
-            unit="kg m2",
-            limit=moment * largest,
-            suggestion=_AGAIN,
+        yield _MISPLACED(
+            a.name,
+            f"the inertia tensor of '{a.name}' differs by {Quantity(apart, 'kg m2')}; its largest entry in the CAD "
+            f"is {Quantity(largest, 'kg m2')}",
+            Quantity(apart, "kg m2"),
+            moment * largest,
         )
 
 
@@ -230,7 +205,7 @@ def _meshes(a: Body, b: Body) -> Iterator[Finding]:
 def estimate(body: Body, description: Description) -> Inertia | None:
     """Return mass, mass centre and tensor of a body from its meshes and the densities of their materials.
 
-    None if a mesh is open, or has no material: then nothing can be said.
+    Return None if a mesh is open or has no material: the mass is then unknown.
     """
     total = None
     for mesh in body.meshes:

@@ -1,4 +1,4 @@
-"""The trocar as a fulcrum: the tip goes to one side when what holds the shaft goes to the other."""
+"""The trocar as a fulcrum: tip and outer shaft move to opposite sides."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from twin.core.spatial import Array
 from twin.planning.trajectory import Trajectory
 
 OUTSIDE = 0.1
-"""Length in m of shaft between the trocar and the point outside that is shown."""
+"""Distance in m, along the shaft, of the displayed outer point from the trocar."""
 
 
 def fulcrum(trajectory: Trajectory) -> Array:
-    """Return (k, 2) m, sideways of the tip and of the shaft `OUTSIDE` of the trocar; NaN where none is registered.
+    """Return (k, 2) in m: sideways motion of the tip and of the shaft's outer point; NaN without registered trocar.
 
-    Sideways is along the direction, across the mean shaft, in which the tip moves most.
+    Sideways: the direction perpendicular to the mean shaft in which the tip moves most.
     """
     rcm = trajectory.rcm
     inside = np.isfinite(rcm).all(axis=1) & (trajectory.depth > 0)

@@ -1,4 +1,4 @@
-"""The whole judgement of a robot along a trajectory: equations, mechanism, stage, motion, RCM, clearance."""
+"""The complete validation of a robot along a trajectory: equations, mechanism, stage, motion, RCM, clearance."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import AssemblyError, StageError
-from twin.core.findings import Finding
-from twin.core.units import DEG, MM
+from twin.core.findings import Finding, Kind, disagreement, info
+from twin.core.jobs import Call
 from twin.kinematics import Kinematics
 from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
-from twin.validation.beside import Beside
 from twin.validation.case import PARTS, Case, Known, Part, summaries
 from twin.validation.compare import Comparison, compare
 from twin.validation.content import content
@@ -36,13 +35,15 @@ _PACKAGES = ("numpy", "casadi", "pin", "coal", "usd-core", "cascadio", "toppra")
 Progress = Callable[[str, float], None]
 
 
-_NO_EQUATIONS = Finding(
+_NO_EQUATIONS = info(
     "equations.none",
-    "info",
-    "there are no equations yet: mechanism, stage and motion are judged, and nothing else",
-    where="formula.py",
+    "formula.py",
+    "no equations yet: only mechanism, stage and motion are checked",
     suggestion="write `inverse` or `forward` there",
 )
+
+
+_STAGE = Kind("stage.differs", "disagreement", "rebuild the stage with `twin build`", word="tolerance")
 
 
 def judge(
@@ -54,11 +55,11 @@ def judge(
     """Return the report on one robot along one trajectory.
 
     Args:
-        case: what is judged.
-        progress: called with what is being done.
-        parts: what of it; the stage and the motion are held against the mechanism as the equations found it, so
-            without "equations" they need what is `known`.
-        known: what need not be done again.
+        case: the input of the validation.
+        progress: called with a description of the current step.
+        parts: the parts to run. "stage" and "motion" are compared with the mechanism's states from "equations"; without
+            this part they need `known`.
+        known: reused results.
     """
     mechanism, trajectory = case.cad.mechanism, case.trajectory
     model = ReferenceModel(mechanism)
@@ -66,9 +67,9 @@ def judge(
     known = known or Known()
     out = known.comparison or Comparison()
     looked = samples(trajectory)
-    # What needs no equations is measured on a second core meanwhile.
+    # Parts without equations are measured on a second core meanwhile.
     apart_from_it = "motion" in parts and known.measured is None
-    aside = Beside(measure, mechanism, looked, case.written) if apart_from_it else contextlib.nullcontext()
+    aside = Call(measure, mechanism, looked, case.written) if apart_from_it else contextlib.nullcontext()
     with aside as beside:
         try:
             if "equations" in parts:
@@ -137,12 +138,11 @@ def _reasons(kin: Kinematics) -> dict[str, str]:
 
 
 def _cannot_take(mechanism: Mechanism, error: AssemblyError) -> Finding:
-    return Finding(
+    return disagreement(
         "mechanism.no_assembly",
-        "disagreement",
-        f"the mechanism cannot take the tool poses of the protocol: {error}",
-        where=mechanism.name,
-        suggestion="the CAD does not reach where the equations do; compare the lengths in `info`",
+        mechanism.name,
+        f"the mechanism cannot reach the tool poses of the protocol: {error}",
+        suggestion="the CAD's workspace is smaller than that of the equations; compare the lengths in `info`",
     )
 
 
@@ -180,7 +180,7 @@ def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
 
 
 def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, progress: Progress) -> None:
-    """C against B: the same solver on the stage read back, and what single precision explains."""
+    """Compare the stage read back (C) with the CAD's mechanism (B) by the same solver; estimate rounding errors."""
     from twin.reference.sensitivity import of_rounding
     from twin.usd.check import check_stage, run_usd_validators
     from twin.usd.read import read_stage
@@ -201,7 +201,7 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
         other = ReferenceModel(stage)
         back = other.run(run.q, progress=lambda f: progress("stage read back", f))
     except (StageError, AssemblyError) as error:
-        out.findings.append(Finding("stage.unreadable", "disagreement", f"stage: {error}", where=str(case.stage.name)))
+        out.findings.append(disagreement("stage.unreadable", str(case.stage.name), f"stage: {error}"))
         return
     at = clock.at(out.coarse)
     Ts = run.Ts_base_tool
@@ -220,16 +220,8 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
         out.residuals.append(r)
         if not r.agrees:
             out.findings.append(
-                Finding(
-                    "stage.differs",
-                    "disagreement",
-                    f"the stage read back moves its tool {text(r.worst, unit)} from the CAD's mechanism",
-                    where=case.stage.name,
-                    when=f"{r.phase}, t = {r.t:.2f} s",
-                    size=r.worst / (MM if unit == "m" else DEG),
-                    unit="mm" if unit == "m" else "deg",
-                    limit=tolerance / (MM if unit == "m" else DEG),
-                    suggestion="rebuild the stage with `twin build`",
+                r.finding(
+                    _STAGE, "the tool of the stage read back differs from that of the CAD's mechanism", case.stage.name
                 )
             )
     for i, loop in enumerate(back.loop_names):
@@ -237,7 +229,7 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
 
 
 def _motion(measured: Measured, looked: Samples, case: Case, out: Comparison, clock: Clock) -> None:
-    """Add what was measured beside the comparison."""
+    """Add the findings and curves of the motion and the clearances."""
     rows, findings = baked_rows(measured, looked, clock.phases, case.tolerances)
     if measured.written is not None:
         more, found = written_rows(measured.written, looked, clock.phases, case.tolerances, case.baked_for_it)

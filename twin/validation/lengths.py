@@ -1,4 +1,4 @@
-"""Lengths of single parts, as measured on the CAD, against the numbers that the equations use."""
+"""Compare lengths of single parts, as measured on the CAD, with the numbers that the equations use."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from twin.cad.build import CadModel
 from twin.cad.description import Description
 from twin.cad.lengths import measure
 from twin.core.errors import TwinError, unknown
-from twin.core.findings import Finding
-from twin.core.units import MM, UM
+from twin.core.findings import Finding, disagreement
+from twin.core.quantity import um
+from twin.core.units import MM
 from twin.formula.contract import arguments
 from twin.kinematics import Kinematics
 from twin.validation.result import Residual
@@ -19,10 +20,10 @@ from twin.validation.rows import Clock, Tolerances, row
 
 
 def check_parameters(kin: Kinematics, description: Description) -> None:
-    """Do nothing if the equations have each parameter that a declared length names.
+    """Raise if a declared length names a parameter that the equations do not have.
 
     Raises:
-        TwinError: they have no parameter of that name.
+        TwinError: the equations have no parameter of that name.
     """
     for length in description.length:
         if length.parameter not in kin.parameters:
@@ -45,30 +46,29 @@ def lengths(
     at = clock.at(np.zeros(1, np.intp))
     for length in measure(cad):
         used = kin.parameters[length.parameter]
-        where, note = f"{length.parameter} on {length.body}", f"{' to '.join(length.between)}, as drawn"
+        where, note = f"{length.parameter} on {length.body}", f"{' to '.join(length.between)}, in the CAD"
         r = row("A-B", "length", where, "m", np.array([length.value - used]), tolerances.position, at, note=note)
         rows.append(r)
         if not r.agrees:
             findings.append(
-                Finding(
+                disagreement(
                     "length.differs",
-                    "disagreement",
+                    length.body,
                     f"{where} measures {length.value / MM:.4f} mm from {length.between[0]} to {length.between[1]}; "
-                    f"the equations use {used / MM:.4f} mm",
-                    where=length.body,
+                    f"the equations use {used / MM:.4f} mm; difference",
+                    um(r.worst),
+                    um(tolerances.position),
+                    f"fix '{length.body}' in the CAD, or {length.parameter} in the equations",
                     when="as drawn",
-                    size=r.worst / UM,
-                    unit="um",
-                    limit=tolerances.position / UM,
-                    suggestion=f"fix '{length.body}' in the CAD, or {length.parameter} in the equations",
                     cause=f"length {length.parameter}",
+                    word="tolerance",
                 )
             )
     return rows, findings
 
 
 def put_down(kin: Kinematics, found: list[Finding], findings: list[Finding]) -> list[Finding]:
-    """Return the findings on the equations with the lengths that differ as their cause, where a row reads one."""
+    """Return the findings on the equations; if a row reads a length that differs, this length is the cause."""
     parameters = [f.cause.removeprefix("length ") for f in found]
     causes = {}
     for e in kin.formula.equations:

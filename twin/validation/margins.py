@@ -1,10 +1,11 @@
-"""What is left along a path: limits joint by joint, gaps, reach, singularities, and what the mechanism says itself."""
+"""Margins along a path: joint limits, gaps, reach, singularities, and the mechanism's own conditioning."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from twin.core.findings import Finding
+from twin.core.findings import Finding, Kind
+from twin.core.quantity import Quantity, moved
 from twin.core.spatial import Array, Index
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
@@ -18,14 +19,20 @@ SINGULAR = 1e-6
 """Conditioning of the mechanism below which its own Jacobian is singular in double precision."""
 
 
+_SINGULAR = Kind(
+    "singularity.mechanism", "disagreement", "plan the path farther from this pose: a branch may change there"
+)
+_JUMP = Kind("branch.jump", "disagreement", "plan the path farther from this pose", word="expected at most")
+
+
 def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics, clock: Clock) -> dict[str, str]:
-    """Return the least margin of each joint, gap, limb and singularity measure, and when; in words.
+    """Return as text the minimum margin of each joint, gap, limb and singularity measure, with its time.
 
     Args:
-        trajectory: where the joints are.
-        mechanism: owner of the limits.
-        paths: gaps, reach and singularity measures as planning uses them, evaluated anew at every sample.
-        clock: of the trajectory.
+        trajectory: the motion.
+        mechanism: the mechanism with the limits.
+        paths: gaps, reach and singularity measures as planning uses them, evaluated again at every sample.
+        clock: clock of the trajectory.
     """
     out: dict[str, str] = {}
     for j, joint in enumerate(mechanism.active):
@@ -51,7 +58,7 @@ def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics,
     for gap in paths.gaps:
         apart = np.abs(trajectory.q[:, gap.i] - trajectory.q[:, gap.j])
         k = int(np.argmin(apart))
-        out[f"gap {gap.name}"] = f"{apart[k] / MM:.2f} mm of {gap.smallest / MM:g} mm needed, {_when(clock, k)}"
+        out[f"gap {gap.name}"] = f"{apart[k] / MM:.2f} mm (required {gap.smallest / MM:g} mm), {_when(clock, k)}"
     for name, values in paths.reach(trajectory.Ts_base_tool).items():
         k = int(np.argmin(values))
         out[f"reach {name}"] = f"{values[k] / MM:.2f} mm, {_when(clock, k)}"
@@ -71,38 +78,35 @@ def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics,
 def of_mechanism(
     model: ReferenceModel, posed: Run, rows: Index, clock: Clock
 ) -> tuple[dict[str, str], list[Finding], dict[str, Array]]:
-    """Return how near the mechanism itself comes to a singularity, what follows, and the curves.
+    """Return the mechanism's distance from singularities, findings, and curves.
 
-    Its coordinates follow the drives continuously while its Jacobians keep their rank: the assembly branch cannot
-    change then. So a rank that is kept at every compared sample, and coordinates that do not jump, rule a switch out
-    without any word of the equations.
+    While the Jacobians keep their rank, the coordinates follow the drives continuously and the assembly branch cannot
+    change. So full rank at every compared sample, and coordinates without jumps, exclude a branch switch independently
+    of the equations.
 
     Args:
         model: the mechanism.
-        posed: its states, at the samples `rows` of the trajectory.
-        rows: of `posed` in the trajectory.
-        clock: of the trajectory.
+        posed: states of the mechanism, at the samples `rows` of the trajectory.
+        rows: sample numbers of `posed` in the trajectory.
+        clock: clock of the trajectory.
     """
     found = conditioning(model, posed.x, LENGTH_SCALE)
     at = clock.at(rows)
     facts, findings = {}, []
     for name, values, words in (
-        ("mechanism, tool stands (type 1)", found.stands, "the joints move and the tool stands still"),
-        ("mechanism, drives stand (type 2)", found.moves, "the tool moves while every drive stands still"),
+        ("mechanism, tool at rest (type 1)", found.stands, "the joints move and the tool is at rest"),
+        ("mechanism, drives at rest (type 2)", found.moves, "the tool moves while every drive is at rest"),
     ):
         k = int(np.argmin(values))
         facts[name] = f"{values[k]:.4f} of 1, {_when(at, k)}"
         if values[k] < SINGULAR:
             findings.append(
-                Finding(
-                    "singularity.mechanism",
-                    "disagreement",
-                    f"the mechanism becomes singular: {words}",
-                    where=model.mechanism.name,
+                _SINGULAR(
+                    model.mechanism.name,
+                    f"the mechanism becomes singular ({words}): measure",
+                    Quantity(values[k]),
+                    SINGULAR,
                     when=_when(at, k),
-                    size=float(values[k]),
-                    limit=SINGULAR,
-                    suggestion="keep the path away from there; a branch may change",
                 )
             )
     findings += _jumps(model, posed, at)
@@ -110,29 +114,30 @@ def of_mechanism(
 
 
 def _jumps(model: ReferenceModel, posed: Run, at: Clock) -> list[Finding]:
-    """Say where a passive joint leaves the line through its neighbours by more than they differ themselves."""
+    """Report jumps of a passive joint between neighbouring samples: beyond the usual change.
+
+    If a driven joint jumps as well, because the samples are far apart, a passive joint may follow it.
+    """
     out = []
+    floors = [2 * DEG if j.is_angle else 2 * MM for j in model.mechanism.active]
+    driven = np.abs(np.diff(posed.q, axis=0))
+    led = np.asarray((driven > _usual(driven) + floors).any(axis=1))
     for joint in model.mechanism.passive:
         q = np.unwrap(posed.q_passive[joint.name]) if joint.is_angle else posed.q_passive[joint.name]
         if len(q) < 4:
             continue
         steps = np.abs(np.diff(q))
-        before = np.maximum(np.concatenate([steps[:1], steps[:-1]]), np.concatenate([steps[1:], steps[-1:]]))
-        unit, scale, floor = ("deg", DEG, 2 * DEG) if joint.is_angle else ("mm", MM, 2 * MM)
-        k = int(np.argmax(steps - 8 * before))
-        if steps[k] > 8 * before[k] + floor:
+        floor = 2 * DEG if joint.is_angle else 2 * MM
+        usual = _usual(steps)
+        k = int(np.argmax(np.where(led, -np.inf, steps - usual)))
+        if not led[k] and steps[k] > usual[k] + floor:
             out.append(
-                Finding(
-                    "branch.jump",
-                    "disagreement",
-                    f"passive joint {joint.name} jumps by {steps[k] / scale:.3g} {unit} between samples that its "
-                    "neighbours cross smoothly: the mechanism changes its assembly",
-                    where=joint.name,
+                _JUMP(
+                    joint.name,
+                    f"passive joint {joint.name} jumps between two samples: the mechanism changes its assembly mode",
+                    moved(steps[k], joint.is_angle),
+                    moved(usual[k], joint.is_angle),
                     when=_when(at, k + 1),
-                    size=float(steps[k] / scale),
-                    unit=unit,
-                    limit=float(8 * before[k] / scale),
-                    suggestion="keep the path away from there",
                 )
             )
     return out
@@ -141,3 +146,8 @@ def _jumps(model: ReferenceModel, posed: Run, at: Clock) -> list[Finding]:
 def _when(clock: Clock, k: int) -> str:
     t = float(clock.t[k])
     return f"{clock.phase(t)}, t = {t:.2f} s"
+
+
+def _usual(steps: Array) -> Array:
+    """Return the limit up to which each step (k, ...) is usual, from its neighbouring steps."""
+    return 8 * np.maximum(np.concatenate([steps[:1], steps[:-1]]), np.concatenate([steps[1:], steps[-1:]]))

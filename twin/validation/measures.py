@@ -1,4 +1,4 @@
-"""Reach, singularity measures and aspects of the equations against the mechanism; see `twin.reference.boundary`."""
+"""Check reach, singularity measures and aspects of the equations by the mechanism; see `twin.reference.boundary`."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from twin.validation.compare import Comparison
 
 
 def measures(kin: Kinematics, model: ReferenceModel, out: Comparison) -> None:
-    """Judge the rows that no joint, point or pose can be held against; nothing where the others disagree already."""
+    """Check rows (outputs of equations) that are not a joint, point or pose; skipped if other rows disagree."""
     run = out.posed
     formula = kin.formula
     if run is None or not (formula.reach or formula.measures or formula.aspects):
         return
     heading = "reach, singularity measures, aspects"
     if any(r.pair == "A-B" and not r.agrees for r in out.residuals) or _off(out.findings):
-        out.facts[heading] = {"rows judged": "none: rows that they follow from disagree"}
+        out.facts[heading] = {"rows judged": "not checked: rows that they depend on disagree"}
         return
     turns = {j.name: j.is_angle for j in model.mechanism.joints}
     rows = Boundary(model, Margins(kin, turns, tuple(run.points)), run.x).judge()

@@ -1,6 +1,6 @@
-"""What needs no equations: the motion baked into USD and read back, and whether parts run through each other.
+"""Checks without equations: the motion baked into USD and read back, and collisions.
 
-`measure` is plain arrays in, plain arrays out, so that it can run beside the comparison with the equations.
+`measure` takes and returns plain arrays, so that it can run in parallel with the comparison.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ import numpy as np
 
 from twin.core.atomic import Scratch
 from twin.core.errors import StageError
-from twin.core.findings import Finding, Severity
+from twin.core.findings import Finding, Kind, Severity, disagreement
+from twin.core.quantity import mm
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.mechanism import Mechanism
@@ -24,27 +25,30 @@ from twin.reference.mating import Mate, mates
 from twin.usd.read import read_motion
 from twin.usd.write import Motion, write_motion, write_stage
 from twin.validation.result import PhaseSummary, Residual
-from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
+from twin.validation.rows import Clock, Tolerances, rotation_vectors, row
 
 KEY_RATE = 60.0
-"""Hz of baked motion."""
+"""Key rate of baked motion in Hz."""
 
 CLEARANCE_RATE = 5.0
-"""Hz at which distances between parts are measured."""
+"""Rate in Hz at which distances between parts are measured."""
 
 MIDDLE = 4
-"""Of the intervals between keys every fourth is looked into."""
+"""Interval of the checked key intervals: every fourth one."""
 
 TIME = 1e-6
-"""Seconds by which a time code may be beside the time that it stands for."""
+"""Tolerance of time codes in s."""
+
+
+_DIFFERS = Kind("baked.differs", "disagreement", word="tolerance")
 
 
 @dataclass(frozen=True)
 class Samples:
-    """When to look at a motion, and where its tool then is.
+    """Sample times of a motion, with tool poses.
 
     Attributes:
-        name: of the protocol.
+        name: name of the protocol.
         keys, Ts_keys, q_keys: time codes (k,) in s of the baked motion, T_base_tool (k, 4, 4) and joints (k, n) there.
         middle, Ts_middle, q_middle: times between keys.
         sparse, Ts_sparse, q_sparse: times at which distances are measured.
@@ -64,22 +68,22 @@ class Samples:
     followed: bool = False
 
     def links(self, model: ReferenceModel, Ts: Array, q: Array) -> dict[str, Array]:
-        """Return T_base_body (k, 4, 4) of every body at poses, or at joint values where the mechanism was led."""
+        """Return T_base_body (k, 4, 4) of every body at tool poses, or at joints if the mechanism made the path."""
         run = model.run(q) if self.followed else model.run_poses(Ts, near=q)
         return model.link_poses(run.x)
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What `measure` found.
+    """Result of `measure`.
 
     Attributes:
         times: time codes read back (k,) in s.
         position, rotation: largest error (k,) of any baked link at its time codes, m and rad.
         between: largest error (j,) in m of any link, interpolated linearly between keys.
         clearance: distances at `Samples.sparse`, or None if no body has a mesh.
-        written: the same of a motion that was written before, or None if there is none.
-        mates: how far the parts of each joint are apart as drawn.
+        written: the errors of a motion that was written before, or None if there is none.
+        mates: distance between the mating parts of each joint in the CAD.
     """
 
     times: Array
@@ -93,10 +97,10 @@ class Measured:
 
 @dataclass(frozen=True)
 class Written:
-    """A motion that lies beside a stage: its file, its time codes (k,) in s, and how far (k,) its links are off.
+    """An existing motion of a stage: file, time codes (k,) in s, and errors (k,) of its links.
 
-    `missing` names bodies without samples that move. Errors are given at the times that were meant; without them
-    (another number, another rate) they are empty.
+    `missing` names moving bodies without samples. Errors are given at the intended times; they are empty if the time
+    codes differ in number or rate.
     """
 
     file: str
@@ -107,7 +111,7 @@ class Written:
 
 
 def samples(trajectory: Trajectory) -> Samples:
-    """Return when and where `measure` is to look."""
+    """Return the samples for `measure`."""
     keys = key_times(trajectory.duration, KEY_RATE)
     middle = (0.5 * (keys[1:] + keys[:-1]))[::MIDDLE]
     sparse = np.linspace(0.0, trajectory.duration, max(2, int(trajectory.duration * CLEARANCE_RATE) + 1))
@@ -122,9 +126,9 @@ def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None)
     """Bake the mechanism's motion, read it back, and measure distances between parts.
 
     Args:
-        mechanism: what moves.
-        samples: when to look.
-        written: a stage with the motion baked in it before, to be held against the mechanism as well.
+        mechanism: the mechanism that moves.
+        samples: the sample times.
+        written: a stage with the motion baked in it before, to compare with the mechanism.
 
     Raises:
         AssemblyError: the mechanism cannot take the tool poses.
@@ -156,7 +160,7 @@ def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None)
 
 
 def written_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -> Written | None:
-    """Return how far the motion baked into a stage is off the poses (k, 4, 4) of the links at times (k,) in s."""
+    """Return the errors of a stage's baked motion from link poses (k, 4, 4) at times (k,) in s."""
     if root is None:
         return None
     try:
@@ -180,22 +184,23 @@ def written_rows(
     """Return rows and findings on a motion that was written before.
 
     Args:
-        written: as measured.
-        samples: what was meant.
-        phases: of the protocol.
-        tolerances: what counts as agreement.
-        due: whether it was made for this very motion; one that merely lies there may be older than the protocol.
+        written: errors of the written motion, from `measure`.
+        samples: the intended motion.
+        phases: phases of the protocol.
+        tolerances: maximum deviations that count as agreement.
+        due: whether it was made for this motion; otherwise it may be older than the protocol, and a difference is a
+            warning.
     """
     keys = Clock(samples.keys, phases)
     severity: Severity = "disagreement" if due else "warning"
-    again = "bake it again with `twin build`"
+    kind = Kind("baked.written", severity, "bake it again with `twin build`")
     if len(written.position) != len(samples.keys) or written.missing:
         t = written.times
         has = f"{len(t)} time codes from {t[0]:.4g} to {t[-1]:.4g} s" if len(t) else "no time codes"
         lacks = f"; {', '.join(written.missing)} have none" if written.missing else ""
-        said = f"the motion on the stage has {has}{lacks}; the protocol takes {samples.keys[-1]:.4g} s"
-        said += f" and {len(samples.keys)} of them: it is not this protocol's, or its samples were moved"
-        return [], [Finding("baked.written", severity, said, where=written.file, suggestion=again)]
+        said = f"the motion on the stage has {has}{lacks}; the protocol lasts {samples.keys[-1]:.4g} s"
+        said += f" and {len(samples.keys)} of them: it belongs to another protocol, or its samples were changed"
+        return [], [kind(written.file, said)]
     rows = [
         row("B-D", "baked", "links as written", unit, values, tolerance if due else None, keys, note=written.file)
         for unit, values, tolerance in (
@@ -204,14 +209,7 @@ def written_rows(
         )
     ]
     findings = [
-        Finding(
-            "baked.written",
-            severity,
-            f"a link of the motion on the stage is {text(r.worst, r.unit)} off the protocol's",
-            where=written.file,
-            when=f"{r.phase}, t = {r.t:.2f} s",
-            suggestion=again,
-        )
+        r.finding(kind, "a link pose of the motion on the stage differs from the protocol's", written.file)
         for r, limit in zip(rows, (tolerances.baked_position, tolerances.baked_rotation), strict=True)
         if r.worst > limit
     ]
@@ -221,34 +219,28 @@ def written_rows(
 def baked_rows(
     measured: Measured, samples: Samples, phases: tuple[PhaseSummary, ...], tolerances: Tolerances
 ) -> tuple[list[Residual], list[Finding]]:
-    """Return rows and findings on the baked motion (D against B)."""
+    """Return rows and findings on the baked motion (D), compared with the mechanism (B)."""
     keys, middle = Clock(samples.keys, phases), Clock(samples.middle, phases)
     if len(measured.times) != len(samples.keys) or np.abs(measured.times - samples.keys).max() > 1e-9:
-        return [], [Finding("baked.times", "disagreement", "the baked time codes are not those that were meant")]
+        return [], [disagreement("baked.times", "", "the baked time codes differ from those requested")]
     name = "links at their time codes"
     rows = [
         row("B-D", "baked", name, "m", measured.position, tolerances.baked_position, keys),
         row("B-D", "baked", name, "rad", measured.rotation, tolerances.baked_rotation, keys),
     ]
     findings = [
-        Finding(
-            "baked.differs",
-            "disagreement",
-            f"a baked link pose is {text(r.worst, r.unit)} off",
-            where="motion layer",
-            when=f"t = {r.t:.2f} s",
-        )
+        r.finding(_DIFFERS, "a baked link pose differs from the mechanism's", "motion layer", when=f"t = {r.t:.2f} s")
         for r in rows
         if not r.agrees
     ]
-    note = f"what a player that interpolates {KEY_RATE:g} Hz keys shows"
+    note = f"error of a player that interpolates {KEY_RATE:g} Hz keys"
     return [*rows, row("B-D", "baked", "links between keys", "m", measured.between, None, middle, note=note)], findings
 
 
 def clearance_facts(
     found: Clearance, times: Array, phases: tuple[PhaseSummary, ...]
 ) -> tuple[dict[str, str], list[Finding]]:
-    """Return the minimum clearance in words, and a finding for every contact."""
+    """Return the minimum clearance as text, and a finding for every contact."""
     clock = Clock(times, phases)
 
     def when(t: float) -> str:
@@ -265,15 +257,14 @@ def clearance_facts(
     if found.distance[k] <= 0:
         contacts.insert(0, (float(times[k]), a, b))
     return facts, [
-        Finding(
+        disagreement(
             "clearance.contact",
-            "disagreement",
-            f"{p} and {q} run through each other",
-            where=f"{p}, {q}",
-            when=when(t),
-            size=0.0,
-            unit="mm",
+            f"{p}, {q}",
+            f"{p} and {q} collide",
+            mm(0.0),
             suggestion="change the parts, or the protocol",
+            when=when(t),
+            word="",
         )
         for t, p, q in contacts
     ]

@@ -1,11 +1,12 @@
-"""How the mechanism goes through a protocol: about its RCM, within the limits of all joints, in time."""
+"""Checks of the mechanism along a protocol: RCM, limits of all joints, timing."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from twin.core import spatial
-from twin.core.findings import Finding
+from twin.core.findings import Finding, Kind
+from twin.core.quantity import moved
 from twin.core.units import DEG, MM
 from twin.planning.check import check
 from twin.reference import ReferenceModel
@@ -14,9 +15,12 @@ from twin.validation.compare import Comparison
 from twin.validation.consistent import fixes
 from twin.validation.margins import margins, of_mechanism
 from twin.validation.plausible import wide_limits
-from twin.validation.rows import Clock, row, text
+from twin.validation.rows import Clock, row
 from twin.validation.shaft import between_samples
 from twin.validation.timing import timing
+
+_MECHANISM = Kind("rcm.mechanism", "disagreement", word="tolerance")
+_PASSIVE = Kind("limit.passive", "disagreement", "change the protocol, or the joint", word="")
 
 
 def about_rcm(case: Case, out: Comparison, clock: Clock) -> None:
@@ -46,21 +50,17 @@ def about_rcm(case: Case, out: Comparison, clock: Clock) -> None:
         out.residuals.append(r)
         if not r.agrees and enforced:
             out.findings.append(
-                Finding(
-                    "rcm.mechanism",
-                    "disagreement",
-                    f"the mechanism's shaft passes the enforced RCM at {text(r.worst, 'm')}",
-                    where="RCM",
+                r.finding(
+                    _MECHANISM,
+                    "the mechanism's shaft misses the enforced RCM",
+                    "RCM",
                     when=f"{span.name}, t = {r.t:.2f} s",
-                    size=r.worst / MM,
-                    unit="mm",
-                    limit=tolerance / MM,
                 )
             )
 
 
 def passive_limits(model: ReferenceModel, out: Comparison, clock: Clock) -> None:
-    """Judge joints that nobody drives: their ranges, and the cones of spherical joints."""
+    """Check the limits of passive joints: ranges, and cones of spherical joints."""
     run = out.posed
     joints = [j for j in model.mechanism.joints if not j.active and (j.cone is not None or j.limits is not None)]
     if run is None or not joints:
@@ -85,23 +85,19 @@ def passive_limits(model: ReferenceModel, out: Comparison, clock: Clock) -> None
         left[joint.name] = f"{margin[k] / scale:.1f} {unit} left, {when}"
         if margin[k] < 0:
             out.findings.append(
-                Finding(
-                    "limit.passive",
-                    "disagreement",
-                    f"passive joint {joint.name} is turned {-margin[k] / scale:.2f} {unit} beyond its limit",
-                    where=joint.name,
+                _PASSIVE(
+                    joint.name,
+                    f"passive joint {joint.name} is {moved(-margin[k], joint.is_angle)} beyond its limit",
+                    moved(-margin[k], joint.is_angle),
+                    0.0,
                     when=when,
-                    size=-margin[k] / scale,
-                    unit=unit,
-                    limit=0.0,
-                    suggestion="change the protocol, or the joint",
                 )
             )
     out.facts["limits of passive joints"] = left
 
 
 def passage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock) -> None:
-    """Judge what the mechanism does between samples, and how near it comes to its singularities."""
+    """Check the mechanism between samples, and its distance from singularities."""
     if out.driven is not None and not any(r.consequence_of for r in out.residuals if r.quantity == "tool"):
         rows, found = between_samples(model, case.trajectory, case.protocol.tolerances.rcm, clock)
         out.residuals += rows
@@ -114,7 +110,7 @@ def passage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock) ->
 
 
 def of_protocol(case: Case, out: Comparison) -> list[Finding]:
-    """Return what is to be said of the motion itself: what planning found, and what its samples say by themselves."""
+    """Return facts and findings on the motion: from planning, and from its samples."""
     trajectory, mechanism = case.trajectory, case.cad.mechanism
     facts, found = timing(trajectory, mechanism, case.protocol)
     out.facts["timing, from the samples alone"] = facts

@@ -1,4 +1,4 @@
-"""Numbers that contradict nothing and still cannot be meant: limits of another unit, parts of another scale."""
+"""Implausible numbers: limits in another unit, parts of another scale."""
 
 from __future__ import annotations
 
@@ -6,20 +6,26 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from twin.core.findings import Finding
-from twin.core.units import DEG, MM
+from twin.core.findings import Finding, Kind
+from twin.core.quantity import mm, moved
 from twin.model.mechanism import Mechanism
 from twin.reference.mating import LOOSE, Mate
 
 TURNS = 8 * np.pi
-"""Range of an angle, in rad, above which its limits limit nothing: they are of another unit."""
+"""Range of an angle in rad above which its limits are probably in another unit."""
 
 SIZES = 4.0
-"""Range of a slide over the size of the robot, above which the same holds."""
+"""Range of a slide divided by the size of the robot above which its limits are probably in another unit."""
+
+
+_IMPLAUSIBLE = Kind(
+    "limit.implausible", "disagreement", "check the unit of its limits; a joint without end stops has none"
+)
+_APART = Kind("cad.apart", "disagreement", "check scale and place of the shapes of both bodies")
 
 
 def wide_limits(mechanism: Mechanism) -> list[Finding]:
-    """Return driven joints whose range is out of all proportion to the robot."""
+    """Return findings on driven joints with an implausibly wide range."""
     size = _size(mechanism)
     out = []
     for joint in mechanism.active:
@@ -27,30 +33,20 @@ def wide_limits(mechanism: Mechanism) -> list[Finding]:
             continue
         way = joint.limits[1] - joint.limits[0]
         most = TURNS if joint.is_angle else SIZES * size
-        unit, scale = ("deg", DEG) if joint.is_angle else ("mm", MM)
         if most > 0 and way > most:
             out.append(
-                Finding(
-                    "limit.implausible",
-                    "disagreement",
-                    f"joint {joint.name} may move {way / scale:.6g} {unit}, where "
-                    + (
-                        f"four turns are {most / scale:g} {unit}"
-                        if joint.is_angle
-                        else f"the robot is {size / MM:.4g} mm wide"
-                    ),
-                    where=joint.name,
-                    size=way / scale,
-                    unit=unit,
-                    limit=most / scale,
-                    suggestion="check the unit of its limits; a joint without an end has none",
+                _IMPLAUSIBLE(
+                    joint.name,
+                    f"joint {joint.name} has an implausibly wide range",
+                    moved(way, joint.is_angle),
+                    moved(most, joint.is_angle),
                 )
             )
     return out
 
 
 def _size(mechanism: Mechanism) -> float:
-    """Return the diagonal in m of the box around all joints as drawn."""
+    """Return the diagonal in m of the box around all joints in the rest poses."""
     places = [
         (mechanism.rest[j.parent] @ j.T_parent_joint)[:3, 3] for j in mechanism.joints if j.parent in mechanism.rest
     ]
@@ -58,18 +54,14 @@ def _size(mechanism: Mechanism) -> float:
 
 
 def apart(mates: Iterable[Mate]) -> list[Finding]:
-    """Return joints whose parts, as drawn, do not touch each other."""
+    """Return findings on joints whose parts do not touch each other in the CAD."""
     return [
-        Finding(
-            "cad.apart",
-            "disagreement",
-            f"the parts of joint '{m.joint}', {m.parts[0]} and {m.parts[1]}, are {m.apart / MM:.3g} mm apart as drawn",
-            where=m.joint,
+        _APART(
+            m.joint,
+            f"the parts of joint '{m.joint}', {m.parts[0]} and {m.parts[1]}, are apart in the CAD",
+            mm(m.apart),
+            mm(LOOSE),
             when="as drawn",
-            size=m.apart / MM,
-            unit="mm",
-            limit=LOOSE / MM,
-            suggestion="check scale and place of the shapes of both bodies",
         )
         for m in mates
         if m.apart > LOOSE

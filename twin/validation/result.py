@@ -1,34 +1,22 @@
-"""What `validate` returns: plain data, ready for JSON, HTML and plots."""
+"""Result of `validate`: plain data, ready for JSON, HTML and plots."""
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
-from twin.core.findings import EXIT_CODES, Finding, Verdict, by_severity, verdict
+from twin.core.findings import Finding, Kind, by_severity
+from twin.core.format import quantity
 from twin.core.provenance import Parameter
+from twin.core.quantity import si
+from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
-from twin.validation.cause import Cause, causes
+from twin.validation.cause import SIDES, Cause, causes
 
-
-def as_json(data: Any) -> str:
-    """Return plain data as JSON text; what is not finite becomes null, since JSON has no word for it."""
-
-    def plain(x: Any) -> Any:
-        if isinstance(x, Mapping):
-            return {str(k): plain(v) for k, v in x.items()}
-        if isinstance(x, list | tuple):
-            return [plain(v) for v in x]
-        return None if isinstance(x, float) and not math.isfinite(x) else x
-
-    return json.dumps(plain(data), indent=2, allow_nan=False)
-
-
-Quantity = Literal["length", "tool", "point", "driven", "passive", "loop", "speed", "acceleration", "baked", "rcm"]
+RowKind = Literal["length", "tool", "point", "driven", "passive", "loop", "speed", "acceleration", "baked", "rcm"]
 
 
 @dataclass(frozen=True)
@@ -36,22 +24,22 @@ class Residual:
     """One row of the residual matrix.
 
     Attributes:
-        pair: which sides are compared: "A-B" formula and mechanism, "B-C" mechanism and stage read back,
-            "B-D" mechanism and baked motion, "B" the mechanism by itself (loop gaps, RCM).
-        quantity: what is compared.
+        pair: the compared sides: "A-B" formula and mechanism, "B-C" mechanism and stage read back, "B-D" mechanism and
+            baked motion, "B" the mechanism by itself (loop gaps, RCM).
+        quantity: the compared quantity.
         name: named point, joint, loop, or "tool".
         unit: "m", "rad", "m/s", "rad/s", "m/s2" or "rad/s2".
         worst, rms: over all samples, in `unit`.
         tolerance: largest value that counts as agreement, or None if the row is for information.
         t, phase: when the worst value occurs.
         component: direction in which it is largest ("x", "y", "z") or "".
-        samples: how many samples were compared.
-        consequence_of: the row that explains this one, or "".
-        note: what a reader should know about this row, or "".
+        samples: number of samples compared.
+        consequence_of: name of the row that explains this row, or "".
+        note: remark for the reader, or "".
     """
 
     pair: str
-    quantity: Quantity
+    quantity: RowKind
     name: str
     unit: str
     worst: float
@@ -69,16 +57,24 @@ class Residual:
         """Whether the row is within its tolerance (rows for information always are)."""
         return self.tolerance is None or self.worst <= self.tolerance
 
+    def finding(
+        self, kind: Kind, what: str, where: str = "", *, suggestion: str = "", when: str = "", cause: str = ""
+    ) -> Finding:
+        """Return a finding of this row: `what`, worst value, tolerance, and by default place and time."""
+        limit = None if self.tolerance is None else si(self.tolerance, self.unit)
+        at = when or f"{self.phase}, t = {self.t:.2f} s"
+        return kind(where or self.name, what, si(self.worst, self.unit), limit, suggestion, when=at, cause=cause)
+
 
 _SAME = 0.999
-"""Sizes within this ratio are equal but for rounding: the first of them is shown."""
+"""Ratio within which two sizes count as equal: the first of them is then shown."""
 
 
 def headline(rows: Sequence[Residual]) -> Residual:
-    """Return the row that stands for several: one that differs by itself before one that follows from another."""
+    """Return the main row of several; rows that are not consequences come first."""
 
     def weight(r: Residual) -> tuple[int, float]:
-        """Of what is judged the share of its tolerance, else the size; no number is worst."""
+        """Rank by the ratio to tolerance, else by size; NaN is worst."""
         rank = 0 if r.tolerance is None else 1 if r.agrees else 2 if r.consequence_of else 3
         return rank, math.inf if math.isnan(r.worst) else r.worst / (r.tolerance or 1.0)
 
@@ -99,17 +95,17 @@ class PhaseSummary:
 
 
 @dataclass(frozen=True)
-class Report:
-    """The judgement of one robot on one protocol.
+class Report(Result):
+    """The validation of one robot on one protocol.
 
     Attributes:
-        robot, title, source: what was judged.
-        protocol, protocol_title: along what.
-        variants: chosen variant by equation, and `reasons` why the default differs from the printed one.
+        robot, title, source: name, title and source document of the robot.
+        protocol, protocol_title: name and title of the protocol.
+        variants: chosen variant by equation; `reasons`: why the default differs from the printed equation.
         residuals: the residual matrix.
         findings: from CAD, protocol, comparison, stage and clearance; they decide the verdict.
-        phases: of the protocol, in order.
-        parameters: of the formula and of the description, with provenance.
+        phases: phases of the protocol, in order.
+        parameters: parameters of the formula and of the description, with provenance.
         facts: short statements with figures (mobility, mass, sample rates, sensitivity, ...), by heading.
         environment: versions and machine.
         series: curves for plots, time first. Keys: "t", "q", "qd", "qdd" (k, n); "p_tool", "v_tool", "a_tool"
@@ -118,10 +114,10 @@ class Report:
             "singularity.<name>" (k,); "reach.<name>" (k,) m; "clearance_t" (j,), "clearance" (j,) m;
             "residual_driven.<joint>" and "residual_point.<name>" on "t_coarse" (c,), as "p_tool_B", "v_tool_B" and
             "a_tool_B" (c, 3), the tool of the mechanism driven by the equations.
-        joint_names: for the second axis of q.
+        joint_names: names for the second axis of `q`.
         angles: names of the joints that are angles; others are lengths.
-        commands: command lines that judge the same again ("validate") and that look further ("explain"); may be empty.
-        cure: what would make the equations agree, as `explain` found it; "" if it was not asked or found nothing.
+        commands: command lines that repeat this validation ("validate") and explain it ("explain"); may be empty.
+        cure: the fix of the equations found by `explain`; "" if there is none.
     """
 
     robot: str
@@ -143,33 +139,23 @@ class Report:
     cure: str = ""
     angles: frozenset[str] = frozenset()
 
-    @property
-    def verdict(self) -> Verdict:
-        """Return "agree", "disagree" or "unchecked"."""
-        return verdict(self.findings)
-
-    @property
-    def exit_code(self) -> int:
-        """Return 0 agree, 1 disagree, 2 could not check."""
-        return EXIT_CODES[self.verdict]
+    kind = "report"
 
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
-        """What disagrees or could not be checked, by cause; the first is the headline."""
+        """Causes of disagreements and of failed checks; the first is the headline."""
         return causes(self.findings)
 
     @property
     def what_to_do(self) -> str:
-        """Return one line: the way out of the first cause; "" if nothing disagrees."""
+        """Return the suggestion for the first cause in one line; "" if nothing disagrees."""
         if not self.causes:
             return ""
         first = self.causes[0]
         way = first.head.suggestion
         if first.side == "equations" and first.head.severity == "disagreement":
             look = (
-                f"look for the edit that makes them agree: {self.commands['explain']}"
-                if "explain" in self.commands
-                else ""
+                f"find the edit that makes them agree: {self.commands['explain']}" if "explain" in self.commands else ""
             )
             return self.cure or way or look
         if first.side == "CAD":
@@ -177,37 +163,78 @@ class Report:
         if first.side == "protocol":
             place = ", ".join(x for x in (first.head.where, first.head.when) if x)
             way = f"in the protocol, {place}: {way or 'change what breaks the limit'}"
-        way = way or "make the file again"
+        way = way or "rebuild the file"
         return f"{way}; then {self.commands['validate']}" if self.commands else way
 
     @property
     def assumed(self) -> tuple[Parameter, ...]:
-        """Return the parameters that nobody has published."""
+        """Return the unpublished parameters."""
         return tuple(p for p in self.parameters if p.provenance == "ASSUMED")
 
-    def as_dict(self) -> dict[str, Any]:
+    def content(self) -> dict[str, Any]:
         """Return plain data; the curves are left out."""
         return {
-            "schema": "twin.report/1",
             "robot": self.robot,
             "protocol": self.protocol,
-            "verdict": self.verdict,
             "causes": [c.as_dict() for c in self.causes],
             "what_to_do": self.what_to_do,
             "cure": self.cure,
             "commands": dict(self.commands),
             "variants": dict(self.variants),
             "residuals": [asdict(r) | {"agrees": r.agrees} for r in self.residuals],
-            "findings": [f.as_dict() for f in by_severity(self.findings)],
             "phases": [asdict(p) for p in self.phases],
             "parameters": [asdict(p) for p in self.parameters],
             "facts": {k: dict(v) for k, v in self.facts.items()},
             "environment": dict(self.environment),
         }
 
-    def to_json(self) -> str:
-        """Return the report as JSON text; what is not finite becomes null."""
-        return as_json(self.as_dict())
+    def text(self) -> Iterator[Part]:
+        """Yield the verdict, findings by cause, the short residual matrix, and the suggestion."""
+        yield f"{self.robot} · {self.protocol} · {', '.join(f'{k} {v}' for k, v in self.variants.items())}\n"
+        unjudged = not self.variants and self.verdict == "agree"
+        yield f"  {_WITHOUT if unjudged else self.verdict_line}\n"
+        told = {id(f) for c in self.causes for f in c.findings}
+        others = [f for f in by_severity(self.findings) if id(f) not in told and f.severity != "info"]
+        for cause in self.causes:
+            yield cause.head
+            yield from (f"      {line}" for line in cause.lines())
+        yield from others
+        if self.causes or others:
+            yield ""
+        groups: dict[tuple[str, str, str], list[Residual]] = {}
+        for row in self.residuals:
+            groups.setdefault((row.pair, row.quantity, row.unit), []).append(row)
+        rows = [(pair, name, *_row(headline(group))) for (pair, name, _), group in groups.items()]
+        yield Table(("pair", "what", "worst", "tolerance", "where", "phase", ""), rows)
+        yield ""
+        if self.assumed:
+            yield f"  {len(self.assumed)} assumed values (unpublished) are listed in the report and by `twin info`."
+
+    @property
+    def verdict_line(self) -> str:
+        """The verdict as text; for a disagreement, with the two sides."""
+        return _VERDICTS[self.verdict].format(SIDES[self.causes[0].side] if self.causes else "")
+
+
+_VERDICTS = {
+    "agree": "AGREE: equations, mechanism and stage agree",
+    "disagree": "DISAGREE: {}",
+    "unchecked": "UNCHECKED: some checks could not be done",
+}
+_WITHOUT = "AGREE: mechanism and stage agree; no equations yet"
+
+
+def _row(r: Residual) -> tuple[str, ...]:
+    """Return a residual as text: value, tolerance, place, verdict."""
+    state = "ok" if r.agrees else f"follows from {r.consequence_of}" if r.consequence_of else "DIFFERS"
+    judged = r.tolerance is not None
+    return (
+        quantity(r.worst, r.unit),
+        quantity(r.tolerance, r.unit) if judged else "",
+        r.name,
+        r.phase,
+        state if judged else "",
+    )
 
 
 def _size(f: Finding) -> str:

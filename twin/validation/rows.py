@@ -1,4 +1,4 @@
-"""From arrays of differences to rows of the residual matrix."""
+"""Convert arrays of differences to rows of the residual matrix."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 from twin.core import spatial
 from twin.core.spatial import Array, Index
 from twin.core.units import DEG, MM, UM
-from twin.validation.result import PhaseSummary, Quantity, Residual
+from twin.validation.result import PhaseSummary, Residual, RowKind
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """What counts as agreement, SI.
+    """Maximum deviations that count as agreement, SI.
 
     The defaults are for geometry read in double precision: far below any drawing error, far above rounding.
 
@@ -39,7 +39,7 @@ class Tolerances:
     rcm: float = 1e-9
 
     def widened(self, position: float) -> Tolerances:
-        """Return tolerances for geometry that is only known to `position` m; angles by a lever of 0.1 m."""
+        """Return tolerances for geometry known only to `position` in m; angles follow from a lever of 0.1 m."""
         p = max(position, self.position)
         r = max(position / 0.1, self.rotation)
         return Tolerances(
@@ -58,7 +58,7 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class Clock:
-    """When each compared sample is: times (k,) in s and the phases they fall in."""
+    """Times (k,) in s of the compared samples, and the phases of the protocol."""
 
     t: Array
     phases: tuple[PhaseSummary, ...]
@@ -68,13 +68,13 @@ class Clock:
         return next((p.name for p in self.phases if t <= p.t1 + 1e-9), self.phases[-1].name if self.phases else "")
 
     def at(self, rows: Index) -> Clock:
-        """Return the clock of some of the samples."""
+        """Return the clock of selected samples."""
         return Clock(self.t[rows], self.phases)
 
 
 def row(
     pair: str,
-    quantity: Quantity,
+    quantity: RowKind,
     name: str,
     unit: str,
     differences: Array,
@@ -82,7 +82,7 @@ def row(
     clock: Clock,
     **more: str,
 ) -> Residual:
-    """Return one row from differences (k,) or (k, 3); vectors count by their length, and name their directions."""
+    """Return one row from differences (k,) or (k, 3); vectors count by their length; names the largest component."""
     values = np.linalg.norm(differences, axis=-1) if differences.ndim > 1 else np.abs(differences)
     i = int(np.argmax(np.where(np.isnan(values), -1.0, values))) if len(values) else 0
     component = ""
@@ -106,7 +106,7 @@ def row(
 
 
 def rotation_vectors(Ts: Array, others: Array) -> Array:
-    """Return rotation vectors (k, 3) in rad, in base, that turn poses Ts (k, 4, 4) into the others."""
+    """Return rotation vectors (k, 3) in rad, in base, that rotate poses Ts (k, 4, 4) to the other poses."""
     return spatial.log_so3(others[:, :3, :3] @ np.swapaxes(Ts[:, :3, :3], 1, 2))
 
 

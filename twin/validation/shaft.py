@@ -1,10 +1,10 @@
-"""The shaft and the RCM between samples: how far it passes there, found by looking, and about how far at most.
+"""Distance between shaft and RCM between samples: measured maximum, and an estimated bound.
 
-Between samples the joints run on cubics through positions and speeds, as a controller takes them, and the mechanism
-carries the shaft. The vector from the RCM to the shaft is a smooth curve. Where its cubic through the samples is
-longest or bends most (in a coarse motion: everywhere) the mechanism itself is driven and the maximum measured; for the
-rest an eighth of the step squared times the curve's bend estimates what can hide between two samples: the bend is
-that of the samples, doubled, so that this is no proof.
+Between samples the joints follow cubics through positions and speeds, as a controller interpolates, and the mechanism
+moves the shaft. The vector from the RCM to the shaft is a smooth curve. Where its cubic through the samples is longest
+or bends most (in a coarse motion: everywhere) the mechanism itself is driven and the maximum is measured. For the other
+intervals, an eighth of the squared step times the curve's second derivative estimates the maximum between two samples.
+The second derivative is taken as twice that of the samples, so this is not a proof.
 """
 
 from __future__ import annotations
@@ -15,31 +15,40 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import AssemblyError
-from twin.core.findings import Finding
+from twin.core.findings import Finding, Kind
+from twin.core.quantity import mm
 from twin.core.spatial import Array, Index
-from twin.core.units import MM
 from twin.planning.trajectory import PhaseSpan, Trajectory
 from twin.reference import ReferenceModel
 from twin.validation.result import Residual
 from twin.validation.rows import Clock, row, text
 
 ALL, LOOKED = 64, 12
-"""A phase of up to so many intervals is looked at in all of them; a longer one in so many."""
+"""Maximum number of intervals of a phase that are measured."""
 
 _INSIDE = np.linspace(0.0, 1.0, 9)[1:-1]
-"""Where in an interval it is looked at first; the largest of them is refined by a parabola."""
+"""Number of points in an interval; the maximum is refined by a parabola."""
+
+
+_BETWEEN = Kind(
+    "rcm.between",
+    "disagreement",
+    "sample the motion finer, or let the joints follow the shaft between samples",
+    word="tolerance",
+)
 
 
 @dataclass(frozen=True)
 class Passage:
-    """How one phase passes its RCM.
+    """Distances of the shaft from the RCM in one phase.
 
     Attributes:
-        phase: its name. enforced: whether the protocol enforces the RCM.
+        phase: its name.
+        enforced: whether the protocol enforces the RCM.
         at_samples: largest distance in m at a sample.
-        between: largest distance in m that was measured between samples, and `t` when.
-        bound: m, estimate of the largest distance between any samples, by the bend of the curve.
-        looked, intervals: in how many the mechanism was driven, and how many there are.
+        between: largest distance in m that was measured between samples; `t`: its time in s.
+        bound: m, estimate of the largest distance between any samples, by the second derivative of the curve.
+        looked, intervals: number of measured intervals, and of all intervals.
     """
 
     phase: str
@@ -53,7 +62,7 @@ class Passage:
 
 
 def offset(Ts: Array, axis: Array, rcm: Array) -> Array:
-    """Return the vector (k, 3) in m from the shaft of frames Ts (k, 4, 4), at its nearest point, to the RCM (3,)."""
+    """Return the vector (k, 3) in m from the nearest point of the shaft of frames Ts (k, 4, 4) to the RCM (3,)."""
     u = Ts[:, :3, :3] @ (axis / np.linalg.norm(axis))
     w = rcm - Ts[:, :3, 3]
     return w - np.sum(w * u, axis=1)[:, None] * u
@@ -63,8 +72,8 @@ def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
     """Return one passage for each phase with an RCM.
 
     Args:
-        model: the mechanism that carries the shaft.
-        trajectory: its `q` and `qd` decide the motion.
+        model: the model of the mechanism that carries the shaft.
+        trajectory: its `q` and `qd` give the motion.
     """
     spans = [s for s in trajectory.phases if s.rcm is not None and s.stop > s.start]
     at = [_suspects(trajectory, s) for s in spans]
@@ -82,7 +91,7 @@ def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
 
 
 def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
-    """Return the intervals (their first samples) of a phase in which the cubic through the samples is longest."""
+    """Return the intervals (their first samples) of a phase where the samples' cubic is farthest from the RCM."""
     assert span.rcm is not None
     rows = np.arange(span.start, span.stop + 1)
     if len(rows) <= ALL:
@@ -93,7 +102,7 @@ def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
     a, b, m, n = e[:-1], e[1:], d[:-1], d[1:]
     curve = spatial.cubic(s, a, b, m, n)
     longest = np.linalg.norm(curve, axis=2).max(axis=0)
-    # where it is long, and where it bends most: there the samples know least of it
+    # intervals where it is long, and where it bends most: there the samples are least reliable
     bend = np.zeros(len(longest))
     if len(e) > 2:
         second = np.linalg.norm(np.diff(e, n=2, axis=0), axis=1)
@@ -104,7 +113,7 @@ def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
 
 
 def _poses(model: ReferenceModel, trajectory: Trajectory, x: Array) -> Array:
-    """Return T_base_tool (k, 4, 4) of the mechanism at fractional samples x (k,), the joints on their cubics."""
+    """Return T_base_tool (k, 4, 4) of the mechanism at fractional samples x (k,), with the joints on their cubics."""
     i = np.minimum(x.astype(int), len(trajectory.t) - 2)
     f = (x - i)[:, None]
     a, b = trajectory.q[i], trajectory.q[i + 1]
@@ -140,7 +149,7 @@ def _passage(trajectory: Trajectory, span: PhaseSpan, at: Index, seen: Array) ->
 
 
 def _summit(values: Array, j: int) -> tuple[float, float]:
-    """Return height and place (0..1 in the interval) of the summit of a parabola through the largest value."""
+    """Return (maximum, its position 0..1 in the interval) of a parabola through the largest value."""
     if not 0 < j < len(values) - 1:
         return float(values[j]), float(_INSIDE[j])
     a, b, c = values[j - 1 : j + 2]
@@ -154,40 +163,35 @@ def _summit(values: Array, j: int) -> tuple[float, float]:
 def between_samples(
     model: ReferenceModel, trajectory: Trajectory, tolerance: float, clock: Clock
 ) -> tuple[list[Residual], list[Finding]]:
-    """Return a row for each phase with an RCM, and a finding where the shaft leaves it only between samples.
+    """Return a row for each phase with an RCM, and a finding if the shaft misses it only between samples.
 
     Args:
         model: the mechanism.
-        trajectory: what drives it.
-        tolerance: m, of the protocol.
-        clock: of the trajectory.
+        trajectory: the motion.
+        tolerance: tolerance of the protocol in m.
+        clock: clock of the trajectory.
     """
     try:
         found = passages(model, trajectory)
-    except AssemblyError:  # the comparison has said so
+    except AssemblyError:  # the comparison reports it already
         return [], []
     rows, findings = [], []
     for p in found:
         k = np.array([np.searchsorted(trajectory.t, p.t)])
         judged = p.enforced or p.at_samples <= tolerance
-        note = f"measured in {p.looked} of {p.intervals} intervals; by its bend an estimated {text(p.bound, 'm')}"
+        note = f"measured in {p.looked} of {p.intervals} intervals; estimated bound elsewhere {text(p.bound, 'm')}"
         name = f"{p.phase}, between samples"
         limit = tolerance if judged else None
         r = row("B", "rcm", name, "m", np.array([p.between]), limit, clock.at(k), note=note)
         rows.append(r)
         if judged and p.between > tolerance:
             findings.append(
-                Finding(
-                    "rcm.between",
-                    "disagreement",
-                    f"between samples the shaft passes the RCM at up to {p.between / MM:.4g} mm, at samples at no "
-                    f"more than {p.at_samples / MM:.4g} mm; {tolerance / MM:g} mm is allowed",
-                    where="RCM",
+                _BETWEEN(
+                    "RCM",
+                    f"between samples the shaft misses the RCM by more than at samples ({mm(p.at_samples)})",
+                    mm(p.between),
+                    mm(tolerance),
                     when=f"phase '{p.phase}', t = {p.t:.3f} s",
-                    size=p.between / MM,
-                    unit="mm",
-                    limit=tolerance / MM,
-                    suggestion="sample the motion finer, or let the joints follow the shaft between samples",
                 )
             )
     return rows, findings

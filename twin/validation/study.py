@@ -1,7 +1,7 @@
-"""A published user study, recomputed from its own rows: means, tests by name, and what does not fit.
+"""Recompute a published user study from its printed rows: means, p-values, and findings.
 
-A p-value is printed without its test. So every usual test is made, and the print agrees if one of them gives it
-to its last digit. What stands in the prose is checked against the table where it can be.
+If the paper does not name the test of a p-value, all usual tests are computed, and the printed value agrees if one of
+them gives it to the last digit. Claims in the text are checked against the table if possible.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from twin.core.findings import Finding
+from twin.core.findings import Finding, disagreement, warning
+from twin.core.quantity import Quantity
 from twin.schema import Table, at, load_toml
 
 _P = Annotated[float, Field(ge=0, le=1)]
 _HALF_DIGIT = 0.005
-"""Half of the last printed digit, of cells and of p-values alike."""
+"""Tolerance: half a unit of the last printed digit, for cells and for p-values."""
 
 
 class Measure(Table):
@@ -48,14 +49,14 @@ class Rating(Table):
 
 
 class Claim(Table):
-    """A sentence of the prose about the ratings, and the rule that it stands for."""
+    """A claim in the text about the ratings, in the form of a rule."""
 
     text: str
     holds: Literal["simulation_above_physical", "every_p_below_0.05"]
 
 
 class Tables(Table):
-    """The whole file."""
+    """The file of a user study."""
 
     title: str
     source: str
@@ -94,13 +95,13 @@ def load(path: Path) -> Tables:
     """Read a study file.
 
     Raises:
-        DescriptionError: file, line, key, value and what would be right.
+        DescriptionError: with file, line, key, value and the allowed values.
     """
     return load_toml(path, Tables)
 
 
 def recompute(tables: Tables) -> tuple[list[Row], list[Finding]]:
-    """Return every line recomputed, and what disagrees with the print."""
+    """Return (recomputed lines, findings on the printed values)."""
     from scipy import stats
 
     rows: list[Row] = []
@@ -113,7 +114,7 @@ def recompute(tables: Tables) -> tuple[list[Row], list[Finding]]:
             "Welch t": float(stats.ttest_ind(a, b, equal_var=False).pvalue),
             "Mann-Whitney": float(stats.mannwhitneyu(a, b, method="asymptotic").pvalue),
         }
-        if (a != b).all():  # the exact test knows no ties
+        if (a != b).all():  # the exact test does not handle ties
             tests["Wilcoxon"] = float(stats.wilcoxon(a, b, method="exact").pvalue)
         means = (float(a.mean()), float(b.mean()))
         row = Row(m.name, m.printed_p, tests, {"printed": m.printed_mean, "of the rows": means})
@@ -121,15 +122,14 @@ def recompute(tables: Tables) -> tuple[list[Row], list[Finding]]:
         for where, printed, mean in zip(("physical", "simulation"), m.printed_mean, means, strict=True):
             if abs(printed - mean) > 2 * _HALF_DIGIT:  # both the cells and their mean are rounded
                 found.append(
-                    Finding(
+                    disagreement(
                         "study.mean",
-                        "disagreement",
-                        f"{m.name}, {where}: the row of all users prints {printed:.2f} {m.unit}; the mean of its "
-                        f"own user rows is {mean:.2f}",
-                        where=m.name,
-                        size=abs(printed - mean),
-                        unit=m.unit,
-                        limit=2 * _HALF_DIGIT,
+                        m.name,
+                        f"{m.name}, {where}: the paper prints a mean of {printed:.2f} {m.unit}; its own user rows "
+                        f"give {mean:.2f}; difference",
+                        Quantity(abs(printed - mean), m.unit),
+                        2 * _HALF_DIGIT,
+                        word="rounding",
                     )
                 )
         found += _unreproduced(row)
@@ -154,15 +154,14 @@ def _unreproduced(row: Row) -> list[Finding]:
         return []
     made = ", ".join(f"{n} {p:.3f}" for n, p in row.tests.items())
     return [
-        Finding(
+        disagreement(
             "study.p",
-            "disagreement",
-            f"{row.name}: p = {row.printed_p:.2f} is printed; from the printed rows no test gives it ({made})",
-            where=row.name,
-            size=min(abs(p - row.printed_p) for p in row.tests.values()),
-            unit="1",
-            limit=2 * _HALF_DIGIT,
-            suggestion="single trials are not published; they may give another",
+            row.name,
+            f"{row.name}: p = {row.printed_p:.2f} is printed, but no test gives it from the printed rows ({made})",
+            Quantity(min(abs(p - row.printed_p) for p in row.tests.values()), "1"),
+            2 * _HALF_DIGIT,
+            "single trials are not published; they may give another value",
+            word="",
         )
     ]
 
@@ -170,11 +169,11 @@ def _unreproduced(row: Row) -> list[Finding]:
 def _claim(claim: Claim, tables: Tables) -> list[Finding]:
     if claim.holds == "simulation_above_physical":
         against = [r.name for r in tables.rating if r.simulation[0] <= r.physical[0]]
-        text = f"'{claim.text}': not so for {', '.join(against)}"
+        text = f"'{claim.text}': not true for {', '.join(against)}"
     else:
         against = [f"{r.name} {r.printed_p:.2f}" for r in tables.rating if r.printed_p >= 0.05]
         text = (
             f"'{claim.text}': every printed p is at or above 0.05 ({', '.join(against)}): the sign should be >=. "
-            f"With {tables.users} users that is no evidence of equality either"
+            f"With {tables.users} users this does not show equality either"
         )
-    return [Finding("study.claim", "warning", text, where="prose")] if against else []
+    return [warning("study.claim", "prose", text)] if against else []

@@ -1,7 +1,7 @@
-"""One joint through its whole stroke: where the equations put the tool, and where the mechanism has it.
+"""Move one joint through its whole stroke and compare the tool pose of the equations with that of the mechanism.
 
-Beside it, what two common stand-ins for the loops would have cost. Both are fitted to the mechanism, as well
-as their form allows, so the figures are the least that each can be off:
+The errors of two common simplified loop models (stand-ins) are also computed. Both are fitted to the mechanism, so the
+figures are their minimum errors:
 
     mimic    no loop: every passive joint between base and tool follows the driven one along a straight line,
              multiplier * q + offset, as URDF's <mimic> has it
@@ -11,15 +11,20 @@ as their form allows, so the figures are the least that each can be off:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import AssemblyError, KinematicsError, TwinError
+from twin.core.findings import Finding, Kind
+from twin.core.quantity import mm
+from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
+from twin.core.units import DEG, MM, UM
 from twin.kinematics import Kinematics
 from twin.reference import ReferenceModel, Run
 from twin.validation.rows import Tolerances, rotation_vectors
@@ -27,17 +32,20 @@ from twin.validation.rows import Tolerances, rotation_vectors
 STANDINS = ("serial", "mimic")
 
 _STILL = 1e-9
-"""Change (m, rad, or quaternion) below which a coordinate does not move."""
+"""Change (m, rad, or quaternion) below which a coordinate counts as constant."""
+
+
+_TOOL = Kind("stroke.tool", "disagreement", "`twin explain` finds the edit that makes them agree", word="tolerance")
 
 
 @dataclass(frozen=True)
 class Curve:
-    """What one model of the tool is off by, against the mechanism.
+    """Error of one model of the tool against the mechanism.
 
     Attributes:
         offset: (k, 3) in m, in base.
         turn: (k,) rad.
-        note: how it was fitted, or why there is none (then both are empty).
+        note: how the model was fitted, or why there is none (then `offset` and `turn` are empty).
     """
 
     offset: Array
@@ -46,7 +54,7 @@ class Curve:
 
     @property
     def distance(self) -> Array:
-        """Length (k,) of the offset in m."""
+        """Length of the offset, (k,) in m."""
         return np.linalg.norm(self.offset, axis=1)
 
     def as_dict(self) -> dict[str, Any]:
@@ -66,16 +74,17 @@ class Curve:
 
 @dataclass(frozen=True)
 class Sweep:
-    """One stroke.
+    """The comparison over the stroke of one joint.
 
     Attributes:
-        joint: the joint that moves. angle: whether it is one.
-        q: (k,) its values in m or rad; the others stand at home.
-        stroke: the limits that were asked for; `q` is the part around home that can be reached.
-        gap: worst loop gap in m.
-        formula: the equations against the mechanism.
-        standins: the stand-ins against the mechanism, by name.
-        tolerance: position in m and rotation in rad that count as agreement.
+        joint: the joint that moves.
+        angle: whether its coordinate is an angle.
+        q: (k,) its values in m or rad; the other joints are at home.
+        stroke: the requested limits; `q` is the part around home that can be reached.
+        gap: largest loop gap in m.
+        formula: error of the equations against the mechanism.
+        standins: errors of the simplified loop models, by name.
+        tolerance: maximum errors in m and rad that count as agreement.
     """
 
     joint: str
@@ -119,15 +128,15 @@ def sweep(
     tolerances: Tolerances | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Sweep:
-    """Return the sweep of one active joint from limit to limit, the others at home (n,).
+    """Return the sweep of one active joint from limit to limit, with the other joints at home (n,).
 
     Raises:
-        TwinError: the joint has no limits, or nothing of its stroke can be reached.
+        TwinError: the joint has no limits, or no part of its stroke can be reached.
     """
     i = kin.joints.index(joint)
     limits = model.mechanism.joint(joint).limits
     if limits is None:
-        raise TwinError(f"joint '{joint}' has no limits: there is no stroke to sweep; add a [[limit]]")
+        raise TwinError(f"joint '{joint}' has no limits: it has no stroke; add a [[limit]]")
     tolerances = tolerances or Tolerances()
     q = np.tile(home, (samples, 1))
     q[:, i] = np.linspace(*limits, samples)
@@ -153,7 +162,7 @@ def sweep(
 
 
 def _formula(kin: Kinematics, q: Array, i: int, home: Array, T_home: Array) -> Array:
-    """Return the equations' tool poses (k, 4, 4), walked outwards from home; NaN where there is none."""
+    """Return the equations' tool poses (k, 4, 4), solved outwards from home; NaN without solution."""
     if kin.closed_forward:
         return kin.forward_many(q)
     middle = int(np.argmin(np.abs(q[:, i] - home[i])))
@@ -165,10 +174,10 @@ def _formula(kin: Kinematics, q: Array, i: int, home: Array, T_home: Array) -> A
 def _reachable(
     kin: Kinematics, model: ReferenceModel, q: Array, Ts: Array, i: int, home: Array
 ) -> tuple[Array, Array, Run]:
-    """Return the unbroken part around home where equations and mechanism both have an answer."""
+    """Return the continuous part of the stroke around home where equations and mechanism both have a solution."""
     good = np.asarray(np.isfinite(Ts).all(axis=(1, 2)), bool)
     if not good.any():
-        raise KinematicsError(f"the equations have no answer anywhere on the stroke of '{kin.joints[i]}'")
+        raise KinematicsError(f"the equations have no solution anywhere on the stroke of '{kin.joints[i]}'")
     for alarm in kin.singularity_alarm(Ts, q).values():
         good = np.logical_and(good, ~alarm)
     if not good.any():
@@ -186,14 +195,14 @@ def _reachable(
             down = model.run(q[middle : first - 1 if first else None : -1])
             up = model.run(q[middle : last + 1])
             break
-        except AssemblyError:  # the mechanism ends before the equations do: come in from both sides
+        except AssemblyError:  # the mechanism's stroke is shorter than the equations': cut both ends
             first, last = (first + middle + 1) // 2, (last + middle) // 2
     states = np.concatenate([down.x[::-1][:-1], up.x])
     return q[first : last + 1], Ts[first : last + 1], model.collect(states)
 
 
 def _mimic(model: ReferenceModel, run: Run, q: Array) -> Curve:
-    """Return what straight lines in place of the loops cost."""
+    """Return the error of a model with linear mimic joints instead of the loops."""
     tree = model.tree
     index = {n: c for n, c in tree.configuration.items() if n not in {j.name for j in model.mechanism.active}}
     scalar = set(index.values()) | {tree.configuration[j.name] for j in model.mechanism.active}
@@ -221,7 +230,7 @@ def _mimic(model: ReferenceModel, run: Run, q: Array) -> Curve:
 
 
 def _serial(true: Array, q: Array) -> Curve:
-    """Return what one fixed pivot (or one straight line) costs: the least-squares one, p = c + R r."""
+    """Return the error of a model with one fixed pivot (or straight line), fitted by least squares, p = c + R r."""
     R, p = true[:, :3, :3], true[:, :3, 3]
     k = len(p)
     if spatial.rotation_angle(np.swapaxes(R[:1], 1, 2) @ R).max() < _STILL:
@@ -233,3 +242,80 @@ def _serial(true: Array, q: Array) -> Curve:
     axis = np.linalg.svd(spatial.log_so3(R @ R[k // 2].T))[2][0]
     c = x[:3] - axis * (axis @ x[:3])
     return Curve((A @ x).reshape(k, 3) - p, np.zeros(k), f"pivot at ({', '.join(f'{v * 1e3:.2f}' for v in c)}) mm")
+
+
+@dataclass(frozen=True)
+class Strokes(Result):
+    """The strokes of several joints.
+
+    Attributes:
+        robot: name of the robot.
+        sweeps: one for each joint.
+        requirement: (required position error of the tool in m, provenance, reason), or None.
+    """
+
+    robot: str
+    sweeps: tuple[Sweep, ...]
+    requirement: tuple[float, str, str] | None = None
+
+    kind = "stroke"
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """A finding for each stroke over which the equations disagree with the mechanism."""
+        return tuple(_disagreement(s) for s in self.sweeps if not s.agrees)
+
+    def content(self) -> dict[str, Any]:
+        """Return plain data."""
+        need = self.requirement
+        return {
+            "robot": self.robot,
+            "requirement": None if need is None else {"tool_um": need[0] / UM, "provenance": need[1], "note": need[2]},
+            "sweeps": [s.as_dict() for s in self.sweeps],
+        }
+
+    def text(self) -> Iterator[Part]:
+        """Yield a row for each joint and model."""
+        yield f"{self.robot} · each stroke with the other joints at home · tool against the mechanism\n"
+        header = ("joint", "stroke", "model", "mean", "worst", "turned", "")
+        yield Table(header, [row for s in self.sweeps for row in self._rows(s)])
+        if self.requirement:
+            required, provenance, note = self.requirement
+            yield f"\n  requirement: {required / UM:g} µm at the tool ({provenance}: {note})"
+        yield ""
+
+    def _rows(self, s: Sweep) -> Iterator[tuple[str, ...]]:
+        scale, unit = (DEG, "deg") if s.angle else (MM, "mm")
+        stroke = f"{s.q[0] / scale:g} .. {s.q[-1] / scale:g} {unit}"
+        for name, curve in {"equations": s.formula, **s.standins}.items():
+            d = curve.as_dict()
+            if d["position_max"] is None:
+                yield s.joint, stroke, name, "-", "-", "-", curve.note
+                continue
+            figures = [f"{d[k] / UM:.3g} µm" for k in ("position_mean", "position_max")]
+            mark = ""
+            if name == "equations":
+                mark = "ok" if s.agrees else "DIFFERS"
+            elif self.requirement:
+                required = self.requirement[0]
+                mark = "within" if d["position_max"] <= required else f"over {required / UM:g} µm"
+            yield s.joint, stroke, name, *figures, f"{d['rotation_max'] / DEG:.2g}°", mark
+
+    def write(self, folder: Path) -> None:
+        """Write a CSV of offsets in um for each joint."""
+        for s in self.sweeps:
+            columns = {n: c for n, c in {"equations": s.formula, **s.standins}.items() if len(c.offset)}
+            head = [f"{s.joint}_{'deg' if s.angle else 'mm'}"]
+            head += [f"{n}_{a}_um" for n in columns for a in "xyz"]
+            body = np.column_stack([s.q / (DEG if s.angle else MM), *(c.offset / UM for c in columns.values())])
+            np.savetxt(folder / f"{s.joint}.csv", body, "%.9g", ",", header=",".join(head), comments="")
+
+
+def _disagreement(s: Sweep) -> Finding:
+    worst, limit = s.formula.as_dict()["position_max"], s.tolerance[0]
+    return _TOOL(
+        s.joint,
+        f"over the stroke of {s.joint} the tool of the equations differs from the mechanism's",
+        mm(worst),
+        mm(limit),
+    )

@@ -1,8 +1,7 @@
-"""The timing, computed once more from the samples alone: times, joint positions and tool poses.
+"""Check the timing from the samples alone: times, joint positions and tool poses. Stated speeds are not used.
 
-Nothing that the planner says of speeds is believed. A difference of neighbouring samples is the mean speed between
-them, a second difference a mean of the acceleration there: neither can exceed a limit that the motion keeps,
-however coarse the samples are. So every excess that is found is one.
+A difference of neighbouring samples gives the mean speed between them, a second difference a mean acceleration. If the
+motion keeps a limit, neither can exceed it, however coarse the samples are. So every reported excess is real.
 """
 
 from __future__ import annotations
@@ -14,7 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from twin.core import spatial
-from twin.core.findings import Finding
+from twin.core.findings import Finding, disagreement
+from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
@@ -23,24 +23,25 @@ from twin.planning.protocol import Protocol
 from twin.planning.trajectory import Trajectory
 
 OVER = 2e-3
-"""Fraction by which a mean may exceed its limit: the plan may by half of that, the rest is rounding."""
+"""Fraction by which a mean may exceed its limit: half of it is allowed to the plan, half is for rounding."""
 
 _CLOCK = 1e-9
-"""Seconds by which a sample may be beside its time."""
+"""Tolerance of sample times in s."""
 
 _ROUNDING = 8 * np.finfo(float).eps
-"""Relative rounding of one sample; differences divide it by the step as often as they are taken."""
+"""Relative rounding of one sample; each difference divides it by the time step."""
 
 
 @dataclass(frozen=True)
 class Load:
-    """The most that one quantity takes of its limit.
+    """Maximum load of one quantity relative to its limit.
 
     Attributes:
-        code: of the finding if that is too much.
-        what, where: for messages. unit: of `size` and `limit`.
-        size, limit: in that unit; no limit: infinite.
-        t, phase: when.
+        code: code of the finding if the limit is exceeded.
+        what, where: subject and place, for messages.
+        unit: unit of `size` and `limit`.
+        size, limit: maximum and its limit in `unit`; infinite: no limit.
+        t, phase: time in s and phase of the maximum.
     """
 
     code: str
@@ -54,18 +55,18 @@ class Load:
 
     @property
     def text(self) -> str:
-        """Size, limit and when, in words."""
+        """Size, limit and time, as text."""
         of = f" of {self.limit:.4g} ({100 * self.size / self.limit:.0f} %)" if np.isfinite(self.limit) else ""
         return f"{self.size:.4g}{of} {self.unit}, {self.phase}, t = {self.t:.3f} s"
 
 
 def timing(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> tuple[dict[str, str], list[Finding]]:
-    """Return what the samples take of each limit, in words, and what is wrong with them.
+    """Return (load of each limit as text, findings).
 
     Args:
         trajectory: only `t`, `q`, the poses and the bounds of the phases are used; `qd` and the tip's rates are judged.
-        mechanism: owner of the limits of the joints.
-        protocol: owner of those of the tip.
+        mechanism: gives the limits of the joints.
+        protocol: gives the limits of the tip.
     """
     findings = [*_clock(trajectory)]
     if findings:  # without a clock there are no rates
@@ -77,17 +78,14 @@ def timing(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> 
 
 
 def _excess(load: Load) -> Finding:
-    return Finding(
+    return disagreement(
         load.code,
-        "disagreement",
-        f"{load.what}, by differences of the samples, reaches {load.size:.4g} {load.unit}, above its limit of "
-        f"{load.limit:.4g} {load.unit}",
-        where=load.where,
+        load.where,
+        f"{load.what}, by differences of the samples, exceeds its limit",
+        Quantity(load.size, load.unit),
+        load.limit,
+        AGAIN,
         when=f"phase '{load.phase}', t = {load.t:.3f} s",
-        size=load.size,
-        unit=load.unit,
-        limit=load.limit,
-        suggestion=AGAIN,
     )
 
 
@@ -95,28 +93,29 @@ def _clock(trajectory: Trajectory) -> Iterator[Finding]:
     t, spans = trajectory.t, trajectory.phases
     step = np.diff(t)
     if len(t) < 2 or not np.isfinite(t).all() or step.min() <= 0:
-        yield Finding("timing.clock", "disagreement", "the times of the samples do not grow", where="t")
+        yield disagreement("timing.clock", "t", "the times of the samples do not increase")
         return
     off = float(np.abs(t - np.linspace(t[0], t[-1], len(t))).max())
     if off > _CLOCK:
         k = int(np.argmax(np.abs(step - np.median(step))))
-        yield Finding(
+        yield disagreement(
             "timing.clock",
-            "disagreement",
-            f"the samples are not evenly spaced: {step[k]:.6g} s after t = {t[k]:.3f} s, else {np.median(step):.6g} s",
-            where="t",
+            "t",
+            f"the samples are not evenly spaced: step {step[k]:.6g} s, median {np.median(step):.6g} s; deviation",
+            Quantity(off, "s"),
+            _CLOCK,
             when=f"t = {t[k]:.3f} s",
-            size=off,
-            unit="s",
-            limit=_CLOCK,
         )
     bounds = [(s.start, s.stop, s.t0, s.t1) for s in spans]
     joined = all(a.stop == b.start for a, b in pairwise(spans))
     whole = bool(spans) and spans[0].start == 0 and spans[-1].stop == len(t) - 1
     timed = all(abs(t[a] - t0) <= 1e-6 and abs(t[b] - t1) <= 1e-6 for a, b, t0, t1 in bounds if max(a, b) < len(t))
     if not (joined and whole and timed):
-        text = "the phases do not cover the samples one after the other, at the times that they give"
-        yield Finding("timing.phases", "disagreement", text, where=", ".join(s.name for s in spans))
+        yield disagreement(
+            "timing.phases",
+            ", ".join(s.name for s in spans),
+            "the phases do not cover the samples in order at the stated times",
+        )
 
 
 def _phase(trajectory: Trajectory, sample: int) -> str:
@@ -168,14 +167,14 @@ def _tip(trajectory: Trajectory, protocol: Protocol) -> Iterator[Load]:
 
 
 def _tip_speeds(trajectory: Trajectory, rows: slice) -> tuple[Array, Array]:
-    """Return mean velocities of the moved frame and of its turning (k - 1, 3) between its poses in k samples."""
+    """Return (velocities, angular velocities), each (k - 1, 3): means of the moved frame between its k poses."""
     Ts, dt = trajectory.Ts_base_frame[rows], trajectory.step
     R = Ts[:, :3, :3]
     return np.diff(Ts[:, :3, 3], axis=0) / dt, spatial.log_so3(R[1:] @ np.swapaxes(R[:-1], 1, 2)) / dt
 
 
 def _rest(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> Iterator[Finding]:
-    """See that phases begin and end at rest: nothing gets further in one step than its acceleration carries it."""
+    """Check that phases begin and end at rest: motion in one step is limited by acceleration."""
     dt = trajectory.step
     for span in trajectory.phases:
         limits = protocol.limits[span.type]
@@ -195,26 +194,23 @@ def _rest(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> I
             for what, where, way, acceleration, (unit, factor) in ways:
                 reach = 0.5 * acceleration * dt**2 * (1 + OVER) + 1e-12
                 if way > reach:
-                    yield Finding(
+                    yield disagreement(
                         "timing.rest",
-                        "disagreement",
-                        f"phase '{span.name}' {verb} in motion: {what} moves {way / factor:.3g} {unit} in {dt:g} s, "
-                        f"where from rest it could move {reach / factor:.3g} {unit}",
-                        where=where,
+                        where,
+                        f"phase '{span.name}' {verb} in motion: {what} moves too far in {dt:g} s from rest",
+                        Quantity(way / factor, unit),
+                        reach / factor,
+                        AGAIN,
                         when=f"phase '{span.name}', t = {trajectory.t[here]:.3f} s",
-                        size=way / factor,
-                        unit=unit,
-                        limit=reach / factor,
-                        suggestion=AGAIN,
                     )
                     break
 
 
 def _claims(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> Iterator[Finding]:
-    """Hold the speeds that the trajectory states against those of its positions.
+    """Compare the stated speeds of a trajectory with the slopes of its positions.
 
-    The mean of the stated speeds at both ends of a step is the mean speed in it but for what the acceleration does in
-    between: with a limit a it is at most a dt/4 off (from one limit to the other in the middle of the step).
+    The mean of the stated speeds at both ends of a step equals the mean speed in the step, except for the effect of a
+    changing acceleration: with an acceleration limit a, the difference is at most a dt/4.
     """
     dt = trajectory.step
     for j, joint in enumerate(mechanism.active):
@@ -247,29 +243,28 @@ def _claims(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) ->
 
 
 def _claim(trajectory: Trajectory, what: str, where: str, sample: int, size: float, limit: float, unit: str) -> Finding:
-    return Finding(
+    return disagreement(
         "timing.claimed",
-        "disagreement",
-        f"the speed that is stated for {what} differs from the slope of the positions by {size:.3g} {unit}",
-        where=where,
+        where,
+        f"the stated speed of {what} differs from the slope of its positions",
+        Quantity(size, unit),
+        limit,
+        AGAIN,
         when=f"phase '{_phase(trajectory, sample)}', t = {trajectory.t[sample]:.3f} s",
-        size=float(size),
-        unit=unit,
-        limit=float(limit),
-        suggestion=AGAIN,
+        word="tolerance",
     )
 
 
 def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
-    """Return the most loaded of each kind, in words."""
-    out = {"computed from": f"{len(trajectory.t)} samples {1e3 * trajectory.step:g} ms apart, positions alone"}
+    """Return the highest load of each kind, as text."""
+    out = {"computed from": f"{len(trajectory.t)} samples {1e3 * trajectory.step:g} ms apart, from positions alone"}
     for code in dict.fromkeys(x.code for x in loads):
         alike = [x for x in loads if x.code == code]
         most = max(alike, key=lambda x: x.size / x.limit if np.isfinite(x.limit) else 0.0)
-        if not np.isfinite(most.limit):  # nobody limits it: the largest of each unit
+        if not np.isfinite(most.limit):  # without a limit: the largest of each unit
             for unit in dict.fromkeys(x.unit for x in alike):
                 most = max((x for x in alike if x.unit == unit), key=lambda x: x.size)
-                note = " (no limit is given; it jumps where the acceleration switches)" if "jerk" in code else ""
+                note = " (no limit is given; the jerk is not continuous)" if "jerk" in code else ""
                 out[f"{code.removeprefix('timing.')}, most in {unit}"] = f"{most.what}: {most.text}{note}"
             continue
         out[code.removeprefix("timing.").replace("_", " ")] = f"{most.what}: {most.text}"

@@ -1,1 +1,1 @@
-"""Faults seeded into a correct robot, to see whether the validator finds them: its mutation score."""
+"""Mutation testing of the validator: seed faults into a correct robot, and count those that validation finds."""

@@ -1,7 +1,7 @@
-"""The correct robot on the bench, and the judgement of one fault in it: cheap parts of the validator first.
+"""The correct robot, and the check of one fault in it: fast parts of the validator first.
 
-A fault is caught as soon as one part of the validator gives a finding that it does not give for the correct robot. What
-the first parts let pass is judged by all of them: only then is it missed.
+A fault is caught as soon as one part of the validator gives a finding that is not given for the correct robot. A fault
+that the fast parts do not find is checked by all parts before it counts as missed.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import tempfile
 import time
 import warnings
 from collections.abc import Iterable, Iterator
-from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -25,6 +24,7 @@ from twin.analysis.mutation.fault import Fault, Outcome, State
 from twin.cad.build import CadModel, read_mechanism
 from twin.core.errors import TwinError
 from twin.core.findings import SEVERITIES, Finding
+from twin.core.findings import error as unchecked
 from twin.core.spatial import Array
 from twin.exchange.write.usd import bake, write_usd
 from twin.model.mechanism import Mechanism
@@ -40,7 +40,7 @@ from twin.validation.result import Report
 from twin.validation.rows import Clock, Tolerances
 
 STEP = 0.04
-"""Seconds between samples of the motion on the bench: enough for every check, few enough to be judged often."""
+"""Seconds between samples of the motion: fine enough for every check, coarse enough for many runs."""
 
 _FIRST: frozenset[Part] = frozenset(("protocol",))
 _EQUATIONS: frozenset[Part] = frozenset(("equations",))
@@ -49,10 +49,10 @@ _MOTION: frozenset[Part] = frozenset(("motion",))
 
 
 class Bench:
-    """A robot, its protocol planned in coarse steps, and its stage with that motion, in a folder of their own."""
+    """A robot, its protocol planned in coarse steps, and its stage with that motion, in a separate folder."""
 
     def __init__(self, robot: api.Robot, protocol: str | None, folder: Path) -> None:
-        """Plan, weigh, build and judge the correct robot.
+        """Prepare the robot without a fault: plan its motion, compute its masses, build its stage and validate it.
 
         Raises:
             TwinError: the robot has no equations or CAD, or its protocol cannot be carried out.
@@ -68,7 +68,7 @@ class Bench:
         weighed = read_mechanism(robot.files.description)
         self.weighed = weighed.mechanism
         self.stage = self.written(weighed.mechanism, self.robot.mechanism, folder / "stage")
-        # Without the motion: that would betray every other motion, whatever is wrong with it.
+        # Without the motion: it would show a difference for every changed motion.
         (folder / "still").mkdir()
         self.still = write_usd(weighed.mechanism, (), folder / "still")[0]
         self.cad: CadModel = replace(self.robot.cad, mechanism=self.robot.mechanism)
@@ -78,7 +78,7 @@ class Bench:
         if protocol is not None and Path(protocol).suffix == ".toml":
             return Path(protocol)
         if robot.files is None:
-            raise TwinError(f"{robot.name} is a USD stage: it has no equations that could be wrong")
+            raise TwinError(f"{robot.name} is a USD stage: it has no equations to change")
         return robot.files.protocol(self.chosen.name)
 
     def planned(self, protocol: Protocol, robot: api.Robot | None = None) -> Trajectory:
@@ -105,49 +105,49 @@ class Bench:
 
     @cached_property
     def correct(self) -> Report:
-        """The judgement of the correct robot, by every part of the validator."""
+        """The findings on the correct robot, from every part of the validator."""
         return judge(self.case(), known=Known(measured=self.measured), parts=PARTS)
 
     @cached_property
     def measured(self) -> Measured:
-        """What is measured of the correct mechanism along the motion."""
+        """The measurements on the correct mechanism along the motion."""
         return measure(self.robot.mechanism, samples(self.trajectory), self.case().written)
 
     @cached_property
     def compared(self) -> Comparison:
-        """What the equations and the correct mechanism have said of each other."""
+        """The comparison of the equations with the correct mechanism."""
         clock = Clock(self.trajectory.t, summaries(self.trajectory))
         model = ReferenceModel(self.robot.mechanism)
         return compare(self.kin, model, self.trajectory, clock, self.tolerances, lambda label, fraction: None)
 
     @cached_property
     def links(self) -> tuple[Array, dict[str, Array]]:
-        """Key times and link poses there, of the correct motion."""
+        """(key times, link poses at these times) of the correct motion."""
         looked = samples(self.trajectory)
         model = ReferenceModel(self.robot.mechanism)
         return looked.keys, model.link_poses(self.trajectory.on(model, looked.keys).x)
 
     @cached_property
     def usual(self) -> set[tuple[str, str]]:
-        """Codes and places of what is said of the correct robot too."""
+        """(code, place) of each finding on the correct robot."""
         return {(f.code, f.where) for f in self.correct.findings if f.severity != "info"}
 
     # -- one fault ---------------------------------------------------------------------------------------
 
     def outcome(self, fault: Fault) -> Outcome:
-        """Put a fault in, judge, and return its result."""
+        """Seed a fault, validate, and return the result."""
         began = time.monotonic()
         same = ""
         with tempfile.TemporaryDirectory(dir=self.folder) as name, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # numpy and Python frown at many a fault; what counts are findings
+            warnings.simplefilter("ignore")  # NumPy and Python warn at many faults; only findings count
             try:
                 found, same = self._heard(fault, Path(name))
             except TwinError as error:
                 code = f"error.{type(error).__name__.removesuffix('Error').lower()}"
-                found = Finding(code, "error", str(error))
+                found = unchecked(code, "", str(error))
         state: State
         if found is None:
-            state, message = ("equivalent", same) if same else ("missed", "nothing was said of it")
+            state, message = ("equivalent", same) if same else ("missed", "no finding")
         else:
             state, message = "warned" if found.severity == "warning" else "caught", found.message
         code, where = (found.code, found.where) if found is not None else ("", "")
@@ -156,10 +156,10 @@ class Bench:
         )
 
     def _heard(self, fault: Fault, folder: Path) -> tuple[Finding | None, str]:
-        """Return the first new finding that changes the verdict, or why the fault is none.
+        """Return the first new finding that changes the verdict, or the reason why the fault has no effect.
 
-        After a mere warning one more part is asked. What the first part lets pass is looked at whether it is a fault
-        at all, before the others are asked.
+        After a warning one more part is run. If the first part finds nothing, the fault is first checked for any
+        effect at all.
         """
         warned, same = None, None
         for found in self._found(fault, folder):
@@ -173,7 +173,7 @@ class Bench:
         return warned, same or ""
 
     def _found(self, fault: Fault, folder: Path) -> Iterator[Finding | None]:
-        """Yield the gravest new finding of each part of the validator, or None; cheap parts first."""
+        """Yield, for each part of the validator, its most severe new finding or None; fast parts first."""
         if fault.robot is not None:
             robot = fault.robot(folder)
             case = self.case(kinematics=robot.kinematics(parameters={}), paths=robot.path_kinematics())
@@ -187,7 +187,7 @@ class Bench:
             protocol = fault.protocol(folder)
             yield self._gravest(protocol.findings)
             if fault.kind in ("speed", "turning") and protocol.findings:
-                return  # hours at that speed: nobody would wait for more
+                return  # at that speed this would take hours
             robot = self.robot.bound(protocol)
             trajectory = self.planned(protocol, robot)
             cad = replace(self.cad, mechanism=robot.mechanism)
@@ -205,9 +205,7 @@ class Bench:
             yield self._new(judge(case))
 
     def _of_mechanism(self, mechanism: Mechanism, folder: Path) -> Iterator[Finding | None]:
-        robot = copy(self.robot)
-        robot.cad = replace(self.cad, mechanism=mechanism)
-        robot.mechanism = mechanism
+        robot = self.robot.with_mechanism(mechanism)
         case = self.case(cad=robot.cad, paths=robot.path_kinematics())
         yield self._new(judge(case, parts=_FIRST | _EQUATIONS))
         # masses as weighed: the parts are the same, only their places are not
@@ -235,7 +233,7 @@ class Bench:
         return max(new, key=lambda f: SEVERITIES.index(f.severity), default=None)
 
     def _equivalent(self, fault: Fault, folder: Path) -> str:
-        """Return why a fault that nobody noticed is none, "" if it is one."""
+        """Return the reason why a missed fault has no effect; "" if it has an effect."""
         with contextlib.suppress(TwinError):
             if fault.robot is not None:
                 sub = folder / "again"

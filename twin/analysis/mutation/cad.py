@@ -1,4 +1,7 @@
-"""Faults of the CAD: frames moved and turned, axes, bodies, limits, shapes; drawn anew, so that nothing gapes."""
+"""Faults of the CAD: frames moved and turned, axes, bodies, limits, shapes.
+
+The faulty mechanism is assembled again, so that its parts meet.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ KINDS = (
     "scale",
     "inside out",
 )
-"""What is drawn, in this order; small errors of placement most often."""
+"""Kinds of faults in this order; small placement errors are most frequent."""
 
 
 def faults(mechanism: Mechanism, rng: np.random.Generator, count: int) -> Iterator[Fault]:
@@ -50,7 +53,7 @@ def _changed(m: Mechanism, joint: Joint, **values: object) -> Mechanism:
 
 
 def drawn_anew(mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism as its drawing would have it after the change: put together as well as it goes."""
+    """Return the mechanism as if the CAD were drawn with the fault: assembled in the least-squares sense."""
     from twin.reference import ReferenceModel
 
     return mechanism.with_rest(ReferenceModel(mechanism).home().link_poses)
@@ -113,13 +116,13 @@ def _limit(m: Mechanism, rng: np.random.Generator) -> Made:
         (
             ("in another unit, too wide", (low * unit, high * unit)),
             ("in another unit, too narrow", (low / unit, high / unit)),
-            ("with both signs turned", (-high, -low)),
-            ("moved by their range", (high, 2 * high - low)),
+            ("with both signs reversed", (-high, -low)),
+            ("shifted by their range", (high, 2 * high - low)),
         ),
         rng,
     )
     if np.allclose(limits, joint.limits):  # symmetric ones turned round are the same
-        name, limits = "moved by their range", (high, 2 * high - low)
+        name, limits = "shifted by their range", (high, 2 * high - low)
     soft = None if joint.soft_limits is None else limits
     return f"limits of {joint.name} {name}", lambda: _changed(m, joint, limits=limits, soft_limits=soft)
 

@@ -1,7 +1,8 @@
-"""Is a fault that nobody noticed one at all? Decided without the validator, from the definitions alone.
+"""Decide without the validator whether a missed fault has any effect.
 
-Equations: every number that they give, over poses around the motion and well beyond it. Mechanisms: the place of every
-body that is seen or used, by a chain of plain matrices whose loops scipy closes. Stages: the text of all layers.
+It compares: for equations, all their numbers over poses around the motion and well beyond it; for mechanisms, the pose
+of every body that is visible or used, computed by plain matrices whose loops scipy closes; for stages, the text of all
+layers.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ from twin.planning.trajectory import Trajectory
 _POSES = 200
 _AROUND = (30 * MM, 15 * DEG)
 _SAME = 1e-12
-"""Metres, radians or plain numbers; two formulas that differ by less say the same."""
+"""Difference (m, rad or dimensionless) below which two formulas are equal."""
 
 _PLACE = 1e-9
-"""Metres between two places that are the same."""
+"""Distance in m below which two places are equal."""
 
 
 def same_equations(a: Kinematics, b: Kinematics, trajectory: Trajectory, rng: np.random.Generator) -> str:
-    """Return why two formulas say the same, "" if they do not."""
+    """Return the reason why two formulas are equivalent; "" if they are not."""
     rows = rng.integers(len(trajectory.t), size=_POSES)
     shift = rng.uniform(-1, 1, (_POSES, 3)) * _AROUND[0]
     turn = spatial.exp_so3(rng.uniform(-1, 1, (_POSES, 3)) * _AROUND[1])
@@ -103,7 +104,7 @@ class Chain:
         return out
 
     def gaps(self, q: Array, x: Array) -> Array:
-        """Return what is open in the loops, in metres and rad times a tenth of a metre."""
+        """Return the loop gaps in m; angles are multiplied by 0.1 m."""
         T = self.bodies(q, x)
         out = []
         for joint in self.mechanism.loops:
@@ -125,7 +126,7 @@ class Chain:
         return np.array(out)
 
     def close(self, q: Array, x: Array) -> Array:
-        """Return the coordinates that close the loops best, from x."""
+        """Return the coordinates that close the loops best, starting from x."""
         from scipy.optimize import least_squares
 
         if not len(x) or not len(self.gaps(q, x)):
@@ -134,7 +135,7 @@ class Chain:
 
 
 def same_motion(a: Mechanism, b: Mechanism, trajectory: Trajectory, places: int = 5) -> str:
-    """Return why two mechanisms move alike, limits, shapes and marks being the same, "" if they do not."""
+    """Return the reason why two mechanisms are equivalent (motion, limits, shapes, marks); "" if they are not."""
     for one, two in zip(a.joints, b.joints, strict=True):
         if (one.limits, one.cone, one.max_speed, one.max_acceleration) != (
             two.limits,
@@ -161,7 +162,7 @@ def same_motion(a: Mechanism, b: Mechanism, trajectory: Trajectory, places: int 
 
 
 def same_samples(a: Trajectory, b: Trajectory) -> str:
-    """Return why two trajectories are the same, "" if they are not."""
+    """Return the reason why two trajectories are equivalent; "" if they are not."""
     if a.phases is not b.phases:
         return ""
     arrays = [(v, getattr(b, n)) for n, v in vars(a).items() if isinstance(v, np.ndarray)]
@@ -172,7 +173,7 @@ def same_samples(a: Trajectory, b: Trajectory) -> str:
 
 
 def same_stage(a: Path, b: Path) -> str:
-    """Return why two stages are the same, "" if they are not."""
+    """Return the reason why two stages are equivalent; "" if they are not."""
     from pxr import Usd
 
     one, two = (Usd.Stage.Open(str(p)).Flatten(addSourceFileComment=False).ExportToString() for p in (a, b))
@@ -180,6 +181,6 @@ def same_stage(a: Path, b: Path) -> str:
 
 
 def same_protocol(a: Protocol, b: Protocol) -> str:
-    """Return why two protocols are the same, "" if they are not."""
+    """Return the reason why two protocols are equivalent; "" if they are not."""
     one, two = ({p.name: p.value for p in x.parameters()} for x in (a, b))
     return "all numbers of the protocol are the same" if one == two and a.phases == b.phases else ""

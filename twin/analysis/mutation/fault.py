@@ -21,24 +21,27 @@ MEANING: dict[Family, str] = {
     "cad": "a joint frame moved or turned, a limit, a shape",
     "usd": "one attribute of the written stage or motion",
     "units": "metres for millimetres, radians for degrees",
-    "timing": "samples too fast, too late, beside the RCM",
+    "timing": "samples too fast, too late, or off the RCM",
 }
 
 State = Literal["caught", "warned", "missed", "equivalent"]
-"""caught: another verdict. warned: a warning that the correct robot does not give. equivalent: nothing differs."""
+"""caught: the verdict changes; warned: there is a new warning; equivalent: the fault has no effect; else missed."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault that can be put into a robot; exactly one of the makers is given.
+    """A fault that can be seeded into a robot.
+
+    Exactly one of the functions `robot`, `mechanism`, `stage`, `protocol` and `trajectory` is given; the others are
+    None.
 
     Attributes:
-        family, kind: what sort of a fault.
-        what: what was done, in one phrase.
+        family, kind: the class of the fault.
+        what: the change, in one phrase.
         robot: returns the robot with faulty equations or parameters, given a folder to write to.
         mechanism: returns the faulty mechanism.
         stage: edits a copy of the stage in a folder.
-        protocol: returns the protocol as it would be read from the faulty file, given a folder to write to.
+        protocol: writes a faulty protocol to a given folder, and returns what is read from it.
         trajectory: returns faulty samples.
     """
 
@@ -57,12 +60,12 @@ class Outcome:
     """Result of a seeded fault.
 
     Attributes:
-        family, kind, what: of the fault.
+        family, kind, what: see `Fault`.
         state: see `State`.
-        code: of the gravest finding that the correct robot does not have; of an error what was raised; "" if missed.
-        where: its place.
-        message: its words, or why the fault is equivalent.
-        seconds: how long it took.
+        code: code of the most severe new finding or of the error raised; "" if missed.
+        where: place of the finding.
+        message: its text, or why the fault is equivalent.
+        seconds: duration of the check.
     """
 
     family: Family

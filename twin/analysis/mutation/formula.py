@@ -1,4 +1,4 @@
-"""Faults of the equations: one edit of their source, in the words that misprints are made of."""
+"""Faults of the equations: one edit of their source, of a kind that occurs in misprints."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ KINDS: dict[str, tuple[str, ...]] = {
     "operator": ("operator", "order", "transpose"),
     "added term": ("missing",),
 }
-"""What is drawn, each as often as the others, and the edits that make it."""
+"""Kinds of faults, drawn equally often, and the edits that make each."""
 
 _TRIES = 40
 
 
 def functions(formula: Formula) -> list[FunctionType]:
-    """Return the functions of a formula's own file that its printed equations are made of; helpers only if they are."""
+    """Return the functions in a formula's own file that its printed equations use; helpers only if they are used."""
     todo: list[Any] = [inspect.unwrap(e.variants[e.default]) for e in formula.equations if e.stage != "helper"]
     found: list[FunctionType] = []
     home = todo[0].__globals__
@@ -53,7 +53,7 @@ def functions(formula: Formula) -> list[FunctionType]:
 
 
 def faults(robot: api.Robot, rng: np.random.Generator, count: int) -> Iterator[Fault]:
-    """Yield faults of the equations of a robot; none of them is drawn twice."""
+    """Yield faults of the equations of a robot; no fault is drawn twice."""
     assert robot.files is not None
     formula = robot.formula
     sources = []
@@ -97,7 +97,7 @@ def _draw(
 
 
 def _compiles(text: str, robot: api.Robot) -> bool:
-    """Return whether equations run at all: what does not says so by itself, with its line, and is no hidden fault."""
+    """Return whether the equations run; a fault that makes them fail is not used, because it reports itself."""
     with Scratch() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         path = Path(folder) / "formula.py"
@@ -124,7 +124,5 @@ def _maker(robot: api.Robot, edit: Edit):
 def with_formula(robot: api.Robot, path: Path) -> api.Robot:
     """Return the same robot with equations from another file."""
     assert robot.files is not None
-    out = api.Robot(dataclasses.replace(robot.files, formula=path), None, robot._variants, robot._parameters)
-    out.cad = robot.cad
-    out.formula = load_formula(path, robot.name, lambda: robot.mechanism.driven, trial=True)
-    return out
+    formula = load_formula(path, robot.name, lambda: robot.mechanism.driven, trial=True)
+    return dataclasses.replace(robot, files=dataclasses.replace(robot.files, formula=path), equations=formula)

@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from twin.analysis.mutation.fault import FAMILIES, MEANING, Family, Outcome
-from twin.core.findings import Finding
+from twin.core.findings import Finding, Verdict, disagreement
+from twin.core.quantity import Quantity
+from twin.core.result import Part, Result, Table
 
 BAR = 0.95
-"""Share of the faults that has to be caught."""
-
-SCHEMA = "twin.selftest/1"
+"""Required share of faults that are caught."""
 
 
 @dataclass(frozen=True)
-class Score:
+class Score(Result):
     """Results of all seeded faults.
 
     Attributes:
-        robot, protocol, source: what they were seeded in.
-        seed: of the draw.
-        seconds: it all took.
+        robot, protocol, source: the robot with the faults, its protocol and its path.
+        seed: seed of the random draw.
+        seconds: total duration.
         outcomes: one for each fault.
-        false_alarms: what the validator says against the correct robot.
-        bar: share that has to be caught.
+        false_alarms: findings on the correct robot.
+        bar: required share of faults that are caught.
     """
 
     robot: str
@@ -38,37 +38,54 @@ class Score:
     false_alarms: tuple[Finding, ...]
     bar: float = BAR
 
+    kind = "selftest"
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """A finding if the score is below `bar`, and one for every false alarm."""
+        if self.share >= self.bar:
+            return self.false_alarms
+        low = disagreement(
+            "selftest.bar",
+            "",
+            f"{self.caught} of {self.counted} seeded faults caught",
+            Quantity(100 * self.share, "percent"),
+            100 * self.bar,
+            word="required",
+        )
+        return (low, *self.false_alarms)
+
     def of(self, family: Family) -> list[Outcome]:
         """Return the outcomes of a family."""
         return [o for o in self.outcomes if o.family == family]
 
     @property
     def counted(self) -> int:
-        """Faults that are any: equivalent ones are not."""
+        """Faults that have an effect."""
         return sum(o.state != "equivalent" for o in self.outcomes)
 
     @property
     def caught(self) -> int:
-        """Faults that were noticed."""
+        """Faults that were caught or caused a warning."""
         return sum(o.state in ("caught", "warned") for o in self.outcomes)
 
     @property
     def share(self) -> float:
-        """Caught of counted, 0..1."""
+        """`caught` divided by `counted`, 0..1."""
         return self.caught / self.counted if self.counted else 1.0
 
     @property
     def passed(self) -> bool:
-        """Whether the bar is met and the correct robot is left in peace."""
+        """Whether the share reaches `bar` and the correct robot has no finding."""
         return self.share >= self.bar and not self.false_alarms
 
     @property
-    def exit_code(self) -> int:
-        """0 passed, 1 not."""
-        return 0 if self.passed else 1
+    def verdict(self) -> Verdict:
+        """Return "agree" if the share reaches `bar` and the correct robot has no finding, else "disagree"."""
+        return "agree" if self.passed else "disagree"
 
-    def table(self) -> list[dict[str, Any]]:
-        """Return one row for each family that was seeded."""
+    def families(self) -> list[dict[str, Any]]:
+        """Return one table row for each family of faults that was seeded."""
         rows = []
         for family in FAMILIES:
             some = self.of(family)
@@ -90,14 +107,12 @@ class Score:
             )
         return rows
 
-    def as_dict(self) -> dict[str, Any]:
+    def content(self) -> dict[str, Any]:
         """Return plain data."""
         return {
-            "schema": SCHEMA,
             "robot": self.robot,
             "protocol": self.protocol,
             "source": self.source,
-            "verdict": "agree" if self.passed else "disagree",
             "seed": self.seed,
             "seconds": round(self.seconds, 1),
             "bar": self.bar,
@@ -105,13 +120,47 @@ class Score:
             "caught": self.caught,
             "share": self.share,
             "false_alarms": [f.as_dict() for f in self.false_alarms],
-            "families": self.table(),
+            "families": self.families(),
             "faults": [o.as_dict() for o in self.outcomes],
         }
 
+    def text(self) -> Iterator[Part]:
+        """Yield the score, a row for each family, the missed faults and those without effect."""
+        yield f"{self.robot} · {self.protocol} · seed {self.seed} · {self.seconds:.0f} s"
+        yield ""
+        bar = f"{100 * self.bar:.0f} %"
+        share = f"{self.caught} of {self.counted} seeded faults caught ({100 * self.share:.1f} %, required {bar})"
+        alarms = f"{len(self.false_alarms)} false alarms on the correct robot"
+        yield f"  {'PASSED' if self.passed else 'FAILED'}: {share}, {alarms}"
+        yield ""
+        rows = [
+            (
+                r["family"],
+                str(r["seeded"]),
+                str(r["caught"]),
+                str(r["warned"]),
+                str(r["missed"]),
+                str(r["equivalent"]),
+                ", ".join(f"{code} {n}" for code, n in list(r["by"].items())[:4]),
+            )
+            for r in self.families()
+        ]
+        head = ("family", "seeded", "caught", "only warned", "missed", "equivalent", "caught by")
+        yield Table(head, rows, fit=True)
+        for title, state in (("missed", "missed"), ("no effect: not counted", "equivalent")):
+            some = [o for o in self.outcomes if o.state == state]
+            if some:
+                yield ""
+                yield f"  {title}"
+                yield from (f"    {o.family}, {o.kind}: {o.what} ({o.message})" for o in some)
+        if self.false_alarms:
+            yield ""
+            yield "  false alarms"
+            yield from self.false_alarms
+
 
 def from_dict(data: Mapping[str, Any]) -> Score:
-    """Return a score from what `as_dict` gave."""
+    """Return a score from the output of `as_dict`."""
     outcomes = tuple(Outcome(**o) for o in data["faults"])
     alarms = tuple(Finding(**f) for f in data["false_alarms"])
     return Score(

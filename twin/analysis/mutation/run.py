@@ -1,4 +1,4 @@
-"""Draws the faults, shares them between two processes, and counts."""
+"""Draw the faults, check them in two processes, and count the results."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from twin.analysis.mutation.fault import FAMILIES, Family, Fault, Outcome
 from twin.analysis.mutation.result import Score
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
-from twin.validation.beside import Beside
+from twin.core.jobs import Call
 
 SHARES: dict[Family, int] = {"formula": 32, "cad": 24, "usd": 28, "units": 14, "timing": 20}
-"""How many faults of each family are drawn out of 118; another count is shared out alike."""
+"""Number of faults of each family among 118; any other count is divided in the same proportion."""
 
 Progress = Callable[[str, float], None]
 
@@ -36,12 +36,12 @@ def selftest(
     """Return the mutation score of the validator on a robot.
 
     Args:
-        robot: name or folder; equations, CAD and a protocol are needed.
-        protocol: along which; default the robot's default protocol.
-        families: which to seed.
-        count: of all faults.
-        seed: of the draw; the same seed draws the same faults.
-        progress: called with what is being done.
+        robot: name or folder of a robot with equations, CAD and a protocol.
+        protocol: the protocol to validate along; default: the robot's default protocol.
+        families: the families of faults to seed.
+        count: total number of faults.
+        seed: seed of the draw; the same seed draws the same faults.
+        progress: called with a description of the current step.
 
     Raises:
         TwinError: the robot cannot be judged at all.
@@ -49,7 +49,7 @@ def selftest(
     began = time.monotonic()
     task = (str(robot), protocol, tuple(families), count, seed)
     progress("correct robot", 0.0)
-    with Beside(_share, *task, 1) as beside:
+    with Call(_share, *task, 1) as beside:
         with bench_of(str(robot), protocol) as bench:
             alarms = tuple(f for f in bench.correct.findings if f.severity in ("disagreement", "error"))
             mine = _judged(bench, families, count, seed, 0, progress)
@@ -69,16 +69,16 @@ def selftest(
 
 @contextlib.contextmanager
 def bench_of(robot: str, protocol: str | None) -> Iterator[Bench]:
-    """Yield a robot on the bench, in a folder that ends with it."""
+    """Yield the bench of a robot in a temporary folder."""
     loaded = api.load(robot)
     if loaded.files is None or not loaded.files.formula.is_file():
-        raise TwinError(f"{loaded.name} has no equations: there is nothing that the validator could judge")
+        raise TwinError(f"{loaded.name} has no equations to check")
     with Scratch() as folder:
         yield Bench(loaded, protocol, Path(folder))
 
 
 def drawn(bench: Bench, families: Sequence[Family], count: int, seed: int) -> list[Fault]:
-    """Return the faults of a draw; every family has its own chance, so that one alone is drawn as among others."""
+    """Return the faults of a draw; each family has its own random stream, independent of the others."""
     out: list[Fault] = []
     asked: dict[Family, int] = {f: SHARES[f] for f in FAMILIES if f in families}
     for family, n in shared_out(count, asked).items():
@@ -90,7 +90,7 @@ def drawn(bench: Bench, families: Sequence[Family], count: int, seed: int) -> li
 def shared_out(count: int, shares: Mapping[Family, int]) -> dict[Family, int]:
     """Return whole numbers in proportion to shares that sum to `count`: the largest remainders are rounded up.
 
-    A family gets none only if there are fewer than one for each.
+    A family gets none only if `count` is below the number of families.
     """
     whole = sum(shares.values())
     least = 1 if count >= len(shares) else 0
@@ -134,6 +134,6 @@ def _judged(
 def _share(
     robot: str, protocol: str | None, families: tuple[Family, ...], count: int, seed: int, share: int
 ) -> dict[int, Outcome]:
-    """Judge one half of the faults: the second process."""
+    """Check one half of the faults, in the second process."""
     with bench_of(robot, protocol) as bench:
         return _judged(bench, families, count, seed, share, lambda label, fraction: None)

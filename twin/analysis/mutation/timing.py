@@ -1,4 +1,4 @@
-"""Faults of the samples: too fast, too slow, late, beside themselves, beside the RCM, planned for another drive."""
+"""Faults of the samples: too fast, too slow, late, displaced, off the RCM, planned for another drive."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Planner = Callable[[Protocol], Trajectory]
 def faults(
     trajectory: Trajectory, protocol: Protocol, planner: Planner, rng: np.random.Generator, count: int
 ) -> Iterator[Fault]:
-    """Yield faults of a trajectory; `planner` plans a protocol in the same steps."""
+    """Yield faults of a trajectory; `planner` plans a protocol in the steps of the trajectory."""
     about = any(s.rcm is not None for s in trajectory.phases)
     kinds = [k for k in KINDS if about or k not in ("RCM", "shaft")]
     for i in range(count):
@@ -139,7 +139,7 @@ def _planned(protocol: Protocol, planner: Planner, rng: np.random.Generator) -> 
 
 
 def _shaft(t: Trajectory, rng: np.random.Generator) -> Made:
-    """Bend the shaft: frames turned about their origins while the RCM is registered, smoothly in and out of it."""
+    """Bend the shaft: rotate the frames about their origins while the RCM is registered, with smooth begin and end."""
     size = rng.uniform(0.3, 1.0) * DEG
     inside = [s for s in t.phases if s.rcm is not None]
     first, last = inside[0].start, inside[-1].stop

@@ -25,11 +25,11 @@ KINDS = (
     "turning",
     "trocar",
 )
-"""What is drawn, in this order, as far as the robot has it."""
+"""Kinds of faults, drawn in this order, as far as they apply to the robot."""
 
 
 def faults(robot: api.Robot, protocol: Path, rng: np.random.Generator, count: int) -> Iterator[Fault]:
-    """Yield faults of units of a robot and of a protocol file."""
+    """Yield faults of units in a robot and in a protocol file."""
     text = protocol.read_text(encoding="utf-8")
     seen: set[str] = set()
     for i in range(10 * count):
@@ -62,7 +62,7 @@ def _reader(name: str, document: Any) -> Callable[[Path], Protocol]:
 
 def _parameter(robot: api.Robot, rng: np.random.Generator) -> Fault:
     assert robot.files is not None
-    some = [p for p in robot.formula.parameters if p.value and p.name not in (robot._parameters or {})]
+    some = [p for p in robot.formula.parameters if p.value and p.name not in robot.parameters]
     p = some[rng.integers(len(some))]
     angle = p.unit in ("deg", "rad")
     factor = float(rng.choice((180 / np.pi, np.pi / 180) if angle else (1000.0, 0.001)))
@@ -73,16 +73,13 @@ def _parameter(robot: api.Robot, rng: np.random.Generator) -> Fault:
     )
 
     def make(folder: Path) -> api.Robot:
-        changed = {**(robot._parameters or {}), p.name: factor * p.value}
-        out = api.Robot(robot.files, None, robot._variants, changed)
-        out.cad = robot.cad
-        return out
+        return robot.with_parameters({p.name: factor * p.value})
 
     return Fault("units", "parameter", f"{p.name} with {word}", robot=make)
 
 
 def _scaled(values: Any, factor: float) -> list[float]:
-    # the digits that somebody would write
+    # the digits that a person would write
     return [float(f"{factor * float(v):.5g}") for v in values]
 
 

@@ -1,4 +1,4 @@
-"""Faults of the written stage and of the motion on it: one attribute each, on the layer that it was written to."""
+"""Faults of the written stage and of the motion on it: each changes one attribute, on the layer that holds it."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ KINDS = (
     "time codes",
     "axis",
 )
-"""What is drawn, in this order."""
+"""Kinds of faults, drawn in this order."""
 
 Edit = Callable[[Usd.Stage], None]
 Made = tuple[str, Edit]
 
 
 def faults(root: Path, rng: np.random.Generator, count: int) -> Iterator[Fault]:
-    """Yield faults of a stage; `root` is the layer that plays the motion, or the robot's if it has none."""
+    """Yield faults of a stage; `root` is the layer with the motion, or without motion the robot's root layer."""
     stage = Usd.Stage.Open(str(root))
     for i in range(count):
         kind = KINDS[i % len(KINDS)]
@@ -235,7 +235,7 @@ def _body(stage: Usd.Stage, rng: np.random.Generator) -> Made:
         s.SetEditTarget(Usd.EditTarget(relation.GetPropertyStack()[0].layer))
         relation.SetTargets([other])
 
-    return f"{path} holds {other} in place of {now.name}", change
+    return f"{path} holds {other} instead of {now.name}", change
 
 
 def _quaternion(stage: Usd.Stage, rng: np.random.Generator) -> Made:

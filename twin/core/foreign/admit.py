@@ -1,4 +1,4 @@
-"""Files looked at before anything else is done with them: cheap counts first, then their native parser elsewhere."""
+"""Checks of an untrusted file before it is read: cheap counts first, then its native parser in a separate process."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _USD = (".usd", ".usda", ".usdc", ".usdz")
 _OTHER = {".csv": "CSV", ".obj": "OBJ", ".stl": "STL", ".step": "STEP", ".stp": "STEP", ".urdf": "XML", ".sdf": "XML"}
 
 _MOST_TEXT = 50_000_000
-"""Bytes of a text layer whose depth is looked at; the parser of a larger one is stopped at its limits."""
+"""Maximum bytes of a text layer whose depth is checked; for a larger one the limits of the parser apply."""
 
 
 def admit(path: Path) -> None:
-    """Do nothing if a file can be read at a cost that its format may have; the end of its name says the format.
+    """Raise if reading a file would exceed the limits of its format, which its suffix gives.
 
     Raises:
-        BudgetError: it cannot; the file and the limit are named.
-        SourceError: its native parser crashes.
-        OSError: it cannot be read.
+        BudgetError: a limit is exceeded; the message names the file and the limit.
+        SourceError: the native parser crashes on the file.
+        OSError: the file cannot be read.
     """
     suffix = path.suffix.lower()
     if suffix in _USD:
@@ -49,7 +49,10 @@ def admit(path: Path) -> None:
 
 
 def admit_together(paths: Iterable[Path]) -> set[Path]:
-    """Return the stages, of several, that need no `admit`: they have passed in one process, or none has."""
+    """Return the stages that passed when tried together in one process: all likely ones or none.
+
+    The other stages need `admit`.
+    """
     likely = []
     for path in paths:
         with contextlib.suppress(BudgetError, SourceError, OSError):
@@ -67,7 +70,7 @@ def _look_at_usd(path: Path) -> None:
 
 
 def _check_ply(path: Path) -> None:
-    """Believe no header that asks for more rows than a mesh has."""
+    """Raise for a header that states more rows (vertices, faces) than the limit."""
     check_size(path, "PLY")
     with path.open("rb") as file:
         head = file.read(65536).partition(b"end_header")[0]

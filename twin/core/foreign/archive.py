@@ -9,13 +9,13 @@ from twin.core.foreign.budget import BUDGETS, check_size, over
 
 
 def check_zip(path: Path, kind: str) -> None:
-    """Do nothing if all files of an archive together may be unpacked; what is no archive is left to its reader.
+    """Raise if the files of an archive together exceed the limits; a file that is not an archive is left to its reader.
 
-    The size that the archive states is believed, because no more of a file is unpacked than that.
+    The stated sizes are used: no more than that is unpacked.
 
     Raises:
-        BudgetError: they are too many, or too large.
-        OSError: it cannot be read.
+        BudgetError: the archive has too many files, or they are too large.
+        OSError: the file cannot be read.
     """
     check_size(path, kind)
     limits = BUDGETS[kind]

@@ -1,4 +1,4 @@
-"""What reading one file may cost, by format. A small file may cost little; more is allowed in step with its size."""
+"""Limits for reading one file, by format; they grow with the size of the file."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ MB = 1_000_000
 
 @dataclass(frozen=True)
 class Budget:
-    """Limits of one format; 0 for what is not limited.
+    """Limits of one format; 0 means no limit.
 
     Attributes:
-        bytes: of the file.
-        unpacked: bytes, when it is an archive.
-        depth: how deep its parts may be nested.
-        count: its parts: elements of XML, objects and lists of JSON, nodes of glTF, prims of USD, rows of PLY.
-        numbers: numbers or vertices that its parts may stand for together, when parts may be used several times.
+        bytes: size of the file.
+        unpacked: bytes of all files of an archive.
+        depth: maximum nesting of its parts.
+        count: number of its parts: elements of XML, objects and lists of JSON, nodes of glTF, prims of USD, rows of
+            PLY.
+        numbers: total numbers or vertices, counting repeated parts.
         seconds: processor time of its native parser, and `seconds_per_mb` more for each MB it is given.
-        memory: bytes that its native parser may ask for, and `memory_per_byte` more for each byte it is given.
+        memory: bytes that its native parser may use, and `memory_per_byte` more for each byte it is given.
     """
 
     bytes: int
@@ -57,53 +58,53 @@ BUDGETS = {
     # Triangles for masses, 5 µm from the faces, of a file within the limits above: a patient takes 1.6 GB and a minute.
     "fine STEP": Budget(500 * MB, seconds=150, seconds_per_mb=30, memory=3000 * MB, memory_per_byte=200),
 }
-"""By format. Honest files stay ten times or more below; what is refused has one line that says how to get smaller."""
+"""Limits by format. Normal files need at most a tenth of them; the error suggests how to reduce a file."""
 
 BODIES = 1000
-"""Bodies, joints or shapes of one mechanism."""
+"""Maximum number of bodies, of joints and of shapes of one mechanism."""
 
 INCLUDES = 300
-"""Times that a file may bring in others, all of them together."""
+"""Maximum number of included files, all levels together."""
 
 FREEDOMS = 200
-"""Degrees of freedom of one mechanism, all joints together: the memory of its dynamics grows with their cube."""
+"""Maximum degrees of freedom of one mechanism, all joints: the memory of its dynamics grows with their cube."""
 
 _WAYS = {
-    "TOML": "leave out what is not read",
-    "XML": "split it, or leave out what is no part of the robot",
-    "OBJ": "thin the mesh out, or save it as binary STL",
-    "3MF": "thin the mesh out, or save it as binary STL",
-    "PLY": "thin the mesh out, or save it as binary STL",
-    "GLTF": "thin it out, or join nodes",
-    "USD": "leave out what is no part of the robot",
-    "MJCF": "leave out what is no part of the robot",
-    "STEP": "leave out what is no part of the robot, or simplify it in the CAD",
+    "TOML": "remove unused parts",
+    "XML": "split it, or remove what does not belong to the robot",
+    "OBJ": "reduce the mesh, or save it as binary STL",
+    "3MF": "reduce the mesh, or save it as binary STL",
+    "PLY": "reduce the mesh, or save it as binary STL",
+    "GLTF": "simplify it, or merge nodes",
+    "USD": "remove what does not belong to the robot",
+    "MJCF": "remove what does not belong to the robot",
+    "STEP": "remove what does not belong to the robot, or simplify it in the CAD",
 }
 
 
 def over(path: Path, kind: str, what: str, value: float, limit: float) -> NoReturn:
-    """Raise `BudgetError`: a file wants more of something than its format's limit."""
+    """Raise `BudgetError`: a file exceeds a limit of its format."""
     raise BudgetError(f"{path}: {what}: {value:,.0f}; the limit for {kind} is {limit:,.0f}. {way(kind)}")
 
 
 def way(kind: str) -> str:
-    """Return what to do with a file that costs too much."""
-    return f"If it is meant so, {_WAYS.get(kind, 'make it smaller')}."
+    """Return the advice for a file that exceeds a limit."""
+    return f"If this is intended, {_WAYS.get(kind, 'make it smaller')}."
 
 
 def read_bytes(path: Path, kind: str) -> bytes:
     """Return a whole file.
 
     Raises:
-        BudgetError: it is too large.
-        OSError: it cannot be read.
+        BudgetError: the file is too large.
+        OSError: the file cannot be read.
     """
     check_size(path, kind)
     return path.read_bytes()
 
 
 def check_size(path: Path, kind: str) -> None:
-    """Raise `BudgetError` for a file that is too large, and `OSError` for one that is none."""
+    """Raise `BudgetError` for a file that is too large, and `OSError` for a path that is not a file."""
     size, most = path.stat().st_size, BUDGETS[kind].bytes
     if size > most:
         over(path, kind, "bytes", size, most)

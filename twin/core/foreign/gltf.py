@@ -1,4 +1,4 @@
-"""glTF counted before it is read: nodes as they are placed, their depth, and the numbers that they stand for."""
+"""glTF counted before it is read: nodes as instanced, their depth, and the numbers in them."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "M
 
 
 def check_gltf(path: Path) -> None:
-    """Do nothing if a .glb or .gltf file can be read at little cost; what is malformed is left to its reader.
+    """Raise if a .glb or .gltf file exceeds the limits of its format; malformed files are left to their reader.
 
     Raises:
-        BudgetError: it cannot; what and how much is said.
-        OSError: it cannot be read.
+        BudgetError: a limit is exceeded; the message gives the limit and the value.
+        OSError: the file cannot be read.
     """
     check_size(path, "GLTF")
     try:
@@ -34,7 +34,7 @@ def check_gltf(path: Path) -> None:
         if isinstance(uri, str) and not uri.startswith("data:") and "\0" not in uri:
             beside = path.parent / unquote(uri)
             if beside.exists() and not beside.is_file():
-                raise BudgetError(f"{path}: buffer '{uri[:80]}' is no file, so it may have no end")
+                raise BudgetError(f"{path}: buffer '{uri[:80]}' is not a regular file")
             if beside.is_file():
                 check_size(beside, "GLTF")
     views = [_whole(v.get("byteLength")) for v in _objects(data, "bufferViews")]
@@ -68,7 +68,7 @@ def _json_of(path: Path) -> bytes:
 
 
 def _numbers(accessor: dict[str, Any], views: list[int]) -> int:
-    """Return how many numbers an accessor stands for; one that leaves its view is refused by every reader."""
+    """Return the count of numbers in an accessor; every reader rejects an accessor that exceeds its buffer view."""
     size = _whole(accessor.get("count")) * _WIDTH.get(str(accessor.get("type")), 1)
     view = accessor.get("bufferView")
     return min(size, views[view]) if isinstance(view, int) and 0 <= view < len(views) else size

@@ -1,6 +1,6 @@
-"""Native parsers tried in a process of their own: a file that makes one crash, hang or grow must not take twin with it.
+"""Native parsers tried in a separate process: a file that makes one crash, hang or grow must not affect twin.
 
-The system holds the process to its processor time and memory (`Budget`), which grow with what the file brings along.
+The system limits processor time and memory of the process (`Budget`), which grow with the size of all files.
 """
 
 from __future__ import annotations
@@ -60,51 +60,51 @@ sys.exit(cascadio.step_to_glb(sys.argv[3], sys.argv[4], float(sys.argv[5]), floa
 _PROGRAMS["fine STEP"] = _PROGRAMS["STEP"]
 
 _BESIDE = {"MJCF": (".xml", ".mjcf", ".stl", ".obj", ".msh", ".png"), "USD": (".usd", ".usda", ".usdc", ".usdz")}
-"""What a file may bring along, by the ends of names: more may be used for it then."""
+"""Suffixes of files that a file may refer to; their sizes raise the limits."""
 
 _MOST_BESIDE = 2000
-"""Files beside it that are looked at."""
+"""Maximum number of referenced files that are counted."""
 
 _MOST_SECONDS, _MOST_MEMORY = 600.0, 8_000 * MB
-"""What no file gets more of, however large."""
+"""Maximum processor time (s) and memory (bytes) of a parser's process, whatever the size of its files."""
 
 _IDLE = 8.0
-"""Seconds that a parser may wait without working: it reads from something that has no end."""
+"""Seconds that a parser may wait without working, for instance on a pipe."""
 
 _MEMORY_WORDS = re.compile(rb"MemoryError|bad_alloc|allocat|out of memory|unknown exception", re.IGNORECASE)
 
 
 def try_first(path: Path, kind: str) -> None:
-    """Let the parser of a format read the file, elsewhere. What it merely refuses is told by the reader itself.
+    """Let the parser of a format read the file in a separate process. Ordinary errors are left to the reader.
 
     Raises:
-        BudgetError: it needs more time or memory than it may, or has too many parts.
+        BudgetError: the parser exceeds its time or memory, or the file has too many parts.
         SourceError: the parser crashed.
     """
     run(path, kind)
 
 
-def run(path: Path, kind: str, *arguments: str) -> int:
-    """Run a format's parser on a file within its limits, and return its exit code.
+def run(path: Path, kind: str, *arguments: str, given: Path | None = None) -> int:
+    """Run a format's parser on a file, or on `given`, a copy of it, within its limits, and return its exit code.
 
     Raises:
-        BudgetError: it needs more time or memory than it may, or has too many parts.
-        SourceError: it crashed.
+        BudgetError: the parser exceeds its time or memory, or the file has too many parts.
+        SourceError: the parser crashed.
     """
     seconds, memory = limits(path, kind)
-    code, idle, text = _limited(kind, seconds, memory, path.resolve(), *arguments)
+    code, idle, text = _limited(kind, seconds, memory, (given or path).resolve(), *arguments)
     told = f"{path}: the {kind} parser"
     if idle:
-        raise BudgetError(f"{told} waits for {_IDLE:g} s: the file names something that has no end. {way(kind)}")
+        raise BudgetError(f"{told} waits for {_IDLE:g} s: the file refers to an endless stream. {way(kind)}")
     if code == -signal.SIGXCPU:
         raise BudgetError(f"{told} is not done after {seconds:.0f} s of processor time, its limit. {way(kind)}")
     if _MEMORY_WORDS.search(text) and code != 0:
-        raise BudgetError(f"{told} wants more than {memory / MB:,.0f} MB of memory, its limit. {way(kind)}")
+        raise BudgetError(f"{told} needs more than {memory / MB:,.0f} MB of memory, the limit. {way(kind)}")
     if code < 0:
         name = signal.Signals(-code).name
         raise SourceError(
-            f"{told} crashes on it ({name}) within {memory / MB:,.0f} MB: the file is damaged, hits a bug of it, or is "
-            "nested too deep"
+            f"{told} crashes ({name}) within {memory / MB:,.0f} MB: the file is damaged, is nested too deeply, or "
+            "triggers a bug of the reader"
         )
     if code and (found := re.search(rb"^over (.*)$", text, re.MULTILINE)):
         raise BudgetError(f"{path}: {found[1].decode('utf-8', 'replace')}. {way(kind)}")
@@ -112,7 +112,7 @@ def run(path: Path, kind: str, *arguments: str) -> int:
 
 
 def pass_together(paths: Sequence[Path], kind: Literal["USD"]) -> bool:
-    """Return whether files all pass in one process, which imports their parser once; if not, try them one by one."""
+    """Return whether all files pass in one process, which imports their parser once; if not, try each alone."""
     each = [limits(path, kind) for path in paths]
     seconds, memory = sum(s for s, _ in each), max(m for _, m in each)
     return _limited(kind, seconds, memory, *(path.resolve() for path in paths))[:2] == (0, False)
@@ -129,7 +129,7 @@ def limits(path: Path, kind: str) -> tuple[float, int]:
 
 
 def _limited(kind: str, seconds: float, memory: int, *arguments: object) -> tuple[int, bool, bytes]:
-    """Run a parser; return its exit code, whether it was ended because it waits, and the end of what it said."""
+    """Run a parser; return its exit code, whether it was stopped for waiting, and the end of its output."""
     own: dict[str, str] = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
     own["MUJOCO_GL"] = "disable"  # it looks for a display's libraries otherwise, with programs of its own
     python, *rest = isolated(_LIMITED + _PROGRAMS[kind], int(seconds + 1), memory, *arguments)
@@ -140,7 +140,7 @@ def _limited(kind: str, seconds: float, memory: int, *arguments: object) -> tupl
 
 
 def _wait(process: subprocess.Popen[bytes]) -> tuple[int, bool]:
-    """Return the exit code of a process, and whether it was ended because it waits for something."""
+    """Return the exit code of a process, and whether it was stopped for waiting."""
     before, since, pause = "", time.monotonic(), 0.005
     try:
         while process.poll() is None:
@@ -161,7 +161,7 @@ def _wait(process: subprocess.Popen[bytes]) -> tuple[int, bool]:
 
 
 def _asleep(pid: int) -> str:
-    """Return the processor time that a sleeping process has used; "" if it works, or waits for a busy processor."""
+    """Return the processor time that a sleeping process has used; "" if it is running or ready to run."""
     try:
         state, *fields = Path(f"/proc/{pid}/stat").read_text("ascii", "replace").rpartition(")")[2].split()
         return f"{fields[10]} {fields[11]}" if state == "S" else ""

@@ -9,16 +9,17 @@ from typing import Any
 from xml.etree import ElementTree
 
 from twin.core.foreign.budget import BODIES, BUDGETS, over, read_bytes
+from twin.core.foreign.once import Read
 
 
-def read_text(path: Path, kind: str, encoding: str = "utf-8", errors: str = "strict") -> str:
-    """Return the text of a file, with line ends as `Path.read_text` gives them.
+def read_text(path: Path, kind: str, encoding: str = "utf-8", errors: str = "strict", read: Read = read_bytes) -> str:
+    """Return the text of a file, as `read` gives it, with line ends as `Path.read_text` gives them.
 
     Raises:
-        BudgetError: it is too large.
-        OSError, UnicodeDecodeError: it cannot be read.
+        BudgetError: the file is too large.
+        OSError, UnicodeDecodeError: the file cannot be read.
     """
-    data = read_bytes(path, kind)
+    data = read(path, kind)
     if kind == "JSON":
         count_json(path, data)
     text = data.decode(encoding, errors)
@@ -26,34 +27,34 @@ def read_text(path: Path, kind: str, encoding: str = "utf-8", errors: str = "str
 
 
 def load_json(path: Path, encoding: str = "utf-8") -> Any:
-    """Return what a JSON file holds.
+    """Return the content of a JSON file as Python objects.
 
     Raises:
-        BudgetError: it is too large, or is made of too many objects and lists.
-        OSError, ValueError (also of its text), RecursionError: it cannot be read.
+        BudgetError: the file is too large, or has too many objects and lists.
+        OSError, ValueError (also of its text), RecursionError: the file cannot be read.
     """
     return parse_json(path, read_bytes(path, "JSON"), encoding)
 
 
 def parse_json(path: Path, data: bytes, encoding: str = "utf-8") -> Any:
-    """Return what JSON holds; `path` is named in errors. Raises as `load_json`."""
+    """Return JSON text as Python objects; errors name `path`. Raises as `load_json`."""
     count_json(path, data)
     return json.loads(data.decode(encoding))
 
 
 def count_json(path: Path, data: bytes) -> None:
-    """Raise `BudgetError` for JSON of too many objects and lists: each takes fifty times its text in memory."""
+    """Raise `BudgetError` for JSON with too many objects and lists: each needs fifty times its text in memory."""
     count = data.count(b"{") + data.count(b"[")
     if count > BUDGETS["JSON"].count:
         over(path, "JSON", "objects and lists", count, BUDGETS["JSON"].count)
 
 
 class DoctypeError(ValueError):
-    """XML declares a document type, which may hold entities that make a small file endless."""
+    """XML declares a document type, whose entities could expand without limit."""
 
 
 class _Counted(ElementTree.TreeBuilder):
-    """Counts while the tree grows; in any encoding, because the parser has decoded what it is told."""
+    """Counts elements while parsing, after decoding."""
 
     def __init__(self, path: Path, kind: str) -> None:
         super().__init__()
@@ -87,13 +88,13 @@ def parse_xml(path: Path, data: bytes | None = None, kind: str = "XML") -> Eleme
 
     Args:
         path: the file; named in errors.
-        data: its text, if it does not stand in the file as it is.
-        kind: whose limits hold.
+        data: its text, if it is not read from the file.
+        kind: the format whose limits hold.
 
     Raises:
-        BudgetError: it is too large, nested too deep, or has too many elements.
-        DoctypeError: it declares a document type.
-        OSError, ElementTree.ParseError, LookupError, ValueError: it cannot be read.
+        BudgetError: the file is too large, nested too deep, or has too many elements.
+        DoctypeError: the file declares a document type.
+        OSError, ElementTree.ParseError, LookupError, ValueError: the file cannot be read.
     """
     parser = ElementTree.XMLParser(target=_Counted(path, kind))
     parser.feed(read_bytes(path, kind) if data is None else data)

@@ -1,10 +1,10 @@
-"""Check a UsdPhysics stage for what public validators miss.
+"""Check a UsdPhysics stage for faults that public validators miss.
 
     layout       units, frame rates, transform ops, names
     structure    loops, articulation root, self collision
-    timeline     where all bodies are, at rest and at every time sample
+    timeline    poses of all bodies, at rest and at every time sample
     joints       frames that meet and axes that agree, along the whole timeline
-    coordinates  limits, states, drives and speeds, along the whole timeline; radians taken for degrees
+    coordinates  limits, states, drives and speeds, along the whole timeline; radians authored as degrees
     bodies       masses, inertias, nesting, meshes
     samples      time range, quaternion signs, steps
     validators   the validators and the physics parser that come with OpenUSD
@@ -18,7 +18,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from twin.core.errors import StageError
-from twin.core.findings import Finding, by_severity
+from twin.core.findings import Finding, Kind, by_severity
 from twin.usd.check.bodies import check_bodies, check_meshes
 from twin.usd.check.joints import check_joints
 from twin.usd.check.layout import check_names, check_ops, check_transforms, check_units
@@ -31,14 +31,17 @@ from twin.usd.scan import Scene
 __all__ = ["check_stage", "parse_with_usdphysics", "run_usd_validators"]
 
 
-def check_stage(path: str | Path) -> list[Finding]:
-    """Return what is wrong with a stage, the gravest first; an empty list if nothing is.
+_UNCHECKED = Kind("stage.unchecked", "error", "repair the transform ops first")
 
-    Each finding has a code stage.<something>, the prim path in `where`, the time code in `when`, and size,
-    unit and limit where there is a number.
+
+def check_stage(path: str | Path) -> list[Finding]:
+    """Return the findings on a stage, the most severe first.
+
+    A finding has a code stage.<something>, the prim path in `where`, the time code in `when`, and size, unit and limit
+    of its measured value, if any.
 
     Raises:
-        StageError: if the file is missing, no USD, or a layer that it names cannot be found.
+        StageError: the file is missing or not USD, or one of its layers cannot be found.
 
     """
     scene = Scene(path)
@@ -51,14 +54,6 @@ def check_stage(path: str | Path) -> list[Finding]:
             *check_bodies(scene),
             *check_meshes(scene),
         ]
-    except StageError as error:  # a transform op that cannot be evaluated; check_ops has named it
-        findings.append(
-            Finding(
-                "stage.unchecked",
-                "error",
-                f"{error} Poses, joints and bodies are not checked.",
-                where=scene.path,
-                suggestion="repair the transform ops first",
-            )
-        )
+    except StageError as failed:  # a transform op that cannot be evaluated; check_ops has named it
+        findings.append(_UNCHECKED(scene.path, f"{failed} Poses, joints and bodies are not checked"))
     return by_severity(findings)

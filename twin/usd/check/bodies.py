@@ -1,4 +1,4 @@
-"""Masses, inertias, nesting and meshes of rigid bodies."""
+"""Check masses, inertias, nesting and meshes of rigid bodies."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics
 
 from twin.core.errors import StageError
-from twin.core.findings import Finding
+from twin.core.findings import Finding, Kind, finding, info
+from twin.core.quantity import Quantity, mm
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.mechanism import Inertia
@@ -17,20 +18,48 @@ from twin.usd.read.bodies import below, mesh_triangles
 from twin.usd.scan import Scene, quaternion_attributes
 
 QUATERNION_TOL = 1e-4
-"""Deviation from unit length that is still rounding of single precision."""
+"""Deviation of a quaternion's length from 1 that counts as rounding of single precision."""
 
 COM_MARGIN = 1 * MM
-"""Distance by which a centre of mass may leave the box around the meshes (thin shells, coarse meshes)."""
+"""Largest distance in m of a centre of mass outside the meshes' bounding box (thin shells, coarse meshes)."""
 
 GYRATION = (0.02, 1.0)
-"""Plausible range of the largest radius of gyration over the diagonal of the meshes."""
+"""Plausible range of the largest radius of gyration, as a share of the diagonal of the meshes' bounding box."""
 
 LARGEST = 20.0
-"""Diagonal of one link in m above which the unit is in doubt."""
+"""Diagonal in m of one link above which the unit of length is probably wrong."""
+
+
+_QUATERNION = Kind(
+    "stage.quaternion",
+    "disagreement",
+    "normalise the quaternion (engines may scale by it or fail); its order in USD text is (w, x, y, z)",
+    word="expected",
+)
+_NESTED = Kind(
+    "stage.nested", "disagreement", "make bodies siblings below the robot; connect them by joints, not by nesting"
+)
+_SIZE = Kind("stage.size", "warning", "check metersPerUnit; references do not convert units")
+_INERTIA = Kind(
+    "stage.inertia", "disagreement", "take the principal moments about the centre of mass from the CAD", word=""
+)
+_COM = Kind("stage.com", "disagreement", "author the centre of mass in the body frame and in the unit of the stage")
+_INERTIA_SIZE = Kind(
+    "stage.inertia_size",
+    "disagreement",
+    "author kg m2 about the centre of mass (kg mm2 and g mm2 are off by 1e6 and 1e9)",
+)
+_SUBDIVISION = Kind("stage.subdivision", "warning", 'author subdivisionScheme = "none"')
+_EXTENT = Kind("stage.extent", "disagreement", "recompute the extent from the points")
+_POINT_INDEX = Kind("stage.point_index", "disagreement", "number the points from 0 to their count minus 1")
+_WINDING = Kind("stage.winding", "disagreement", "reverse its faces, or author orientation = leftHanded")
+
+
+_MASS = Kind("stage.mass", "disagreement", "author a positive physics:mass")
 
 
 def check_bodies(scene: Scene) -> Iterator[Finding]:
-    """Yield findings on each rigid body."""
+    """Yield findings on masses, inertias and nesting of each rigid body."""
     weighed = any(_has_mass(prim) for prim in scene.bodies.values())
     for path, prim in scene.bodies.items():
         yield from _check_nesting(scene, path, prim)
@@ -45,18 +74,13 @@ def _check_nesting(scene: Scene, path: str, prim: Usd.Prim) -> Iterator[Finding]
     above = scene.owner(prim.GetParent())
     reset = UsdGeom.Xformable(prim).GetResetXformStack() if prim.IsA(UsdGeom.Xformable) else False
     if above and not reset:
-        yield Finding(
-            "stage.nested",
-            "disagreement",
-            f"rigid body {path} lies inside rigid body {above.GetPath()}: engines let it follow, "
-            "refuse it, or move it twice.",
-            where=path,
-            suggestion="make bodies siblings below the robot; joints, not nesting, connect them",
+        yield _NESTED(
+            path, f"rigid body {path} is nested in rigid body {above.GetPath()}: engines interpret this differently"
         )
 
 
 def _bounds(scene: Scene, body: Usd.Prim) -> tuple[Array, Array] | None:
-    """Return the box (3,), (3,) in m around the shown meshes in the frame of the body, or None."""
+    """Return (low (3,), high (3,)) in m of the shown meshes' bounding box in the body's frame; None without meshes."""
     corners = []
     for prim in below(scene, body):
         if prim.IsA(UsdGeom.Mesh):
@@ -73,15 +97,11 @@ def _bounds(scene: Scene, body: Usd.Prim) -> tuple[Array, Array] | None:
 def _check_size(path: str, box: tuple[Array, Array] | None) -> Iterator[Finding]:
     diagonal = 0.0 if box is None else float(np.linalg.norm(box[1] - box[0]))
     if diagonal > LARGEST:
-        yield Finding(
-            "stage.size",
-            "warning",
-            f"body {path} measures {diagonal:.4g} m across, as if millimetres stood on a stage in metres.",
-            where=path,
-            size=diagonal,
-            unit="m",
-            limit=LARGEST,
-            suggestion="check metersPerUnit; references never convert it",
+        yield _SIZE(
+            path,
+            f"body {path} is too large: its numbers look like millimetres, the stage is in metres",
+            Quantity(diagonal, "m"),
+            LARGEST,
         )
 
 
@@ -103,33 +123,24 @@ def _check_mass(
     mass = float(api.GetMassAttr().Get()) * scene.kilograms if has else 0.0
     density = float(api.GetDensityAttr().Get()) if has else 0.0
     if mass < 0:
-        yield Finding(
-            "stage.mass",
-            "disagreement",
-            f"body {path} has mass {mass:g} kg.",
-            where=path,
-            size=mass,
-            unit="kg",
-            limit=0.0,
-            suggestion="author a positive physics:mass",
-        )
+        yield _MASS(path, f"body {path} has a negative mass", Quantity(mass, "kg"), 0.0)
         return
     if not mass and not density > 0 and _is_told_base(prim):
-        yield Finding(
-            "stage.mass_missing",
-            "info",
-            f"body {path} has no mass: it is the base, which stands still.",
-            where=path,
-        )
+        yield info("stage.mass_missing", path, f"body {path} has no mass: it is the fixed base")
         return
     if not mass and not density > 0:
-        yield Finding(
-            "stage.mass_missing",
+        yield finding(
             "warning" if weighed else "info",
+            "stage.mass_missing",
+            path,
             f"body {path} has no mass"
-            + (": simulators take 1000 kg/m3 times its colliders, or 1 kg." if weighed else ", as every other body."),
-            where=path,
-            suggestion="author physics:mass with PhysicsMassAPI" if weighed else "kinematics needs none, simulators do",
+            + (
+                ": simulators assume 1000 kg/m³ for its colliders, or a mass of 1 kg"
+                if weighed
+                else ", like every other body"
+            ),
+            suggestion="author physics:mass with PhysicsMassAPI"
+            + ("" if weighed else ", if a simulator needs the mass"),
         )
         return
     center = gf.vector(api.GetCenterOfMassAttr().Get()) * scene.meters
@@ -137,16 +148,11 @@ def _check_mass(
         outside = np.maximum(np.maximum(box[0] - center, center - box[1]), 0)
         gap = float(np.linalg.norm(outside))
         if gap > COM_MARGIN:
-            yield Finding(
-                "stage.com",
-                "disagreement",
-                f"the centre of mass of {path} lies {gap / MM:.4g} mm outside the box around its meshes "
-                f"(limit {COM_MARGIN / MM:g} mm).",
-                where=path,
-                size=gap / MM,
-                unit="mm",
-                limit=COM_MARGIN / MM,
-                suggestion="author it in the body frame and in the unit of the stage, metres",
+            yield _COM(
+                path,
+                f"the centre of mass of {path} lies outside the bounding box of its meshes",
+                mm(gap),
+                mm(COM_MARGIN),
             )
     moments = gf.vector(api.GetDiagonalInertiaAttr().Get()) * scene.kilograms * scene.meters**2
     if np.any(moments):
@@ -155,31 +161,22 @@ def _check_mass(
 
 def _check_inertia(path: str, mass: float, moments: Array, box: tuple[Array, Array] | None) -> Iterator[Finding]:
     tensor = Inertia(mass or 1.0, np.zeros(3), np.diag(moments))
+    ordered = np.sort(moments)
     for text in tensor.violations():
-        yield Finding(
-            "stage.inertia",
-            "disagreement",
-            f"body {path}: {text}.",
-            where=path,
-            size=float(np.sort(moments)[2]),
-            unit="kg m2",
-            limit=float(np.sort(moments)[:2].sum()),
-            suggestion="take the principal moments about the centre of mass from the CAD",
+        yield _INERTIA(
+            path, f"body {path}: {text}", Quantity(ordered[2], "kg m2"), Quantity(ordered[:2].sum(), "kg m2")
         )
     if mass and box is not None and np.max(moments) > 0:
         diagonal = float(np.linalg.norm(box[1] - box[0]))
         gyration = float(np.sqrt(np.max(moments) / mass))
+        limit = GYRATION[gyration > diagonal * GYRATION[0]] * diagonal
         if diagonal > 0 and not GYRATION[0] < gyration / diagonal < GYRATION[1]:
-            yield Finding(
-                "stage.inertia_size",
-                "disagreement",
-                f"body {path}: radius of gyration {gyration / MM:.4g} mm, but its meshes measure "
-                f"{diagonal / MM:.4g} mm across.",
-                where=path,
-                size=gyration / MM,
-                unit="mm",
-                limit=GYRATION[gyration > diagonal * GYRATION[0]] * diagonal / MM,
-                suggestion="author kg m2 about the centre of mass (kg mm2 and g mm2 are off by 1e6 and 1e9)",
+            yield _INERTIA_SIZE(
+                path,
+                f"the radius of gyration of body {path} is not plausible for its meshes, whose diagonal is "
+                f"{mm(diagonal)}",
+                mm(gyration),
+                mm(limit),
             )
 
 
@@ -193,16 +190,7 @@ def _check_quaternions(prim: Usd.Prim) -> Iterator[Finding]:
 
 def non_unit(path: str, name: str, length: float, when: str = "") -> Finding:
     """Return the finding for a quaternion that is not of unit length."""
-    return Finding(
-        "stage.quaternion",
-        "disagreement",
-        f"{path}: quaternion {name} has length {length:.6g}; engines normalise it, scale by it, or fail.",
-        where=path,
-        when=when,
-        size=length,
-        limit=1.0,
-        suggestion="normalise it; USD text is (w, x, y, z)",
-    )
+    return _QUATERNION(path, f"{path}: the length of quaternion {name} is not 1", Quantity(length), 1.0, when=when)
 
 
 def check_meshes(scene: Scene) -> Iterator[Finding]:
@@ -214,58 +202,32 @@ def check_meshes(scene: Scene) -> Iterator[Finding]:
         points = gf.array(mesh.GetPointsAttr().Get() or []).reshape(-1, 3).astype(float)
         try:
             triangles = mesh_triangles(mesh)
-        except StageError as error:
-            yield Finding(
-                "stage.point_index",
-                "disagreement",
-                f"{error}.",
-                where=path,
-                suggestion="indices count from 0 to the number of points less 1",
-            )
+        except StageError as failed:
+            yield _POINT_INDEX(path, str(failed).rstrip("."))
             continue
         if not len(triangles):
             continue
         if mesh.GetSubdivisionSchemeAttr().Get() != UsdGeom.Tokens.none:
-            yield Finding(
-                "stage.subdivision",
-                "warning",
-                f"mesh {path} is a subdivision cage: viewers round its edges off.",
-                where=path,
-                suggestion='author subdivisionScheme = "none"',
-            )
+            yield _SUBDIVISION(path, f"mesh {path} is a subdivision surface: viewers round its edges")
         extent = gf.array(mesh.GetExtentAttr().Get() or []).reshape(-1, 3)
         real = np.array([points.min(axis=0), points.max(axis=0)])
         slack = 1e-4 * float(np.linalg.norm(real[1] - real[0]))
         if len(extent) == 2 and (off := float(np.max(np.abs(extent - real)))) > slack:
-            yield Finding(
-                "stage.extent",
-                "disagreement",
-                f"the extent of mesh {path} is off by {off * scene.meters / MM:.4g} mm: viewers cull and frame by it.",
-                where=path,
-                size=off * scene.meters / MM,
-                unit="mm",
-                limit=slack * scene.meters / MM,
-                suggestion="recompute it from the points",
+            yield _EXTENT(
+                path,
+                f"the extent of mesh {path}, which viewers use for culling, is wrong",
+                mm(off * scene.meters),
+                mm(slack * scene.meters),
             )
         if _is_closed(triangles):
             a, b, c = (points[triangles[:, i]] for i in range(3))
             volume = float(np.sum(a * np.cross(b, c)) / 6) * scene.meters**3
             if volume < 0:
-                yield Finding(
-                    "stage.winding",
-                    "disagreement",
-                    f"mesh {path} is inside out (volume {volume:.3g} m3): viewers show its "
-                    "back, and its mass is negative.",
-                    where=path,
-                    size=volume,
-                    unit="m3",
-                    limit=0.0,
-                    suggestion="turn its faces round, or author orientation = leftHanded",
-                )
+                yield _WINDING(path, f"mesh {path} is inside out: its volume is negative", Quantity(volume, "m3"), 0.0)
 
 
 def _is_closed(triangles: np.ndarray) -> bool:
-    """Return whether each directed edge has its opposite exactly once: volume has a sign only then."""
+    """Return whether each directed edge has its opposite exactly once; only then the sign of the volume is defined."""
     edges = np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
     n = int(edges.max()) + 1
     return np.array_equal(np.sort(edges[:, 0] * n + edges[:, 1]), np.sort(edges[:, 1] * n + edges[:, 0]))

@@ -1,6 +1,6 @@
-"""The coordinate of a joint, as its frames give it, against its limits, state, drive and largest speed.
+"""Check the coordinate of a joint, computed from its frames, against its limits, state, drive and maximum speed.
 
-Angles are degrees here, as on the stage; lengths are metres.
+Angles are in degrees, as on the stage; lengths are in metres.
 """
 
 from __future__ import annotations
@@ -11,26 +11,47 @@ import numpy as np
 from pxr import Usd, UsdPhysics
 
 from twin.core import spatial
-from twin.core.findings import Finding
+from twin.core.findings import Finding, Kind, disagreement, warning
+from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.usd.check.timeline import Timeline
 from twin.usd.scan import RawJoint
 
 STATE_TOL = 0.01
-"""Deviation of a joint state from the authored pose: degrees, or hundredths of a millimetre."""
+"""Largest deviation of a joint state from the authored pose, in degrees, or in hundredths of a millimetre."""
 
 LIMIT_TOL = 1e-3
-"""Breach of a limit that is still rounding: degrees, or thousandths of a millimetre."""
+"""Violation of a limit that counts as rounding: degrees, or thousandths of a millimetre."""
 
 RADIAN_LOOKS = tuple(np.pi * f for f in (2, 1, 1 / 2, 1 / 3, 1 / 4, 1 / 6, 2 / 3, 3 / 4, 5 / 6))
-"""Limits that people write in radians: in a field of degrees they would be odd."""
+"""Typical limits in radians, whose values would be unusual in degrees."""
 
 RADIAN_SPEED = 4 * np.pi
-"""Largest speed that may be meant as rad/s; as degrees per second it would hardly move."""
+"""Values of a maximum speed up to this look like rad/s; in degrees per second they would be very slow."""
 
 SPEED_MARGIN = 1.01
-"""Factor on the largest speed for the finite difference between samples."""
+"""Factor on the maximum speed that allows for the error of finite differences between samples."""
+
+
+_RADIANS = Kind("stage.radians", "disagreement", "multiply by 180/pi", word="")
+_STATE = Kind(
+    "stage.state",
+    "disagreement",
+    "author the coordinate of the authored pose: simulators start there",
+    word="tolerance",
+)
+_SPEED = Kind(
+    "stage.speed", "disagreement", "slow the motion down, or correct physxJoint:maxJointVelocity (degrees per second)"
+)
+_BEYOND_LIMITS = Kind(
+    "stage.beyond_limits",
+    "disagreement",
+    "check the limits (degrees for angles) and the zero of the joint",
+    word="tolerance",
+)
+_STATE_MISSING = Kind("stage.state_missing", "warning", word="tolerance")
+_DRIVE_TARGET = Kind("stage.drive_target", "disagreement", "author a target within the limits, in degrees for angles")
 
 
 def coordinate(joint: RawJoint, A: Array) -> Array:
@@ -45,9 +66,9 @@ def check_coordinate(joint: RawJoint, line: Timeline, q: Array, ordered: bool) -
 
     Args:
         joint: the joint.
-        line: where the bodies are.
+        line: poses of the bodies along the timeline.
         q: its coordinate (k + 1,) along that line, in degrees or metres.
-        ordered: whether its limits can be used.
+        ordered: whether the lower limit is not above the upper limit.
 
     """
     if joint.limits and ordered:
@@ -58,24 +79,16 @@ def check_coordinate(joint: RawJoint, line: Timeline, q: Array, ordered: bool) -
 
 
 def _unit(joint: RawJoint) -> tuple[str, float]:
-    """Return the unit a size is shown in, and the factor from the units of `coordinate`."""
+    """Return (unit in which a value is shown, factor from the unit of `coordinate`)."""
     return ("deg", 1.0) if joint.is_angle else ("mm", 1 / MM)
 
 
 def _radians(joint: RawJoint, text: str, size: float) -> Finding:
-    return Finding(
-        "stage.radians",
-        "disagreement",
-        f"joint {joint.path}: {text}; UsdPhysics counts angles in degrees.",
-        where=joint.path,
-        size=size,
-        unit="deg",
-        suggestion="multiply by 180/pi",
-    )
+    return _RADIANS(joint.path, f"joint {joint.path}: {text}; UsdPhysics angles are in degrees", Quantity(size, "deg"))
 
 
 def _breach(q: Array, low: float, high: float, wraps: bool) -> Array:
-    """Return how far q (k,) lies outside low..high; an angle may be off by whole turns, the same for all."""
+    """Return how far q (k,) is outside low..high; an angle may differ by full turns, the same for all samples."""
     turns = 360.0 * np.arange(-3, 4) if wraps else np.zeros(1)
     each = [np.maximum(np.maximum(low - (q + t), q + t - high), 0) for t in turns]
     return min(each, key=lambda b: float(np.max(b)))
@@ -94,45 +107,36 @@ def _check_limits(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding
     breach = _breach(q, low, high, joint.is_angle) * shown
     worst = int(np.argmax(breach))
     if breach[worst] > LIMIT_TOL:
-        yield Finding(
-            "stage.beyond_limits",
-            "disagreement",
-            f"joint {joint.path} stands {breach[worst]:.4g} {unit} beyond its limits {low * shown:.5g} .. "
-            f"{high * shown:.5g} {unit} {line.labels[worst]}.",
-            where=joint.path,
+        yield _BEYOND_LIMITS(
+            joint.path,
+            f"joint {joint.path} exceeds its limits {low * shown:.5g} .. {high * shown:.5g} {unit}",
+            Quantity(breach[worst], unit),
+            LIMIT_TOL,
             when=line.labels[worst],
-            size=float(breach[worst]),
-            unit=unit,
-            limit=LIMIT_TOL,
-            suggestion="check the limits (degrees for angles) and the zero of the joint",
         )
 
 
 def _difference(joint: RawJoint, a: Array, b: Array) -> Array:
-    """Return |a - b|, for angles in degrees up to whole turns, for lengths in mm."""
+    """Return |a - b|: of angles in degrees, modulo full turns; of lengths in mm."""
     if not joint.is_angle:
         return np.abs(a - b) / MM
     return np.abs((a - b + 180.0) % 360.0 - 180.0)
 
 
 def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]:
-    """Hold the joint state against the poses: simulators start at the state."""
+    """Compare the joint state with the poses: simulators start at the state."""
     unit, shown = _unit(joint)
     factor = joint.unit
     attribute = joint.prim.GetAttribute(f"state:{joint.instance}:physics:position")
     rest = attribute.Get() if attribute else None
     if rest is None:
         if not joint.excluded and float(_difference(joint, q[:1], np.zeros(1))[0]) > STATE_TOL:
-            yield Finding(
-                "stage.state_missing",
-                "warning",
-                f"joint {joint.path} stands at {q[0] * shown:.4g} {unit} but has no joint state: PhysX and "
-                "Newton start at zero, not at the authored pose.",
-                where=joint.path,
-                size=float(q[0] * shown),
-                unit=unit,
-                limit=STATE_TOL,
-                suggestion=f"apply PhysicsJointStateAPI:{joint.instance} and author its position",
+            yield _STATE_MISSING(
+                joint.path,
+                f"joint {joint.path} has no joint state, so that simulators start at zero instead of its pose",
+                Quantity(q[0] * shown, unit),
+                STATE_TOL,
+                f"apply PhysicsJointStateAPI:{joint.instance} and author its position",
             )
         return
     sampled = attribute.GetNumTimeSamples() > 0 and len(line.codes)
@@ -145,20 +149,16 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
     if off[worst] <= STATE_TOL:
         return
     if joint.is_angle and np.max(_difference(joint, states / DEG, actual)) < 10 * STATE_TOL:
-        text = f"joint state {states[worst]:.5g} is the radians of its pose, {actual[worst]:.5g} deg"
+        text = f"joint state {states[worst]:.5g} equals its pose in radians ({actual[worst]:.5g} deg)"
         yield _radians(joint, text, float(states[worst]))
         return
-    yield Finding(
-        "stage.state",
-        "disagreement",
-        f"joint {joint.path}: its state says {states[worst] * shown:.5g} {unit}, the poses "
-        f"{actual[worst] * shown:.5g} {unit}, {line.labels[worst]} (tolerance {STATE_TOL:g} {unit}).",
-        where=joint.path,
+    yield _STATE(
+        joint.path,
+        f"joint {joint.path}: its state {Quantity(states[worst] * shown, unit)} differs from its pose "
+        f"{Quantity(actual[worst] * shown, unit)}",
+        Quantity(off[worst], unit),
+        STATE_TOL,
         when=line.labels[worst],
-        size=float(off[worst]),
-        unit=unit,
-        limit=STATE_TOL,
-        suggestion="author the coordinate of the authored pose: simulators start there",
     )
 
 
@@ -166,24 +166,22 @@ def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
     kinds = [k for k in joint.prim.GetAppliedSchemas() if k.startswith("PhysicsDriveAPI:")]
     wrong = [k.partition(":")[2] for k in kinds if k.partition(":")[2] != joint.instance]
     if wrong:
-        yield Finding(
+        yield disagreement(
             "stage.drive_axis",
-            "disagreement",
-            f"joint {joint.path} ({joint.type}) has a drive '{wrong[0]}', which moves nothing; its own is "
-            f"'{joint.instance}'.",
-            where=joint.path,
+            joint.path,
+            f"joint {joint.path} ({joint.type}) has a drive '{wrong[0]}', which has no effect; expected "
+            f"'{joint.instance}'",
             suggestion=f"apply PhysicsDriveAPI:{joint.instance}",
         )
     drive = UsdPhysics.DriveAPI(joint.prim, joint.instance) if len(kinds) > len(wrong) else None
     gains = 0.0 if drive is None else drive.GetStiffnessAttr().Get() + drive.GetDampingAttr().Get()
     active = joint.prim.GetAttribute("twin:active")
     if active and active.Get() and not gains > 0:
-        yield Finding(
+        yield warning(
             "stage.drive_missing",
-            "warning",
-            f"joint {joint.path} is active, but {'its drive has no gains' if drive else 'has no drive'}: it "
-            "swings freely in a simulator.",
-            where=joint.path,
+            joint.path,
+            f"joint {joint.path} is active, but {'its drive has no gains' if drive else 'has no drive'}: it swings "
+            "freely in a simulator",
             suggestion=f"apply PhysicsDriveAPI:{joint.instance} with stiffness and damping",
         )
     if drive is None:
@@ -192,19 +190,14 @@ def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
     low, high = joint.limits or (-np.inf, np.inf)
     low, high = (v * joint.unit for v in (low, high))
     if joint.is_angle and abs(target) > 1e-3 and abs(target / DEG - q) < 0.05 and abs(target - q) > 0.5:
-        yield _radians(joint, f"drive target {target:.5g} is the radians of its pose, {q:.5g} deg", target)
+        yield _radians(joint, f"drive target {target:.5g} equals its pose in radians ({q:.5g} deg)", target)
     elif low <= high and not low - LIMIT_TOL <= target <= high + LIMIT_TOL:
         unit, shown = _unit(joint)
-        yield Finding(
-            "stage.drive_target",
-            "disagreement",
-            f"joint {joint.path}: drive target {target * shown:.5g} {unit} lies outside its limits "
-            f"{low * shown:.5g} .. {high * shown:.5g} {unit}.",
-            where=joint.path,
-            size=float(target * shown),
-            unit=unit,
-            limit=float((high if target > high else low) * shown),
-            suggestion="author a target within the limits, in degrees for angles",
+        yield _DRIVE_TARGET(
+            joint.path,
+            f"joint {joint.path}: drive target outside the limits {low * shown:.5g} .. {high * shown:.5g} {unit}",
+            Quantity(target * shown, unit),
+            Quantity((high if target > high else low) * shown, unit),
         )
 
 
@@ -220,17 +213,12 @@ def _check_speed(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
     if speed[worst] <= limit * SPEED_MARGIN:
         return
     if joint.is_angle and limit <= RADIAN_SPEED and speed[worst] <= limit / DEG * SPEED_MARGIN:
-        yield _radians(joint, f"largest speed {limit:.5g} holds for the motion only as rad/s", limit)
+        yield _radians(joint, f"the motion is within the maximum speed {limit:.5g} only if this is in rad/s", limit)
         return
-    yield Finding(
-        "stage.speed",
-        "disagreement",
-        f"joint {joint.path} moves at {speed[worst]:.4g} {unit}/s after {line.labels[worst + 1]}; its "
-        f"largest speed is {limit:.4g} {unit}/s.",
-        where=joint.path,
+    yield _SPEED(
+        joint.path,
+        f"joint {joint.path} exceeds its maximum speed",
+        Quantity(speed[worst], f"{unit}/s"),
+        Quantity(limit, f"{unit}/s"),
         when=line.labels[worst + 1],
-        size=float(speed[worst]),
-        unit=f"{unit}/s",
-        limit=float(limit),
-        suggestion="slow the motion down, or correct physxJoint:maxJointVelocity (degrees per second)",
     )

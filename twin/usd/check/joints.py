@@ -1,7 +1,7 @@
-"""Joint frames against the authored poses: they must meet, at rest and at every time sample.
+"""Check that the two frames of a joint coincide in its locked directions, at rest and at every time sample.
 
-UsdPhysics says the same thing several times: body poses, joint frames, joint states, limits. Public
-validators look at each alone; here they are held against each other, through the joint's free directions.
+UsdPhysics stores redundant data: body poses, joint frames, joint states, limits. Public validators check each by
+itself; this module compares them with each other.
 """
 
 from __future__ import annotations
@@ -12,22 +12,39 @@ import numpy as np
 from pxr import UsdPhysics
 
 from twin.core import spatial
-from twin.core.findings import Finding
+from twin.core.findings import Finding, Kind
+from twin.core.quantity import Quantity, deg, mm
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM, UM
+from twin.core.units import DEG, UM
 from twin.usd.check.coordinates import check_coordinate, coordinate
 from twin.usd.check.timeline import Timeline
 from twin.usd.scan import RawJoint, Scene
 
 ANCHOR_TOL = 10 * UM
-"""Gap between the two frames of a joint; single precision joint frames cost below 1 um on a robot of 2 m."""
+"""Largest gap in m between the two frames of a joint; single precision causes less than 1 um on a robot of 2 m."""
 
 AXIS_TOL = 0.01 * DEG
-"""Angle between the two frames, along directions that the joint locks."""
+"""Largest angle in rad between the two frames about directions that the joint locks."""
+
+
+_ANCHOR = Kind(
+    "stage.anchor",
+    "disagreement",
+    "check localPos0 and localPos1 (in the frame and unit of their bodies) and the poses",
+    word="tolerance",
+)
+_AXIS = Kind(
+    "stage.axis", "disagreement", "check physics:axis, localRot0 and localRot1, and the poses", word="tolerance"
+)
+_JOINT = Kind("stage.joint", "disagreement", "a joint needs two different bodies, or a body and nothing for the world")
+_LIMITS = Kind(
+    "stage.limits", "disagreement", "swap them: engines lock the joint, swap the limits or ignore both", word="upper"
+)
+_JOINT_COLLISION = Kind("stage.joint_collision", "warning", "author physics:collisionEnabled = false")
 
 
 def deviation(kind: str, A: Array) -> tuple[Array, Array]:
-    """Return how far poses A (k, 4, 4) leave what a joint allows: offset (k,) in m, angle (k,) in rad."""
+    """Return (offset (k,) in m, angle (k,) in rad) of relative poses A (k, 4, 4) along the locked directions."""
     p = A[:, :3, 3]
     offset = np.linalg.norm(p, axis=1)
     across = np.hypot(p[:, 0], p[:, 1])
@@ -44,45 +61,30 @@ def deviation(kind: str, A: Array) -> tuple[Array, Array]:
 
 
 def check_joints(scene: Scene, line: Timeline) -> Iterator[Finding]:
-    """Yield findings on each joint that is switched on."""
+    """Yield findings on each enabled joint."""
     for joint in scene.joints:
         if not joint.enabled:
             continue
         problem = joint.problem or next((e.problem for e in joint.ends if e.problem), "")
         same = joint.ends[0].body == joint.ends[1].body
         if problem or same:
-            text = problem or f"both sides hold to {joint.ends[0].body or 'the world'}"
-            yield Finding(
-                "stage.joint",
-                "disagreement",
-                f"joint {joint.path}: {text}.",
-                where=joint.path,
-                suggestion="a joint needs two different bodies, or a body and nothing for the world",
-            )
+            text = problem or f"both sides connect to {joint.ends[0].body or 'the world'}"
+            yield _JOINT(joint.path, f"joint {joint.path}: {text}")
             continue
         A = line.relative(joint)
         yield from _check_meeting(joint, line, A)
         ordered = True
         if joint.limits and not joint.limits[0] <= joint.limits[1]:
             ordered = False
-            yield Finding(
-                "stage.limits",
-                "disagreement",
-                f"joint {joint.path}: lower limit {joint.limits[0]:g} lies above upper limit "
-                f"{joint.limits[1]:g}; engines lock it, swap them or ignore both.",
-                where=joint.path,
-                size=joint.limits[0],
-                unit="deg" if joint.is_angle else "m",
-                limit=joint.limits[1],
-                suggestion="swap them",
+            (low, high), unit = joint.limits, "deg" if joint.is_angle else "m"
+            yield _LIMITS(
+                joint.path, f"joint {joint.path}: its lower limit is above its upper limit", Quantity(low, unit), high
             )
         if UsdPhysics.Joint(joint.prim).GetCollisionEnabledAttr().Get():
-            yield Finding(
-                "stage.joint_collision",
-                "warning",
-                f"joint {joint.path} lets its two bodies collide: their hulls overlap at the joint and push it apart.",
-                where=joint.path,
-                suggestion="author physics:collisionEnabled = false",
+            yield _JOINT_COLLISION(
+                joint.path,
+                f"joint {joint.path} lets its two bodies collide: the hulls overlap at the joint and push the bodies "
+                "apart",
             )
         if joint.type in ("revolute", "prismatic"):
             yield from check_coordinate(joint, line, coordinate(joint, A), ordered)
@@ -92,29 +94,19 @@ def _check_meeting(joint: RawJoint, line: Timeline, A: Array) -> Iterator[Findin
     offset, angle = deviation(joint.type, A)
     worst = int(np.argmax(offset))
     if offset[worst] > ANCHOR_TOL:
-        yield Finding(
-            "stage.anchor",
-            "disagreement",
-            f"joint {joint.path} ({joint.type}): its anchors are {offset[worst] / MM:.4g} mm apart "
-            f"{line.labels[worst]} (tolerance {ANCHOR_TOL / MM:g} mm).",
-            where=joint.path,
+        yield _ANCHOR(
+            joint.path,
+            f"joint {joint.path} ({joint.type}): its anchors are apart",
+            mm(offset[worst]),
+            mm(ANCHOR_TOL),
             when=line.labels[worst],
-            size=float(offset[worst] / MM),
-            unit="mm",
-            limit=ANCHOR_TOL / MM,
-            suggestion="check localPos0 and localPos1 (in the frame and unit of their bodies) and the poses",
         )
     worst = int(np.argmax(angle))
     if angle[worst] > AXIS_TOL:
-        yield Finding(
-            "stage.axis",
-            "disagreement",
-            f"joint {joint.path} ({joint.type}): its frames are {angle[worst] / DEG:.4g} deg apart "
-            f"{line.labels[worst]}, across its free directions (tolerance {AXIS_TOL / DEG:g} deg).",
-            where=joint.path,
+        yield _AXIS(
+            joint.path,
+            f"joint {joint.path} ({joint.type}): its two frames differ in rotation about the directions that it locks",
+            deg(angle[worst]),
+            deg(AXIS_TOL),
             when=line.labels[worst],
-            size=float(angle[worst] / DEG),
-            unit="deg",
-            limit=AXIS_TOL / DEG,
-            suggestion="check physics:axis, localRot0 and localRot1, and the poses",
         )

@@ -1,4 +1,4 @@
-"""Units, time settings, transform ops and names: what every prim and layer is read by."""
+"""Check the general settings of prims and layers: units, time settings, transform ops and names."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdPhysics
 
-from twin.core.findings import Finding
+from twin.core.findings import Finding, Kind, disagreement, finding, warning
+from twin.core.quantity import Quantity
 from twin.usd.scan import Scene
 
 _VECTORS = ("double3", "float3", "half3")
@@ -22,10 +23,10 @@ OP_TYPES = {
     **{f"translate{a}": _SCALARS for a in "XYZ"},
     **{f"scale{a}": _SCALARS for a in "XYZ"},
 }
-"""Value types that USD accepts for each kind of transform op; it ignores others with a log line at most."""
+"""Value types that USD accepts for each kind of transform op; an op of another type is ignored."""
 
 SCALE_TOL = 1e-4
-"""Relative deviation from unit scale that is still rounding."""
+"""Relative deviation from unit scale that counts as rounding."""
 
 LAYER_FIELDS = {
     "upAxis": "stage.layer_units",
@@ -35,26 +36,38 @@ LAYER_FIELDS = {
 }
 
 
+_DEFAULT_PRIM = Kind("stage.default_prim", "disagreement", "set defaultPrim to the root prim of the robot")
+_FRAME_RATE = Kind(
+    "stage.frame_rate", "disagreement", "author both entries with the same value", word="framesPerSecond"
+)
+_MIRRORED = Kind("stage.mirrored", "disagreement", "mirror the points of the mesh and reverse its faces")
+_XFORM_RESET = Kind(
+    "stage.xform_reset", "warning", "remove !resetXformStack! and author the pose relative to the parent"
+)
+_DUPLICATE_NAME = Kind("stage.duplicate_name", "warning", "give each body and mesh a unique name")
+_SCALE = Kind(
+    "stage.scale",
+    "disagreement",
+    "scale the mesh points instead: engines disagree on scaled joint frames and masses",
+    word="expected",
+)
+_XFORM_TYPE = Kind("stage.xform_type", "disagreement", "author the op in the correct type")
+
+
 def check_units(scene: Scene) -> Iterator[Finding]:
     """Yield findings on default prim, up axis, units and frame rates of the stage and its layers."""
     stage = scene.stage
     if not stage.GetDefaultPrim():
-        yield Finding(
-            "stage.default_prim",
-            "disagreement",
-            "no default prim: the stage cannot be referenced into another.",
-            where="/",
-            suggestion="set defaultPrim to the root prim of the robot",
-        )
+        yield _DEFAULT_PRIM("/", "no default prim: the stage cannot be referenced into another")
     up = str(UsdGeom.GetStageUpAxis(stage)) if stage.HasAuthoredMetadata("upAxis") else ""
     if up != "Z":
         said = f"is {up}" if up else "is not authored and means Y"
-        yield Finding(
-            "stage.up_axis",
+        yield finding(
             "warning" if up else "disagreement",
-            f"upAxis {said}; twin, Isaac Sim and Newton expect Z.",
-            where="/",
-            suggestion='author upAxis = "Z" and turn the geometry once',
+            "stage.up_axis",
+            "/",
+            f"upAxis {said}; twin, Isaac Sim and Newton expect Z",
+            suggestion='author upAxis = "Z" and rotate the geometry once',
         )
     for code, name, authored, value, default in (
         (
@@ -74,33 +87,29 @@ def check_units(scene: Scene) -> Iterator[Finding]:
     ):
         if not authored or value != 1:
             said = f"is {value:g}" if authored else f"is not authored and means {default}"
-            yield Finding(
-                code,
+            yield finding(
                 "warning" if authored else "disagreement",
-                f"{name} {said}; references never convert it, so that parts of another unit come out wrong.",
-                where="/",
-                size=float(value),
-                limit=1.0,
-                suggestion=f"author {name} = 1 and convert the numbers",
+                code,
+                "/",
+                f"{name} {said}; references never convert it, so that parts in another unit get a wrong size",
+                Quantity(value),
+                1.0,
+                f"author {name} = 1 and convert the numbers",
+                word="",
             )
     codes, frames = stage.GetTimeCodesPerSecond(), stage.GetFramesPerSecond()
     if codes != frames:
-        yield Finding(
-            "stage.frame_rate",
-            "disagreement",
-            f"timeCodesPerSecond {codes:g} and framesPerSecond {frames:g} differ: viewers use either, so "
-            f"that the motion plays {codes / frames:.3g} times as long in some.",
-            where="/",
-            size=codes,
-            unit="1/s",
-            limit=frames,
-            suggestion="author both alike",
+        yield _FRAME_RATE(
+            "/",
+            f"some viewers play the motion {codes / frames:.3g} times as long: timeCodesPerSecond",
+            Quantity(codes, "1/s"),
+            Quantity(frames, "1/s"),
         )
     yield from _check_layers(scene)
 
 
 def _check_layers(scene: Scene) -> Iterator[Finding]:
-    """Compare what each used layer says of itself with the root layer: USD converts none of it but time."""
+    """Compare the metadata of each used layer with the root layer, because USD converts only time between layers."""
     root = scene.stage.GetRootLayer().pseudoRoot
     for layer in scene.stage.GetUsedLayers(includeClipLayers=False):
         if layer.anonymous or layer == scene.stage.GetRootLayer():
@@ -110,17 +119,16 @@ def _check_layers(scene: Scene) -> Iterator[Finding]:
                 continue
             mine, its = root.GetInfo(field), layer.pseudoRoot.GetInfo(field)
             if mine != its:
-                yield Finding(
+                yield disagreement(
                     code,
-                    "disagreement",
-                    f"layer {layer.GetDisplayName()} has {field} {its}, the root layer {mine}.",
-                    where=layer.GetDisplayName(),
-                    suggestion="give all layers the same; nothing converts between them",
+                    layer.GetDisplayName(),
+                    f"layer {layer.GetDisplayName()} has {field} {its}, but the root layer {mine}",
+                    suggestion="give all layers the same value; USD does not convert between them",
                 )
 
 
 def check_ops(scene: Scene) -> Iterator[Finding]:
-    """Yield findings on types and order of transform ops; without them there are no poses."""
+    """Yield findings on types and order of transform ops; if these are wrong, poses cannot be computed."""
     for prim in scene.prims:
         if prim.IsA(UsdGeom.Xformable):
             yield from _check_prim_ops(prim, str(prim.GetPath()) in scene.bodies)
@@ -131,32 +139,20 @@ def check_transforms(scene: Scene) -> Iterator[Finding]:
     for prim in scene.prims:
         if not prim.IsA(UsdGeom.Xformable):
             continue
-        is_body = str(prim.GetPath()) in scene.bodies
+        path = str(prim.GetPath())
+        is_body = path in scene.bodies
         yield from _check_reset(scene, prim)
         axes = scene.raw_transform(prim)[:3, :3]
         size = np.linalg.norm(axes, axis=0)
         if np.linalg.det(axes) < 0 and (is_body or prim.IsA(UsdGeom.Gprim)):
-            yield Finding(
-                "stage.mirrored",
-                "disagreement",
-                f"{prim.GetPath()} is mirrored (determinant {np.linalg.det(axes):.3g}): "
-                "no rotation of a rigid body, and faces turn inside out.",
-                where=str(prim.GetPath()),
-                size=float(np.linalg.det(axes)),
-                limit=0.0,
-                suggestion="mirror the points of the mesh and turn its faces round",
+            yield _MIRRORED(
+                path,
+                f"{path} is mirrored and its faces are inside out: negative determinant",
+                Quantity(np.linalg.det(axes)),
+                0.0,
             )
         elif is_body and np.max(np.abs(size - 1)) > SCALE_TOL:
-            yield Finding(
-                "stage.scale",
-                "disagreement",
-                f"rigid body {prim.GetPath()} is scaled by {size[0]:.5g}, {size[1]:.5g}, {size[2]:.5g}; "
-                "engines differ in what that does to joint frames and masses.",
-                where=str(prim.GetPath()),
-                size=float(size[np.argmax(np.abs(size - 1))]),
-                limit=1.0,
-                suggestion="scale the mesh points instead",
-            )
+            yield _SCALE(path, f"rigid body {path} is scaled", Quantity(size[np.argmax(np.abs(size - 1))]), 1.0)
 
 
 def _check_reset(scene: Scene, prim: Usd.Prim) -> Iterator[Finding]:
@@ -165,12 +161,8 @@ def _check_reset(scene: Scene, prim: Usd.Prim) -> Iterator[Finding]:
     if reset and prim.GetParent() and not prim.GetParent().IsPseudoRoot():
         parent = scene.raw_transform(prim.GetParent())
         if not np.allclose(parent, np.eye(4), atol=1e-9):
-            yield Finding(
-                "stage.xform_reset",
-                "warning",
-                f"{path} resets the transform stack below a moved parent: it stays where it is when the parent moves.",
-                where=path,
-                suggestion="drop !resetXformStack! and author the pose relative to the parent",
+            yield _XFORM_RESET(
+                path, f"{path} resets the transform stack below a moved parent: it does not move with its parent"
             )
 
 
@@ -183,43 +175,37 @@ def _check_prim_ops(prim: Usd.Prim, is_body: bool) -> Iterator[Finding]:
         kind = name.split(":")[1]
         attribute = prim.GetAttribute(name)
         if name in names and not attribute:
-            yield Finding(
+            yield disagreement(
                 "stage.xform_order",
-                "disagreement",
-                f"{path}: xformOpOrder names {name}, which does not exist.",
-                where=path,
-                suggestion="author the op or take it out of xformOpOrder",
+                path,
+                f"{path}: xformOpOrder names {name}, which does not exist",
+                suggestion="author the op or remove it from xformOpOrder",
             )
         elif kind not in OP_TYPES or str(attribute.GetTypeName()) not in OP_TYPES[kind]:
             known = " or ".join(OP_TYPES.get(kind, ())) or "one of an op that exists"
-            yield Finding(
-                "stage.xform_type",
-                "disagreement",
-                f"{path}: {name} is of type {attribute.GetTypeName()}, not {known}; readers leave it out, or fail.",
-                where=path,
-                suggestion="author it in the right type",
+            yield _XFORM_TYPE(
+                path, f"{path}: {name} has type {attribute.GetTypeName()}, not {known}; readers ignore the op or fail"
             )
         elif name not in names:
-            yield Finding(
+            yield disagreement(
                 "stage.xform_order",
-                "disagreement",
-                f"{path}: {name} is not in xformOpOrder and has no effect.",
-                where=path,
-                suggestion="list it in xformOpOrder",
+                path,
+                f"{path}: {name} is not in xformOpOrder and has no effect",
+                suggestion="list the op in xformOpOrder",
             )
     rank = [_rank(n) for n in names if n.count(":") == 1]
     if is_body and rank != sorted(rank):
-        yield Finding(
+        yield warning(
             "stage.xform_order",
-            "warning",
-            f"{path}: ops come as {', '.join(names)}; a turn before the translation turns that too.",
-            where=path,
+            path,
+            f"{path}: the ops are ordered {', '.join(names)}; a rotation before the translation also rotates the "
+            "translation",
             suggestion="order them translate, orient",
         )
 
 
 def _rank(name: str) -> int:
-    """Return the place of an op in the usual order translate, rotate, scale."""
+    """Return the position of an op in the usual order translate, rotate, scale."""
     kind = name.split(":")[1]
     return 0 if kind.startswith("translate") else 2 if kind.startswith("scale") else 1
 
@@ -232,11 +218,8 @@ def check_names(scene: Scene) -> Iterator[Finding]:
             continue
         first = seen.setdefault(prim.GetName(), prim.GetPath())
         if first != prim.GetPath():
-            yield Finding(
-                "stage.duplicate_name",
-                "warning",
-                f"{prim.GetPath()} and {first} share a leaf name: Blender renames one, and Unity clips move "
-                "the wrong one.",
-                where=str(prim.GetPath()),
-                suggestion="give each body and mesh a name of its own",
+            yield _DUPLICATE_NAME(
+                str(prim.GetPath()),
+                f"{prim.GetPath()} and {first} have the same leaf name: Blender renames one, Unity clips move the "
+                "wrong one",
             )

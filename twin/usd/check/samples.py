@@ -1,4 +1,4 @@
-"""Time samples: their range, and what players do between them."""
+"""Check time samples: their range, and the interpolation between them."""
 
 from __future__ import annotations
 
@@ -7,14 +7,26 @@ from collections.abc import Iterator
 import numpy as np
 from pxr import Sdf, Usd
 
-from twin.core.findings import Finding
+from twin.core.findings import Finding, Kind, disagreement
+from twin.core.quantity import Quantity, deg
 from twin.core.units import DEG
 from twin.usd import gf
 from twin.usd.check.bodies import QUATERNION_TOL, non_unit
 from twin.usd.scan import Scene
 
 MAX_STEP = 90 * DEG
-"""Largest turn between two samples: USD and glTF turn the short way, so that half a turn is lost."""
+"""Largest rotation in rad between two samples:
+
+USD and glTF take the shorter way, so that larger rotations play backwards.
+"""
+
+
+_QUATERNION_SIGN = Kind(
+    "stage.quaternion_sign",
+    "disagreement",
+    "negate quaternions so that successive quaternions have a positive dot product",
+)
+_SAMPLE_STEP = Kind("stage.sample_step", "disagreement", "bake more samples")
 
 
 def check_samples(scene: Scene) -> Iterator[Finding]:
@@ -31,26 +43,24 @@ def check_samples(scene: Scene) -> Iterator[Finding]:
             path = str(attribute.GetPath())
             if not ranged and not told:
                 told = True
-                yield Finding(
+                yield disagreement(
                     "stage.time_range",
-                    "disagreement",
-                    f"{path} has time samples, but the stage has no startTimeCode and endTimeCode: players "
-                    "show one frame.",
-                    where=path,
+                    path,
+                    f"{path} has time samples, but the stage has no startTimeCode and endTimeCode: players show one "
+                    "frame",
                     suggestion="author startTimeCode and endTimeCode",
                 )
             outside = [c for c in codes if not start <= c <= end]
             if ranged and outside:
                 far = max(outside, key=lambda c: max(start - c, c - end))
-                yield Finding(
+                yield disagreement(
                     "stage.time_range",
-                    "disagreement",
-                    f"{path}: {len(outside)} of {len(codes)} samples, as far as time code {far:g}, lie "
-                    f"outside {start:g} .. {end:g} and never play.",
-                    where=path,
-                    size=float(far),
-                    limit=float(end if far > end else start),
-                    suggestion="widen startTimeCode .. endTimeCode, or drop the samples",
+                    path,
+                    f"{path}: {len(outside)} of {len(codes)} samples lie outside {start:g} .. {end:g} and never "
+                    "play; the farthest time code",
+                    Quantity(far),
+                    Quantity(end if far > end else start),
+                    "widen startTimeCode .. endTimeCode, or remove the samples",
                 )
             kind = attribute.GetTypeName().type
             if kind in (Sdf.ValueTypeNames.Quatf.type, Sdf.ValueTypeNames.Quatd.type):
@@ -72,29 +82,21 @@ def _check_quaternions(attribute: Usd.Attribute, codes: list[float]) -> Iterator
     flips = np.flatnonzero(dots < 0)
     if len(flips):
         k = int(flips[0])
-        yield Finding(
-            "stage.quaternion_sign",
-            "disagreement",
-            f"{path}: {name} changes sign {len(flips)} times, first between time codes {codes[k]:g} and "
-            f"{codes[k + 1]:g}: players that interpolate the numbers (Unity) glitch by up to 180 deg.",
-            where=path,
+        yield _QUATERNION_SIGN(
+            path,
+            f"{path}: {name} changes sign; players that interpolate the numbers (Unity) glitch by up to 180°. Sign "
+            "changes",
+            Quantity(len(flips)),
+            0,
             when=f"time code {codes[k]:g}",
-            size=float(len(flips)),
-            limit=0.0,
-            suggestion="negate quaternions so that neighbours have a positive dot product",
         )
     turn = 2 * np.arccos(np.clip(np.abs(dots), 0, 1))
     k = int(np.argmax(turn))
     if turn[k] > MAX_STEP:
-        yield Finding(
-            "stage.sample_step",
-            "disagreement",
-            f"{path} turns {turn[k] / DEG:.4g} deg between time codes {codes[k]:g} and {codes[k + 1]:g} "
-            f"(limit {MAX_STEP / DEG:g}): above 180 it plays backwards.",
-            where=path,
+        yield _SAMPLE_STEP(
+            path,
+            f"{path} turns too far up to time code {codes[k + 1]:g} (above 180° players rotate backwards)",
+            deg(turn[k]),
+            deg(MAX_STEP),
             when=f"time code {codes[k]:g}",
-            size=float(turn[k] / DEG),
-            unit="deg",
-            limit=MAX_STEP / DEG,
-            suggestion="bake more samples",
         )

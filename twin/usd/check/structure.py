@@ -1,4 +1,4 @@
-"""The graph of bodies and joints, its articulation root and its self collision."""
+"""Check the graph of bodies and joints, its articulation root and its self collision."""
 
 from __future__ import annotations
 
@@ -6,36 +6,38 @@ from collections.abc import Iterator
 
 from pxr import UsdPhysics
 
-from twin.core.findings import Finding
+from twin.core.findings import Finding, Kind, disagreement
 from twin.usd.scan import RawJoint, Scene
+
+_EMPTY = Kind("stage.empty", "error", "apply PhysicsRigidBodyAPI to the links and join them")
+_DRIVE_MISSING = Kind("stage.drive_missing", "warning", "apply PhysicsDriveAPI to the actuated joints")
+_FLOATING = Kind("stage.floating", "info", "fix the base with a PhysicsFixedJoint, unless the robot walks or flies")
+_LOOP = Kind(
+    "stage.loop", "disagreement", "author physics:excludeFromArticulation = true on the joint that closes the loop"
+)
+_LOOSE = Kind(
+    "stage.loose", "info", "this is correct for a prop; connect the body by a joint if it is part of the robot"
+)
+_SELF_COLLISION = Kind(
+    "stage.self_collision", "warning", "author physxArticulation:enabledSelfCollisions = false, or filter the pairs"
+)
+_DISCONNECTED = Kind("stage.disconnected", "disagreement", "exclude one joint of each loop, not more")
 
 
 def check_structure(scene: Scene) -> Iterator[Finding]:
-    """Yield findings on what the joints make of the bodies as a whole."""
+    """Yield findings on the graph of bodies and joints."""
     joints = [j for j in scene.joints if j.enabled and not any(e.problem for e in j.ends)]
     if not scene.bodies or not joints:
-        yield Finding(
-            "stage.empty",
-            "error",
-            f"{len(scene.bodies)} rigid bodies and {len(joints)} joints: there is no mechanism to check.",
-            where="/",
-            suggestion="apply PhysicsRigidBodyAPI to the links and join them",
-        )
+        yield _EMPTY("/", f"there is no mechanism to check: {len(scene.bodies)} rigid bodies, {len(joints)} joints")
         return
     yield from _check_tree(scene, joints)
     yield from _check_articulation(scene, joints)
     if not any(j.prim.HasAPI(UsdPhysics.DriveAPI) for j in joints):
-        yield Finding(
-            "stage.drive_missing",
-            "warning",
-            "no joint has a drive: in a simulator the robot collapses.",
-            where="/",
-            suggestion="apply PhysicsDriveAPI to the actuated joints",
-        )
+        yield _DRIVE_MISSING("/", "no joint has a drive: in a simulator the robot collapses")
 
 
 def _check_tree(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
-    """Grow the tree joint by joint; one that joins what is joined already closes a loop."""
+    """Check the tree of joints, built joint by joint: a joint between connected bodies closes a loop."""
     ways: dict[str, dict[str, str]] = {}
     for joint in (j for j in joints if not j.excluded):
         a, b = (e.body for e in joint.ends)
@@ -43,13 +45,10 @@ def _check_tree(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
             continue
         if way := _way(ways, a, b):
             others = ", ".join(w.rpartition("/")[2] for w in way)
-            yield Finding(
-                "stage.loop",
-                "disagreement",
-                f"joint {joint.path} closes a loop with {others}, and none is "
-                "excluded from the articulation: engines drop one silently, or refuse the robot.",
-                where=joint.path,
-                suggestion="author physics:excludeFromArticulation = true on the joint that closes the loop",
+            yield _LOOP(
+                joint.path,
+                f"joint {joint.path} closes a loop with {others}, and none of them is excluded from the articulation: "
+                "engines ignore one joint or reject the robot",
             )
             continue
         ways.setdefault(a, {})[b] = joint.path
@@ -58,33 +57,17 @@ def _check_tree(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
     held = _reached(ways, "") if "" in ways else None
     for body in scene.bodies:
         if body not in joined:
-            yield Finding(
-                "stage.loose",
-                "info",
-                f"body {body} hangs on no joint.",
-                where=body,
-                suggestion="fine for a prop; join it if it is part of the robot",
-            )
+            yield _LOOSE(body, f"body {body} has no joint")
         elif body not in ways or (held is not None and body not in held):
-            yield Finding(
-                "stage.disconnected",
-                "disagreement",
-                f"only joints excluded from the articulation lead to body {body}: no link of the robot.",
-                where=body,
-                suggestion="exclude one joint of each loop, not more",
+            yield _DISCONNECTED(
+                body, f"only joints excluded from the articulation lead to body {body}: it is not a link of the robot"
             )
     if held is None:
-        yield Finding(
-            "stage.floating",
-            "info",
-            "no joint holds the robot to the world: its base falls in a simulator.",
-            where="/",
-            suggestion="fix the base with a PhysicsFixedJoint, unless the robot walks or flies",
-        )
+        yield _FLOATING("/", "no joint connects the robot to the world: its base falls in a simulator")
 
 
 def _way(ways: dict[str, dict[str, str]], start: str, goal: str) -> list[str]:
-    """Return the joints that lead from one body to another, [] if none do."""
+    """Return the joints on the path from one body to another; [] if there is no path."""
     came: dict[str, tuple[str, str]] = {start: ("", "")}
     pending = [start]
     while pending:
@@ -113,21 +96,19 @@ def _reached(ways: dict[str, dict[str, str]], start: str) -> set[str]:
 def _check_articulation(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
     roots = [p for p in scene.prims if p.HasAPI(UsdPhysics.ArticulationRootAPI)]
     if not roots:
-        yield Finding(
+        yield disagreement(
             "stage.articulation_root",
-            "disagreement",
-            "no articulation root: engines simulate loose bodies held by springs instead of a robot.",
-            where=str(next(iter(scene.bodies.values())).GetParent().GetPath()),
+            str(next(iter(scene.bodies.values())).GetParent().GetPath()),
+            "no articulation root: engines simulate separate bodies held by springs instead of a robot",
             suggestion="apply PhysicsArticulationRootAPI to the root prim of the robot",
         )
     for inner in roots:
         outer = [r for r in roots if inner != r and inner.GetPath().HasPrefix(r.GetPath())]
         if outer:
-            yield Finding(
+            yield disagreement(
                 "stage.articulation_root",
-                "disagreement",
-                f"articulation root {inner.GetPath()} lies inside articulation root {outer[0].GetPath()}.",
-                where=str(inner.GetPath()),
+                str(inner.GetPath()),
+                f"articulation root {inner.GetPath()} is nested in articulation root {outer[0].GetPath()}",
                 suggestion="keep one root for each robot",
             )
     colliders = any(p.HasAPI(UsdPhysics.CollisionAPI) for p in scene.prims)
@@ -136,11 +117,8 @@ def _check_articulation(scene: Scene, joints: list[RawJoint]) -> Iterator[Findin
     for root in roots:
         attribute = root.GetAttribute("physxArticulation:enabledSelfCollisions")
         if not (attribute and attribute.Get() is False):
-            yield Finding(
-                "stage.self_collision",
-                "warning",
-                f"self collision of {root.GetPath()} is on (the default): hulls that overlap at the joints "
-                "break closed loops silently.",
-                where=str(root.GetPath()),
-                suggestion="author physxArticulation:enabledSelfCollisions = false, or filter the pairs",
+            yield _SELF_COLLISION(
+                str(root.GetPath()),
+                f"self collision of {root.GetPath()} is on (the default): hulls that overlap at the joints break "
+                "closed loops",
             )

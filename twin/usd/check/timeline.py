@@ -1,4 +1,4 @@
-"""Where all bodies are, at rest and at every time sample."""
+"""Compute the poses of all bodies, at rest and at every time sample."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from twin.usd.scan import RawJoint, Scene
 
 @dataclass(frozen=True)
 class Timeline:
-    """T_world_body (k + 1, 4, 4) of each body, and `labels` (k + 1): at rest, then at each sample."""
+    """T_world_body (k + 1, 4, 4) of each body, at rest and then at each of k samples; `labels` (k + 1) name these."""
 
     poses: dict[str, Array]
     codes: Array
@@ -21,7 +21,7 @@ class Timeline:
     times_s: Array
 
     def relative(self, joint: RawJoint) -> Array:
-        """Return the pose (k + 1, 4, 4) of the frame on body1 seen from the frame on body0."""
+        """Return the pose (k + 1, 4, 4) of a joint's frame on body1 in its frame on body0."""
         a, b = (
             self.poses[e.body] @ e.T_body_joint if e.body else np.broadcast_to(e.T_body_joint, self._shape())
             for e in joint.ends

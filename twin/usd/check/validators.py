@@ -1,4 +1,4 @@
-"""The public validators that come with OpenUSD, and its own physics parser as a second count."""
+"""Run the public validators of OpenUSD, and its physics parser as an independent count of objects."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from pathlib import Path
 
 from pxr import Tf, UsdPhysics, UsdValidation
 
-from twin.core.findings import Finding, Severity
+from twin.core.findings import Finding, Severity, error, finding
 from twin.usd.scan import Scene
 
 _SEVERITY: dict[str, Severity] = {"Error": "disagreement", "Warn": "warning", "Info": "info"}
 
 
 def run_usd_validators(path: str | Path) -> list[Finding]:
-    """Return what all registered UsdValidation validators find; the code is usd.<validator>.<error>.
+    """Return the findings of all registered UsdValidation validators; the code is usd.<validator>.<error>.
 
     Raises:
         StageError: if the stage cannot be opened.
@@ -24,28 +24,33 @@ def run_usd_validators(path: str | Path) -> list[Finding]:
     out = []
     try:
         errors = UsdValidation.ValidationContext(validators).Validate(stage)
-    except Tf.ErrorException as error:  # a transform op of a wrong type, for one, makes them give up
-        text = f"the validators of OpenUSD give up: {str(error).strip().splitlines()[-1].strip()}"
-        return [Finding("usd.failed", "error", text, where=str(path))]
-    for error in errors:
-        sites = [s.GetProperty() or s.GetPrim() for s in error.GetSites()]
+    except Tf.ErrorException as failed:  # validators fail, for example, at a transform op of a wrong type
+        return [
+            error(
+                "usd.failed",
+                str(path),
+                f"the validators of OpenUSD failed: {str(failed).strip().splitlines()[-1].strip()}",
+            )
+        ]
+    for found in errors:
+        sites = [s.GetProperty() or s.GetPrim() for s in found.GetSites()]
         places = [str(s.GetPath()) for s in sites if s]
         out.append(
-            Finding(
-                f"usd.{error.GetValidator().GetMetadata().name}.{error.GetName()}",
-                _SEVERITY.get(str(error.GetType()).rpartition(".")[2], "disagreement"),
-                error.GetMessage(),
-                where=", ".join(places),
+            finding(
+                _SEVERITY.get(str(found.GetType()).rpartition(".")[2], "disagreement"),
+                f"usd.{found.GetValidator().GetMetadata().name}.{found.GetName()}",
+                ", ".join(places),
+                found.GetMessage(),
             )
         )
     return out
 
 
 def parse_with_usdphysics(path: str | Path) -> dict[str, list[str]]:
-    """Return prim paths by kind of object, as the physics parser of OpenUSD itself finds them.
+    """Return prim paths by kind of object, as found by the physics parser of OpenUSD.
 
-    Kinds are those of `UsdPhysics.ObjectType` (RigidBody, Articulation, RevoluteJoint, D6Joint, ...): an
-    independent count beside `Scene`.
+    Kinds are those of `UsdPhysics.ObjectType` (RigidBody, Articulation, RevoluteJoint, D6Joint, ...): a count
+    independent of `Scene`.
 
     Raises:
         StageError: if the stage cannot be opened.

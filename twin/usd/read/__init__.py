@@ -1,14 +1,14 @@
-"""Read a UsdPhysics stage as a mechanism: one that twin wrote, or one that nobody here has seen.
+"""Read a UsdPhysics stage as a mechanism: a stage that twin wrote, or one from other software.
 
-    names      foreign names made identifiers
+    names       conversion of names to identifiers
     bodies     meshes, colours, masses, named frames and points
     joints     joints, limits, drives, the base
     motion     baked poses, at their own time codes
     motors     actuators and transmissions, of a stage that twin wrote
-    tool       the tool of a stage that names none
+    tool        the tool of a stage that does not name one
 
-Nothing here imports the writer: what comes back is what any reader would see, joint frames in single
-precision included.
+This package does not import the writer: the result is what any reader obtains, including joint frames in single
+precision.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pxr import Sdf, Tf, UsdGeom
 
 from twin.core import spatial
 from twin.core.errors import MechanismError, StageError
-from twin.core.findings import Finding
+from twin.core.findings import Finding, info
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.model.mechanism import Body, Coupling, Frame, Mechanism, Point
@@ -38,44 +38,44 @@ __all__ = ["inspect_stage", "made_from", "read_motion", "read_stage", "with_tool
 
 
 def made_from(path: str | Path) -> str:
-    """Return what the stage says it was made from (twin:source of its default prim), "" if it does not say."""
-    scene = Scene(path)  # kept: a prim dies with its stage
+    """Return the source that the stage states (twin:source of its default prim); "" if it states none."""
+    scene = Scene(path)  # kept alive, because a prim is invalid without its stage
     prim = scene.stage.GetDefaultPrim()
     attribute = prim.GetAttribute("twin:source") if prim else None
     return str(attribute.Get() or "") if attribute else ""
 
 
 def read_stage(path: str | Path, root: str | None = None) -> Mechanism:
-    """Return the mechanism of a stage; see `inspect_stage`, which also tells what was left out."""
+    """Return the mechanism of a stage; `inspect_stage` also returns findings on omitted data."""
     return inspect_stage(path, root)[0]
 
 
 def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism, list[Finding]]:
-    """Return the mechanism of a stage, and what was renamed, guessed or left out.
+    """Return (mechanism of a stage, findings on renamed, guessed and omitted data).
 
     Any up axis and unit are converted to world z up, metres and kilograms. Joint axes X and Y are turned to
-    z. Bodies may be nested; a joint side without body, or on a prim that is no body, holds to the world. The
-    base is the body that `twin:base` names, else the one fixed to the world, else (joints hold to the world)
-    a body "world" made for it, else the articulation root, else the only body that is never a child. Joints
-    excluded from the articulation come last, so that they close the loops, unless the stage is twin's own. Rest
-    poses are those of the default time, relative to the base; positions keep double precision, rotations that of the
-    orient op.
+    z. Bodies may be nested; a joint side without body, or on a prim that is not a body, is fixed to the world. The base
+    is the body that `twin:base` names, else the body fixed to the world, else (if joints connect to the world) an added
+    body "world", else the articulation root, else the only body that is never a child. Joints excluded from the
+    articulation come last, so that they close the loops; a stage written by twin keeps its order. Rest poses are those
+    of the default time, relative to the base; positions have double precision, rotations the precision of the orient
+    op.
 
     Args:
         path: .usd, .usda, .usdc or .usdz.
         root: prim path of the robot, if there are several on the stage.
 
     Raises:
-        StageError: if the file is missing or no USD, holds no bodies or joints, more than one robot or an
-            ambiguous base, an unevenly scaled or mirrored body, a joint that has no counterpart here or is broken, or a
-            mesh that points to missing vertices.
+        StageError: the file is missing or not USD; it has no bodies or joints, several robots or an ambiguous base; a
+            body is scaled non-uniformly or mirrored; a joint is invalid or cannot be expressed; or a mesh uses vertices
+            that do not exist.
 
     """
     scene = Scene(path)
     _refuse_unknown_types(scene)
     try:
         return _inspect(scene, root)
-    except Tf.ErrorException as error:  # a path that leads nowhere it may, for instance
+    except Tf.ErrorException as error:  # for example a path outside of the allowed folders
         raise StageError(f"{scene.path}: {said(error)}") from error
 
 
@@ -109,7 +109,7 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
     told = _told(scene, chosen)
     moved = {n for t in told["transmissions"] for n in t.joints}
     joints = tuple(
-        replace(joint, drive=None) if joint.name in moved else joint  # it stands for what the motors are to the joint
+        replace(joint, drive=None) if joint.name in moved else joint  # it represents the motors at the joint
         for joint in (
             convert(scene, j, joint_names[j.path], names, chosen.base, T_world_base, notes) for j in chosen.joints
         )
@@ -138,7 +138,7 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
 
 
 def _shape(name: Sdf.ValueTypeName) -> tuple:
-    """Return what values of a type are read as: of any precision, numbers, quaternions, vectors of a length, texts."""
+    """Return (is array, kind of value) of a type, regardless of precision: number, quaternion, vector length, text."""
     value = name.scalarType.defaultValue
     if isinstance(value, bool | str):
         return name.isArray, type(value)
@@ -149,7 +149,7 @@ def _shape(name: Sdf.ValueTypeName) -> tuple:
 
 
 def _refuse_unknown_types(scene: Scene) -> None:
-    """Raise for an attribute of a type that USD does not know, or that is not its schema's: it would be misread."""
+    """Raise `StageError` for an attribute whose type is unknown or not that of its schema: it would be misread."""
     for layer in scene.stage.GetUsedLayers():
 
         def check(path: Sdf.Path, layer: Sdf.Layer = layer) -> None:
@@ -158,7 +158,7 @@ def _refuse_unknown_types(scene: Scene) -> None:
                 return
             kind = spec.GetInfo("typeName")
             if spec.typeName.type.isUnknown:
-                raise StageError(f"{scene.path}: {path} is of type '{kind}', which USD does not know")
+                raise StageError(f"{scene.path}: {path} is of type '{kind}', which USD does not have")
             prim = scene.stage.GetPrimAtPath(path.GetPrimPath())
             meant = prim.GetPrimDefinition().GetSchemaAttributeSpec(path.name) if prim else None
             if meant and _shape(meant.typeName) != _shape(spec.typeName):
@@ -176,7 +176,7 @@ def _note_names(notes: list[Finding], names: dict[str, str]) -> None:
     for path, name in names.items():
         leaf = path.rpartition("/")[2]
         if path and name != leaf:
-            notes.append(Finding("stage.read.renamed", "info", f"{path} is called '{name}' here.", path))
+            notes.append(info("stage.read.renamed", path, f"{path} is renamed to '{name}'"))
 
 
 def _robot_name(scene: Scene, chosen: Selection, root: str | None) -> str:
@@ -187,7 +187,7 @@ def _robot_name(scene: Scene, chosen: Selection, root: str | None) -> str:
 
 
 def _told(scene: Scene, chosen: Selection) -> dict[str, Any]:
-    """Return what only twin authors: tool, postures and parameters; empty for a foreign stage."""
+    """Return data that only twin authors: tool, postures and parameters; empty for a stage from other software."""
     out: dict[str, Any] = {"tool": "tool", "postures": {}, "parameters": (), "couplings": (), "trocars": ()}
     parent = scene.bodies[chosen.bodies[0]].GetParent()
     tool = parent.GetAttribute("twin:tool")

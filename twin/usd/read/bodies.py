@@ -1,4 +1,4 @@
-"""Meshes, colours, masses, named frames and points of one rigid body."""
+"""Read meshes, colours, masses, named frames and points of one rigid body."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
 
 from twin.core.errors import StageError
-from twin.core.findings import Finding
+from twin.core.findings import Finding, info
 from twin.core.spatial import Array
 from twin.model.mechanism import Finish, Inertia, Mesh
 from twin.usd import gf
@@ -16,18 +16,24 @@ from twin.usd.scan import SCALE_TOL, Scene, rigid
 
 
 def bake_scale(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> None:
-    """Note the scale of a body that is scaled alike in all directions: lengths below it are read in true size.
+    """Report the scale of a uniformly scaled body, whose lengths are read at true size.
 
     Raises:
-        StageError: it, or a prim above it, is mirrored or scaled otherwise: frames and masses would mean nothing clear.
+        StageError: the body or an ancestor is mirrored or scaled non-uniformly, so that frames and masses are
+            ambiguous.
     """
     axes = scene.raw_transform(body)[:3, :3]
     size = scene.size(body)
     if np.linalg.det(axes) > 0 and np.abs(axes.T @ axes - size**2 * np.eye(3)).max() <= 2 * SCALE_TOL * size**2:
         if size != 1.0:
             where = str(body.GetPath())
-            text = f"{where} is scaled by {size:.6g}, with what is above it: its lengths are read in true size."
-            notes.append(Finding("stage.read.scaled", "info", text, where))
+            notes.append(
+                info(
+                    "stage.read.scaled",
+                    where,
+                    f"{where} is scaled by {size:.6g} (parents included): its lengths are read at true size",
+                )
+            )
         return
     prim, scale = _culprit(body)
     shown = f"({', '.join(f'{s:.6g}' for s in scale)}){', mirrored' if np.linalg.det(axes) < 0 else ''}"
@@ -39,7 +45,7 @@ def bake_scale(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> None:
 
 
 def _culprit(body: Usd.Prim) -> tuple[Usd.Prim, Array]:
-    """Return the prim, a body or one above it, that does not scale alike in all directions, and its scale (3,)."""
+    """Return (prim, scale (3,)) of the body or ancestor that scales non-uniformly."""
     prim = body
     while prim and not prim.IsPseudoRoot():
         own = (
@@ -55,7 +61,7 @@ def _culprit(body: Usd.Prim) -> tuple[Usd.Prim, Array]:
 
 
 def below(scene: Scene, body: Usd.Prim) -> Iterator[Usd.Prim]:
-    """Yield the prims that move with a body, without those of bodies nested in it."""
+    """Yield the prims that move with a body, except those of bodies nested in it."""
     prims = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
     for prim in prims:
         if prim != body and str(prim.GetPath()) in scene.bodies:
@@ -65,7 +71,7 @@ def below(scene: Scene, body: Usd.Prim) -> Iterator[Usd.Prim]:
 
 
 def original_name(prim: Usd.Prim) -> str:
-    """Return the name that a prim had in the mechanism it was written from: its leaf unless it says so."""
+    """Return the name of a prim in the mechanism that it was written from: the authored name, else its leaf name."""
     attribute = prim.GetAttribute("twin:name")
     return str(attribute.Get()) if attribute and attribute.Get() else prim.GetName()
 
@@ -77,10 +83,10 @@ def read_meshes(scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list
         scene: the opened stage.
         body: the rigid body.
         names: identifiers by prim path.
-        notes: gets what could not be taken over.
+        notes: receives findings on omitted shapes.
 
     Raises:
-        StageError: if a mesh points to vertices that do not exist.
+        StageError: a mesh uses vertices that do not exist.
 
     """
     out = []
@@ -91,11 +97,10 @@ def read_meshes(scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list
             continue  # collision helpers of other tools
         if not prim.IsA(UsdGeom.Mesh):
             notes.append(
-                Finding(
+                info(
                     "stage.read.shape",
-                    "info",
-                    f"{prim.GetTypeName()} {prim.GetPath()} is not shown: only meshes are read.",
-                    where=str(prim.GetPath()),
+                    str(prim.GetPath()),
+                    f"{prim.GetTypeName()} {prim.GetPath()} is not shown: only meshes are read",
                 )
             )
             continue
@@ -106,10 +111,10 @@ def read_meshes(scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list
 
 
 def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
-    """Return triangles (m, 3) of a mesh: polygons become fans, left-handed faces are turned round.
+    """Return triangles (m, 3) of a mesh: polygons are split, left-handed faces are reversed.
 
     Raises:
-        StageError: if the counts do not fit, or an index points to no vertex.
+        StageError: counts and indices do not match, or an index exceeds the number of vertices.
 
     """
     counts = gf.array(mesh.GetFaceVertexCountsAttr().Get() or []).astype(int).ravel()
@@ -117,9 +122,9 @@ def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
     n = len(mesh.GetPointsAttr().Get() or [])
     where = mesh.GetPath()
     if counts.sum() != len(indices):
-        raise StageError(f"mesh {where}: its faces need {counts.sum()} indices, it has {len(indices)}")
+        raise StageError(f"mesh {where}: its faces need {counts.sum()} indices, but it has {len(indices)}")
     if len(indices) and not (indices.min() >= 0 and indices.max() < n):
-        raise StageError(f"mesh {where}: an index points to vertex {indices.max()}, it has {n}")
+        raise StageError(f"mesh {where}: an index refers to vertex {indices.max()}, but it has {n} vertices")
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]]) if len(counts) else np.zeros(0, int)
     fans = np.maximum(counts - 2, 0)
     first = np.repeat(starts, fans)
@@ -145,7 +150,7 @@ def _mesh(scene: Scene, body: Usd.Prim, mesh: UsdGeom.Mesh, name: str) -> Mesh |
 
 
 def _shown(mesh: UsdGeom.Mesh) -> tuple[tuple[float, float, float, float], Finish]:
-    """Return linear colour and finish of the bound preview surface, else the display colour, else grey."""
+    """Return (linear colour, finish) of the bound preview surface, else of the display colour, else of grey."""
     material, _ = UsdShade.MaterialBindingAPI(mesh.GetPrim()).ComputeBoundMaterial()
     if material:
         shader, *_ = material.ComputeSurfaceSource()
@@ -169,10 +174,10 @@ def _shown(mesh: UsdGeom.Mesh) -> tuple[tuple[float, float, float, float], Finis
 
 
 def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia | None:
-    """Return mass, centre of mass and inertia of a body in SI units, or None if the stage leaves them open.
+    """Return mass, centre of mass and inertia of a body in SI units; None if mass or inertia is missing.
 
     Raises:
-        StageError: if the principal axes are no rotation.
+        StageError: the principal axes are not a rotation.
 
     """
     mass = UsdPhysics.MassAPI(body)
@@ -180,11 +185,10 @@ def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia 
     diagonal = gf.vector(mass.GetDiagonalInertiaAttr().Get() or (0, 0, 0)) if kilograms else np.zeros(3)
     if not kilograms or not np.any(diagonal):
         notes.append(
-            Finding(
+            info(
                 "stage.read.inertia",
-                "info",
-                f"{body.GetPath()} has no mass with inertia; simulators make one up from its colliders.",
-                where=str(body.GetPath()),
+                str(body.GetPath()),
+                f"{body.GetPath()} has no mass with inertia; simulators estimate one from its colliders",
             )
         )
         return None

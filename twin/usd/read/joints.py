@@ -1,4 +1,4 @@
-"""Joint prims turned into joints of a mechanism, and the choice of its base."""
+"""Convert joint prims to joints of a mechanism, and select the base."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pxr import UsdPhysics
 
 from twin.core import spatial
 from twin.core.errors import StageError
-from twin.core.findings import Finding
+from twin.core.findings import Finding, info
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.model.mechanism import Drive, Joint
@@ -18,7 +18,7 @@ from twin.usd import gf
 from twin.usd.scan import End, RawJoint, Scene
 
 WORLD = "world"
-"""Name of the body that is made up when joints hold the robot to the world, but no body is fixed to it."""
+"""Name of the body that is added if joints connect the robot to the world, but no body is fixed to the world."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Selection:
     Attributes:
         base: prim path of its base, "" for the world itself.
         bodies: prim paths of its bodies, in order.
-        joints: its joints, those that close loops last; the joint that only fixes the base is left out.
+        joints: its joints, loop-closing joints last; without the joint that only fixes the base.
 
     """
 
@@ -38,17 +38,17 @@ class Selection:
 
 
 def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
-    """Pick the robot out of a stage and find its base.
+    """Select the robot of a stage and find its base.
 
     Args:
         scene: the opened stage.
-        root: prim path; only what lies below it counts, and what stands on the world there is one robot. None: the
+        root: prim path; only prims below it count, and form one robot. None: the
             whole stage.
-        notes: gets loose bodies and disabled joints, which are left out.
+        notes: receives findings on unconnected bodies and disabled joints, which are left out.
 
     Raises:
-        StageError: if there are no bodies or joints, a joint is broken, several robots stand on the stage, or
-            the base is ambiguous.
+        StageError: there are no bodies or joints, a joint is invalid, there are several robots, or the base is
+            ambiguous.
 
     """
     within = (lambda path: path == root or path.startswith(f"{root}/")) if root else (lambda path: True)
@@ -58,9 +58,7 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     if not bodies:
         raise StageError(f"{place}: no rigid bodies (PhysicsRigidBodyAPI), so there is no mechanism")
     notes.extend(
-        Finding("stage.read.disabled", "info", f"joint {j.path} is disabled: left out.", j.path)
-        for j in joints
-        if not j.enabled
+        info("stage.read.disabled", j.path, f"joint {j.path} is disabled and left out") for j in joints if not j.enabled
     )
     joints = [_whole(scene, j) for j in joints if j.enabled]
     if not joints:
@@ -69,7 +67,7 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     robots = [g for g in groups if any(_moves(j) and _touches(j, g) for j in joints)]
     robots = robots or [g for g in groups if any(_touches(j, g) for j in joints)]
     if root and len(robots) > 1 and all(any(_on_world(j) and _touches(j, g) for j in joints) for g in robots):
-        robots = [[p for g in robots for p in g]]  # limbs that stand on the world side by side are one robot
+        robots = [[p for g in robots for p in g]]  # several chains that start at the world are one robot
     if len(robots) > 1:
         firsts = ", ".join(g[0] for g in robots)
         raise StageError(
@@ -78,14 +76,14 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
         )
     members = [p for p in bodies if p in set(robots[0])]
     notes.extend(
-        Finding("stage.read.prop", "info", f"body {p} hangs on no joint of the robot: left out.", p)
+        info("stage.read.prop", p, f"body {p} has no joint of the robot and is left out")
         for p in bodies
         if p not in robots[0]
     )
     joints = [j for j in joints if _touches(j, robots[0])]
     base, anchor = _base(scene, place, members, joints)
     joints = [j for j in joints if j is not anchor]
-    if not _told(scene, base):  # else they stand in the order of the description, and close its loops
+    if not _told(scene, base):  # else joints are in the order of the description, and its last ones close loops
         joints = sorted(joints, key=lambda j: j.excluded)
     return Selection(base, members, joints)
 
@@ -107,12 +105,12 @@ def convert(
 
     Args:
         scene: the opened stage.
-        joint: what to convert.
-        name: identifier for it.
+        joint: the joint prim.
+        name: identifier of the joint.
         names: identifiers of bodies by prim path.
-        base: prim path of the base; sides that hold to the world are tied to it instead.
+        base: prim path of the base; joint sides on the world are attached to the base instead.
         T_world_base: its pose (4, 4).
-        notes: gets a drive that cannot be taken over.
+        notes: receives a finding on a drive that cannot be read.
 
     """
 
@@ -152,10 +150,10 @@ def convert(
 
 
 def _whole(scene: Scene, joint: RawJoint) -> RawJoint:
-    """Return the joint, or raise `StageError` for what keeps it from being understood."""
+    """Return the joint; raise `StageError` if it cannot be interpreted."""
     problem = joint.problem or next((e.problem for e in joint.ends if e.problem), "")
     if not problem and joint.ends[0].body == joint.ends[1].body:
-        problem = f"both sides hold to {joint.ends[0].body or 'the world'}"
+        problem = f"both sides connect to {joint.ends[0].body or 'the world'}"
     if problem:
         raise StageError(f"{scene.path}: joint {joint.path}: {problem}")
     return joint
@@ -170,7 +168,7 @@ def _touches(joint: RawJoint, group: list[str]) -> bool:
 
 
 def _groups(bodies: list[str], joints: list[RawJoint]) -> list[list[str]]:
-    """Return the sets of bodies that joints connect; the world connects nothing."""
+    """Return the sets of bodies that joints connect; a connection through the world does not count."""
     leader = {b: b for b in bodies}
 
     def find(b: str) -> str:
@@ -189,14 +187,14 @@ def _groups(bodies: list[str], joints: list[RawJoint]) -> list[list[str]]:
 
 
 def _told(scene: Scene, body: str) -> bool:
-    """Whether the stage itself says that a body, by prim path, is the base: then twin wrote it."""
+    """Return whether the stage states that the body at a prim path is the base, which only twin writes."""
     prim = scene.bodies.get(body)
     told = prim.GetParent().GetAttribute("twin:base") if prim else None
     return bool(prim and told and told.Get() == prim.GetName())
 
 
 def _base(scene: Scene, place: str, bodies: list[str], joints: list[RawJoint]) -> tuple[str, RawJoint | None]:
-    """Return the prim path of the base ("" is the world) and the joint that only fixes it."""
+    """Return (prim path of the base, or "" for the world; the joint that only fixes the base, or None)."""
     grounded = [j for j in joints if not all(e.body for e in j.ends)]
     fixed = {next(e.body for e in j.ends if e.body): j for j in grounded if j.type == "fixed"}
     for body in bodies:
@@ -206,8 +204,8 @@ def _base(scene: Scene, place: str, bodies: list[str], joints: list[RawJoint]) -
         return next(iter(fixed.items()))
     if len(fixed) > 1:
         raise StageError(
-            f"{place}: which body is the base? Fixed to the world are {', '.join(fixed)}. Keep one such "
-            "joint, and join the others to that body."
+            f"{place}: the base is ambiguous: several bodies are fixed to the world ({', '.join(fixed)}). Keep one "
+            "such joint, and join the other bodies to that body."
         )
     if grounded:
         return "", None
@@ -219,8 +217,8 @@ def _base(scene: Scene, place: str, bodies: list[str], joints: list[RawJoint]) -
     if len(never) == 1:
         return never[0], None
     raise StageError(
-        f"{place}: which body is the base? No joint fixes one to the world; candidates: "
-        f"{', '.join(never or bodies)}. Fix one with a PhysicsFixedJoint whose body0 is empty."
+        f"{place}: the base is ambiguous: no joint fixes a body to the world; candidates: "
+        f"{', '.join(never or bodies)}. Fix one of them with a PhysicsFixedJoint whose body0 is empty."
     )
 
 
@@ -231,17 +229,17 @@ def _cone(joint: RawJoint) -> float | None:
     if told is not None:
         return float(told)
     schema = UsdPhysics.SphericalJoint(joint.prim)
-    # An elliptic cone is taken by its narrow side: nothing that is refused there may pass here.
+    # An elliptic cone is read as its narrow half angle, so that no rejected pose is allowed.
     angles = [schema.GetConeAngle0LimitAttr().Get(), schema.GetConeAngle1LimitAttr().Get()]
     limited = [a for a in angles if a is not None and a >= 0]
     return min(limited) * DEG if limited else None
 
 
 def _drive(scene: Scene, joint: RawJoint, notes: list[Finding]) -> tuple[Drive | None, bool]:
-    """Return the position drive in SI units, and whether the joint is driven at all.
+    """Return (position drive in SI units or None, whether the joint is driven).
 
-    Converters put drives without gains on every joint; those drive nothing. Gains of acceleration drives are
-    per effective mass, which a joint alone does not know: the joint counts as driven, the gains are left out.
+    A drive without gains, which converters put on every joint, does not count. Gains of an acceleration drive are per
+    effective mass, which is unknown for a joint: the joint counts as driven, but the gains are left out.
     """
     if not joint.instance or not joint.prim.HasAPI(UsdPhysics.DriveAPI, joint.instance):
         return None, False
@@ -252,8 +250,13 @@ def _drive(scene: Scene, joint: RawJoint, notes: list[Finding]) -> tuple[Drive |
     if not (stiffness > 0 or damping > 0):
         return None, False
     if drive.GetTypeAttr().Get() == UsdPhysics.Tokens.acceleration:
-        text = f"the gains of joint {joint.path} are left out: its drive is of type acceleration."
-        notes.append(Finding("stage.read.drive", "info", text, joint.path))
+        notes.append(
+            info(
+                "stage.read.drive",
+                joint.path,
+                f"the gains of joint {joint.path} are left out: its drive is of type acceleration",
+            )
+        )
         return None, True
     force = scene.kilograms * scene.meters  # newtons per unit of force of the stage
     effort = force * scene.meters if joint.is_angle else force

@@ -1,4 +1,4 @@
-"""Baked poses read back at the time codes that they were authored at."""
+"""Read baked poses at the time codes at which they were authored."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from twin.usd.scan import Scene
 def read_motion(path: str | Path, root: str | None = None) -> tuple[Array, dict[str, Array]]:
     """Return the sample times and the poses of all rigid bodies of a stage.
 
-    Nothing is interpolated, unless bodies are sampled at different time codes: then all of them are
-    evaluated, the way USD does it, at every time code of any.
+    Poses are interpolated (by USD) only if bodies have samples at different time codes: all bodies are then evaluated
+    at every time code of any body.
 
     Args:
         path: a stage with time samples on bodies, or on prims above them.
         root: prim path; only bodies below it count. None: all.
 
     Returns:
-        times (k,) in s, from time code 0 and the stage's own time codes per second; and T_world_body
-        (k, 4, 4) in metres, world z up, by the names that `read_stage` gives.
+        (times, poses): times (k,) in s from time code 0; T_world_body (k, 4, 4) in metres, world z up, by the body
+        names of `read_stage`.
 
     Raises:
-        StageError: if the file cannot be read or no body moves.
+        StageError: the file cannot be read or no body moves.
 
     """
     scene = Scene(path)

@@ -1,4 +1,4 @@
-"""Actuators and transmissions that twin wrote on a stage, as customData of the robot's prim."""
+"""Read actuators and transmissions that twin writes as customData of the robot's prim."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.usd.scan import Scene
 
 
 def read_motors(scene: Scene, prim: Usd.Prim) -> tuple[tuple[Actuator, ...], tuple[Transmission, ...]]:
-    """Return actuators and transmissions in the order in which they were written; none of a foreign stage.
+    """Return (actuators, transmissions) in the order of writing; empty for a stage from other software.
 
     Raises:
         StageError: an entry is not of the form that twin writes.

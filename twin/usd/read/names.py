@@ -1,4 +1,4 @@
-"""Names of a foreign stage made identifiers [a-z][a-z0-9_]*."""
+"""Convert names of a stage to identifiers [a-z][a-z0-9_]*."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections.abc import Iterable
 
 
 def identifier(name: str) -> str:
-    """Return `name` in lower case with everything else than letters, digits and _ replaced.
+    """Return `name` in lower case, with all characters except letters, digits and _ replaced by _.
 
-    CamelCase is parted by underscores, so that FrontLeftLeg and frontleftleg stay apart; a name that does not
-    begin with a letter gets one.
+    CamelCase is split by underscores, so that FrontLeftLeg and frontleftleg remain distinct; a name that does not begin
+    with a letter gets a leading "n".
     """
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
     name = re.sub(r"[^a-z0-9_]+", "_", name.lower()).strip("_")
@@ -18,10 +18,10 @@ def identifier(name: str) -> str:
 
 
 def unique(wanted: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Return an identifier for each key; equal ones are numbered in order (arm, arm_2, ...).
+    """Return an identifier for each key; equal identifiers are numbered in order (arm, arm_2, ...).
 
     Args:
-        wanted: (key, name) pairs; keys are unique, a prim path for instance.
+        wanted: (key, name) pairs; keys are unique, such as prim paths.
 
     """
     out: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""The tool of a mechanism that names none: the end of its longest chain."""
+"""Choose a tool for a mechanism that names none: the end of its longest chain."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from twin.core.errors import MechanismError, unknown
 from twin.model.mechanism import Frame, Mechanism
 
 _OWN = "tool"
-"""Name of the frame that is made."""
+"""Name of the frame that is added."""
 
 
 def with_tool(m: Mechanism, name: str | None = None) -> tuple[Mechanism, str]:
-    """Return the mechanism with a tool that is one of its frames, and what was chosen if the file did not say.
+    """Return (mechanism with a tool frame, text on the choice if the file names no tool, else "").
 
-    It is the frame or body of that name; else the file's own; else the only frame there is; else a frame made on the
-    last link of the longest chain: of the bodies that carry nothing, the one that most joints lead to.
+    The tool is the frame or body `name`; else the tool of the file; else its only frame; else a frame added on the last
+    link of the longest chain, which is the leaf body with the most joints between it and the base.
 
     Raises:
         MechanismError: there is no frame or body of that name.
@@ -36,9 +36,11 @@ def with_tool(m: Mechanism, name: str | None = None) -> tuple[Mechanism, str]:
     if len(frames) == 1:
         return replace(m, tool=frames[0]), f"the only named frame, '{frames[0]}', is the tool."
     body, length = _last(m)
-    return _at(
-        m, body
-    ), f"the file names no tool: it is put at body '{body}', the end of its longest chain ({length} joints)."
+    return (
+        _at(m, body),
+        f"the file names no tool: the tool frame is put at body '{body}', the end of its longest chain ({length} "
+        "joints).",
+    )
 
 
 def _at(m: Mechanism, body: str) -> Mechanism:
@@ -49,7 +51,7 @@ def _at(m: Mechanism, body: str) -> Mechanism:
 
 
 def _last(m: Mechanism) -> tuple[str, int]:
-    """Return the last body of the longest chain from the base, and how many joints lead to it."""
+    """Return (last body of the longest chain from the base, number of joints in the chain)."""
     depth = {m.base: 0}
     for joint in m.tree:
         depth[joint.child] = depth[joint.parent] + 1

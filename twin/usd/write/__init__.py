@@ -1,6 +1,6 @@
 """Write a mechanism as USD: `<robot>.usda` = physics.usda over geometry.usdc, motions beside them.
 
-    layers     metadata that every layer carries, free leaf names
+    layers     metadata of every layer, unique leaf names
     geometry   geometry.usdc: rest poses, meshes, materials, named frames and points
     physics    physics.usda: masses, colliders, joints, drives, joint states
     motion     motion/<protocol>.usdc and the root layer that plays it
@@ -28,7 +28,7 @@ __all__ = ["Motion", "MotionFiles", "StageFiles", "write_motion", "write_stage"]
 
 @dataclass(frozen=True)
 class StageFiles:
-    """The files of one robot; `motion` is None unless a motion was asked for."""
+    """The files of one robot; `motion` is None unless a motion was requested."""
 
     root: Path
     physics: Path
@@ -45,27 +45,26 @@ def write_stage(
     efforts: Mapping[str, float] | None = None,
     motion: Motion | None = None,
 ) -> StageFiles:
-    """Write the layers of `mechanism` into `folder`, which the caller moves into place.
+    """Write the layers of `mechanism` into `folder`, which the caller moves to its final place.
 
     Args:
-        mechanism: what to write.
-        folder: made if it is missing; files of the same names are replaced.
+        mechanism: the robot.
+        folder: created if it is missing; files of the same names are replaced.
         link_poses: T_world_body (4, 4) of every body in an assembled state, world z up.
         q_full: coordinate in m or rad, at these poses, of every tree joint that has one; loop joints too if
             they are known.
-        efforts: effort in N or N m with which each driven joint holds these poses against gravity: its drive
-            target is set ahead by it, so that a simulated robot stays where it was drawn.
-        motion: a motion to bake beside it.
+        efforts: effort in N or N m of each driven joint against gravity at these poses; drive targets are offset by it,
+            so that a simulated robot stays at these poses.
+        motion: a motion to bake.
 
     Raises:
-        StageError: if a pose is missing or not rigid, a name is taken by twin itself, or a joint has what
-            UsdPhysics cannot hold.
+        StageError: a pose is missing or not rigid, a name is reserved, or UsdPhysics cannot hold the data of a joint.
 
     """
     folder = Path(folder)
     bodies = {b.name for b in mechanism.bodies}
     if taken := sorted(bodies & RESERVED):
-        raise StageError(f"{mechanism.name}: a body cannot be named '{taken[0]}', USD keeps a scope there")
+        raise StageError(f"{mechanism.name}: a body cannot be named '{taken[0]}', the name is reserved for a scope")
     for name in sorted(bodies):
         if name not in link_poses:
             raise StageError(f"{mechanism.name}: link_poses lacks body '{name}'")

@@ -1,4 +1,4 @@
-"""geometry.usdc: bodies at rest, meshes, materials, named frames and points."""
+"""Write geometry.usdc: bodies at rest, meshes, materials, named frames and points."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from twin.usd import gf
 from twin.usd.write.layers import Leaves, describe, new_layer, save
 
 CREASE = 30 * DEG
-"""Faces that meet at less than this angle share a normal: bores look round, edges stay crisp."""
+"""Angle in rad below which adjacent faces share a normal, so that bores look round and edges sharp."""
 
 RESERVED = {"joints", "materials"}
-"""Scopes below the robot; no body may be named like them."""
+"""Names of scopes below the robot, reserved: no body may have such a name."""
 
 
 def mesh_paths(mechanism: Mechanism) -> dict[str, str]:
@@ -32,12 +32,12 @@ def mesh_paths(mechanism: Mechanism) -> dict[str, str]:
 
 
 def write_geometry(mechanism: Mechanism, path: Path, link_poses: Mapping[str, Array]) -> Path:
-    """Write the geometry layer: one Xform a body, flat below the robot, its meshes below it.
+    """Write the geometry layer: one Xform for each body, all directly below the robot, with the body's meshes below.
 
     Args:
-        mechanism: what to write.
+        mechanism: the robot.
         path: the .usdc file.
-        link_poses: T_world_body (4, 4) of every body; both ops are double.
+        link_poses: T_world_body (4, 4) of every body; written in double precision.
 
     """
     layer = new_layer(path)
@@ -74,7 +74,7 @@ def _leaves(mechanism: Mechanism) -> Leaves:
 
 
 def _name(prim: Usd.Prim, name: str) -> None:
-    """Keep the name of the mechanism where the leaf had to differ from it."""
+    """Store the name that a prim has in the mechanism, if its leaf name differs."""
     if prim.GetName() != name:
         prim.CreateAttribute("twin:name", Sdf.ValueTypeNames.String, True, Sdf.VariabilityUniform).Set(name)
 
@@ -101,12 +101,12 @@ def _write_mesh(stage: Usd.Stage, path: str, mesh: Mesh) -> UsdGeom.Mesh:
 
 
 def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREASE) -> Array:
-    """Return unit normals (3 m, 3), one per corner: the mean of the faces there that turn less than `crease`.
+    """Return unit normals (3 m, 3), one per corner: the mean of the faces there that differ by less than `crease`.
 
     Args:
-        vertices: (n, 3); shared vertices make smooth surfaces, split ones make edges.
+        vertices: (n, 3); shared vertices make smooth surfaces, split vertices make edges.
         triangles: (m, 3).
-        crease: rad.
+        crease: angle in rad.
 
     """
     corners = np.asarray(triangles).ravel()
@@ -127,7 +127,7 @@ def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREAS
     total = np.zeros((len(corners), 3))
     np.add.at(total, mine[near], areas[other[near] // 3])
     size = np.linalg.norm(total, axis=1, keepdims=True)
-    # A triangle without area has no normal; z is as good as any and keeps the array free of NaN.
+    # A triangle without area has no normal; z is arbitrary and avoids NaN in the array.
     return np.where(size > 0, total / np.where(size > 0, size, 1.0), [0.0, 0.0, 1.0])
 
 

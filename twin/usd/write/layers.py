@@ -1,4 +1,4 @@
-"""Layers with the metadata that every file of a robot carries, and names that are free."""
+"""Create and save layers with common metadata, and give prims unique names."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from twin.core.atomic import FULL
 from twin.core.errors import StageError
 
 TIME_CODES_PER_SECOND = 60.0
-"""Time codes and frames per second of every layer: viewers use the one or the other."""
+"""Time codes and frames per second of every layer: some viewers use one, some the other."""
 
 
 def new_layer(path: Path) -> Sdf.Layer:
     """Return a new layer for `path`; .usda is readable text, .usdc is binary.
 
-    Layers are anonymous until `save`, so that writing the same file twice in one process never meets the
-    copy that USD keeps in memory.
+    Layers are anonymous until `save`, so that writing a file twice in one process does not conflict with the copy that
+    USD keeps in memory.
     """
     return Sdf.Layer.CreateAnonymous(path.name)
 
 
 def describe(layer: Sdf.Layer, name: str, end_time_code: float = 0.0) -> None:
-    """Set default prim, up axis, units, frame rate and time range, so that no reader has to guess."""
+    """Set default prim, up axis, units, frame rate and time range."""
     stage = Usd.Stage.Open(layer)
     layer.defaultPrim = name
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
@@ -41,14 +41,14 @@ def save(layer: Sdf.Layer, path: Path) -> Path:
 
     Raises:
         OSError: the disk is full.
-        StageError: if USD cannot write there.
+        StageError: USD cannot write the file.
 
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         written = layer.Export(str(path))
     except Tf.ErrorException as error:
-        for number in FULL:  # USD tells it in forty lines
+        for number in FULL:  # the message of USD has forty lines
             if os.strerror(number) in str(error):
                 raise OSError(number, os.strerror(number), str(path)) from None
         raise StageError(f"cannot write {path}: {error}") from error
@@ -68,17 +68,17 @@ def root_layer(path: Path, name: str, sublayers: list[str], end_time_code: float
 
 
 class Leaves:
-    """Gives every prim of a robot a leaf name of its own.
+    """Gives every prim of a robot a unique leaf name.
 
-    Equal leaf names at different places are legal USD, but Blender merges them and Unity clips address them
-    wrongly; a mechanism allows a frame, a point, a mesh and a body of one name.
+    Equal leaf names below different parents are legal in USD, but Blender renames one of them and Unity clips move the
+    wrong one. In a mechanism a frame, a point, a mesh and a body may have the same name.
     """
 
     def __init__(self, reserved: set[str]) -> None:
         self._taken = set(reserved)
 
     def take(self, name: str, suffix: str) -> str:
-        """Return `name`, or with `_<suffix>` (and a number) appended if it is taken."""
+        """Return `name`; if that is already used, with `_<suffix>` (and a number) appended."""
         free, i = name, 1
         while free in self._taken:
             free = f"{name}_{suffix}" if i == 1 else f"{name}_{suffix}_{i}"

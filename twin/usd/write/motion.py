@@ -1,4 +1,4 @@
-"""motion/<protocol>.usdc: baked poses of every body, over the robot; and a root layer that plays them."""
+"""Write motion/<protocol>.usdc, the baked poses of every body, and a root layer that plays them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from twin.usd.write.layers import TIME_CODES_PER_SECOND, describe, new_layer, ro
 from twin.usd.write.physics import drive_kind
 
 MAX_STEP = 90 * DEG
-"""Largest rotation between two samples: players turn the short way, so that more would play backwards."""
+"""Largest rotation in rad between two samples: players take the shorter way, so that larger rotations would play
+backwards."""
 
 
 @dataclass(frozen=True)
@@ -27,11 +28,11 @@ class Motion:
     """A motion to bake, usually sampled at 60 Hz.
 
     Attributes:
-        name: identifier, the protocol.
-        times_s: (k,) increasing, from 0 on.
-        link_poses: T_world_body (k, 4, 4) of every body; a body that is left out stays at rest.
-        joint_values: coordinate (k,) in m or rad of joints that have one; those left out get no samples.
-        trocars: where trocars of the mechanism are during it, (3,) in base in m, by name; others are as drawn.
+        name: identifier of the protocol.
+        times_s: (k,), increasing from 0.
+        link_poses: T_world_body (k, 4, 4) by body; a missing body stays at rest.
+        joint_values: coordinate (k,) in m or rad of joints with one coordinate; a missing joint gets no samples.
+        trocars: positions (3,) in the base frame in m of trocars during the motion, by name; others are as in the CAD.
 
     """
 
@@ -44,7 +45,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class MotionFiles:
-    """`layer`: motion/<protocol>.usdc, overs only. `root`: <robot>_<protocol>.usda, what a person opens."""
+    """`layer`: motion/<protocol>.usdc, overs only. `root`: <robot>_<protocol>.usda, the file to open."""
 
     layer: Path
     root: Path
@@ -54,8 +55,8 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFi
     """Write one baked motion beside the robot's layers in `folder`.
 
     Raises:
-        StageError: if times do not increase, an array has the wrong length, a body or joint is unknown, or a
-            body turns more than 90 degrees between samples.
+        StageError: times do not increase, an array has the wrong length, a body or joint is unknown, or a body rotates
+            by more than 90 degrees between samples.
 
     """
     codes = _time_codes(motion)
@@ -76,7 +77,8 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFi
     for name, p in moved.items():
         place = f"/{mechanism.name}/joints/{name}.physics:localPos0"
         layer.GetAttributeAtPath(_attribute(layer, place, Sdf.ValueTypeNames.Point3f)).default = gf.vec3f(p)
-    for path, values in samples if moved else ():  # as drawn the robot would not meet them: it rests where it begins
+    # At home the robot would miss these trocars, so its rest pose is the start of the motion.
+    for path, values in samples if moved else ():
         layer.GetAttributeAtPath(path).default = values[0]
     save(layer, layer_path)
     root = root_layer(
@@ -92,9 +94,9 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFi
 def _time_codes(motion: Motion) -> Array:
     times = np.asarray(motion.times_s, float)
     if times.ndim != 1 or not len(times) or times[0] < 0 or not np.all(np.diff(times) > 0):
-        raise StageError(f"motion '{motion.name}': times must be one increasing row from 0 s on")
+        raise StageError(f"motion '{motion.name}': times must be a list (k,) of increasing values that starts at 0 s")
     codes = times * TIME_CODES_PER_SECOND
-    # 1/60 s is no binary number: put samples that are meant to lie on a frame exactly on it.
+    # 1/60 s is not a binary number: put samples that are meant to lie on a frame exactly on it.
     return np.where(np.abs(codes - np.round(codes)) < 1e-6, np.round(codes), codes)
 
 
@@ -128,8 +130,8 @@ def _state_samples(mechanism: Mechanism, motion: Motion, layer: Sdf.Layer):
         values = np.asarray(values, float)
         if len(joint.free_axes) != 1 or values.shape != (len(motion.times_s),):
             raise StageError(
-                f"motion '{motion.name}', joint '{name}' ({joint.type}): values {values.shape}, "
-                "expected one coordinate a sample (k,)"
+                f"motion '{motion.name}', joint '{name}' ({joint.type}): values have shape {values.shape}; "
+                f"expected ({len(motion.times_s)},), one coordinate for each sample"
             )
         place = f"/{mechanism.name}/joints/{name}.state:{drive_kind(joint)}:physics:position"
         unit = DEG if joint.is_angle else 1.0

@@ -1,8 +1,8 @@
-"""physics.usda: overs with masses, colliders, joints, limits, drives and joint states.
+"""Write physics.usda: overs with masses, colliders, joints, limits, drives and joint states.
 
-UsdPhysics counts angles in degrees: limits, cones, drives (per degree), joint states and speeds. Joint frames
-are single precision there and nothing else is stored, so that whoever reads the stage back, twin included,
-sees what a foreign reader sees. What UsdPhysics has no word for is a `twin:` attribute in SI units.
+UsdPhysics uses degrees for limits, cones, drives (per degree), joint states and speeds. Joint frames are stored only in
+single precision, so that twin reads the stage like any other reader. Data outside UsdPhysics are `twin:` attributes in
+SI units.
 """
 
 from __future__ import annotations
@@ -34,14 +34,17 @@ SCHEMAS = {
     "cylindrical": UsdPhysics.Joint,
     "free": UsdPhysics.Joint,
 }
-"""UsdPhysics has no cylindrical joint: a generic one with locked axes says the same."""
+"""Locked directions of a generic joint that is equivalent to a cylindrical joint, which UsdPhysics does not have."""
 
 DIRECTIONS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
 
 
 POSITION_ITERATIONS = 128
-"""Of PhysX's solver for this robot. Its own 32 leave the platform of SILS, loaded by its weight, 6 um off at 1 kHz;
-64 leave 5 um, 128 leave 0.4 um (measured)."""
+"""Position iterations of the PhysX solver.
+
+With its default of 32 the platform of SILS sags by 6 um under its weight at 1 kHz, with 64 by 5 um, with 128 by 0.4 um
+(measured).
+"""
 
 
 def drive_kind(joint: Joint) -> str:
@@ -64,15 +67,15 @@ def write_physics(
     """Write the physics layer.
 
     Args:
-        mechanism: what to write.
+        mechanism: the robot.
         path: the .usda file.
         link_poses: T_world_body (4, 4); the base is fixed to the robot's root prim at its pose.
         q_full: coordinate of each joint that has one, at these poses, in m or rad.
-        efforts: what a driven joint bears at these poses, in N or N m; left out: nothing.
+        efforts: static effort of a driven joint at these poses, in N or N m; default 0.
 
     Raises:
-        StageError: if a joint has what UsdPhysics cannot hold, or a joint of the tree has no coordinate in
-            `q_full`: simulators start at the joint state, not at the authored poses.
+        StageError: UsdPhysics cannot hold the data of a joint, or a joint of the tree has no coordinate in `q_full`
+            (simulators start at the joint states, not at the authored poses).
 
     """
     layer = new_layer(path)
@@ -103,7 +106,7 @@ def write_physics(
     _write_anchor(stage, mechanism, link_poses[mechanism.base])
     joints = spanning(mechanism)
     loops = {j.name for j in joints.cut}
-    # Outwards, whatever way the description has it: Newton refuses a joint of a tree whose parent is the outer body.
+    # Outwards, also if the description has the reverse: Newton rejects a tree joint whose parent is the outer body.
     outwards = {j.name: j for j in joints.tree}
     for joint in (outwards.get(j.name, j) for j in mechanism.joints):
         if len(joint.free_axes) == 1 and joint.name not in q_full and joint.name not in loops:
@@ -119,7 +122,7 @@ def write_physics(
 
 
 def _attribute(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value) -> None:
-    """Set an attribute that UsdPhysics does not know: ours, or one of a simulator."""
+    """Set an attribute that is not part of UsdPhysics: one of twin, or one of a simulator."""
     prim.CreateAttribute(name, kind, name.startswith("twin:"), Sdf.VariabilityVarying).Set(value)
 
 
@@ -154,7 +157,7 @@ def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
 
 
 def _write_motors(root: Usd.Prim, mechanism: Mechanism) -> None:
-    """Write actuators and transmissions, exactly: UsdPhysics has no word for them."""
+    """Write actuators and transmissions as customData, because UsdPhysics cannot express them."""
     actuators = {a.name: {"index": i} | _told(a) for i, a in enumerate(mechanism.actuators)}
     transmissions = {
         t.name: {
@@ -171,13 +174,13 @@ def _write_motors(root: Usd.Prim, mechanism: Mechanism) -> None:
 
 
 def _told(actuator: Actuator) -> dict[str, str | float | Gf.Vec2d]:
-    """Return what is known of an actuator, without what is not."""
+    """Return the data of an actuator that are known."""
     out = {k: v for k, v in vars(actuator).items() if k != "name" and v is not None}
     return out | ({} if actuator.limits is None else {"limits": Gf.Vec2d(*actuator.limits)})
 
 
 def _as_driven(mechanism: Mechanism, joint: Joint) -> Joint:
-    """Return a joint with the drive that its motors are to it: UsdPhysics drives joints, and each one alone."""
+    """Return a joint with a drive equivalent to its motors, because UsdPhysics drives each joint separately."""
     transmission = mechanism.transmission_of(joint.name)
     gains = transmission and joint_gains(transmission, mechanism.actuators)
     if not transmission or not gains:
@@ -198,8 +201,8 @@ def _write_inertia(prim: Usd.Prim, inertia: Inertia) -> None:
 def _write_anchor(stage: Usd.Stage, mechanism: Mechanism, T_world_base: Array) -> None:
     """Fix the base to the robot's root prim.
 
-    The root prim is no rigid body, so every parser takes it for the static world; and unlike an absent body
-    it moves the anchor along when a scene references the robot somewhere else.
+    The root prim is not a rigid body, so that parsers treat it as the static world. Unlike an empty target, it moves
+    the anchor with the robot if a scene references the robot at another place.
     """
     name = Leaves({j.name for j in mechanism.joints}).take("root_joint", "world")
     joint = UsdPhysics.FixedJoint.Define(stage, f"/{mechanism.name}/joints/{name}")
@@ -252,12 +255,12 @@ def _write_joint(
 
 
 def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> None:
-    """Turn the frames of a ball in the tree so that they coincide at the poses as written.
+    """Rotate the child's frame of a ball in the tree so that both of its frames coincide at the written poses.
 
-    Simulators start a ball of an articulation at zero and know no joint state for it (PhysX read one on a ball and
-    ignored it: SILS began 21 mm apart, SHER 0.28 m). So the frame on the child is the one on the parent as it lies
-    there, and what it was is kept beside it. A cone counts from the axes as they were: UsdPhysics cannot say that.
-    The axis is X because PhysX's tensors take no other for a ball.
+    Simulators start a ball of an articulation at zero and support no joint state for it (PhysX ignores one: SILS
+    started with a gap of 21 mm, SHER of 0.28 m). The original frame is kept in an attribute. A cone is measured from
+    the original axes, which UsdPhysics cannot express. The axis is X because PhysX's tensors accept no other for a
+    ball.
     """
     out = UsdPhysics.SphericalJoint(stage.GetPrimAtPath(f"/{mechanism.name}/joints/{joint.name}"))
     prim = out.GetPrim()
@@ -275,10 +278,11 @@ def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_po
 
 
 def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling) -> None:
-    """Hold a coupling by a PhysX tendon over its joints, the one nearest to the base first.
+    """Write a coupling as a PhysX tendon over its joints, the joint nearest to the base first.
 
-    UsdPhysics has no word for a coupling of joints; without it PhysX lets a passive joint of a belt swing. It is as
-    stiff as the drives: PhysX steps tendons explicitly, and one with damping or much stiffer blows up at 1 kHz.
+    UsdPhysics cannot express a coupling of joints; without the tendon a passive joint of a belt drive swings freely in
+    PhysX. The tendon is as stiff as the drives: PhysX integrates tendons explicitly, and a tendon with damping or much
+    higher stiffness is unstable at 1 kHz.
     """
     ratios = dict(zip(coupling.joints, coupling.ratios, strict=True))
     stiff = max((d.stiffness for d in (mechanism.joint(n).drive for n in ratios) if d), default=1.0)
@@ -320,7 +324,7 @@ def _write_actuation(prim: Usd.Prim, joint: Joint, q: float | None, effort: floa
 
 
 def _refuse_what_is_lost(joint: Joint) -> None:
-    """Raise `StageError` for what UsdPhysics cannot hold; nothing is dropped silently."""
+    """Raise `StageError` for data that UsdPhysics cannot hold, so that nothing is lost silently."""
     scalar = {
         "limits": joint.limits,
         "soft limits": joint.soft_limits,
@@ -333,8 +337,8 @@ def _refuse_what_is_lost(joint: Joint) -> None:
         lost.append("a cone")
     if lost:
         raise StageError(
-            f"joint '{joint.name}' is {joint.type} and has {', '.join(lost)}: not one coordinate to put them "
-            "on. Give limits to joints with one coordinate, cones to spherical joints."
+            f"joint '{joint.name}' is {joint.type} and has {', '.join(lost)}, which UsdPhysics cannot hold for this "
+            "type. Give limits to joints with one coordinate, cones to spherical joints."
         )
     for T in (joint.T_parent_joint, joint.T_child_joint):
         if not spatial.is_pose(T, 1e-6):

@@ -1,4 +1,4 @@
-"""Which joints an exported tree holds, and which are left to close its loops."""
+"""Choose which joints form the tree of an export, and which close its loops."""
 
 from __future__ import annotations
 
@@ -7,17 +7,20 @@ from dataclasses import dataclass
 from twin.model.mechanism import Joint, Mechanism, reversed_joint
 
 _KEPT = {"fixed": 0, "prismatic": 1, "cylindrical": 1, "free": 1, "revolute": 2, "spherical": 3}
-"""Order in which joints enter the tree. Balls come last: a cut ball is three exact rows of one kind in any engine,
-and a ball in the tree has no single coordinate that a table of joint values could hold."""
+"""Order of joint types in the choice of the tree.
+
+Balls come last: a ball that closes a loop is three position constraints, exact in any engine, and a ball in the tree
+has no single coordinate for a table of joint values.
+"""
 
 
 @dataclass(frozen=True)
 class Spanning:
-    """A spanning tree made for other programs.
+    """A spanning tree for export.
 
     Attributes:
-        tree: parents first; the joint's child is the outer body, turned round where it must be.
-        cut: joints that close loops, as they are in the mechanism.
+        tree: joints, parents first; the child of a joint is the outer body, so that some joints are reversed.
+        cut: joints that close loops, as in the mechanism.
     """
 
     tree: tuple[Joint, ...]
@@ -25,10 +28,10 @@ class Spanning:
 
 
 def spanning(mechanism: Mechanism) -> Spanning:
-    """Return the tree of the best joints to keep: driven and coupled ones, then by type, then in file order.
+    """Return the spanning tree that prefers driven and coupled joints, then joints by type, then by file order.
 
-    It may differ from `mechanism.tree`, which follows the file alone: a slide that closes a loop there is kept
-    here, and the ball of the same loop is cut.
+    It may differ from `mechanism.tree`, which uses only the file order: of a loop with a slide and a ball, this tree
+    contains the slide, and the ball closes the loop.
     """
     needed = {j.name for j in mechanism.active} | {name for c in mechanism.couplings for name in c.joints}
     order = sorted(mechanism.joints, key=lambda j: -1 if j.name in needed else _KEPT[j.type])

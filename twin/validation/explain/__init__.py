@@ -1,1 +1,1 @@
-"""Explaining a disagreement: which row of which equation, why, and the smallest edit of its source that cures it."""
+"""Explaining a disagreement: which row of which equation, why, and the smallest edit of its source that fixes it."""

@@ -1,4 +1,4 @@
-"""An edit of the equations that was tried, and what the search has for a group of rows."""
+"""Edits of the equations that were tried, and the search result for a group of rows (assignments of equations)."""
 
 from __future__ import annotations
 
@@ -15,26 +15,28 @@ from twin.validation.explain.rows import Place, Step
 from twin.validation.explain.source import Edit
 
 TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
-"""Kinds of edits that change one token: what misprints usually are. Others rank behind them."""
+"""Kinds of edits that change one token, as misprints do. Other kinds have a lower rank."""
 
 REST = ("transpose", "order", "parenthesis", "surplus", "missing")
 
 _ORDER = (*TOKENS, *REST)
 
 Key = tuple[str, int, int]
-"""A row whatever symbol it assigns: equation, statement, position."""
+"""Key of a row, independent of the symbol it assigns: (equation, statement, position)."""
 
 
 @dataclass
 class Candidate:
-    """Edits of one equation that were tried.
+    """One or two edits of one equation that were tried.
 
     Attributes:
-        step: the equation. edits: one or two. extra: values of the aliases that they use.
-        scores: worst residual by row, of the rows that it changes.
-        broken: whether it harms a row that agreed.
-        hollow: whether a row that it cures is left empty: true whatever its symbols are.
-        dropped: symbols that a cured row depended on and does not any more.
+        step: the equation.
+        edits: one or two.
+        extra: values of the aliases that the edits use.
+        scores: worst residual of each row that the edits change.
+        broken: whether a row that agreed now disagrees.
+        hollow: whether a fixed row becomes empty (true for any values of its symbols).
+        dropped: symbols that a fixed row no longer depends on.
         changed: residuals of the rows that were judged before.
     """
 
@@ -48,17 +50,17 @@ class Candidate:
     dropped: tuple[str, ...] = ()
 
     def over(self, rows: Iterable[Key], base: dict[Key, float]) -> float:
-        """Return the worst residual over some rows."""
+        """Return the worst residual over the given rows."""
         return max(self.scores.get(k, base[k]) for k in rows)
 
     @property
     def serves(self) -> bool:
-        """Whether it may be offered: it harms no row and empties none."""
+        """Whether the candidate may be proposed: it breaks no row and makes none empty."""
         return not self.broken and not self.hollow
 
     @property
     def rank(self) -> tuple[int, int, int, int]:
-        """Order among edits that serve as well."""
+        """Rank among equally good candidates."""
         kinds = [_ORDER.index(e.kind) if e.kind in _ORDER else len(_ORDER) for e in self.edits]
         new_argument = sum(e.define is not None and not e.define[1] for e in self.edits)
         length = sum(abs(len(e.new) - len(e.old)) + len(e.new) + len(e.old) for e in self.edits)
@@ -68,13 +70,18 @@ class Candidate:
 
 @dataclass
 class Found:
-    """What the search has for one group of rows: exact candidates by way and reading, and the runner-up.
+    """Search result for one group of rows: exact candidates, and the runner-up.
+
+    A way is a function that fixes the rows; its readings are different edits that make this function.
 
     Attributes:
-        rows: the group. ways: functions that cure it, each in all its readings.
-        runner_up: the edit that comes next. after, next: worst residual of the best edit, of the runner-up.
-        tried: edits evaluated. complete: whether every edit, and every pair where no single one serves, was tried.
-        seconds: how long pairs were searched.
+        rows: the group.
+        ways: functions that fix the group, each with all its readings.
+        runner_up: the best edit that is not exact.
+        after, next: worst residual of the best edit, and of the runner-up.
+        tried: number of edits evaluated.
+        complete: whether every edit, and every pair if no single edit is exact, was tried.
+        seconds: duration of the search for pairs.
     """
 
     rows: list[Key]
@@ -88,20 +95,20 @@ class Found:
 
     @property
     def credible(self) -> bool:
-        """Whether one small edit cures the rows and drops nothing: then no other explanation need be sought.
+        """Whether one small edit fixes the rows and drops no symbol, so that the search can stop.
 
-        Two edits are many: one changed number that explains the same rows is the simpler explanation.
+        Two edits are not enough to stop: one changed number that explains the same rows is simpler.
         """
         return bool(self.ways) and len(self.ways[0][0].edits) == 1 and not self.ways[0][0].dropped
 
 
 def key(place: Place) -> Key:
-    """Return the row of a place."""
+    """Return the key of the row at a place."""
     return place.equation, place.statement, place.position
 
 
 def aliases(judge: Judge, step: Step, change: Sequence[Edit]) -> dict[str, Any] | None:
-    """Return the values of names that edits bring in with a definition; None where one has no value."""
+    """Return the values of names that edits introduce with a definition; None if a name has no value."""
     out: dict[str, Any] = {}
     for e in change:
         if e.define and e.define[1]:
@@ -117,9 +124,10 @@ def aliases(judge: Judge, step: Step, change: Sequence[Edit]) -> dict[str, Any] 
 def residuals(
     judge: Judge, equation: str, change: Sequence[Edit], extra: dict[str, Any] | None = None
 ) -> dict[Key, Array] | None:
-    """Return the residuals of the rows that edits change, under any judge of the same formula; None if there are none.
+    """Return the residuals of the rows that edits change, by any judge of the same formula; None if there are none.
 
-    Without edits: those of all rows as they stand. `extra` are values of names that the edits use; default aliases.
+    Without edits: the residuals of all unchanged rows. `extra` are values of names that the edits use; default:
+    aliases.
     """
     if not change:
         return {key(p): r for p, r in judge.residuals.items()}

@@ -1,6 +1,6 @@
 """Conventions under which formula and mechanism agree: Euler angles, units, signs, offsets, axes, handedness, DH form.
 
-Each is tried as a whole: no single edit of a row amounts to it.
+Each convention is tried as a whole, because no edit of a single row is equivalent to it.
 """
 
 from __future__ import annotations
@@ -20,24 +20,27 @@ from twin.formula.contract import POSE_SYMBOL
 from twin.validation.explain.invariants import said
 from twin.validation.explain.judge import Judge, Place, worst
 from twin.validation.explain.numeric import Matrix, to_array
+from twin.validation.explain.offsets import axes_text, offsets
 from twin.validation.explain.result import Convention
 from twin.validation.explain.suspects import suspects
 
 _NAMED = (
     (-1.0, "the opposite sign"),
-    (1e3, "millimetres where metres are due"),
-    (1e-3, "metres where millimetres are due"),
-    (180 / np.pi, "degrees where radians are due"),
-    (np.pi / 180, "radians where degrees are due"),
+    (1e3, "millimetres instead of metres"),
+    (1e-3, "metres instead of millimetres"),
+    (180 / np.pi, "degrees instead of radians"),
+    (np.pi / 180, "radians instead of degrees"),
 )
 
 
 def conventions(judge: Judge) -> list[Convention]:
-    """Return the conventions that cure rows, those that cure most first."""
+    """Return the conventions that fix rows, sorted by the number of rows that they fix."""
     if not judge.failing():
         return []
     with np.errstate(all="ignore"):
         found = [*_euler(judge), *_angles_in(judge), *_scalars(judge), *_axes(judge), *_frames(judge), *_dh(judge)]
+        if not found:
+            found = [*offsets(judge)]
     return sorted(found, key=lambda c: (-len(c.rows), c.after))
 
 
@@ -46,7 +49,7 @@ def _name(p: Place) -> str:
 
 
 def _cured(judge: Judge, other: Judge) -> tuple[list[Place], float] | None:
-    """Return the rows that another judge finds right and what is left of them; None if it harms a row."""
+    """Return the rows that agree under another judge, with their residuals; None if another row then disagrees."""
     bad = judge.failing()
     now = {(p.equation, p.statement, p.position): worst(r) for p, r in other.residuals.items()}
     for p in judge.residuals:
@@ -74,7 +77,7 @@ ORDERS = tuple("".join(o) for o in product("xyz", repeat=3) if o[0] != o[1] and 
 
 
 def _euler(judge: Judge) -> Iterator[Convention]:
-    """Yield the sequence of axes, with signs, by which the rows hold."""
+    """Yield the sequence of axes, with signs, with which the rows agree."""
     truth = judge.truth
     angles = [n for n, unit in truth.coordinates if unit == "rad"]
     if len(angles) != 3:
@@ -95,7 +98,7 @@ def _euler(judge: Judge) -> Iterator[Convention]:
                 for signs in product((1.0, -1.0), repeat=3):
                     v = values[:, place] * signs
                     if np.abs(np.sin(v - now)).max() < 1e-9:
-                        continue  # what the formula says already
+                        continue  # the formula's own convention
                     symbols = {**truth.symbols, **dict(zip(angles, v.T, strict=True))}
                     other = replace(truth, symbols=symbols)
                     quick = judge.on(other, involved).residuals
@@ -112,14 +115,14 @@ def _euler(judge: Judge) -> Iterator[Convention]:
                     text = " ".join(terms if not transposed else terms[::-1])
                     rows = tuple(_name(p) for p in found[0])
                     yield Convention(
-                        "euler", f"the rows hold for R = {text}, not for the angles that the formula's "
-                        "coordinates take from the pose", rows, found[1]
+                        "euler", f"the rows agree with angles from R = {text}, not with the angles "
+                        "that the formula's coordinates take from the pose", rows, found[1]
                     )  # fmt: skip
                     return
 
 
 def _angles_in(judge: Judge) -> Iterator[Convention]:
-    """Yield whether the rows want degrees, or lengths in millimetres."""
+    """Yield whether the rows expect degrees, or millimetres."""
     truth = judge.truth
     for kind, factor, text in (
         ("angle", 180 / np.pi, "the rows take angles in degrees; they are given in radians"),
@@ -150,7 +153,7 @@ def _angles_in(judge: Judge) -> Iterator[Convention]:
 
 
 def _scalars(judge: Judge) -> Iterator[Convention]:
-    """Yield signs, units and zeros: rows that are a straight line of the mechanism's value."""
+    """Yield signs, units and offsets (zeros) of rows that are linear in the mechanism's value."""
     truth, values = judge.truth, said(judge)
     groups: dict[str, list[tuple[Place, float]]] = {}
     for place in judge.failing():
@@ -176,7 +179,7 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
                 shown = (
                     f"{np.degrees(middle):.6g}°" if truth.kinds[place.symbol] == "angle" else f"{middle * 1e3:.6g} mm"
                 )
-                zero = f"its zero is {shown} from the mechanism's"
+                zero = f"its zero position differs by {shown} from the mechanism's"
             message = " and ".join(x for x in (text, zero) if x)
             if message:
                 groups.setdefault(message, []).append((place, float(left)))
@@ -190,7 +193,7 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
 
 
 def _axes(judge: Judge) -> Iterator[Convention]:
-    """Yield the axes that named points come in: permuted, mirrored, in another unit."""
+    """Yield other axes of named points: permuted, mirrored, or in another unit."""
     truth, values = judge.truth, said(judge)
     pairs = []
     for name, symbol in judge.formula.points.items():
@@ -221,7 +224,7 @@ def _axes(judge: Judge) -> Iterator[Convention]:
                 rows = tuple(_name(p) for _, places, _, _ in pairs for p in places)
                 yield Convention(
                     "axes" if not hand else "handedness",
-                    f"points {', '.join(p[0] for p in pairs)} come in other axes{hand}: {text}{unit}", rows, float(left)
+                    f"points {', '.join(p[0] for p in pairs)} use other axes{hand}: {text}{unit}", rows, float(left)
                 )  # fmt: skip
                 return
 
@@ -233,7 +236,7 @@ def signed_permutations() -> list[Array]:
 
 
 def _frames(judge: Judge) -> Iterator[Convention]:
-    """Yield fixed turns of base or tool by which a pose differs, or that it is inverted."""
+    """Yield fixed rotations of base or tool by which a pose differs, or that the pose is inverted."""
     for place in judge.failing():
         if judge.truth.kinds[place.symbol] != "pose":
             continue
@@ -256,8 +259,8 @@ def _frames(judge: Judge) -> Iterator[Convention]:
                     Q = np.swapaxes(P @ R, 1, 2) @ true[:, :3, :3]
                     spread = np.abs(Q - Q.mean(axis=0)).max() / judge.tolerance.angle
                     if spread <= 1:
-                        base = "" if np.allclose(P, np.eye(3)) else f"base axes {_axes_text(P)}, "
-                        tool = "" if np.allclose(Q[0], np.eye(3)) else f"tool axes {_axes_text(Q[0].T)}, "
+                        base = "" if np.allclose(P, np.eye(3)) else f"base axes {axes_text(P)}, "
+                        tool = "" if np.allclose(Q[0], np.eye(3)) else f"tool axes {axes_text(Q[0].T)}, "
                         text = f"{how}{unit}{base}{tool}".removesuffix(", ")
                         score = (max(left, spread), text)
                         best = score if best is None or len(text) < len(best[1]) else best
@@ -268,17 +271,8 @@ def _frames(judge: Judge) -> Iterator[Convention]:
             )  # fmt: skip
 
 
-def _axes_text(P: Array) -> str:
-    """Return what each axis of a turn is, "x = -y, ...", or the turn about an axis that is none of them."""
-    if np.abs(np.abs(P).max(axis=1) - 1).max() < 1e-6:
-        rows = [(int(np.argmax(np.abs(r))), r) for r in P]
-        return ", ".join(f"{a} = {'-' if r[i] < 0 else ''}{'xyz'[i]}" for a, (i, r) in zip("xyz", rows, strict=True))
-    angle = np.degrees(np.arccos(np.clip((np.trace(P) - 1) / 2, -1, 1)))
-    return f"turned by {angle:.4f}°"
-
-
 def _dh(judge: Judge) -> Iterator[Convention]:
-    """Yield helpers that multiply rows of a Denavit-Hartenberg table in the wrong form."""
+    """Yield helper functions that multiply the rows of a Denavit-Hartenberg table in the wrong form."""
     for step in judge.steps:
         bad = [p for p in judge.failing() if p.equation == step.equation.name]
         if not bad or step.stage == "helper":
@@ -310,7 +304,7 @@ def _dh(judge: Judge) -> Iterator[Convention]:
 
 
 def _dh_row(kind: str, order: tuple[int, ...], *values: Any) -> Matrix:
-    """Return one row: arguments in the order of a helper, `order` giving where alpha, a, theta and d stand."""
+    """Return the matrix of one table row; `order`: positions of alpha, a, theta, d in a helper's arguments."""
     alpha, a, theta, d = (np.atleast_1d(np.asarray(values[i], float)) for i in order)
     k = max(len(x) for x in (alpha, a, theta, d))
     alpha, a, theta, d = (np.broadcast_to(x, (k,)) for x in (alpha, a, theta, d))
@@ -326,7 +320,7 @@ def _dh_row(kind: str, order: tuple[int, ...], *values: Any) -> Matrix:
 
 
 def dh_form(function: FunctionType) -> tuple[str, tuple[int, ...]] | None:
-    """Return "standard" or "modified" and where alpha, a, theta, d stand, if a function is such a row."""
+    """Return ("standard" or "modified", positions of alpha, a, theta, d) of a function of such a row, else None."""
     if function.__code__.co_argcount != 4:
         return None
     probe = (0.3, 0.7, 1.1, 0.45)

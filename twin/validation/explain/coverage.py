@@ -1,4 +1,4 @@
-"""Which rows of a formula were judged: by their own value, by what follows from them, or by where they vanish."""
+"""Which rows of a formula were judged: by value, by rows that depend on them, or by the states where they vanish."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from twin.validation.explain.suspects import passed
 
 @dataclass(frozen=True)
 class Coverage:
-    """How many rows (outputs of equations) there are, and what was not judged, each with the reason."""
+    """Number of rows (outputs of equations), and the unchecked rows, each with the reason."""
 
     rows: int
     left: tuple[str, ...]
 
     def describe(self) -> str:
-        """Return the count for a sentence."""
+        """Return the number of judged rows as text."""
         return f"{self.rows - len(self.left)} of {self.rows} rows judged"
 
 
@@ -36,7 +36,7 @@ def margins(judge: Judge, model: ReferenceModel, parameters: dict[str, float] | 
 
 
 def coverage(judge: Judge, judged: list[Judged]) -> Coverage:
-    """Return what was judged of all rows; `judged` are the margins."""
+    """Return the coverage of all rows; `judged`: the results for the margins."""
     done = {(p.equation, p.symbol) for p in judge.residuals}
     unjudged = {(r.equation, r.symbol): r for r in judged if r.status == "not judged"}  # by one meaning of two, too
     told = {(r.equation, r.symbol) for r in judged} - set(unjudged)
@@ -53,10 +53,10 @@ def coverage(judge: Judge, judged: list[Judged]) -> Coverage:
             if k in unjudged:
                 why = f"{unjudged[k].name}: {unjudged[k].why}"
             elif step is None:
-                why = "its text cannot be read row by row"
+                why = "its source cannot be split into rows"
             elif step.missing:
                 why = f"{step.missing} not known"
             else:
-                why = "the mechanism has no such quantity, and nothing that it has follows from it"
+                why = "the mechanism has no such quantity, and no quantity that depends on it"
             left.append(f"{equation.name}.{symbol}: {why}")
     return Coverage(total, tuple(left))

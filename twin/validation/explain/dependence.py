@@ -1,8 +1,8 @@
-"""What a row depends on, measured: a repair must leave the row something to say.
+"""Measured dependence of rows on symbols: a repair must not make a row trivial.
 
-A row that reads its own unknown (q1 = ... q2 - q1 ...) agrees with the mechanism by itself when an edit makes it
-q1 = q1, or a copy of the row beside it. A factor of zero makes any content agree. Neither is seen in the residuals
-at the mechanism's poses. Both are seen in how the residuals answer when one symbol at a time is moved off them.
+A row that reads its own unknown (q1 = ... q2 - q1 ...) agrees trivially if an edit makes it q1 = q1, or a copy of
+another row. A factor of zero makes any row agree. The residuals at the mechanism's poses do not show such edits, but
+the change of the residuals when one symbol is perturbed does.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from twin.validation.explain.rows import Step
 from twin.validation.explain.source import Edit, Source
 
 _STIR = 1e-3
-"""Relative move of a symbol that a row must answer to."""
+"""Relative perturbation of a symbol; it must change a row that depends on the symbol."""
 
 _STILL = 1e-9
-"""Answer, relative to the residual (in units of the tolerance, at least 1), that is rounding."""
+"""Change of a residual that counts as rounding, relative to the residual (in units of the tolerance, at least 1)."""
 
 _STEP = 1e-5
-"""Step of the derivatives by the unknowns of an implicit equation: m, rad."""
+"""Step (m, rad) of numeric derivatives by the unknowns of an implicit equation."""
 
 _PARALLEL = 1e-6
-"""Part of a row's gradient that the other rows do not have; below it the row only repeats them."""
+"""Minimum independent part of a row's gradient; with less the row is redundant."""
 
 
 class Dependence:
-    """How the rows of a formula answer to their symbols, at the mechanism's poses and off them."""
+    """Sensitivity of the rows of a formula to their symbols, at the mechanism's poses and at other values."""
 
     def __init__(self, judge: Judge, shaken: Judge) -> None:
-        """Take the judge, and the same formula held against values that no mechanism has."""
+        """Set up with the judge, and with the same formula at values that belong to no mechanism."""
         self.judge = judge
         self.bases = (judge, shaken)
         self._stirred: dict[tuple[int, str, frozenset[str], str], Judge] = {}
@@ -46,7 +46,7 @@ class Dependence:
         self._read: dict[tuple[str, Key], set[str]] = {}
 
     def judged(self, c: Candidate, rows: Collection[Key]) -> None:
-        """Note in a candidate whether it empties one of the rows that it cures, and which symbols it drops."""
+        """Return the candidate with `hollow` (whether a fixed row becomes empty) and the symbols that it drops."""
         if not rows:
             return
         if any(not self.determined(c, k) for k in rows):
@@ -63,7 +63,7 @@ class Dependence:
         c.hollow = any(before[k] and not after[k] for k in rows) or (len(c.edits) > 1 and bool(dropped - _touched(c)))
 
     def reads(self, step: Step, row: Key, rows: Collection[Key] = ()) -> set[str]:
-        """Return the symbols that a row depends on, as it stands."""
+        """Return the symbols that an unedited row depends on."""
         name = step.equation.name
         if (name, row) not in self._read:
             for k, found in self._answers(step, (), {row, *rows}).items():
@@ -73,10 +73,10 @@ class Dependence:
     # -- which symbols ----------------------------------------------------------------------------------------
 
     def _answers(self, step: Step, change: Sequence[Edit], rows: Collection[Key]) -> dict[Key, set[str]]:
-        """Return the symbols among the inputs of an equation that rows answer to, before or after edits."""
+        """Return the inputs of an equation on which rows depend, before or after edits."""
         name = step.equation.name
         equations = frozenset({name})
-        if any(k[0] != name for k in rows):  # an unknown that this equation gives leads on
+        if any(k[0] != name for k in rows):  # an unknown of this equation passes the dependence on
             later = self.judge.steps[self.judge.steps.index(self.judge.step(name)) :]
             equations = frozenset(s.equation.name for s in later if s.stage == step.stage)
         out: dict[Key, set[str]] = {k: set() for k in rows}
@@ -100,12 +100,12 @@ class Dependence:
         return out
 
     def _moved(self, i: int, step: Step, equations: frozenset[str], symbol: str) -> Judge | None:
-        """Return a base with one symbol moved, over the equations that matter."""
+        """Return a judge with one symbol perturbed, for the equations that read it."""
         at = (i, step.equation.name, equations, symbol)
         if at not in self._stirred:
             base = self.bases[i]
             mine = base.step(step.equation.name)
-            # What came before is given as it is: nothing that leads there need run again.
+            # Earlier results are reused.
             values = {**mine.computed, **base.truth.symbols}
             if symbol not in values:
                 return None
@@ -116,10 +116,10 @@ class Dependence:
     # -- what implicit rows determine ---------------------------------------------------------------------------
 
     def determined(self, c: Candidate, row: Key) -> bool:
-        """Return whether a row, after edits, still settles its unknown beside the other rows of its equation.
+        """Return whether a row, after edits, still determines its unknown, given the other rows of its equation.
 
-        Only an equation that reads its own outputs can fail to. The gradient of each of its rows (right side minus
-        left side) by these outputs is taken at the mechanism's poses; that of the edited row must not lie in the
+        This can only fail for an equation that reads its own outputs. The gradient of each of its rows (right side
+        minus left side) by these outputs is taken at the mechanism's poses; that of the edited row must not lie in the
         span of the others.
         """
         step = self.judge.step(row[0])
@@ -190,7 +190,7 @@ def _differ(a: Array, b: Array) -> bool:
 
 
 def _touched(c: Candidate) -> set[str]:
-    """Return the symbols that the replaced text spoke of, by name or through the assignments before it."""
+    """Return the symbols in the replaced text, read directly or through earlier assignments."""
     out: set[str] = set()
     for e in c.edits:
         try:

@@ -1,7 +1,7 @@
-"""Parts that do not meet in the drawing: which of two is off, and whether that alone explains the rows that are off.
+"""Parts that do not meet in the CAD: which of the two is wrong, and whether this explains the wrong rows.
 
-Every suspect is corrected in the drawing, and the rows are judged against the resulting mechanism. What the
-drawing tells by itself (lengths, parts that are alike, loops that close) counts before what the rows tell.
+Each suspected part is corrected in the CAD, and the rows are judged against the resulting mechanism. Evidence in the
+CAD (lengths, identical parts, closing loops) has priority over the rows.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from twin.validation.explain.judge import Judge
 from twin.validation.explain.result import PartOff
 
 CODES = ("cad.meeting", "cad.tilt")
-"""Findings that say that parts do not meet."""
+"""Codes of findings about parts that do not meet."""
 
 _MOST = 12
-"""Choices of parts that are tried."""
+"""Maximum number of tried combinations of parts."""
 
 _OPEN = (1e-8, 1e-7)
-"""Gap in m and in rad from which on a loop does not close."""
+"""Gap in m and in rad above which a loop does not close."""
 
 _TIMES = {"mm": "mm", "deg": "°"}
 
 
 @dataclass(frozen=True)
 class Corrected:
-    """The drawing with its faults corrected.
+    """The CAD with its faults corrected.
 
     Attributes:
-        findings: what does not meet, as the reader of the CAD says it.
-        parts: what is off, one for each fault.
+        findings: joints that do not meet, from the CAD reader.
+        parts: the faulty parts, one for each fault.
         model, judge: the corrected mechanism, and the rows judged against it; None if nothing could be corrected.
-        agrees: whether every row then holds.
+        agrees: whether every row then agrees.
     """
 
     findings: tuple[Finding, ...]
@@ -52,7 +52,7 @@ class Corrected:
 
 @dataclass(frozen=True)
 class _Tried:
-    """One choice of parts, corrected."""
+    """The CAD with one choice of parts corrected."""
 
     chosen: tuple[Suspect, ...]
     model: ReferenceModel | None = None
@@ -68,12 +68,12 @@ class _Tried:
 
     @property
     def agrees(self) -> bool:
-        """Whether every row holds."""
+        """Whether every row agrees."""
         return self.judge is not None and bool(self.judge.residuals) and not self.judge.failing()
 
     @property
     def rank(self) -> tuple[int, bool, bool, int]:
-        """How well it explains everything: the drawing first."""
+        """Score of the explanation; evidence in the CAD counts first."""
         off = len(self.judge.failing()) if self.judge is not None else 10**6
         return sum(s.score for s in self.chosen), self.closes, self.agrees, -off
 
@@ -84,12 +84,12 @@ def correct(
     judged: Callable[[ReferenceModel], Judge],
     progress: Callable[[float], None] = lambda f: None,
 ) -> Corrected | None:
-    """Return what is off in the drawing and the rows judged against the corrected drawing; None if every joint meets.
+    """Return the faults of the CAD, and the rows judged against the corrected CAD; None if every joint meets.
 
     Args:
-        formula: the equations; their lengths count where the description declares them.
-        cad: the drawing as read.
-        judged: makes the judge of the rows for a mechanism.
+        formula: the equations; their lengths are evidence if the description declares them.
+        cad: the CAD model as read.
+        judged: function that makes the judge of the rows for a mechanism.
         progress: called with the fraction done.
     """
     findings = tuple(f for f in cad.findings if f.code in CODES)
@@ -122,7 +122,7 @@ def _put_right(cad: CadModel, chosen: Sequence[Suspect], judged: Callable[[Refer
     try:
         model = ReferenceModel(frames.moved(cad.mechanism, cad.description, faces, given))
         return _Tried(tuple(chosen), model, judged(model))
-    except TwinError:  # it cannot be assembled, or hardly moves
+    except TwinError:  # the mechanism cannot be assembled, or hardly moves
         return _Tried(tuple(chosen))
 
 
@@ -145,26 +145,26 @@ def _part(
     left = [_name(s) for s in rest]
     what = _name(chosen)
     if left:
-        text = f"{head}: {what} is off, or {', or '.join(left)}; neither the drawing nor the rows tell which"
+        text = f"{head}: {what} is wrong, or {', or '.join(left)}; CAD and rows do not determine which"
     else:
-        text = f"{head}: {what} is off" + (f" ({'; '.join(why[:2])})" if why else "")
+        text = f"{head}: {what} is wrong" + (f" ({'; '.join(why[:2])})" if why else "")
     return PartOff(fault.joints, chosen.body, chosen.features, by, tuple(why), tuple(left), text)
 
 
 def _told(
     chosen: Suspect, others: list[Suspect], top: _Tried, tried: Sequence[_Tried]
 ) -> tuple[str, list[str], list[Suspect]]:
-    """Return what tells that it is this part (`PartOff.told_by`), why, and what else it may be."""
+    """Return (kind of evidence, see `PartOff.told_by`; the reason; the alternatives)."""
     why = [*chosen.for_it, *(text for s in others for text in s.against_it)]
     if not others:
-        return "joints", [*why, "the joints of the other part that meet do so only if this one is off"], []
+        return "joints", [*why, "the other joints of the second part meet, so this part is wrong"], []
     if all(s.score < chosen.score for s in others) and top.agrees >= any(t.agrees for t in tried):
         return "drawing", why, []
     same = {s: [t for t in tried if s in t.chosen] for s in others}
     if top.closes and all(same[s] and not any(t.closes for t in same[s]) for s in others):
-        return "loops", [*why, "the loops close at every pose only with it corrected"], []
+        return "loops", [*why, "the loops close at every pose only if this part is corrected"], []
     if top.agrees and all(same[s] and not any(t.agrees for t in same[s]) for s in others):
-        return "rows", [*why, "every row holds only with it corrected"], []
+        return "rows", [*why, "every row agrees only if this part is corrected"], []
     if not top.agrees:
         return "", why, others
     return "", why, [s for s in others if any(t.agrees for t in same[s]) or not same[s]]
@@ -174,7 +174,7 @@ def _name(s: Suspect) -> str:
     if s.given:
         return f"'{s.body}' (the numbers that place {', '.join(joint for joint, _ in s.given)} on it)"
     if not s.features:
-        return f"'{s.body}' is out of its place in the drawing"
+        return f"the placement of '{s.body}' in the CAD"
     return f"'{s.body}' at its {' and '.join(s.features)}"
 
 

@@ -1,6 +1,6 @@
-"""Every small edit of a row: names, trigonometric functions, signs, operators, numbers, indices, parentheses, terms.
+"""Every small edit of a row: of names, trigonometric functions, signs, operators, numbers, indices, parentheses, terms.
 
-An edit is a replacement in the text of the file. What makes no Python, or no number, is sorted out when it is tried.
+An edit is a replacement in the text of the file. Edits with invalid Python or without a value are dropped when tried.
 """
 
 from __future__ import annotations
@@ -32,32 +32,33 @@ _OPERATORS: dict[type[ast.operator], tuple[str, tuple[str, ...]]] = {
     ast.Div: ("/", ("*",)),
 }
 _LONG = 48
-"""Tokens over which a parenthesis is moved at most."""
+"""Maximum number of tokens over which a parenthesis is moved."""
 
 
 @dataclass(frozen=True)
 class Pool:
-    """What a name may be replaced by: `names` that exist there, and aliases (name -> expression) that could."""
+    """Replacements of a name: `names` that exist at a statement, and `aliases` (name -> expression) to define."""
 
     names: frozenset[str]
     aliases: dict[str, str]
     parameters: frozenset[str]
     arguments: frozenset[str]
-    unknown: frozenset[str]  # the statement reads them and nothing gives them: misspelt
+    unknown: frozenset[str]  # the statement reads them, but no equation yields them: misspelt
 
 
 def pool(
     source: Source, statement: Statement, available: set[str], parameters: set[str], scope: Container[str]
 ) -> Pool:
-    """Return the names that a statement could use: symbols of the flow, locals so far, aliases in the file's style."""
-    local = {w for s in source.statements[: statement.index] for w in s.writes}
-    if isinstance(statement.node, ast.For):  # its lines read what lines before them in the loop assign
+    """Return the names that a statement could use: symbols of the flow, earlier locals, aliases in the file's style."""
+    local, readable = source.names_at(statement)
+    if isinstance(statement.node, ast.For):  # its lines read names that earlier lines of the loop assign
         local |= set(statement.writes)
-    names = {n for n in available if n.isidentifier()} | local | set(source.arguments)
+        readable |= set(statement.writes)
+    names = {n for n in available if n.isidentifier()} | local
     aliases: dict[str, str] = {}
     angles: set[str] = set()
     styles: set[tuple[str, str]] = set()
-    for s in source.statements[: statement.index]:
+    for s in (s for s in source.statements[: statement.index] if s.home is statement.home):
         for name, call in _assigned(s.node):
             if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in ("sin", "cos"):
                 argument = ast.unparse(call.args[0]) if call.args else ""
@@ -75,7 +76,7 @@ def pool(
         frozenset(names),
         {n: e for n, e in aliases.items() if n not in names},
         frozenset(parameters),
-        frozenset({*source.arguments, *local}),
+        frozenset(readable),
         frozenset(n for n in statement.reads - names - set(dir(builtins)) if n not in scope),
     )
 
@@ -92,7 +93,7 @@ def _assigned(node: ast.stmt) -> list[tuple[str, ast.expr]]:
 
 
 def edits(source: Source, statement: Statement, pool: Pool, kinds: Container[str]) -> Iterator[Edit]:
-    """Yield the edits of one statement that are of some kinds."""
+    """Yield the edits of given kinds of one statement."""
     seen: set[tuple[int, int, str]] = set()
     writer = _Writer(source, statement, pool)
     for make in (_names, _calls, _signs, _operators, _numbers, _sides, _terms, _factors):
@@ -132,7 +133,7 @@ class _Writer:
         return self.source.text(*self.source.span(node))
 
     def need(self, name: str) -> tuple[str, str] | None:
-        """Return what a name needs to be defined by."""
+        """Return the definition that a name needs."""
         if name in self.pool.aliases:
             return name, self.pool.aliases[name]
         return None if name in self.pool.arguments else (name, "")
@@ -154,7 +155,7 @@ def _stem(name: str) -> str:
 
 
 def kind_of_name(old: str, new: str, parameters: frozenset[str], aliases: dict[str, str] | None = None) -> str:
-    """Return what kind of a change of name it is: index, trig, parameter or name."""
+    """Return the kind of a name change: index, trig, parameter or name."""
     if _stem(old) == _stem(new):
         return "index"
     if new in (aliases or {}) or (old[:2] in ("c_", "s_") and new[:2] in ("c_", "s_")):
@@ -167,7 +168,7 @@ def _names(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     for node in _expressions(root):
         if not isinstance(node, ast.Name) or _is_called(w, node):
             continue
-        old = node.id  # a module, as in symbolic.pose, is no name of the flow
+        old = node.id  # a module, as in symbolic.pose, is not a name of the flow
         if old not in w.pool.names | w.pool.arguments | w.pool.unknown:
             continue
         for new in choices:
@@ -289,7 +290,7 @@ def _numbers(w: _Writer, root: ast.AST) -> Iterator[Edit]:
 
 
 def _sides(w: _Writer, root: ast.AST) -> Iterator[Edit]:
-    """Yield other indices on the left of an implicit row."""
+    """Yield edits of the index on the left side of an implicit row."""
     s = w.statement
     if root is not s.node or not isinstance(s.node, ast.Assign) or not isinstance(s.node.targets[0], ast.Name):
         return
@@ -302,7 +303,7 @@ def _sides(w: _Writer, root: ast.AST) -> Iterator[Edit]:
 
 
 def _terms(w: _Writer, root: ast.AST) -> Iterator[Edit]:
-    """Terms and factors too many; squares, roots and terms too few."""
+    """Yield edits that remove terms and factors, or add squares, roots and terms."""
     for node in _expressions(root):
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub | ast.Mult | ast.Div | ast.MatMult):
             yield w.replace(node, w.text(node.left), "surplus")
@@ -345,7 +346,7 @@ def _factors(w: _Writer, root: ast.AST) -> Iterator[Edit]:
 
 
 def _parentheses(w: _Writer, root: ast.AST) -> Iterator[Edit]:
-    """One end of a pair elsewhere, a pair less, a pair more."""
+    """Yield edits of parentheses: one end moved, a pair removed, a pair added."""
     start, end = w.source.span(root)
     if isinstance(root, ast.Return) and root.value is not None:
         start, end = w.source.span(root.value)
@@ -366,7 +367,7 @@ def _parentheses(w: _Writer, root: ast.AST) -> Iterator[Edit]:
         form = shape(new)
         if form and form not in done:
             done.add(form)
-            # As short an edit as shows both ends.
+            # The shortest edit that shows both ends.
             a = next((i for i in range(min(len(text), len(new))) if text[i] != new[i]), 0)
             b = next((i for i in range(min(len(text), len(new)) - a) if text[-1 - i] != new[-1 - i]), 0)
             while a and (text[a - 1].isalnum() or text[a - 1] == "_"):

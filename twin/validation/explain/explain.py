@@ -1,4 +1,4 @@
-"""The whole explanation: judge the rows, check what must hold, repair, identify, look for another convention."""
+"""Explain a disagreement: check rows and invariants, search repairs, identify parameters, search conventions."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from twin.validation.explain.weigh import weigh
 Progress = Callable[[str, float], None]
 
 _FLOOR = 1e-6
-"""Least residual, in units of the tolerance (1 fm), that a margin is taken against."""
+"""Minimum residual, in units of the tolerance, by which a ratio is divided."""
 
 
 def known(
@@ -45,10 +45,10 @@ def known(
     progress: Progress = lambda label, fraction: None,
     variants: Mapping[str, str] | str | None = None,
 ) -> Truth:
-    """Return the mechanism's values at sampled poses.
+    """Return the mechanism's values of the formula's symbols at sampled poses.
 
-    A redundant mechanism takes a pose in many ways. It takes each near the formula's own joints if the
-    formula agrees there; else as it was sampled, if fewer rows are off there: a wrong row leads the joints astray.
+    A redundant mechanism has many solutions for a pose. The solution near the formula's joints is used if the formula
+    agrees with it; else the sampled solution, if fewer rows are wrong with it.
     """
     run = sample(model, progress=lambda f: progress("sample the mechanism", f))
     if not (model.redundant and formula.has("inverse")):
@@ -58,7 +58,7 @@ def known(
         beside = model.mechanism.beside(j.name for j in formula.joints)
         q = compile_formula(formula, variants, parameters, beside).inverse_many(run.Ts_base_tool)
         near = model.run_poses(run.Ts_base_tool, near=np.where(np.isfinite(q), q, run.q))
-    except TwinError:  # equations that lead out of reach are off where the mechanism is, which is said row by row
+    except TwinError:  # rows of equations that are out of reach are reported one by one
         return sampled
     led = gather(formula, near, model, parameters)
     off = len(Judge(formula, variants, led).failing())
@@ -80,20 +80,20 @@ def explain(
     root: Path | None = None,
     cad: CadModel | None = None,
 ) -> Explanation:
-    """Explain where and why a formula disagrees with a mechanism, and how it would agree.
+    """Explain where and why a formula disagrees with a mechanism, and find edits that make it agree.
 
     Args:
-        robot: its name.
+        robot: name of the robot.
         formula: the equations.
         model: the independent model.
-        variants: the readings to judge; default each equation's own.
+        variants: the variants to judge; default: the default of each equation.
         parameters: values in SI that replace published ones.
-        tolerance: what counts as agreement.
+        tolerance: maximum deviation that counts as agreement.
         truth: the mechanism's values, if they are known already.
-        progress: called with what is being done and the fraction of it.
-        budget: seconds that the search for two edits may take.
-        root: files are named relative to this folder.
-        cad: the drawing that the model was made from. Where its parts do not meet, that is looked at first.
+        progress: called with a description of the current step and the fraction done.
+        budget: time limit in s of the search for two edits.
+        root: messages name files relative to this folder.
+        cad: the CAD that the model was made from; parts that do not meet are analysed first.
 
     Raises:
         TwinError: nothing could be judged.
@@ -129,7 +129,7 @@ def explain(
     if corrected is not None and (corrected.agrees or not judge.failing()):
         rows = tuple(_row(judge, p, [], root) for p in judge.failing())
         if not drawn:
-            notes.append("as drawn the mechanism cannot be moved; the rows were judged against the corrected drawing")
+            notes.append("the mechanism of the CAD cannot be moved; the rows were judged against the corrected CAD")
         verdict: Verdict = "unchecked" if skipped or not judge.residuals else "disagree"
         return Explanation(
             robot, chosen, verdict, True, judge.truth.k, (), rows, notes=tuple(notes), seconds=seconds, lead="drawing",
@@ -137,7 +137,7 @@ def explain(
         )  # fmt: skip
     if corrected is not None and corrected.judge is not None and corrected.model is not None:
         judge, model = corrected.judge, corrected.model
-        notes.append("the corrected drawing does not explain every row; the rows below were judged against it")
+        notes.append("the corrected CAD does not explain every row; the rows below were judged against it")
     if not judge.failing():
         progress("reach and singularity measures", 0.0)
         measured = [] if skipped else margins(judge, model, dict(parameters or {}))
@@ -172,7 +172,7 @@ def explain(
     if lead == "numbers":
         needed = sum(len(f.ways[0][0].edits) for f in found if f.ways)
         if needed and not lost:
-            notes.append(f"{needed} edits together would do as well: one number is the simpler explanation")
+            notes.append(f"{needed} edits together would also make it agree; one changed number is the simpler one")
         found = []
     if lead == "edits":
         identified = None
@@ -208,7 +208,7 @@ def _notes(judge: Judge) -> list[str]:
     out = []
     if judge.truth.borrowed:
         pairs = ", ".join(f"{s} (point {p})" for s, p in judge.truth.borrowed.items())
-        out.append(f"a helper equates symbols with named points, whose place in the CAD is taken for them: {pairs}")
+        out.append(f"a helper defines symbols as named points; their positions are taken from the CAD: {pairs}")
     return out
 
 
@@ -254,7 +254,7 @@ def _row(judge: Judge, place: Place, found: list[Found], root: Path | None) -> R
 
 
 def _margin(judge: Judge, m: Judged, root: Path | None) -> Row:
-    """Return the row of a margin that the mechanism contradicts."""
+    """Return the wrong row for a margin that the mechanism contradicts."""
     kind = {"reach": f"margin of reach '{m.name}'", "aspect": "aspect"}.get(m.kind, f"singularity measure '{m.name}'")
     size = m.size if m.size is not None and m.unit else float("nan")
     step = next((s for s in judge.steps if s.equation.name == m.equation), None)
@@ -316,6 +316,12 @@ def _term(c: Candidate) -> str:
     return best
 
 
+def _in_changed_rows(c: Candidate) -> bool:
+    """Whether all edits are in a variant's own function."""
+    source = c.step.source
+    return all(e.function == source.name and source.statements[e.statement].home is source.node for e in c.edits)
+
+
 def _short(text: str, n: int = 90) -> str:
     text = " ".join(text.split())
     return text if len(text) <= n else f"{text[: n - 1]}…"
@@ -327,18 +333,19 @@ def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair
     ways = []
     for way in f.ways:
         own = [c for c in way if c.edits[0].function == c.step.source.name] or way
+        own = [c for c in own if _in_changed_rows(c)] or own  # an edit of a shared row also changes the default reading
         plain = [c for c in own if all(e.kind in TOKENS for e in c.edits)] or own[:1]
         ways.append(tuple(_reading(search, c, root) for c in plain))
     tie = ""
     if len(ways) > 1:
         tie = (
-            f"{len(ways)} different functions agree with the mechanism at every pose judged: its dimensions do not "
-            "tell them apart"
+            f"{len(ways)} different functions agree with the mechanism at every pose judged: the dimensions of "
+            "the mechanism do not distinguish them"
         )
     elif ways and len(ways[0]) > 1:
         tie = (
-            f"{len(ways[0])} edits make the same function: no pose tells them apart, and the paper does not settle "
-            "which one was meant"
+            f"{len(ways[0])} edits make the same function: no pose distinguishes them, and the paper does not show "
+            "which was intended"
         )
     nearest = f.runner_up
     runner = ""
@@ -347,7 +354,7 @@ def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair
     note = ""
     if not f.ways:
         note = (
-            "no edit of the kinds known here, and no two of them"
+            "no known edit and no pair of known edits"
             + ("" if f.complete else " that were tried")
             + (f", make it agree; the nearest: {runner}" if runner else ", make it agree")
         )
@@ -386,7 +393,7 @@ def _reading(search: Search, c: Candidate, root: Path | None) -> Reading:
     for e in c.edits:
         if e.kind == "left side":
             note = (
-                f"the row is then one for {e.new}; in Python it must still be assigned to {e.old}: "
+                f"the row then determines {e.new}; in Python it must still be assigned to {e.old}: "
                 f"{e.old} = {e.old} - {e.new} + ..."
             )
     diffs, lines = [], {}

@@ -1,4 +1,4 @@
-"""Repairs looked at where they were not found: at fresh states of the mechanism, and off the swivel that was used."""
+"""Check repairs at states that the search did not use, with other swivels of a redundant mechanism."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from twin.validation.explain.truth import gather, sample
 _STATES, _SEED = 12, 101
 
 _ROUNDING = 10
-"""Tolerances within which a repaired row holds at fresh states: chance misses by thousands, rounding by a few."""
+"""Maximum residual of a repaired row at fresh states, in units of the tolerance: chance exceeds it by thousands."""
 
 
 def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list[Key]) -> tuple[list[Found], list[Key]]:
-    """Return the findings of a search without ways that fail at states that it did not see.
+    """Return the search results without the ways that fail at states which the search did not use.
 
-    A row that holds at every state searched and not at others agrees by chance, or by what those states have in common.
+    A row that agrees at every searched state but not at others agrees by chance, or because of a common property of
+    those states.
     """
     fresh = _fresh(judge, model)
     if fresh is None or not any(f.ways for f in found):
@@ -35,7 +36,7 @@ def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list
 
 
 def _fresh(judge: Judge, model: ReferenceModel) -> Judge | None:
-    """Return the formula at other states; None where none are to be had: in those, rows that were right are off."""
+    """Return the formula at other states; None if rows that agreed are wrong at them."""
     try:
         run = sample(model, _STATES, _SEED, regular=model.redundant)
     except TwinError:
@@ -47,8 +48,8 @@ def _fresh(judge: Judge, model: ReferenceModel) -> Judge | None:
 
 
 def _holds(fresh: Judge, c: Candidate, rows: list[Key], off: set[Key]) -> bool:
-    """Return whether a candidate makes rows agree that are off at fresh states."""
-    if c.extra:  # names that it defines have values at the states of the search only
+    """Return whether a candidate makes the rows agree at fresh states."""
+    if c.extra:  # names defined by the edit have values only at the states of the search
         return True
     step = fresh.step(c.step.equation.name)
     residuals = evaluate(fresh, step, c.edits)

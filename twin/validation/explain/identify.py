@@ -1,4 +1,4 @@
-"""When numbers rather than the form are wrong: parameters fitted to the mechanism, and what the poses cannot tell."""
+"""If numbers rather than the form are wrong: fit parameters to the mechanism, and find unidentifiable combinations."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ class Fit:
 
 
 class Numbers:
-    """The rows of a formula as functions of its parameters; `complete` if every row that is off has a value."""
+    """The rows of a formula as functions of its parameters; `complete`: whether every wrong row has a value."""
 
     def __init__(self, judge: Judge, noise: float = 0.0, seed: int = 0) -> None:
-        """Take the rows; `noise` (in units of the tolerance) is added to the mechanism's values."""
+        """Take the rows from a judge; `noise` (in units of the tolerance) is added to the mechanism's values."""
         self.judge = judge
         self.start = {n: float(np.asarray(judge.truth.symbols[n])) for n in (p.name for p in judge.formula.parameters)}
         bad = judge.failing()
@@ -61,7 +61,7 @@ class Numbers:
         return np.concatenate([other.residuals.get(p, missing).ravel() for p in self.rows]) + self.noise
 
     def used(self) -> list[Parameter]:
-        """Return the parameters that move some row."""
+        """Return the parameters that change at least one row."""
         base = self.residual(self.start)
         out = []
         for p in self.judge.formula.parameters:
@@ -72,7 +72,7 @@ class Numbers:
         return out
 
     def fit(self, names: tuple[str, ...]) -> Fit:
-        """Return the least-squares fit of some parameters: Gauss-Newton with halved steps, least norm where blind."""
+        """Fit some parameters by least squares: Gauss-Newton with step halving, minimum norm where unidentifiable."""
         x: Array = np.array([self.start[n] for n in names], float)
         scale = np.maximum(np.abs(x), 0.01)
 
@@ -108,15 +108,15 @@ def identify(
     noise: float = 0.0,
     alone: bool = False,
 ) -> Identified | None:
-    """Return which parameters explain the rows that are off; None if no parameter moves them.
+    """Return the parameters that explain the wrong rows; None if no parameter changes these rows.
 
-    One parameter alone is tried first: several that would each do are alternatives. Then all together.
+    Single parameters are tried first: if several suffice alone, they are alternatives. Then all are fitted together.
 
     Args:
-        judge: the rows.
+        judge: the judged rows.
         progress: called with the fraction done.
         noise: standard deviation in units of the tolerance that is added to the mechanism's values.
-        alone: try single parameters only; None if none serves.
+        alone: try single parameters only; return None if none is exact.
     """
     numbers = Numbers(judge, noise)
     if alone and not (numbers.complete and judge.failing()):
@@ -157,11 +157,17 @@ def identify(
 
 
 def _covariance(fit: Fit, noise: float) -> Array:
-    """Return the covariance in SI, from the residuals, but not below rounding of the mechanism's own values."""
-    m, n = fit.J.shape
-    variance = max(float(fit.residual @ fit.residual) / max(m - n, 1), 1e-8, noise**2)
-    scale = np.maximum(np.linalg.norm(fit.J, axis=0), 1e-300)
-    inverse = np.linalg.pinv(fit.J / scale, rcond=_BLIND)
+    """Return the covariance in SI, from the residuals, but not below rounding of the mechanism's own values.
+
+    Rows without a derivative are left out: at the end of the reach one side has no real solution.
+    """
+    known = np.isfinite(fit.J).all(axis=1) & np.isfinite(fit.residual)
+    J, residual = fit.J[known], fit.residual[known]
+    m, n = J.shape
+    variance = max(float(residual @ residual) / max(m - n, 1), 1e-8, noise**2)
+    norm = np.linalg.norm(J, axis=0)
+    scale = np.where(norm > 0, norm, 1.0)
+    inverse = np.linalg.pinv(J / scale, rcond=_BLIND)
     return variance * (inverse @ inverse.T) / np.outer(scale, scale)
 
 
@@ -173,7 +179,7 @@ def _moved(p: Parameter, numbers: Numbers, fit: Fit, i: int, noise: float) -> Mo
 
 
 def _slip(name: str, start: float, value: float, values: dict[str, float]) -> str:
-    """Return what a fitted value looks like: another unit, another sign, another parameter; "" if nothing."""
+    """Return the likely meaning of a fitted value: another unit, another sign, another parameter; "" if nothing."""
     ratio = value / start if start else float("nan")
     for slip, text in _SLIPS:
         if abs(ratio / slip - 1) < 1e-6:
@@ -183,7 +189,7 @@ def _slip(name: str, start: float, value: float, values: dict[str, float]) -> st
 
 
 def _blind(fit: Fit, parameters: list[Parameter]) -> tuple[str, ...]:
-    """Return the combinations of parameters that no row depends on, by SVD of the scaled Jacobian."""
+    """Return the combinations of parameters that change no row, by SVD of the scaled Jacobian."""
     if not np.isfinite(fit.J).all() or not fit.J.any():
         return ()
     scale = np.maximum(np.linalg.norm(fit.J, axis=0), 1e-300)
@@ -199,7 +205,7 @@ def _blind(fit: Fit, parameters: list[Parameter]) -> tuple[str, ...]:
 
 
 def _sparse(null: Array) -> Array:
-    """Return a basis of the same space with many zeros: reduced row echelon form, largest pivots first."""
+    """Return a basis of the same space with many zero entries: reduced row echelon form, largest pivots first."""
     A = null.copy()
     for row in range(len(A)):
         rest = np.abs(A[row:])

@@ -1,4 +1,4 @@
-"""What must hold whatever the formula: rigid bodies, rods of constant length, closed loops, rotations, dimensions."""
+"""Invariants of any formula: rigid bodies, rods of constant length, closed loops, rotations, dimensions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from twin.core.findings import Finding
+from twin.core.findings import Finding, Kind, disagreement
+from twin.core.quantity import Quantity, mm
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, decimals
 from twin.model.mechanism import Joint
@@ -19,9 +20,11 @@ from twin.validation.explain.plain import copied, parts
 from twin.validation.explain.source import OUT
 from twin.validation.explain.truth import Truth
 
+_LOOP = Kind("invariant.loop", "disagreement", word="tolerance")
+
 
 def said(judge: Judge) -> dict[str, Any]:
-    """Return what the formula gives for each symbol that the mechanism knows, from the true inputs of its row."""
+    """Return the formula's value of each symbol that the mechanism also gives, computed from true inputs."""
     truth, out = judge.truth, {}
     units = {"length": judge.tolerance.length, "angle": judge.tolerance.angle}
     for place, r in judge.residuals.items():
@@ -37,7 +40,7 @@ def said(judge: Judge) -> dict[str, Any]:
 
 
 def solved(judge: Judge) -> dict[str, Any]:
-    """Return the outputs of implicit equations, solved for: rows that name each other, all taken at their word."""
+    """Return the outputs of implicit equations, solved simultaneously, because their rows depend on each other."""
     out: dict[str, Any] = {}
     k = judge.truth.k
     for step in judge.steps:
@@ -65,7 +68,7 @@ def solved(judge: Judge) -> dict[str, Any]:
 
 
 def invariants(judge: Judge, model: ReferenceModel) -> list[Finding]:
-    """Return what does not hold; nothing for a formula that agrees."""
+    """Return the violated invariants as text; none if the formula agrees."""
     values = {**said(judge), **solved(judge)}
     out = [*_rigid(judge, model, values), *_rods(judge, model, values), *_loops(judge, model, values)]
     return [*out, *_rotations(judge), *_dimensions(judge)]
@@ -81,14 +84,14 @@ def _points(judge: Judge, values: dict[str, Any]) -> dict[str, Array]:
 
 
 def _off(judge: Judge, name: str) -> bool:
-    """Whether the rows of a named point are off."""
+    """Whether the rows of a named point are wrong."""
     symbol = judge.formula.points[name]
     bad = {p.symbol for p in judge.failing()}
     return bool(bad & ({symbol} if isinstance(symbol, str) else set(symbol)))
 
 
 def _rigid(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
-    """Points of one body keep their distances."""
+    """Check that points of one body keep their distances."""
     placed = _points(judge, values)
     bodies: dict[str, list[str]] = {}
     for p in model.mechanism.points:
@@ -114,21 +117,20 @@ def _distance(
     constant = high - low <= 10 * judge.tolerance.length
     n = decimals(float(np.nanmax(off)) / MM)
     much = f"{low / MM:.{n}f} mm" if constant else f"{low / MM:.{n}f} .. {high / MM:.{n}f} mm"
-    yield Finding(
+    yield disagreement(
         code,
-        "disagreement",
+        name,
         f"{what or f'the formula makes {name}'} {much} long; {where}in the CAD it is {true / MM:.{n}f} mm"
-        + ("" if constant else ": no rigid body is that long at every pose"),
-        where=name,
+        + ("" if constant else ": a rigid body cannot change its length"),
+        mm(float(np.nanmax(off))),
+        mm(judge.tolerance.length),
         when=judge.truth.pose_text(int(np.nanargmax(off))),
-        size=float(np.nanmax(off)) / MM,
-        unit="mm",
-        limit=judge.tolerance.length / MM,
+        word="",
     )
 
 
 def _rods(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
-    """Yield links that would have to change their length with the drives as the formula has them."""
+    """Check that links keep their lengths with the formula's joint values."""
     truth = judge.truth
     active = {j.name for j in model.mechanism.active if j.name in values}
     wrong = {n for n in active if _moved(judge, n, values[n])}
@@ -157,7 +159,7 @@ def _rods(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterat
 
 
 def _moved(judge: Judge, name: str, value: Any) -> bool:
-    """Whether the formula has a joint elsewhere than the mechanism."""
+    """Whether a joint value of the formula differs from the mechanism's."""
     return not worst(judge.difference(name, value)) <= 1
 
 
@@ -171,7 +173,7 @@ def _centre(joint: Joint, body: str, poses: dict[str, Array]) -> Array:
 
 
 def _loops(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
-    """Loops close at the formula's joints, the others where the mechanism has them."""
+    """Check that loops close at the formula's joints, with the other joints at the mechanism's values."""
     truth = judge.truth
     names = [n for n in model.tree.configuration if n in values and _moved(judge, n, values[n])]
     if truth.run is None or not names or not model.mechanism.loops:
@@ -185,21 +187,17 @@ def _loops(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Itera
     for i, loop in enumerate(truth.run.loop_names):
         k = int(np.argmax(gaps[:, i]))
         if gaps[k, i] > max(judge.tolerance.length, 10 * float(truth.run.gaps[..., 0].max(initial=0.0))):
-            yield Finding(
-                "invariant.loop",
-                "disagreement",
-                f"with {', '.join(names)} as the formula has them the loop opens by up to {gaps[k, i] / MM:.3f} mm at "
-                f"{loop}",
-                where=loop,
+            yield _LOOP(
+                loop,
+                f"with {', '.join(names)} from the formula, the loop at {loop} opens",
+                mm(gaps[k, i]),
+                mm(judge.tolerance.length),
                 when=truth.pose_text(k),
-                size=float(gaps[k, i]) / MM,
-                unit="mm",
-                limit=judge.tolerance.length / MM,
             )
 
 
 def _rotations(judge: Judge) -> Iterator[Finding]:
-    """Poses that rows make hold rotations: orthogonal, right-handed."""
+    """Check that poses computed by rows contain rotations: orthogonal and right-handed."""
     for step in judge.steps:
         for name, value in outputs(judge, step.equation.name).items():
             if not isinstance(value, Matrix) or value.shape not in ((3, 3), (4, 4)):
@@ -212,15 +210,12 @@ def _rotations(judge: Judge) -> Iterator[Finding]:
             if off > 1e-9 or det.min() < 0:
                 left = off <= 1e-9
                 what = "left-handed (its determinant is -1)" if left else f"not orthogonal (off by {off:.2g})"
-                yield Finding(
-                    "invariant.rotation", "disagreement",
-                    f"{name} of {step.equation.name} holds a rotation that is {what}",
-                    where=f"{step.equation.name}.{name}", size=off, unit="", limit=1e-9,
-                )  # fmt: skip
+                where, text = f"{step.equation.name}.{name}", f"rotation {name} of {step.equation.name} is {what}"
+                yield disagreement("invariant.rotation", where, text, Quantity(off), 1e-9, word="")
 
 
 def outputs(judge: Judge, equation: str, given: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Return the outputs of an equation just as it gives them; nothing if it cannot be run."""
+    """Return the outputs of an equation, unchecked; nothing if it cannot be run."""
     step = judge.step(equation)
     if step.missing or not step.before:
         return {}
@@ -242,7 +237,7 @@ _SCALE = 1.25
 
 
 def _dimensions(judge: Judge) -> Iterator[Finding]:
-    """All lengths larger by a factor: lengths come out larger by it, angles as they were."""
+    """Check dimensions: if all lengths are scaled by a factor, computed lengths scale and angles do not change."""
     failing = judge.failing()
     if not failing:
         return
@@ -260,13 +255,12 @@ def _dimensions(judge: Judge) -> Iterator[Finding]:
         off = float(np.abs(other - factor * r).max()) / max(float(np.abs(r).max()), 1e-300)
         if off > 1e-6:
             unit = "a length" if kind == "length" else "an angle"
-            yield Finding(
+            yield disagreement(
                 "invariant.dimension",
-                "disagreement",
-                f"the row of {place.symbol} in {place.equation} ({place.variant}) is no {unit.split()[1]}: it adds or "
-                f"compares quantities of different dimensions where {unit} is due",
-                where=f"{place.equation}.{place.symbol}, line {place.line}",
-                suggestion="look for a lost square, root or parenthesis",
+                f"{place.equation}.{place.symbol}, line {place.line}",
+                f"the row of {place.symbol} in {place.equation} ({place.variant}) is dimensionally inconsistent; "
+                f"{unit} is expected",
+                suggestion="look for a missing square, root or parenthesis",
             )
 
 

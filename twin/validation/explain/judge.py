@@ -1,8 +1,8 @@
-"""Judging a formula row by row: each row gets the mechanism's values and is held against the mechanism's value.
+"""Judge a formula row by row (a row is one assignment): inputs and expected result are the mechanism's values.
 
 An intermediate symbol that the mechanism knows (a named point, a passive joint) is replaced by its true value as soon
-as it has been judged, so that a wrong row is not blamed for the one before it. What the mechanism does not know is
-computed and passed on; then all rows between two known symbols are suspects together.
+as it has been judged, so that later rows are not affected by a wrong one. Other symbols are computed and passed on; all
+rows between two known symbols are then suspected together.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ STAGES: tuple[Stage, ...] = ("inverse", "forward", "helper")
 
 
 Residuals = dict[Place, Array]
-"""Differences from the mechanism in units of the tolerance, (k, entries), by row."""
+"""Residuals by row: differences from the mechanism in units of the tolerance, (k, entries)."""
 
 
 class Judge:
-    """A formula in chosen variants, held against the truth."""
+    """A formula in chosen variants, compared with the truth."""
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class Judge:
         tolerance: Tolerance | None = None,
         replaced: Mapping[str, Rows] | None = None,
     ) -> None:
-        """Take the formula; `replaced` are functions by equation that stand in for the chosen variant."""
+        """Take the formula; `replaced` are functions by equation that replace the chosen variant."""
         self.formula, self.truth, self.tolerance = formula, truth, tolerance or Tolerance()
         self.variants = choose(formula, variants)
         self.rebuild = Rebuilder()
@@ -64,7 +64,7 @@ class Judge:
                 self._run_stage(stage)
 
     def on(self, truth: Truth, only: Collection[str] | None = None) -> Judge:
-        """Return the same formula, or some of its equations, held against another truth."""
+        """Return the judge of the same formula, or of some of its equations, with another truth."""
         other = copy.copy(self)
         other.truth, other.residuals, other.notes, other._zeros = truth, {}, [], {}
         other.steps = [
@@ -97,7 +97,7 @@ class Judge:
         return next(s for s in self.steps if s.equation.name == equation)
 
     def helpers(self, step: Step) -> list[Helper]:
-        """Return the plain functions of formula files that a step reaches."""
+        """Return the plain functions of formula files that a step calls."""
         if step.equation.name in self._helpers:
             return self._helpers[step.equation.name]
         seen: dict[int, Helper] = {}
@@ -155,7 +155,7 @@ class Judge:
                 step.gave = self._outputs(step, env, found)
             except (NameError, IndexError) as error:
                 self._stuck(step, s, found)
-                self.notes.append(f"{step.equation.name} ({step.variant}) stops in line {s.line}: {error}")
+                self.notes.append(f"{step.equation.name} ({step.variant}) fails in line {s.line}: {error}")
             except Exception as error:
                 step.missing = str(error)
                 self.notes.append(f"{step.equation.name} ({step.variant}) fails on arrays: {error}")
@@ -165,7 +165,7 @@ class Judge:
                 computed.setdefault(name, value)
 
     def _stuck(self, step: Step, s: Statement, found: Residuals) -> None:
-        """Count all that an equation was still to give as wrong: it names what is not there."""
+        """Count the remaining outputs of an equation as wrong, because it uses an unknown name."""
         step.stuck = True
         late = [(t, i, name) for t in step.source.statements[s.index :] for i, name in enumerate(t.writes)]
         last = step.source.statements[-1]
@@ -182,13 +182,13 @@ class Judge:
         return name in self.truth.symbols or name in computed
 
     def _place(self, step: Step, edits: list[Edit] | None = None, extra: Mapping[str, Any] | None = None) -> None:
-        """Give each state the angle of its own at which the rows that read it come nearest to the mechanism."""
+        """Set, for each state, the swivel that minimises the residuals of the rows that read it."""
 
         def rows(angle: Array) -> Residuals:
             step.free = {self.truth.free: angle}
             return self._retry(step, edits or [], extra or {}, True, onwards=False)
 
-        with contextlib.suppress(Exception):  # what the rows raise, they raise again where it is caught
+        with contextlib.suppress(Exception):  # errors of the rows are raised again where they are caught
             step.free = {self.truth.free: fitted(rows, self.truth.k)}
 
     def _environment(self, step: Step, computed: Mapping[str, Any]) -> dict[str, Any]:
@@ -198,7 +198,7 @@ class Judge:
         return {**step.scope, **{n: known[n] for n in step.inputs if n in known}}
 
     def _check(self, step: Step, s: Statement, names: Iterable[str], env: dict[str, Any], found: Residuals) -> None:
-        """Note how far the outputs that a statement assigned are off, and put the true values in their place."""
+        """Store the residuals of a statement's outputs, and replace the outputs by the true values."""
         for i, name in enumerate(names):
             if name in step.held:
                 said = plain.outside(step.plain, env[name])
@@ -229,7 +229,7 @@ class Judge:
         if value is true:
             return self._zeros.setdefault(name, np.zeros_like(to_array(true, self.truth.k)))
         if isinstance(true, Matrix) and (not isinstance(value, Matrix) or value.shape != true.shape):
-            raise ValueError(f"{name} has another shape than the mechanism's")
+            raise ValueError(f"{name} differs in shape from the mechanism's")
         if not isinstance(true, Matrix) and isinstance(value, Matrix):
             raise ValueError(f"{name} is a matrix")
         d = to_array(value, self.truth.k) - to_array(true, self.truth.k)
@@ -244,15 +244,15 @@ class Judge:
     # -- trying ----------------------------------------------------------------------------------------
 
     def trial(self, step: Step, edits: list[Edit], extra: Mapping[str, Any] | None = None) -> Residuals:
-        """Return the residuals that an edited equation changes; to be called with numpy's warnings off.
+        """Return the residuals that an edited equation changes; call it with numpy's warnings off.
 
         Args:
             step: the equation.
-            edits: of its own statements, or of one helper function.
+            edits: edits of its own statements, or of one helper function.
             extra: values of names that the edits use.
 
         Raises:
-            Exception: whatever the edited code raises, SyntaxError included.
+            Exception: any exception of the edited code, also SyntaxError.
         """
         own = [e for e in edits if e.function == step.source.name and e.path == step.source.path]
         foreign = [e for e in edits if e not in own]
@@ -271,7 +271,7 @@ class Judge:
                 scope[name] = old
 
     def _from_before(self, step: Step, edits: list[Edit]) -> Residuals:
-        """Return the residuals of a step whose inputs are made by the same edited helper, in a step before it."""
+        """Return the residuals of a step whose inputs come from the same edited helper in an earlier step."""
         for earlier in self.steps[: self.steps.index(step)]:
             passes = set(earlier.equation.outputs) - set(self.truth.kinds)
             calls = any(h.source.name == edits[0].function for h in self.helpers(earlier))
@@ -283,7 +283,7 @@ class Judge:
         return {}
 
     def _patch(self, step: Step, edits: list[Edit]) -> list[tuple[dict[str, Any], str, Any]]:
-        """Put an edited helper where the old one was; return what undoes it."""
+        """Install an edited helper; return a function that restores the original."""
         helper = next(h for h in self.helpers(step) if h.source.name == edits[0].function)
         scope: dict[str, Any] = dict(helper.function.__globals__)
         exec(helper.source.whole(edits), scope)
@@ -313,7 +313,7 @@ class Judge:
                 if e.kind == "left side":
                     writes[i] = tuple(e.new if w == e.old else w for w in s.writes)
         env = self._environment(step, step.computed) if anew else plain.copied(step.before[first])
-        anew |= step.stuck  # there is nothing to go on from
+        anew |= step.stuck  # there is no earlier result to reuse
         for name in {e.define[0] for e in edits if e.define and not e.define[1]}:  # edits make them new arguments
             for known in (k for k in (step.computed, self.truth.symbols) if name in k):
                 env.setdefault(name, plain.inside(step.plain, known[name]))
@@ -328,7 +328,7 @@ class Judge:
                 if s.returns:
                     return found
                 after = step.before[s.index + 1]
-                for name in mine:  # as they were: what they are made of has not changed
+                for name in mine:  # unchanged: its inputs have not changed
                     env[name] = plain.copied({name: after[name]})[name]
                     dirty.discard(name)
                 continue
@@ -349,7 +349,7 @@ class Judge:
             if not changed & set(later.inputs):
                 computed = {**later.gave, **computed}
                 continue
-            # Not as it was: a helper that it calls may be edited.
+            # Do not reuse it: a helper that it calls may be edited.
             env = {**plain.copied(later.before[0]), **later.scope}
             if later.plain is not None:
                 env |= plain.arguments(later.plain, {**self.truth.symbols, **computed})
@@ -365,7 +365,7 @@ class Judge:
     # -- what is wrong -----------------------------------------------------------------------------------
 
     def failing(self) -> list[Place]:
-        """Return the rows that are off by more than the tolerance, or have no value."""
+        """Return the rows whose residual exceeds the tolerance or has no value."""
         return [p for p, r in self.residuals.items() if not worst(r) <= 1]
 
 
@@ -376,7 +376,7 @@ def worst(r: Array) -> float:
 
 
 def evaluate(judge: Judge, step: Step, edits: list[Edit], extra: Mapping[str, Any] | None = None) -> Residuals | None:
-    """Return the residuals of a trial, or None where the edited text makes no formula."""
+    """Return the residuals of a trial, or None if the edited text is not a valid formula."""
     try:
         return judge.trial(step, edits, extra)
     except Exception:

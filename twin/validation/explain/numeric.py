@@ -1,6 +1,6 @@
-"""The functions of a formula file on numpy arrays: one call evaluates many samples, and nothing is compiled.
+"""The functions of a formula file on numpy arrays: one call evaluates many samples, without compilation.
 
-A function is rebuilt with globals in which every CasADi name stands for its numpy twin here. Scalars are arrays (k,)
+A function is rebuilt with globals in which every CasADi name is replaced by a numpy equivalent. Scalars are arrays (k,)
 or floats, matrices are `Matrix`. Helpers that the function calls, in its own file or another one of ours or of the
 user, are rebuilt in the same way.
 """
@@ -21,7 +21,7 @@ _SYMBOLIC = "twin.formula.symbolic"
 
 
 class Matrix:
-    """Matrices of SX's habits for k samples at once; `a` is (k or 1, rows, columns)."""
+    """Matrices that behave like SX for k samples at once; `a` is (k or 1, rows, columns)."""
 
     __array_ufunc__ = None  # numpy scalars and arrays leave mixed operations to this class
     __slots__ = ("a",)
@@ -40,7 +40,7 @@ class Matrix:
         return Matrix(np.swapaxes(self.a, 1, 2))
 
     def numel(self) -> int:
-        """Entries of one sample."""
+        """Return the number of entries of one sample."""
         return self.a.shape[1] * self.a.shape[2]
 
     def __getitem__(self, key: Any) -> Any:
@@ -117,7 +117,7 @@ def _apply(op: Callable, *args: Any) -> Matrix:
     parts = [_as(x).a for x in args]
     shapes = {p.shape[1:] for p in parts} - {(1, 1)}
     if len(shapes) > 1:
-        raise ValueError(f"shapes {sorted(shapes)} do not go together")
+        raise ValueError(f"shapes {sorted(shapes)} do not match")
     return Matrix(op(*parts))
 
 
@@ -128,7 +128,7 @@ def _stack(args: tuple, axis: int) -> Any:
 
 
 def _one(op: Callable) -> Callable:
-    """Return an elementwise function of one scalar or matrix; numpy's own would write into a second argument."""
+    """Return an elementwise function of one scalar or matrix; numpy's function would write into a second argument."""
 
     def apply(x: Any) -> Any:
         return _apply(op, x) if isinstance(x, Matrix) else op(x)
@@ -176,7 +176,7 @@ def _inv(A: Any) -> Matrix:
 
 
 class _SX:
-    """`casadi.SX` and `casadi.DM` as far as equations use them."""
+    """`casadi.SX` and `casadi.DM` with the functions that equations use."""
 
     def __call__(self, *args: Any) -> Any:
         if len(args) == 2:
@@ -263,18 +263,18 @@ def _pose(R: Any, p: Any) -> Matrix:
 
 
 _FAST = {"rotation_x": _turn(0), "rotation_y": _turn(1), "rotation_z": _turn(2), "pose": _pose}
-"""Functions of `symbolic` that are worth a numpy form of their own."""
+"""Functions of `symbolic` with a separate numpy form."""
 
 
 class Rebuilder:
-    """Rebuilds functions; one instance shares what it has rebuilt."""
+    """Rebuilds functions for arrays; one instance shares its rebuilt functions."""
 
     def __init__(self) -> None:
         self._done: dict[int, Any] = {}
-        self._keep: list[Any] = []  # ids stay taken
+        self._keep: list[Any] = []  # keep the functions alive, so that their ids stay unique
 
     def function(self, f: Callable) -> Callable:
-        """Return a function whose globals, defaults and closure are numeric."""
+        """Return the function rebuilt with numeric globals, defaults and closure."""
         if id(f) in self._done:
             return self._done[id(f)]
         if not isinstance(f, types.FunctionType):
@@ -292,7 +292,7 @@ class Rebuilder:
         return out
 
     def scope(self, f: types.FunctionType) -> dict[str, Any]:
-        """Return the globals of a function, numeric."""
+        """Return the globals of a function, each replaced by its numeric counterpart."""
         home = f.__globals__
         if id(home) not in self._done:
             scope: dict[str, Any] = {}
@@ -307,7 +307,7 @@ class Rebuilder:
         return self._done[id(home)]
 
     def value(self, x: Any) -> Any:
-        """Return the numeric twin of a global; what needs none is returned as it is."""
+        """Return the numeric counterpart of a global, or the global itself if it has none."""
         if isinstance(x, types.ModuleType):
             if x.__name__.split(".")[0] == "casadi":
                 return types.SimpleNamespace(**_FUNCTIONS)
@@ -336,7 +336,7 @@ _NOT_OURS = {
     *("dataclasses", "typing"),
     *(f"twin.formula.{m}" for m in ("contract", "functions", "lift", "quantities", "rows", "scalar")),
 }
-"""Modules whose functions are run as they are: NumPy itself stands in for what they do to symbols."""
+"""Modules whose functions run unchanged: NumPy replaces their operations on symbols."""
 
 
 def _ours(f: types.FunctionType) -> bool:
@@ -367,5 +367,5 @@ def to_array(x: Any, k: int) -> Array:
 
 
 def named(symbols: Mapping[str, Any], names: list[str]) -> dict[str, Any]:
-    """Return some of the symbols, those that are there."""
+    """Return those of the named symbols that exist."""
     return {n: symbols[n] for n in names if n in symbols}

@@ -1,9 +1,9 @@
-"""Two edits at once: every pair of two positions is tried in one evaluation, over all that could stand at either.
+"""Two edits at once: for each pair of positions, all replacements at both are tried in one evaluation.
 
-A position whose token is a number or a name of a scalar takes all its replacements together: the token becomes a
-choice whose value, an array, has one entry for each combination of replacements of the two positions. What changes
-the form (operators, signs, functions, indices) is tried one by one. Few samples sort out nearly everything; what is
-left is judged by the search like any other edit.
+A position whose token is a number or a name of a scalar takes all its replacements together: the token becomes a choice
+whose value, an array, has one entry for each combination of replacements of the two positions. Edits that change the
+form (operators, signs, functions, indices) are tried one by one. A few samples exclude nearly all pairs; the remaining
+pairs are checked like any other edit.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ from twin.validation.explain.rows import Step
 from twin.validation.explain.source import Edit
 
 _PLACES = 2
-"""Samples of the mechanism at which pairs are sorted out; one more lies off it."""
+"""Number of the mechanism's samples at which pairs are excluded; one more sample does not belong to the mechanism."""
 
 _AWAY = 100
-"""Statements that a token of another function counts as away from the row."""
+"""Distance in statements from the row that a token of another function counts as."""
 
 _MANY = 4096
-"""Combinations of replacements that one evaluation takes."""
+"""Maximum number of combinations of replacements in one evaluation."""
 
 
 @dataclass(frozen=True)
 class _Position:
-    """A token and what could stand there: edits of the same bytes. `free` if all are tried at once."""
+    """A token and its replacements: edits of the same bytes. `free`: all are tried at once."""
 
     edits: tuple[Edit, ...]
     free: bool
@@ -57,7 +57,7 @@ class Pairs:
     """Pairs of edits of one equation, and of the functions that it calls, for one row."""
 
     def __init__(self, judge: Judge, shaken: Judge, step: Step, row: Key, edits: Sequence[Edit]) -> None:
-        """Take the formula, its twin off the mechanism, and the single edits of one token that move the row."""
+        """Take the formula, the same at perturbed values, and the single edits of one token that change the row."""
         self.judge, self.shaken, self.step, self.row = judge, shaken, step, row
         self.evaluated = 0
         self._tiled: dict[int, Judge] = {}
@@ -71,9 +71,9 @@ class Pairs:
         self.total = n * (n - 1) // 2
 
     def found(self, deadline: float) -> Iterator[tuple[Edit, Edit]]:
-        """Yield pairs that agree at a few poses, and do not where no mechanism is; stop at the deadline.
+        """Yield pairs that agree at a few poses, but not at perturbed values; stop at the deadline.
 
-        To be called with numpy's warnings off.
+        Call it with numpy's warnings off.
         """
         for a, b in self._order():
             if time.monotonic() > deadline:
@@ -89,9 +89,9 @@ class Pairs:
         return self.evaluated >= self.total
 
     def _order(self) -> Iterator[tuple[_Position, _Position]]:
-        """Yield pairs of positions, the nearest to each other first: of one statement, of one function, then others.
+        """Yield pairs of positions, the nearest to each other first: in one statement, in one function, then others.
 
-        Of equally near ones, those come first that are near to the row. Who slips twice often does it in one place.
+        Pairs at equal distance are sorted by their distance from the row. Two misprints are often close to each other.
         """
         groups: dict[tuple[str, str, int], list[_Position]] = {}
         for p in self.positions:
@@ -110,7 +110,7 @@ class Pairs:
                 yield from itertools.product(groups[k], groups[other])
 
     def _sorted(self, edits: Sequence[Edit]) -> list[_Position]:
-        """Group edits of the same token; those that can be tried together stand before the others."""
+        """Group edits of the same token; edits that can be tried together come first."""
         together: dict[tuple[str, int, int], list[Edit]] = {}
         alone: list[_Position] = []
         for e in edits:
@@ -122,7 +122,7 @@ class Pairs:
         for group in together.values():
             position = _Position(tuple(group), True)
             done = self._residual([self._choice(position, 0)], position.edits, (len(group), 1))
-            if done is None:  # a name that is not there yet, say
+            if done is None:  # for instance a name that is not defined yet
                 alone += [_Position((e,), False) for e in group if self._residual([e], [e], (1, 1)) is None]
                 group = [e for e in group if all(p.edits[0] is not e for p in alone)]
                 if not group:
@@ -154,14 +154,14 @@ class Pairs:
             yield a.edits[i], b.edits[j]
 
     def _choice(self, p: _Position, axis: int) -> Edit:
-        """Return the edit that puts a choice of all replacements in a position; the replacement, if it has only one."""
+        """Return the edit that puts a choice of all replacements in a position, or the only replacement."""
         if not p.free:
             return p.edits[0]
         words = ", ".join(e.new for e in p.edits)
         return dataclasses.replace(p.edits[0], new=f"{_NAMES[axis]}({words})", kind="choice", define=None)
 
     def _residual(self, change: list[Edit], edits: Sequence[Edit], shape: tuple[int, int]) -> Array | None:
-        """Return the row's residuals (combinations, places and one more, entries) after edits."""
+        """Return the row's residuals (combinations, samples, entries) after edits; the last sample is perturbed."""
         count = shape[0] * shape[1]
         n = 1 << (count - 1).bit_length()
         judge = self._judge(n)
@@ -193,7 +193,7 @@ class Pairs:
         return any(e.function != self.step.source.name for e in change)
 
     def _judge(self, n: int) -> Judge:
-        """Return the formula at the few places, n times over."""
+        """Return the judge at the few samples, repeated n times."""
         if n not in self._tiled:
             step, other = self.step, self.shaken.step(self.step.equation.name)
             on = {**step.computed, **self.judge.truth.symbols}
@@ -217,11 +217,11 @@ class Pairs:
 
 
 _NAMES = ("_first_", "_second_")
-"""What the choices are called in the edited text."""
+"""Names of the choices in the edited text."""
 
 
 class _Choice:
-    """A function that mixes its arguments: combination (i, j) gets the i-th of the first, the j-th of the second."""
+    """A function that combines its arguments: combination (i, j) has the i-th first and the j-th second one."""
 
     def __init__(self, axis: int) -> None:
         self.axis = axis
@@ -250,7 +250,7 @@ class _Choice:
 
 
 def _is_value(e: Edit) -> bool:
-    """Whether an edit puts one number or scalar for another, so that both can be tried in one array."""
+    """Whether an edit replaces one number or scalar by another, so that both can be tried in one array."""
     if e.kind not in ("name", "parameter", "trig", "index", "number", "exponent"):
         return False
     old, new = (_parsed(t) for t in (e.old, e.new))

@@ -1,4 +1,4 @@
-"""A plain formula on arrays: NumPy's objects hold all samples of one scalar, so that the rows run as they stand."""
+"""Evaluate a plain formula on arrays: an object in a NumPy array holds all samples of a scalar; rows run unchanged."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from twin.validation.explain.source import Source
 
 
 class Samples(Scalar):
-    """A scalar that is its values (k,) at all samples."""
+    """A scalar that holds its values (k,) at all samples."""
 
     __slots__ = ()
     functions = {**{n: getattr(np, n) for n in METHODS}, "if_else": np.where}  # noqa: RUF012
 
 
 def enter(x: Any) -> Any:
-    """Return a value of the judge as NumPy has it in a plain function: numbers, objects, arrays of objects."""
+    """Convert a value of the judge for use inside a plain function: to numbers, objects, arrays of objects."""
     if isinstance(x, Matrix):
         _, rows, columns = x.a.shape
         out = np.array([[Samples(x.a[:, i, j]) for j in range(columns)] for i in range(rows)], dtype=object)
@@ -33,7 +33,7 @@ def enter(x: Any) -> Any:
 
 
 def leave(x: Any) -> Any:
-    """Return what a plain function made as the judge has it: numbers, arrays (k,), matrices."""
+    """Convert a value from a plain function for the judge: to numbers, arrays (k,), matrices."""
     if isinstance(x, Samples):
         return np.asarray(x.x, float)
     if isinstance(x, np.ndarray) and x.ndim in (1, 2):
@@ -44,35 +44,35 @@ def leave(x: Any) -> Any:
 
 
 def inside(row: PlainRows | None, x: Any) -> Any:
-    """Return a value of the judge as a function has it."""
+    """Convert a value of the judge to the form inside a function."""
     return x if row is None or row.casadi else enter(x)
 
 
 def outside(row: PlainRows | None, x: Any) -> Any:
-    """Return a value of a function as the judge has it."""
+    """Convert a value inside a function to the form of the judge."""
     return x if row is None or row.casadi else leave(x)
 
 
 def arguments(row: PlainRows, symbols: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of a plain function out of the symbols of the flow."""
+    """Return the arguments of a plain function from the symbols of the flow."""
     if row.casadi:
         return row.given(symbols, lambda x: x, lambda *q: Matrix(np.stack(np.broadcast_arrays(*q), 1)[:, :, None]))
     return row.given(symbols, enter, lambda *q: np.array([enter(x) for x in q], dtype=object))
 
 
 def parts(row: PlainRows, value: Any) -> list[Any]:
-    """Return what a plain function returned, one value for each output."""
+    """Split the result of a plain function into one value for each output."""
     if row.casadi:
         return row.spread(value, lambda x: [x[i] for i in range(x.numel())] if isinstance(x, Matrix) else None)
     return [leave(v) for v in row.spread(value, entries)]
 
 
 _FILLED = frozenset((list, dict, np.ndarray))
-"""What statements may fill in."""
+"""Types of values that statements may change in place."""
 
 
 def copied(scope: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a scope whose lists and arrays are its own: statements may fill them."""
+    """Return a scope with copies of its lists and arrays: statements may change them."""
     own = dict(scope)
     for n, x in scope.items():
         if type(x) in _FILLED and (type(x) is not np.ndarray or x.dtype == object):
@@ -81,9 +81,9 @@ def copied(scope: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def held(source: Source, outputs: tuple[str, ...]) -> set[str]:
-    """Return the outputs that have a name in the function: assigned once, returned at their place under that name.
+    """Return the outputs that have a name in the function: assigned once, and returned at their position under it.
 
-    Other variables may bear the name of an output by chance.
+    Other variables may have the name of an output by chance.
     """
     returned = getattr(source.statements[-1].node, "value", None)
     if isinstance(returned, ast.Dict):

@@ -26,16 +26,16 @@ from twin.validation.explain.source import Edit, Source, Statement, patched
 from twin.validation.explain.suspects import available, suspects
 
 _WHOLE = 12
-"""Repairs of a kind that are tried in the whole formula, when there is a choice."""
+"""Maximum number of repairs of a kind that are tried in the whole formula."""
 
 _SHARED = 3
-"""Edits of each group of rows that are tried beside a second one in the rows that are left."""
+"""Number of edits of each group of rows that are tried together with a second edit in the remaining rows."""
 
 _SHARED_PART = 0.2
-"""Part of the time for two edits that these take at most."""
+"""Maximum fraction of the time for two edits that this takes."""
 
 _SAME = 1e-7
-"""Relative difference below which two edited rows are the same function, off the mechanism's poses as well."""
+"""Relative difference below which two edited rows are the same function, also at perturbed values."""
 
 
 class Search:
@@ -51,13 +51,13 @@ class Search:
         self.targets = [p for p in bad if judge.step(p.equation).stage != "helper"] or bad
         self.failing = [key(p) for p in self.targets]
         self.tried = 0
-        self.senseless: list[tuple[Step, Edit]] = []  # give no number by themselves; beside another edit they may
+        self.senseless: list[tuple[Step, Edit]] = []  # alone they give no number; together with another edit they may
         self.parameters = {p.name for p in judge.formula.parameters}
 
     # -- one edit ------------------------------------------------------------------------------------------
 
     def own_sites(self) -> list[tuple[Step, Statement]]:
-        """Return the statements of the equations that some failing row depends on."""
+        """Return the statements of the equations on which a failing row depends."""
         out: dict[tuple[str, int], tuple[Step, Statement]] = {}
         for place in self.targets:
             for equation, indices in suspects(self.judge, place).items():
@@ -67,7 +67,7 @@ class Search:
         return list(out.values())
 
     def singles(self, kinds: Container[str], only: Container[tuple[str, int]] | None = None) -> list[Candidate]:
-        """Return every single edit of some kinds that can be evaluated, of all those statements or only of some."""
+        """Return every single edit of given kinds that can be evaluated, in all these statements or in some."""
         out: list[Candidate] = []
         sites = [x for x in self.own_sites() if only is None or (x[0].equation.name, x[1].index) in only]
         for n, (step, statement) in enumerate(sites):
@@ -87,7 +87,7 @@ class Search:
         return any((h.source.name, h.source.path) == (source.name, source.path) for h in self.judge.helpers(step))
 
     def in_helpers(self, kinds: Container[str]) -> list[Candidate]:
-        """Return every single edit of the plain functions that those statements call."""
+        """Return every single edit of the plain functions that these statements call."""
         out: list[Candidate] = []
         reached: dict[int, tuple[Helper, list[Step]]] = {}
         for step in {id(s): s for s, _ in self.own_sites()}.values():
@@ -96,7 +96,7 @@ class Search:
         for n, (helper, steps) in enumerate(reached.values()):
             self.progress(n / len(reached))
             source = helper.source
-            # An edit of a helper counts wherever it is called, also where all is well.
+            # An edit of a helper takes effect wherever it is called, also in rows that agree.
             others = [s for s in self.judge.steps if any(h.function is helper.function for h in self.judge.helpers(s))]
             every = [*steps, *(s for s in others if s not in steps and not s.missing)]
             for statement in source.statements:
@@ -112,7 +112,7 @@ class Search:
     def _everywhere(self, steps: list[Step], change: list[Edit]) -> Candidate | None:
         """Return the candidate of an edited helper, judged in every equation that calls it."""
         first: Candidate | None = None
-        passed: set[str] = set()  # equations judged already, with all that led to them edited too
+        passed: set[str] = set()  # equations judged already, including all edited equations before them
         for step in sorted(steps, key=self.judge.steps.index):
             if step.equation.name in passed:
                 continue
@@ -136,7 +136,7 @@ class Search:
         return first
 
     def attempt(self, step: Step, change: list[Edit]) -> Candidate | None:
-        """Return the candidate, or None if it makes no formula."""
+        """Return the candidate, or None if the edited formula is not valid."""
         self.tried += 1
         extra = aliases(self.judge, step, change)
         found = None if extra is None else evaluate(self.judge, step, change, extra)
@@ -152,22 +152,22 @@ class Search:
 
     @cached_property
     def shaken(self) -> Judge:
-        """The formula held against values that belong to no mechanism."""
+        """The formula at perturbed values that belong to no mechanism."""
         return self.judge.on(self.judge.truth.perturbed())
 
     @cached_property
     def dependence(self) -> Dependence:
-        """What the rows depend on."""
+        """The dependences of the rows on symbols."""
         return Dependence(self.judge, self.shaken)
 
     # -- groups ---------------------------------------------------------------------------------------------
 
     def run(self, budget: float = 8.0) -> tuple[list[Found], list[Key]]:
-        """Return what was found, by groups of rows, and the rows that neither one edit nor two can cure."""
+        """Return (results by groups of rows, rows that neither one edit nor two can fix)."""
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter(
                 "ignore", SyntaxWarning
-            )  # a moved parenthesis may call a number: it is tried, and fails
+            )  # a moved parenthesis may call a number: this is tried, and fails
             return self._run(budget)
 
     def _run(self, budget: float) -> tuple[list[Found], list[Key]]:
@@ -199,10 +199,10 @@ class Search:
                 k, began = left[0], time.monotonic()
                 shared = [c for g in groups for c in self._exact(g, singles)[:_SHARED]]
                 pairs, complete = self._pairs(k, singles, shared, deadline) if budget > 0 else ([], False)
-                # What cures this row may cure others as well.
+                # An edit that fixes this row may fix others as well.
                 group = next((g for g in self._cover(pairs, left) if k in g), [])
                 for f in [f for f in out if group and f.ways and self._exact([*group, *f.rows], pairs)]:
-                    group += f.rows  # what seemed another slip is cured as well
+                    group += f.rows  # another wrong row is fixed as well
                     out.remove(f)
                 f = self._found(group or [k], pairs if group else [], [*singles, *pairs])
                 f.complete, f.seconds = complete, time.monotonic() - began
@@ -212,7 +212,7 @@ class Search:
         return out, lost
 
     def _cover(self, candidates: list[Candidate], rows: list[Key]) -> list[list[Key]]:
-        """Return groups of rows that one edit cures, the largest first."""
+        """Return groups of rows that one edit fixes, the largest first."""
         left, groups = set(rows), []
         cures = [frozenset(k for k, s in c.scores.items() if s <= 1 and k in left) for c in candidates if c.serves]
         while left:
@@ -254,7 +254,7 @@ class Search:
         return [w[1] for w in ways]
 
     def _best(self, ways: list[list[Candidate]]) -> list[list[Candidate]]:
-        """Leave out what leaves more rows of the whole formula wrong than another repair does."""
+        """Drop repairs that leave more rows of the whole formula wrong than another repair."""
         if sum(map(len, ways)) < 2:
             return ways
         left = {id(c): self._left(c) for way in ways for c in way[:_WHOLE]}
@@ -263,7 +263,7 @@ class Search:
         return [way for way in kept if way]
 
     def _left(self, c: Candidate) -> int | None:
-        """Return how many rows are wrong in the whole formula after edits; None where they are not in its own file."""
+        """Return the number of wrong rows in the whole formula after edits; None for edits outside its own file."""
         formula = self.judge.formula
         home = formula.equations[0]
         path = Path(inspect.unwrap(home.variants[home.default]).__code__.co_filename)  # type: ignore[attr-defined]
@@ -293,7 +293,7 @@ class Search:
         return next(h.source for h in self.judge.helpers(c.step) if (h.source.path, h.source.name) == (path, name))
 
     def _off_the_mechanism(self, c: Candidate, rows: list[Key]) -> dict[Key, Array] | None:
-        """Return the residuals of a candidate where no mechanism is: they tell functions apart."""
+        """Return the residuals of a candidate at perturbed values: they distinguish functions."""
         found = residuals(self.shaken, c.step.equation.name, c.edits)
         if not found:
             return None
@@ -305,7 +305,7 @@ class Search:
     def _pairs(
         self, k: Key, singles: list[Candidate], shared: list[Candidate], deadline: float
     ) -> tuple[list[Candidate], bool]:
-        """Return pairs of edits near or at agreement: sums of effects of any kind, then all pairs of tokens."""
+        """Return pairs of edits that agree, also nearly: by sums of effects of any kind, then all pairs of tokens."""
         mine = [c for c in singles if k in c.changed and c.changed[k].shape == self.raw[k].shape]
         mine = [c for c in mine if np.isfinite(c.changed[k]).all()]
         out: list[Candidate] = []
@@ -334,7 +334,7 @@ class Search:
                 for j in order[lo : min(hi, lo + 50)]:
                     add(c, mine[j])
         now = time.monotonic()
-        for a in shared:  # what cures other rows already may be half of what cures this one
+        for a in shared:  # an edit that fixes other rows may be half of the fix of this one
             for b in singles:
                 if k in b.scores and time.monotonic() < now + _SHARED_PART * (deadline - now):
                     add(a, b)
@@ -352,10 +352,10 @@ class Search:
         return out, complete
 
     def _moving(self, k: Key, singles: list[Candidate]) -> list[tuple[Step, list[Edit]]]:
-        """Return the edits of one token that move a row, by the equation that they are tried in."""
+        """Return the edits of one token that change a row, by the equation in which they are tried."""
         mine = self.judge.step(k[0])
         called = {(h.source.path, h.source.name) for h in self.judge.helpers(mine)}
-        blind = not np.isfinite(self.raw[k]).all()  # then one edit alone may well move nothing
+        blind = not np.isfinite(self.raw[k]).all()  # then one edit alone may have no effect
         some = [(c.step, c.edits[0]) for c in singles if blind or _moves(c, k, self.raw[k])]
         out: dict[str, tuple[Step, list[Edit]]] = {}
         for first, e in [*some, *(self.senseless if mine.stuck else ())]:
@@ -371,7 +371,7 @@ def _moves(c: Candidate, k: Key, raw: Array) -> bool:
 
 
 def _same(a: dict[Key, Array], b: dict[Key, Array]) -> bool:
-    """Whether two edited equations say the same: residuals equal, but for a constant factor."""
+    """Whether two edited equations are equivalent: residuals equal up to a constant factor."""
     if a.keys() != b.keys():
         return False
     for k in a:

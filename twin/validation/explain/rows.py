@@ -1,4 +1,4 @@
-"""The rows of a formula: where each is, what it is judged by, and the equation that it belongs to."""
+"""The rows of a formula: the place of each in the file, its expected value, and its equation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from twin.validation.explain.source import Source
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What counts as agreement: m, rad."""
+    """Maximum deviations that count as agreement, in m and rad."""
 
     length: float = 1e-9
     angle: float = 1e-8
@@ -21,7 +21,7 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Place:
-    """One row: an output of an equation, where it is assigned or returned."""
+    """One row: an output of an equation, at the statement that assigns or returns it."""
 
     equation: str
     variant: str
@@ -35,8 +35,8 @@ class Place:
 class Step:
     """One equation, ready to be run statement by statement.
 
-    `known` are its outputs that the mechanism knows, `held` those of them that a statement may be judged by, `free` the
-    values (k,) of a parameter that each state has its own of.
+    `known` are its outputs that the mechanism also gives, `held` those of them by which a statement may be judged,
+    `free` the values (k,) of a parameter that differs for each state (the swivel).
     """
 
     equation: Equation
@@ -73,7 +73,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Helper:
-    """A plain function that rows call: its source, its numeric form, the names of what leads to it."""
+    """A plain function that rows call: its source, its numeric form, and the names through which rows reach it."""
 
     source: Source
     function: FunctionType

@@ -1,4 +1,4 @@
-"""The source of a function of symbols: its statements, where they are in the file, and edits of their text."""
+"""The source of a function of symbols: its statements, their positions in the file, and edits of their text."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from pathlib import Path
 from types import CodeType
 from typing import Any
 
-from twin.core.errors import KinematicsError
+from twin.formula.equations import Row, definition, rows
+from twin.formula.loader import text_of
 from twin.validation.explain.tidy import tidy
 
 OUT = "_out_"
-"""Name under which a run function leaves what it would return."""
+"""Name under which a run function stores its return value."""
 
 
 @dataclass(frozen=True)
@@ -24,9 +25,9 @@ class Edit:
     """A change of the text of one file.
 
     Attributes:
-        path, line: where; the line counts from 1.
+        path, line: place of the change; lines count from 1.
         start, end: bytes of the file that are replaced.
-        old, new: what stood there, what stands there now.
+        old, new: old and new text.
         kind: "name", "index", "trig", "sign", "operator", "number", "parenthesis", "missing", "surplus", ...
         statement: index of the statement in its function.
         function: name of that function.
@@ -46,7 +47,7 @@ class Edit:
 
     @property
     def text(self) -> str:
-        """The edit in one phrase."""
+        """The edit as a phrase for people."""
         old, new = self.old.strip(), self.new.strip()
         if not old:
             return f"insert `{new}`"
@@ -55,7 +56,11 @@ class Edit:
 
 @dataclass(frozen=True)
 class Statement:
-    """One top-level statement of a function; `start` and `end` are bytes of the file."""
+    """One top-level statement of a function; `start` and `end` are bytes of the file.
+
+    `home` is the definition that contains it, and `new` whether only rows of that definition may read its result: a
+    variant runs its changed rows among the rows of the function that it changes (`twin.formula.equations`).
+    """
 
     index: int
     node: ast.stmt
@@ -65,63 +70,63 @@ class Statement:
     column: int
     reads: frozenset[str]
     writes: tuple[str, ...]
+    home: ast.FunctionDef
+    new: bool = False
 
     @property
     def returns(self) -> bool:
-        """Whether it is the return of the function."""
+        """Whether it is a return statement."""
         return isinstance(self.node, ast.Return)
 
     def reads_at(self, position: int) -> set[str]:
-        """Return the names that one of the values reads, of those that it assigns or returns."""
+        """Return the names that the value at one position of an assignment or return reads."""
         value = self.node.value  # type: ignore[attr-defined]
         if isinstance(value, ast.Tuple) and position < len(value.elts):
             value = value.elts[position]
         return {n.id for n in ast.walk(value) if isinstance(n, ast.Name)}
 
 
-@lru_cache(maxsize=64)
-def _parsed(path: str, stamp: tuple[int, int]) -> tuple[bytes, ast.Module, tuple[int, ...]]:
-    data = Path(path).read_bytes()
-    return data, ast.parse(data, path), tuple(_starts(data))
-
-
 class Source:
     """The text of one function.
 
     Attributes:
-        path, name: file and name. data: the whole file. node: its definition.
-        arguments: names of its arguments. statements: its body without the docstring.
+        path, name: file and name.
+        data: the whole file.
+        node: the definition of the function.
+        arguments: names of its arguments.
+        statements: its body without the docstring.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
         """Find the source of a function.
 
         Raises:
-            KinematicsError: it has none that can be edited (a lambda, a built-in, a decorated wrapper).
+            KinematicsError: the function has no source that can be edited (a lambda, a built-in, a decorated wrapper).
         """
+        body = rows(function)
         f = inspect.unwrap(function)
-        code = getattr(f, "__code__", None)
-        if code is None or not Path(code.co_filename).is_file():
-            raise KinematicsError(f"{function!r} has no source file: it cannot be explained")
-        self.path = Path(code.co_filename)
-        stat = self.path.stat()
-        self.data, tree, self._starts = _parsed(str(self.path), (stat.st_mtime_ns, stat.st_size))
-        plain = (n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef) and n.name == code.co_name)
-        node = next((n for n in plain if _first_line(n) == code.co_firstlineno), None)
-        if node is None:
-            raise KinematicsError(f"{self.path}:{code.co_firstlineno}: '{code.co_name}' is no plain function")
-        self.node: ast.FunctionDef = node
+        self.path = Path(f.__code__.co_filename)  # type: ignore[attr-defined]
+        self.data = text_of(self.path, f.__globals__)  # type: ignore[attr-defined]
+        self._starts = _starts(self.data)
+        self.node = definition(function)
         self.name = self.node.name
-        a = self.node.args
-        self.arguments = tuple(x.arg for x in (*a.posonlyargs, *a.args, *a.kwonlyargs))
-        body = self.node.body
-        if body and isinstance(body[0], ast.Expr) and isinstance(body[0].value, ast.Constant):
-            body = body[1:]
-        self.statements = tuple(self._statement(i, node) for i, node in enumerate(body))
-        inner = [n for s in self.node.body[:-1] for n in ast.walk(s) if isinstance(n, ast.Return)]
-        self.plain = bool(body) and isinstance(body[-1], ast.Return) and not inner
+        code = f.__code__  # type: ignore[attr-defined]
+        self.arguments = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+        self.statements = tuple(self._statement(i, row) for i, row in enumerate(body))
+        inner = [n for row in body[:-1] for n in ast.walk(row.node) if isinstance(n, ast.Return)]
+        self.plain = bool(body) and isinstance(body[-1].node, ast.Return) and not inner
 
-    def _statement(self, index: int, node: ast.stmt) -> Statement:
+    def names_at(self, statement: Statement) -> tuple[set[str], set[str]]:
+        """Return the names that have a value at a statement, and those of them that its own assignments read."""
+        before = [s for s in self.statements[: statement.index] if not s.new or s.home is statement.home]
+        own = {a.arg for a in ast.walk(statement.home.args) if isinstance(a, ast.arg)}
+        there = {w for s in before for w in s.writes} | own
+        if statement.home is not self.statements[-1].home:  # a changed row: it gets the other symbols as arguments
+            return there, own | {w for s in before if s.home is statement.home for w in s.writes}
+        return there, there
+
+    def _statement(self, index: int, row: Row) -> Statement:
+        node = row.node
         start, end = self.span(node)
         reads = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)}
         loops = [n.target for n in ast.walk(node) if isinstance(n, ast.comprehension | ast.For)]
@@ -137,12 +142,11 @@ class Source:
         for n in ast.walk(node):  # q[i] = ...: part of what the name holds is written
             if isinstance(n, ast.Subscript) and isinstance(n.ctx, ast.Store) and isinstance(n.value, ast.Name):
                 writes.append(n.value.id)
-        return Statement(
-            index, node, start, end, node.lineno, node.col_offset, frozenset(reads), tuple(dict.fromkeys(writes))
-        )
+        reading, writing = frozenset(reads), tuple(dict.fromkeys(writes))
+        return Statement(index, node, start, end, node.lineno, node.col_offset, reading, writing, row.home, row.new)
 
     def span(self, node: ast.AST) -> tuple[int, int]:
-        """Return first and last byte of a node of this file."""
+        """Return (first byte, end byte) of a node of this file."""
         start = self._starts[node.lineno - 1] + node.col_offset  # type: ignore[attr-defined]
         return start, self._starts[node.end_lineno - 1] + node.end_col_offset  # type: ignore[attr-defined]
 
@@ -159,10 +163,10 @@ class Source:
         return apply(self.data, edits, statement.start, statement.end)
 
     def compiled(self, statement: Statement, edits: Iterable[Edit] = ()) -> CodeType:
-        """Return code of a statement to be run in one dictionary; a return leaves its value in `OUT`.
+        """Return compiled code of a statement, to run in one dictionary; a return stores its value under `OUT`.
 
         Raises:
-            SyntaxError: the edits make no Python.
+            SyntaxError: the edited text is not valid Python.
         """
         text = self.edited(statement, edits)
         if statement.returns:
@@ -172,26 +176,25 @@ class Source:
         return _code(text, self.path)
 
     def whole(self, edits: Iterable[Edit] = ()) -> CodeType:
-        """Return code that defines the function anew after edits; the function is at the top level of its file.
+        """Return code that redefines the function after edits; the function is at the top level of its file.
 
         Raises:
-            SyntaxError: the edits make no Python.
+            SyntaxError: the edited text is not valid Python, or the function is a variant, whose text is in several
+                places.
         """
+        if any(s.home is not self.node for s in self.statements):
+            raise SyntaxError(f"{self.name}() changes rows of another function")
         return _code(apply(self.data, edits, *self.span(self.node)), self.path)
 
 
 @lru_cache(maxsize=4096)
 def _code(text: str, path: Path) -> CodeType:
-    """Return compiled text; one edit is tried beside many others."""
+    """Return compiled text; cached, because one edit is combined with many others."""
     return compile(text, f"{path}", "exec")
 
 
-def _first_line(node: ast.FunctionDef) -> int:
-    return min([node.lineno, *(d.lineno for d in node.decorator_list)])
-
-
 def apply(data: bytes, edits: Iterable[Edit], start: int, end: int) -> str:
-    """Return bytes start..end of a file after edits within them."""
+    """Return bytes start..end of a file after the edits in this range."""
     out, at = [], start
     for e in sorted(edits, key=lambda e: (e.start, e.end)):
         out += [data[at : e.start], e.new.encode()]
@@ -200,7 +203,7 @@ def apply(data: bytes, edits: Iterable[Edit], start: int, end: int) -> str:
 
 
 def patched(edits: Iterable[Edit]) -> str:
-    """Return the whole file after edits of it; what they need is defined as well."""
+    """Return the whole file after edits, including the definitions that they need."""
     edits = list(dict.fromkeys(edits))
     data = edits[0].path.read_bytes()
     extra = {d for e in edits if e.define for d in definitions(data, e)}
@@ -208,7 +211,7 @@ def patched(edits: Iterable[Edit]) -> str:
 
 
 def finished(data: bytes, edits: list[Edit]) -> list[Edit]:
-    """Return edits of a file that lead to the same statements, tidied."""
+    """Return equivalent edits of a file with tidied statements."""
     tree = _tree(data)
     starts = _starts(data)
 
@@ -249,11 +252,11 @@ def _starts(data: bytes) -> list[int]:
 
 
 def diff(edits: Iterable[Edit], shown: str | None = None) -> str:
-    """Return the unified diff of edits of one file, without context; what they need is defined as well.
+    """Return the unified diff of edits of one file, without context; including the definitions that they need.
 
     Args:
-        edits: of one file.
-        shown: name of the file in the head; default its path.
+        edits: edits of one file.
+        shown: name of the file in the head; default: its path.
     """
     edits = list(edits)
     old, name = edits[0].path.read_text(encoding="utf-8"), shown or str(edits[0].path)
@@ -261,7 +264,7 @@ def diff(edits: Iterable[Edit], shown: str | None = None) -> str:
 
 
 def definitions(data: bytes, edit: Edit) -> list[Edit]:
-    """Return the edits that define what an edit needs: an alias beside its like, or one more argument."""
+    """Return the edits that define what an edit needs: an alias next to similar ones, or one more argument."""
     assert edit.define is not None
     name, expression = edit.define
     tree = _tree(data)
@@ -270,9 +273,9 @@ def definitions(data: bytes, edit: Edit) -> list[Edit]:
     def end(node: ast.AST) -> int:
         return starts[node.end_lineno - 1] + node.end_col_offset  # type: ignore[attr-defined]
 
-    for f in ast.walk(tree):
-        if not (isinstance(f, ast.FunctionDef) and f.name == edit.function and f.lineno <= edit.line <= f.end_lineno):  # type: ignore[operator]
-            continue
+    around = [f for f in ast.walk(tree) if isinstance(f, ast.FunctionDef)]
+    around = [f for f in around if f.lineno <= edit.line <= f.end_lineno]  # type: ignore[operator]
+    for f in [f for f in around if f.name == edit.function] or around:  # a row that a variant leaves is elsewhere
         if not expression:
             last = f.args.args[-1]
             return [_insertion(edit, end(last), f", {name}", last.lineno)]

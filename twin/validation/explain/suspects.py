@@ -1,4 +1,4 @@
-"""What a row depends on: the statements that lead to it, and the symbols that it could have used."""
+"""Dependences of a row: the statements before it, and the symbols that it could use."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def suspects(judge: Judge, place: Place) -> dict[str, set[int]]:
 
 
 def shared(judge: Judge, places: Sequence[Place]) -> bool:
-    """Return whether one statement, or one function that is called, could be what is wrong in all of several rows."""
+    """Return whether a single statement or called function could be wrong for all of several rows."""
     every = [suspects(judge, place) for place in places]
     statements = [{(equation, i) for equation, indices in s.items() for i in indices} for s in every]
     called = [{h.source.name for equation in s for h in judge.helpers(judge.step(equation))} for s in every]
@@ -25,7 +25,7 @@ def shared(judge: Judge, places: Sequence[Place]) -> bool:
 
 
 def passed(judge: Judge, rows: set[tuple[str, str]]) -> set[tuple[str, str]]:
-    """Return the outputs (equation, symbol) that rows of equations are made of: they are judged with them."""
+    """Return the outputs (equation, symbol) that rows of other equations use and that are judged with them."""
     seen: set[str] = set()
     for equation, symbol in sorted(rows):
         step = next((s for s in judge.steps if s.equation.name == equation), None)
@@ -39,7 +39,7 @@ def passed(judge: Judge, rows: set[tuple[str, str]]) -> set[tuple[str, str]]:
 
 
 def available(judge: Judge, step: Step) -> set[str]:
-    """Return the symbols that the flow has when it comes to an equation."""
+    """Return the symbols that exist in the flow when an equation runs."""
     names = {p.name for p in judge.formula.parameters}
     if step.stage == "inverse":
         names |= {*judge.formula.coordinates.names, POSE_SYMBOL}

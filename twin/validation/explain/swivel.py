@@ -1,4 +1,4 @@
-"""The parameter of a redundant mechanism, state by state: the value at which the rows that read it come nearest."""
+"""The parameter of a redundant mechanism, state by state: the value that minimises the residuals of its rows."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ from twin.core.spatial import Array
 from twin.validation.explain.rows import Place
 
 _GRID = 12
-"""Angles that are tried all round."""
+"""Number of tried angles in a full turn."""
 
 _REFINE = 6
 _STEP = 1e-6
-"""Steps of Gauss and Newton, and the difference (rad) for their slopes."""
+"""(number of Gauss-Newton steps, difference in rad for their slopes)."""
 
 
 def fitted(rows: Callable[[Array], Mapping[Place, Array]], states: int) -> Array:
-    """Return the angles (states,) in rad that leave least of the residuals of `rows`, state by state.
+    """Return the angles (states,) in rad that minimise the residuals of `rows` at each state.
 
-    A pose fixes all of a redundant mechanism but this angle, and no mechanism knows its zero: rows are judged up to it.
+    A pose determines a redundant mechanism except for this angle, and the mechanism does not define its zero: rows are
+    judged with the best angle.
     """
 
     def residuals(angle: Array) -> Array:

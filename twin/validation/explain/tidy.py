@@ -1,4 +1,4 @@
-"""An edited statement as a person would write it: no `- -x`, no `x**1`, no `1 * x`, no parentheses around one name."""
+"""Tidy an edited statement: no `- -x`, no `x**1`, no `1 * x`, no parentheses around one name."""
 
 from __future__ import annotations
 
@@ -6,21 +6,23 @@ import ast
 from collections.abc import Iterator, Sequence
 
 Span = tuple[int, int]
-"""First byte and end of a part of a text."""
+"""(first byte, end byte) of a part of a text."""
 
 _NEAR = 3
-"""Bytes around an edit that may be tidied; what the author wrote elsewhere stays."""
+"""Number of bytes around an edit that may be tidied; the other text is unchanged."""
 
 _OPPOSITE = {ast.Add: b"-", ast.Sub: b"+"}
 _ATOM = (ast.Name, ast.Constant, ast.Call, ast.Subscript, ast.Attribute)
 
 
 def tidy(text: bytes, edited: Sequence[Span]) -> bytes:
-    """Return a simple statement that says the same, tidied where it was edited; as it is if it is no Python.
+    """Tidy a one-line Python statement where it was edited, and return it; its meaning does not change.
+
+    Text that is not valid Python is returned unchanged.
 
     Args:
         text: the statement, after the edits.
-        edited: parts of it that the edits made.
+        edited: the parts of the text that were edited.
     """
     for _ in range(8):
         tree = _parsed(text)
@@ -52,7 +54,7 @@ def _is_near(span: Span, edited: Sequence[Span]) -> bool:
 
 
 def _changes(text: bytes, tree: ast.Module) -> Iterator[tuple[Span, bytes]]:
-    """Yield replacements that leave the meaning as it is."""
+    """Yield replacements that do not change the meaning."""
     starts = [0]
     for line in text.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
@@ -93,7 +95,7 @@ def _changes(text: bytes, tree: ast.Module) -> Iterator[tuple[Span, bytes]]:
 
 
 def _leading(node: ast.expr) -> ast.UnaryOp | None:
-    """Return the minus that a product begins with, or None."""
+    """Return the minus sign at the begin of a product, or None."""
     while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div | ast.MatMult):
         node = node.left
     return node if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) else None

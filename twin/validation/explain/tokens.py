@@ -1,4 +1,4 @@
-"""Tokens of an expression, and texts cut together from them."""
+"""Tokens of an expression, and texts composed of them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import tokenize
 
 
 def tokens_of(text: str) -> list[tuple[int, str, int, int]]:
-    """Return kind, text, start and end of the tokens of an expression."""
+    """Return (kind, text, start, end) of each token of an expression."""
     lines = [0]
     for line in text.splitlines(keepends=True):
         lines.append(lines[-1] + len(line))
@@ -25,7 +25,7 @@ def tokens_of(text: str) -> list[tuple[int, str, int, int]]:
 
 
 def shape(text: str) -> str:
-    """Return what an expression says, whatever its spaces; empty if it is none."""
+    """Return an expression in a form independent of spaces; empty if it is not an expression."""
     try:
         return ast.dump(ast.parse(text.strip()))
     except (SyntaxError, ValueError):
@@ -33,7 +33,7 @@ def shape(text: str) -> str:
 
 
 def cut(text: str, parts: list[tuple[int, int, str]]) -> str:
-    """Return a text with parts, in order, replaced."""
+    """Return a text in which parts, given in order, are replaced."""
     for a, b, new in reversed(parts):
         text = text[:a] + new + text[b:]
     return text

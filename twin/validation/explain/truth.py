@@ -1,4 +1,4 @@
-"""What the mechanism knows: values of a formula's symbols at poses that the independent model was sampled at."""
+"""True values of a formula's symbols at sampled poses of the independent model."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from twin.validation.explain.numeric import Matrix, Rebuilder
 from twin.validation.explain.source import Source
 
 SAMPLES = 24
-"""Poses that a formula is judged at."""
+"""Number of poses at which a formula is judged."""
 
 _SPREAD = 0.06
-"""Half width of the box around each posture that is sampled, as a part of each joint's range."""
+"""Half width of the sampled box around each posture, as a fraction of each joint's range."""
 
 _REGULAR = 0.1
-"""Conditioning of a posture, as a part of the best one's, below which it is near a singularity."""
+"""Conditioning of a posture, relative to the best posture, below which it is near a singularity."""
 
 Kind = Literal["length", "angle", "pose"]
 
@@ -37,14 +37,14 @@ class Truth:
 
     Attributes:
         symbols: float (parameters), (k,) arrays or matrices, SI.
-        kinds: what each symbol that the mechanism vouches for is; parameters are not among them.
-        k: samples.
+        kinds: kind of each symbol that the mechanism gives, without parameters.
+        k: number of samples.
         Ts: (k, 4, 4) tool poses.
         run: the states of the mechanism.
         coordinates: names and units of the pose coordinates, for messages.
-        borrowed: symbols without a named point of their own that a helper equates with one.
-        free: the parameter that says how a redundant mechanism takes a pose (its swivel), or "". Each state has its
-            own, and nothing but the rows that read it tells which.
+        borrowed: symbols that are not named points, but that a helper equates with one.
+        free: the parameter of a redundant mechanism (its swivel), or "". Each state has its own value, known only from
+            the rows that read it.
     """
 
     symbols: Mapping[str, Any]
@@ -61,7 +61,7 @@ class Truth:
         return replace(self, symbols={**self.symbols, **values})
 
     def perturbed(self, seed: int = 1) -> Truth:
-        """Return values near the truth that belong to no mechanism: they tell apart what only agrees by chance."""
+        """Return values near the truth that no mechanism can have: they reveal coincidental agreement."""
         rng = np.random.default_rng(seed)
 
         def shake(x: Any) -> Any:
@@ -73,7 +73,7 @@ class Truth:
         return replace(self, symbols={n: shake(v) for n, v in self.symbols.items()})
 
     def pose_text(self, i: int) -> str:
-        """Return the coordinates of one sample for a sentence, in mm and degrees."""
+        """Return the coordinates of one sample as text, in mm and degrees."""
         parts = []
         for name, unit in self.coordinates:
             value = float(np.broadcast_to(self.symbols[name], (self.k,))[i])
@@ -88,12 +88,12 @@ def sample(
     progress: Callable[[float], None] = lambda f: None,
     regular: bool = False,
 ) -> Run:
-    """Return states of the mechanism around its postures (without any: around what is drawn).
+    """Return states of the mechanism around its postures (without postures: around the rest poses).
 
-    With `regular`, only around those that are not near a singularity, where a state belongs to several branches.
+    With `regular`, postures near a singularity, where a state belongs to several branches, are skipped.
 
     Raises:
-        TwinError: the mechanism cannot be moved at all.
+        TwinError: the mechanism cannot be moved.
     """
     m = model.mechanism
     rng = np.random.default_rng(seed)
@@ -121,12 +121,12 @@ def sample(
         if len(states) >= samples:
             break
     if len(states) < 6:
-        raise TwinError(f"{m.name}: the mechanism hardly moves around its postures: there are no poses to judge at")
+        raise TwinError(f"{m.name}: the mechanism hardly moves near its postures, so there are no poses for the check")
     return model.collect(np.array(states))
 
 
 def _solved(model: ReferenceModel, q: Array, start: Assembly) -> list[Array]:
-    """Return the states at those of the joint values q (k, n) that can be reached: all at once, or one by one."""
+    """Return the states at the joint values q (k, n) that can be reached; solved all at once, or one by one."""
     try:
         return list(model.solve_many(q, start).x) if len(q) else []
     except AssemblyError:
@@ -190,7 +190,7 @@ def _free(formula: Formula, model: ReferenceModel) -> str:
 
 
 def _passed_on(formula: Formula) -> dict[str, list[tuple[str, int | None]]]:
-    """Return, for outputs of helpers that are an argument or a column of arguments, these arguments."""
+    """Return {output: arguments} for outputs of helpers that are equal to an argument or a column of arguments."""
     out: dict[str, list[tuple[str, int | None]]] = {}
     for equation in formula.equations:
         if equation.stage != "helper":

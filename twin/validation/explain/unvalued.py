@@ -1,10 +1,10 @@
-"""Symbols that equations read and nobody gives a value, and the parameters that are probably meant."""
+"""Symbols that equations read but that have no value, and the probably intended parameters."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from twin.core.findings import Finding
+from twin.core.findings import Finding, error
 from twin.formula.contract import unread
 from twin.validation.explain.judge import Judge, worst
 
@@ -12,8 +12,8 @@ from twin.validation.explain.judge import Judge, worst
 def unvalued(judge: Judge) -> list[Finding]:
     """Return a finding for every symbol without a value.
 
-    A parameter that has a value and that no equation reads may be the same under another name: each is put in its
-    place, and the mechanism says whether the rows then hold.
+    A parameter with a value that no equation reads may be the missing symbol under another name: each such parameter is
+    tried, and the rows are checked against the mechanism.
     """
     formula, truth = judge.formula, judge.truth
     given = {n for e in formula.equations for n in e.outputs} | set(truth.symbols)
@@ -29,21 +29,13 @@ def unvalued(judge: Judge) -> list[Finding]:
         fits = [p for p in waiting if _holds(judge, name, p.name, equations)]
         if fits:
             p = fits[0]
-            way = f"take {name} for {p.name} = {p.shown:g} {p.unit}: every row of {where} that reads it then holds"
+            way = f"replace {name} by {p.name} = {p.shown:g} {p.unit}: every row of {where} that reads it then agrees"
         elif waiting:
             names = ", ".join(p.name for p in waiting)
-            way = f"give {name} a value, or the name of what has one and is read by nothing: {names}"
+            way = f"give {name} a value, or replace it by a parameter that is not used: {names}"
         else:
             way = f"give {name} a value among the parameters"
-        out.append(
-            Finding(
-                "formula.unvalued",
-                "error",
-                f"{where} reads '{name}', and nothing gives it a value",
-                where=where,
-                suggestion=way,
-            )
-        )
+        out.append(error("formula.unvalued", where, f"{where} reads '{name}', which has no value", suggestion=way))
     return out
 
 

@@ -1,6 +1,7 @@
-"""Which explanation is the simpler one: edits of the source, or one number.
+"""Select the simpler explanation: edits of the source, or changed numbers.
 
-Each counts by what it changes. One changed number that makes every row agree beats two edits; it is as good as one.
+An explanation counts by its number of changes. One changed number that makes every row agree is simpler than two edits,
+and as simple as one.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ Lead = Literal["edits", "numbers", "edits or numbers", ""]
 
 
 def weigh(found: Sequence[Found], lost: Sequence[Key], identified: Identified | None) -> Lead:
-    """Return what explains every row that is off with the fewest changes; "" if neither edits nor numbers do."""
+    """Return the explanation of every wrong row with the fewest changes: "edits", "numbers", both, or ""."""
     numbers = _numbers(identified)
     changes = None if lost or not found else sum(len(f.ways[0][0].edits) for f in found if f.ways)
     if numbers is None:
@@ -27,7 +28,7 @@ def weigh(found: Sequence[Found], lost: Sequence[Key], identified: Identified | 
 
 
 def _numbers(identified: Identified | None) -> int | None:
-    """Return how many numbers have to change for every row to agree, or None if that does not help."""
+    """Return the number of parameters that must change for every row to agree, or None if no change is enough."""
     if identified is None or not identified.exact or not identified.moved:
         return None
     return 1 if identified.alternatives else len(identified.moved)

@@ -1,1 +1,1 @@
-"""Which masses, centres and inertias of a source are possible, and what was probably meant."""
+"""Check that stated masses, mass centres and inertias are physically possible, and find probable mistakes."""

@@ -1,10 +1,10 @@
-"""A published table of first and second moments of mass, held against what bodies can have.
+"""A published table of first and second moments of mass, compared with physical limits.
 
-With tensor J and first moment h about one origin, Sigma = tr(J)/2 I - J is the second moment of the mass itself. A
-body exists only if J and Sigma are positive definite (the latter is the triangle inequality) and its mass m makes
-[[Sigma, h], [h', m]] positive semidefinite, that is m >= h' Sigma^-1 h: the only check of masses that were never
-published. It also tells the sign of the products: printed as +integral(x y dm), as CAD does, they must be negated
-to stand in the tensor, and only the right reading asks for masses that a chain of links can have.
+With tensor J and first moment h about one origin, Sigma = tr(J)/2 I - J is the second moment of the mass itself. A body
+is physically possible only if J and Sigma are positive definite (the latter is the triangle inequality) and its mass m
+makes [[Sigma, h], [h', m]] positive semidefinite, that is m >= h' Sigma^-1 h. This is the only check of masses that
+were never published. It also determines the sign of the products of inertia: if they are printed as +integral(x y dm),
+as CAD programs do, they must be negated in the tensor, and only the correct sign gives plausible masses.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from twin.core.findings import Finding
+from twin.core.findings import Finding, disagreement, warning
+from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.schema import Table, at, load_toml
 from twin.validation.masses.possible import least_mass
@@ -50,7 +51,7 @@ class Second(Table):
 
 
 class Repair(Table):
-    """A cell that is not printed as it must be read."""
+    """A misprinted cell."""
 
     cell: Cell
     printed: str
@@ -75,7 +76,7 @@ class Body(Table):
 
 
 class Exhibit(Table):
-    """The whole file; rows from the base outwards."""
+    """The file of an exhibit (published tables); rows are ordered from the base outwards."""
 
     title: str
     source: str
@@ -84,13 +85,14 @@ class Exhibit(Table):
 
 @dataclass(frozen=True)
 class Row:
-    """What one row of the tables implies.
+    """Physical limits that follow from one row of the tables.
 
     Attributes:
-        name: of the row.
+        name: name of the row.
         definite: J is positive definite for both signs of the products.
-        slack: kg m2, smaller two principal moments less the largest; negative breaks the triangle inequality.
-        mass_printed: kg, smallest mass with the products as printed; infinite if no mass would do.
+        slack: kg m2, sum of the two smaller principal moments minus the largest; negative breaks the triangle
+            inequality.
+        mass_printed: kg, smallest mass with the products as printed; infinite if no mass is possible.
         mass_negated: kg, with the products negated.
         repaired: cells that had to be repaired.
     """
@@ -111,15 +113,17 @@ def load(path: Path) -> Exhibit:
     """Read an exhibit.
 
     Raises:
-        DescriptionError: file, line, key, value and what would be right; also a repair that the rule does not make.
+        DescriptionError: file, line, key, value and the allowed values; also a repair that contradicts the rule of
+            `reread`.
     """
     return load_toml(path, Exhibit)
 
 
 def reread(printed: str) -> float:
-    """Return a printed number: digits before an exponent have lost the mark after the first; stray words go.
+    """Return a printed number: digits before an exponent have lost the decimal mark after the first one.
 
-    "Type 896572e-06" is 8.96572e-06. What has its mark, a point or a comma, is taken as it stands.
+    Other words are removed. "Type 896572e-06" is 8.96572e-06. A number with its mark, a point or a comma, is read
+    unchanged.
     """
     text = printed.split()[-1].replace(",", ".")
     found = _LOST.fullmatch(text)
@@ -127,7 +131,7 @@ def reread(printed: str) -> float:
 
 
 def tensor(body: Body, products: Products) -> Array:
-    """Return J (3, 3) in kg m2 with the printed products as they are, or negated."""
+    """Return J (3, 3) in kg m2 with the printed products unchanged, or negated."""
     s = body.second
     sign = -1.0 if products == "negated" else 1.0
     xy, xz, yz = sign * s.xy, sign * s.xz, sign * s.yz
@@ -135,7 +139,7 @@ def tensor(body: Body, products: Products) -> Array:
 
 
 def recompute(exhibit: Exhibit) -> tuple[list[Row], list[Finding]]:
-    """Return every row with what it implies, and what the tables do not say or say wrongly."""
+    """Return (rows with their physical limits, findings on the tables)."""
     rows = []
     for body in exhibit.body:
         h = np.array([body.first.mx, body.first.my, body.first.mz])
@@ -154,41 +158,27 @@ def recompute(exhibit: Exhibit) -> tuple[list[Row], list[Finding]]:
     found = [*_repairs(exhibit), *_impossible(rows), *_products(rows)]
     if falling(rows, convention(rows)):
         found.append(
-            Finding(
+            warning(
                 "inertia.composites",
-                "warning",
-                "smallest masses fall from row to row: the rows read as composites, each link with all that it "
-                "carries; as dynamics of single links they would count masses several times",
-                where=exhibit.title,
-                suggestion="an inference: masses are not published, and no decomposition is the only one",
+                exhibit.title,
+                "minimum masses decrease from row to row: the rows read as composites (each link with all that it "
+                "carries) and must not be used as inertias of single links",
+                suggestion="this is inferred: masses are not published, and other decompositions are possible",
             )
         )
     return rows, found
 
 
 def convention(rows: list[Row]) -> Products:
-    """Return how the products must be taken: the reading that asks for less mass in all."""
+    """Return the sign of the products ("printed" or "negated") that requires less total mass."""
     plain, negated = (sum(getattr(r, m) for r in rows) for m in ("mass_printed", "mass_negated"))
     return "negated" if negated < plain else "as printed"
 
 
 def falling(rows: list[Row], products: Products) -> bool:
-    """Return whether the smallest masses fall from row to row, as those of composites of links do."""
+    """Return whether the minimum masses decrease from row to row, as they do for composites of links."""
     masses = [r.mass_negated if products == "negated" else r.mass_printed for r in rows]
     return len(masses) > 1 and all(a > b for a, b in pairwise(masses))
-
-
-def audit_report(robot: Any) -> tuple[Exhibit | None, list[Row], list[Finding]]:
-    """Return the audit of a robot's `exhibit.toml`, beside its description; nothing if it has none.
-
-    Args:
-        robot: as `twin.load` returns it: `files` is None or has the folder `cad`.
-    """
-    path = None if robot.files is None else Path(robot.files.cad) / "exhibit.toml"
-    if path is None or not path.is_file():
-        return None, [], []
-    exhibit = load(path)
-    return exhibit, *recompute(exhibit)
 
 
 def _repairs(exhibit: Exhibit) -> list[Finding]:
@@ -197,11 +187,10 @@ def _repairs(exhibit: Exhibit) -> list[Finding]:
         for r in body.repaired:
             label = f" under the label '{r.label}'" if r.label else ""
             out.append(
-                Finding(
+                warning(
                     "inertia.repaired",
-                    "warning",
+                    f"{body.name}.{r.cell}",
                     f"row {body.name}, {r.cell}: '{r.printed}' is printed{label}; read as {reread(r.printed):g}",
-                    where=f"{body.name}.{r.cell}",
                 )
             )
     return out
@@ -213,8 +202,11 @@ def _impossible(rows: list[Row]) -> list[Finding]:
         why = [] if r.definite else ["is not positive definite"]
         why += [] if r.slack > 0 else [f"breaks the triangle inequality by {-r.slack:.3g} kg m2"]
         if why:
-            text = f"row {r.name}: the tensor {' and '.join(why)}: no body has it"
-            out.append(Finding("inertia.impossible", "disagreement", text, where=r.name))
+            out.append(
+                disagreement(
+                    "inertia.impossible", r.name, f"row {r.name}: no body has this tensor: it {' and '.join(why)}"
+                )
+            )
     return out
 
 
@@ -224,16 +216,15 @@ def _products(rows: list[Row]) -> list[Finding]:
     plain, negated = sum(r.mass_printed for r in rows), sum(r.mass_negated for r in rows)
     worst = max(rows, key=lambda r: r.mass_printed / r.mass_negated if r.mass_negated else 0.0)
     return [
-        Finding(
+        disagreement(
             "inertia.products",
-            "disagreement",
-            f"products of inertia are printed as +integral(x y dm): taken as entries of the tensor, the rows need at "
-            f"least {plain:.2f} kg in all, row {worst.name} alone {worst.mass_printed:.3f} kg; negated, "
-            f"{negated:.2f} kg and {worst.mass_negated:.3f} kg",
-            where=worst.name,
-            size=plain,
-            unit="kg",
-            limit=negated,
-            suggestion="negate the products to build the tensor",
+            worst.name,
+            "products of inertia are printed as +integral(x y dm): taken as entries of the tensor, the rows "
+            f"require at least {plain:.2f} kg in total, row {worst.name} alone {worst.mass_printed:.3f} kg; "
+            f"negated, {negated:.2f} kg and {worst.mass_negated:.3f} kg",
+            Quantity(plain, "kg"),
+            negated,
+            "negate the products to build the tensor",
+            word="",
         )
     ]

@@ -1,32 +1,32 @@
-"""Where the masses of a robot are stated: weighed on its CAD, on its stage, in `inertia.toml`, in printed tables."""
+"""Collect the stated masses of a robot: computed from its CAD, on its stage, in `inertia.toml`, in printed tables."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from twin.core import spatial
-from twin.core.findings import Finding
+from twin.core.findings import Finding, disagreement, info, warning
+from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.simulation.dynamics import inertia
-from twin.simulation.dynamics.model import placements
 from twin.validation.masses import audit
 from twin.validation.masses.possible import Judged, Stated, judged, least_mass, stated
 
 PLAIN = 1.02
-"""Factor of mass by which one sign of the products must ask for less, before it is the sign that was meant."""
+"""Minimum ratio of required masses that decides the sign of the products."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """One place where masses are stated.
+    """One source that states masses.
 
     Attributes:
-        title: what and where. bodies: one for each row or body.
-        findings: on all of them together.
+        title: name and place of the source.
+        bodies: one for each row or body.
+        findings: findings on all bodies together.
     """
 
     title: str
@@ -35,7 +35,7 @@ class Source:
 
     @property
     def all_findings(self) -> list[Finding]:
-        """On single bodies, then on all together."""
+        """Findings on single bodies, then on all bodies together."""
         return [*(f for b in self.bodies for f in b.findings), *self.findings]
 
 
@@ -49,35 +49,35 @@ def of_mechanism(mechanism: Mechanism, title: str) -> Source:
         bodies.append(judged(stated(body.name, title, body.inertia, body.meshes)))
     found = []
     if without:
-        text = f"{', '.join(without)}: shapes without a mass"
-        found.append(Finding("inertia.missing", "warning", text, where=without[0], when=title))
+        found.append(
+            warning("inertia.missing", without[0], f"bodies with shapes but no mass: {', '.join(without)}", when=title)
+        )
     return Source(title, tuple(bodies), tuple(found))
 
 
 def of_table(folder: Path, mechanism: Mechanism) -> Source:
-    """Return the links of `inertia.toml` in a CAD folder, each with the shapes of the body that it stands for.
+    """Return the links of `inertia.toml` in a CAD folder, each with the shapes of its body.
 
     Raises:
-        DescriptionError: the file is wrong. MechanismError: its axes are not those of the mechanism.
+        DescriptionError: the file is malformed. MechanismError: the file belongs to another mechanism.
     """
     table = inertia.of_robot(folder)
-    arm = inertia.arm(table, placements(mechanism), instrument=False)
-    bodies = []
-    for name, link in zip(arm.joints, arm.links, strict=True):
-        joint = mechanism.joint(name)
-        T = spatial.inverse(joint.T_child_joint)  # of the body in its joint frame
-        meshes = tuple(
-            replace(m, vertices=m.vertices @ T[:3, :3].T + T[:3, 3]) for m in mechanism.body(joint.child).meshes
-        )
-        bodies.append(judged(stated(f"link of {name}", "inertia.toml", link, meshes, own_shapes=False)))
-    return Source(f"{table.title} (inertia.toml)", tuple(bodies))
+    stating = inertia.weighed(table, mechanism, instrument=False)
+    moved = {j.name: stating.body(j.child) for j in stating.tree}
+    links = ((link.joint, moved[link.joint]) for link in table.link)
+    bodies = tuple(
+        judged(stated(f"link of {name}", "inertia.toml", body.inertia, body.meshes, own_shapes=False))
+        for name, body in links
+        if body.inertia is not None
+    )
+    return Source(f"{table.title} (inertia.toml)", bodies)
 
 
 def of_exhibit(path: Path) -> Source:
-    """Return the rows of printed tables without masses, with the sign of the products that asks for less mass.
+    """Return the rows of printed tables without masses, with the sign of the products that requires less mass.
 
     Raises:
-        DescriptionError: the file is wrong.
+        DescriptionError: the file is malformed.
     """
     exhibit = audit.load(path)
     rows = []
@@ -89,7 +89,10 @@ def of_exhibit(path: Path) -> Source:
 
 
 def of_moments(title: str, rows: list[tuple[str, Array, Array, Array]]) -> Source:
-    """Return rows of (name, first moments (3,), xx yy zz, xy xz yz) without masses, products as printed or negated."""
+    """Return rows of (name, first moments (3,), xx yy zz, xy xz yz) without masses.
+
+    The products are as printed or negated, whichever requires less mass.
+    """
     least = {sign: [least_mass(_tensor(m, sign * p), h) for _, h, m, p in rows] for sign in (1, -1)}
     total = {sign: sum(values) for sign, values in least.items()}
     sign = -1 if total[-1] * PLAIN < total[1] else 1
@@ -98,23 +101,31 @@ def of_moments(title: str, rows: list[tuple[str, Array, Array, Array]]) -> Sourc
     if sign < 0:
         worst = int(np.argmax([a / b if b else 0.0 for a, b in zip(least[1], least[-1], strict=True)]))
         found.append(
-            Finding(
+            disagreement(
                 "inertia.sign",
-                "disagreement",
-                f"products of inertia are printed as +integral(x y dm): as entries of the tensor the rows need "
-                f"{total[1]:.2f} kg at least, {rows[worst][0]} alone {least[1][worst]:.3f} kg; negated, "
+                rows[worst][0],
+                "products of inertia are printed as +integral(x y dm): as entries of the tensor the rows require "
+                f"at least {total[1]:.2f} kg, {rows[worst][0]} alone {least[1][worst]:.3f} kg; negated, "
                 f"{total[-1]:.2f} kg and {least[-1][worst]:.3f} kg",
-                where=rows[worst][0],
+                Quantity(total[1], "kg"),
+                total[-1],
+                "negate the products to build the tensor",
                 when=title,
-                size=total[1],
-                unit="kg",
-                limit=total[-1],
-                suggestion="negate the products to build the tensor",
+                word="",
             )
         )
     elif total[1] * PLAIN >= total[-1]:
-        text = "the sign of the products cannot be told: either asks for about the same mass"
-        found.append(Finding("inertia.sign_open", "info", text, when=title, size=total[1], unit="kg", limit=total[-1]))
+        found.append(
+            info(
+                "inertia.sign_open",
+                "",
+                "the sign of the products is undetermined: both signs require about the same mass",
+                Quantity(total[1], "kg"),
+                total[-1],
+                when=title,
+                word="negated",
+            )
+        )
     return Source(title, bodies, tuple(found))
 
 

@@ -1,25 +1,31 @@
-"""Which slip of the pen explains a tensor that its shapes do not have: sign, decimal mark, axes, point of reference.
+"""Find the probable mistake in a tensor that does not fit its shapes: sign, decimal mark, axes, point of reference.
 
-The shapes, filled evenly, have a tensor of their own. No real body is filled evenly: a difference proves nothing. But
-where one small change of the stated numbers turns a bad match into a good one, and no other change does, it is named.
+The shapes, filled with uniform density, have a tensor to compare with. No real body is uniform, so a difference alone
+proves nothing. But if exactly one small change of the stated numbers turns a bad match into a good one, the change is
+reported.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
 
-from twin.core.findings import Finding
+from twin.core.findings import Finding, warning
+from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 
 BAD, GOOD, GAIN = 0.35, 0.3, 0.35
-"""Relative misfit that asks for an explanation; the one that explains; and how much better it must be than what is
-stated. Hollow and mixed bodies differ from filled shapes by 0.1 to 0.3."""
+"""Limits of the relative misfit.
+
+Above the first, an explanation is searched; an explanation must be below the second, and better than the stated tensor
+by the third (a factor). Hollow and mixed bodies differ from filled shapes by 0.1 to 0.3.
+"""
 
 SIGN = 0.04
-"""Size of the products over the largest moment below which their sign cannot be told."""
+"""Relative size of the products below which their sign is undetermined."""
 
 CLEAR = 2.0
 """Factor by which the best explanation must be better than another kind of explanation."""
@@ -29,20 +35,20 @@ _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def misfit(tensor: Array, shape: Array) -> float:
-    """Return how far two tensors per mass (3, 3) are apart, relative to the second."""
+    """Return the difference of two tensors per mass (3, 3), relative to the second."""
     return float(np.linalg.norm(tensor - shape) / np.linalg.norm(shape))
 
 
 def guesses(name: str, source: str, tensor: Array, centre: Array, mass: float, shape: Array | None) -> list[Finding]:
-    """Return what a body's tensor seems to suffer from; nothing if it fits, or if nothing explains it.
+    """Return the probable mistake in a body's tensor; nothing if the tensor fits or no mistake explains it.
 
     Args:
-        name: of the body.
-        source: where it is stated.
+        name: name of the body.
+        source: where the tensor is stated.
         tensor: (3, 3) kg m2 about the mass centre, as stated.
         centre: (3,) m, mass centre in the frame of the tensor.
         mass: kg.
-        shape: (3, 3) m2, tensor per mass of the shapes about their own centre; None: there is nothing to compare with.
+        shape: (3, 3) m2, tensor per mass of the shapes about their own centre; None: no comparison.
     """
     if shape is None:
         return []
@@ -67,14 +73,20 @@ def guesses(name: str, source: str, tensor: Array, centre: Array, mass: float, s
     others = sorted({r[0] for r in tried[1:] if misfit(r[2] / mass, shape) < CLEAR * best and r[0] != kind})
     found = _finding(kind, words, name, source, now, best)
     if others:
-        return [Finding(found.code, "warning", f"{found.message}; {', '.join(others)} would explain it as well",
-                        found.where, found.when, found.size, found.unit, found.limit)]  # fmt: skip
+        return [replace(found, message=f"{found.message}; {', '.join(others)} would also explain it")]
     return [found]
 
 
 def _finding(kind: str, words: str, name: str, source: str, now: float, best: float) -> Finding:
-    text = f"{name}: {words}: the tensor is {100 * now:.0f} % off that of its filled shapes, so read {100 * best:.0f} %"
-    return Finding(f"inertia.{kind}", "warning", text, name, source, 100 * now, "%", 100 * best)
+    return warning(
+        f"inertia.{kind}",
+        name,
+        f"{name}: {words}: deviation from the tensor of its filled shapes",
+        Quantity(100 * now, "%"),
+        100 * best,
+        when=source,
+        word="corrected",
+    )
 
 
 def _readings(tensor: Array, centre: Array, mass: float) -> Iterator[tuple[str, str, Array]]:
@@ -90,7 +102,7 @@ def _readings(tensor: Array, centre: Array, mass: float) -> Iterator[tuple[str, 
                 tensor[np.ix_(order, order)],
             )
     for power in (-3, -2, -1, 1, 2, 3):
-        words = f"the whole tensor seems to be {10.0**-power:g} times what it is (a lost decimal mark, or its unit)"
+        words = f"the whole tensor seems to be {10.0**-power:g} times its value (a lost decimal mark, or a wrong unit)"
         yield "decimal", words, tensor * 10.0**power
     for (i, j), entry in zip(_PLACES, _NAMES, strict=True):
         for power in (-2, -1, 1, 2):
@@ -105,7 +117,7 @@ def _readings(tensor: Array, centre: Array, mass: float) -> Iterator[tuple[str, 
     if np.abs(far).max() > 0.2 * np.abs(tensor).max():
         yield (
             "origin",
-            "the tensor seems to be about the mass centre already, where the frame's origin is said",
+            "the tensor seems to be about the mass centre, not the frame's origin as stated",
             tensor + far,
         )
-        yield "origin", "the tensor seems to be about the frame's origin, where the mass centre is said", tensor - far
+        yield "origin", "the tensor seems to be about the frame's origin, not the mass centre as stated", tensor - far

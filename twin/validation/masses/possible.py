@@ -1,9 +1,9 @@
-"""Can a body have these masses? Mass, first moments and inertia held against what matter can do, and against shapes.
+"""Check whether mass, first moments and inertia are physically possible and fit the shapes.
 
-Everything is computed from the numbers alone. The pseudo-inertia [[Sigma, h], [h', m]], Sigma the second moments
-of the mass, must be positive definite: that holds the triangle inequality and the minimum mass in it. With shapes, the
-mass centre must lie within their convex hull, and the density be one of a material; see `guess` for which slip of the
-pen would explain a tensor that its shapes do not have.
+Everything is computed from the numbers alone. The pseudo-inertia [[Sigma, h], [h', m]], Sigma the second moments of the
+mass, must be positive definite: this includes the triangle inequality and the minimum mass. With shapes, the mass
+centre must lie within their convex hull, and the density must be that of a material; see `guess` for probable mistakes
+in a tensor that does not fit.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from twin.core.findings import Finding
+from twin.core.findings import Finding, Severity, finding
+from twin.core.quantity import Quantity, mm
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.mechanism import Inertia, Mesh
@@ -22,27 +23,27 @@ from twin.validation.masses import solid
 from twin.validation.masses.guess import guesses
 
 DENSITY = (30.0, 25000.0)
-"""kg/m3 of a body over the volume of its closed shapes: from foam and hollow castings to tungsten."""
+"""Plausible range of the density in kg/m3 (mass / volume of closed shapes): foam and hollow castings to tungsten."""
 
 BESIDE = 2 * MM
-"""Distance by which a mass centre may leave the hull of the shapes: they are coarse, and not all of a part is drawn."""
+"""Distance by which a mass centre may be outside the hull of the shapes: shapes are coarse and may be incomplete."""
 
 DEFINITE = 1e-9
-"""Smallest eigenvalue of the pseudo-inertia, over its largest, of a body that has any thickness."""
+"""Minimum ratio of the smallest to the largest eigenvalue of the pseudo-inertia for a body with any thickness."""
 
 
 @dataclass(frozen=True)
 class Stated:
-    """What is stated of one body, in one frame of its own.
+    """Stated mass data of one body, in one frame.
 
     Attributes:
-        name, source: which body, and where it is stated.
-        mass: kg, or None where nobody gives it.
+        name, source: name of the body, and where its masses are stated.
+        mass: kg, or None if not given.
         first: (3,) kg m.
         tensor: (3, 3) kg m2 about the origin of the frame.
         meshes: its shapes in the same frame; may be empty.
-        own_shapes: the shapes are those that the masses were stated of, not somebody else's drawing of the body: what
-            contradicts them cannot be, else it is odd.
+        own_shapes: whether the shapes have the same source as the masses: then a contradiction is a disagreement, else
+            a warning.
     """
 
     name: str
@@ -56,17 +57,17 @@ class Stated:
 
 @dataclass(frozen=True)
 class Judged:
-    """What follows from it.
+    """What follows from the stated mass data of a body.
 
     Attributes:
         name, source, mass: as stated.
-        least: kg, no body with these moments has less; infinite if none has them at all.
-        slack: kg m2, two smaller principal moments less the largest, about the mass centre (the origin if no mass is
-            given).
-        definite: smallest eigenvalue of the pseudo-inertia over its largest, lengths in radii of gyration.
+        least: kg, minimum mass with these moments; infinite if they are impossible.
+        slack: kg m2, sum of the two smaller principal moments minus the largest, about the mass centre (the origin if
+            no mass is given).
+        definite: smallest divided by largest eigenvalue of the pseudo-inertia, lengths in radii of gyration.
         density: kg/m3, NaN without closed shapes or mass.
         outside: m, distance of the mass centre from the hull of the shapes (0 within); NaN without shapes or mass.
-        findings: what is wrong.
+        findings: the faults.
     """
 
     name: str
@@ -85,7 +86,7 @@ class Judged:
 
 
 def stated(name: str, source: str, inertia: Inertia, meshes: tuple[Mesh, ...] = (), own_shapes: bool = True) -> Stated:
-    """Return what an inertia about the mass centre states, about the origin of its frame."""
+    """Return the `Stated` data, about the origin of its frame, of an inertia about the mass centre."""
     p = np.asarray(inertia.p_body_com, float)
     far = inertia.mass * ((p @ p) * np.eye(3) - np.outer(p, p))
     return Stated(
@@ -94,7 +95,7 @@ def stated(name: str, source: str, inertia: Inertia, meshes: tuple[Mesh, ...] = 
 
 
 def second(tensor: Array) -> Array:
-    """Return the second moments (3, 3) of the mass that a tensor (3, 3) about the same point means."""
+    """Return the second moments (3, 3) of the mass for a tensor (3, 3) about the same point."""
     return 0.5 * np.trace(tensor) * np.eye(3) - tensor
 
 
@@ -107,7 +108,7 @@ def _pseudo(tensor: Array, first: Array, mass: float) -> Array:
 
 
 def least_mass(tensor: Array, first: Array) -> float:
-    """Return the smallest mass in kg of a body with tensor (3, 3) and first moment (3,); infinite if none has."""
+    """Return the minimum mass in kg of a body with tensor (3, 3) and first moment (3,); infinite if impossible."""
     S = second(tensor)
     if not np.all(np.isfinite(S)) or np.linalg.eigvalsh(S)[0] <= 0:
         return float("inf")
@@ -115,14 +116,14 @@ def least_mass(tensor: Array, first: Array) -> float:
 
 
 def judged(body: Stated) -> Judged:
-    """Return what follows from what is stated of a body."""
+    """Return what follows from a body's stated data."""
     found: list[Finding] = []
     mass, first = body.mass, np.asarray(body.first, float)
     tensor = 0.5 * (body.tensor + body.tensor.T)
 
-    def say(code: str, text: str, severity: str = "disagreement", **more: Any) -> None:
-        where = {"where": body.name, "when": body.source}
-        found.append(Finding(f"inertia.{code}", severity, f"{body.name}: {text}", **where, **more))  # pyright: ignore[reportArgumentType]
+    def say(code: str, what: str, *more: Any, severity: Severity = "disagreement", word: str = "limit") -> None:
+        at = body.source
+        found.append(finding(severity, f"inertia.{code}", body.name, f"{body.name}: {what}", *more, when=at, word=word))
 
     numbers = np.concatenate([first, body.tensor.ravel(), [] if mass is None else [mass]])
     if not np.all(np.isfinite(numbers)):
@@ -130,9 +131,9 @@ def judged(body: Stated) -> Judged:
         return Judged(body.name, body.source, mass, np.nan, np.nan, np.nan, np.nan, np.nan, tuple(found))
     skew = float(np.abs(body.tensor - body.tensor.T).max())
     if skew > 1e-9 * float(np.abs(tensor).max()):
-        say("symmetry", f"the tensor is not symmetric, by {skew:.3g} kg m2", size=skew, unit="kg m2", limit=0.0)
+        say("symmetry", "the tensor is not symmetric", Quantity(skew, "kg m2"), 0.0)
     if mass is not None and mass <= 0:
-        say("mass", f"a mass of {mass:g} kg is not positive", size=mass, unit="kg", limit=0.0)
+        say("mass", "the mass is not positive", Quantity(mass, "kg"), 0.0)
         return Judged(body.name, body.source, mass, np.nan, np.nan, np.nan, np.nan, np.nan, tuple(found))
     least = least_mass(tensor, first)
     about = tensor if mass is None else _about_centre(tensor, first, mass)
@@ -143,21 +144,13 @@ def judged(body: Stated) -> Judged:
     definite = float(values[0] / values[-1])
     if moments[0] <= 0:
         what = "is not positive definite" if mass is None else "about the mass centre is not positive definite"
-        text = f"the tensor {what} (smallest principal moment {moments[0]:.3g} kg m2)"
-        say("impossible", text, size=float(moments[0]), unit="kg m2", limit=0.0)
+        say("impossible", f"the tensor {what}: smallest principal moment", Quantity(moments[0], "kg m2"), 0.0)
     elif slack <= 0:
-        text = f"principal moments {_three(moments)} kg m2 break the triangle inequality by {-slack:.3g} kg m2"
-        say("impossible", f"{text}: no body has them", size=float(moments[2]), unit="kg m2",
-            limit=float(moments[:2].sum()))  # fmt: skip
+        text = f"no body has principal moments {_three(moments)} kg m2 (triangle inequality): largest"
+        say("impossible", text, Quantity(moments[2], "kg m2"), moments[:2].sum())
     elif mass is not None and (mass < least * (1 - 1e-9) or definite < DEFINITE):
-        say(
-            "impossible",
-            f"with these moments it has at least {least:.4g} kg, {mass:.4g} kg is stated: the pseudo-inertia is not "
-            "positive definite",
-            size=mass,
-            unit="kg",
-            limit=least,
-        )
+        text = "the mass is too small for these moments (the pseudo-inertia is not positive definite)"
+        say("impossible", text, Quantity(mass, "kg"), least, word="minimum")
     density, outside = _against_shapes(body, first, mass, say)
     if mass is not None and body.meshes:
         found += guesses(body.name, body.source, about, first / mass, mass, _shape_tensor(body))
@@ -187,26 +180,22 @@ def _against_shapes(body: Stated, first: Array, mass: float | None, say) -> tupl
     severity = "disagreement" if body.own_shapes else "warning"
     outside = hull_distance(first / mass, body.meshes)
     if outside > BESIDE:
-        text = f"the mass centre lies {outside / MM:.3g} mm outside the convex hull of the shapes"
-        say("outside", text, severity, size=outside / MM, unit="mm", limit=BESIDE / MM,
-            suggestion="check its frame, its signs and its unit")  # fmt: skip
+        text, way = (
+            "the mass centre lies outside the convex hull of the shapes",
+            "check its frame, its signs and its unit",
+        )
+        say("outside", text, mm(outside), mm(BESIDE), way, severity=severity)
     m = solid.of_meshes(body.meshes)
     if m is None or m.volume <= 0:
         return float("nan"), outside
     density = mass / m.volume
     if not DENSITY[0] <= density <= DENSITY[1]:
         power = int(np.round(np.log10(density / 2700.0)))
-        guess = f": as if the decimal mark of {mass:g} kg were {abs(power)} places off" if power else ""
-        text = f"{mass:g} kg in {1e6 * m.volume:.4g} cm3 of shapes are {density:.3g} kg/m3{guess}"
-        say(
-            "density",
-            text,
-            severity,
-            size=density,
-            unit="kg/m3",
-            limit=DENSITY[0] if density < DENSITY[0] else DENSITY[1],
-            suggestion=f"{mass / 10.0**power:g} kg would be {density / 10.0**power:.4g} kg/m3" if power else "",
-        )
+        guess = f", as if the decimal mark were shifted by {abs(power)} places" if power else ""
+        way = f"{mass / 10.0**power:g} kg would be {density / 10.0**power:.4g} kg/m3" if power else ""
+        limit = DENSITY[0] if density < DENSITY[0] else DENSITY[1]
+        text = f"{mass:g} kg in {1e6 * m.volume:.4g} cm3 of shapes{guess}: density"
+        say("density", text, Quantity(density, "kg/m3"), limit, way, severity=severity)
     return density, outside
 
 

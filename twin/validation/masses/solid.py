@@ -1,4 +1,4 @@
-"""Moments of a closed triangle mesh, summed over signed tetrahedra: nothing of the library that weighs the CAD."""
+"""Moments of a closed triangle mesh, summed over signed tetrahedra: independent of the library that weighs the CAD."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Moments:
 
 
 def moments(vertices: Array, triangles: np.ndarray) -> Moments:
-    """Return the moments of what a closed mesh encloses.
+    """Return the moments of the volume enclosed by a closed mesh.
 
     Args:
         vertices: (n, 3) m.
@@ -61,7 +61,7 @@ def tensor(second: Array) -> Array:
 
 
 def closed(triangles: np.ndarray) -> bool:
-    """Return whether every edge is used once in each direction: only then does a mesh enclose anything."""
+    """Return whether every edge is used once in each direction: only then does a mesh enclose a volume."""
     t = np.asarray(triangles, np.int64)
     edges = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
     n = int(edges.max(initial=0)) + 1
@@ -69,7 +69,7 @@ def closed(triangles: np.ndarray) -> bool:
 
 
 def of_meshes(meshes: Iterable[Mesh]) -> Moments | None:
-    """Return the moments of several closed meshes together; None if one is open or there is none."""
+    """Return the moments of several closed meshes together; None if a mesh is open or there are no meshes."""
     total = None
     for mesh in meshes:
         if not closed(mesh.triangles):

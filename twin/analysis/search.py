@@ -1,0 +1,86 @@
+"""Workspace of a robot, by poses or by joint positions, depending on its equations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from twin.analysis.cluster import cluster
+from twin.analysis.joints import by_joints
+from twin.analysis.workspace import Grid, Workspace, box, centre
+from twin.analysis.workspace import workspace as over_grid
+from twin.api import Progress, Robot
+from twin.api.robot import silent
+from twin.core.errors import TwinError
+
+_POSITIONS = 50_000_000
+"""Maximum number of positions: each takes 16 bytes on disk and 16 bytes of memory."""
+
+
+def workspace(
+    robot: Robot,
+    count: int = 1_000_000,
+    step: float | None = None,
+    *,
+    tilt: float = 0.0,
+    turns: int = 1,
+    by_joint_positions: bool = False,
+    protocol: str | None = None,
+    store: Path | None = None,
+    scheduler: str | None = None,
+    source: str = "",
+    progress: Progress = silent,
+) -> Workspace:
+    """Return the workspace of the tool.
+
+    With a closed-form inverse, positions on a grid are tried in one or more orientations; otherwise, or on request,
+    joint positions are sampled.
+
+    Args:
+        robot: a robot with CAD, or of a stage.
+        count: approximate number of poses or joint positions.
+        step: distance between positions in m; default: from the count.
+        tilt: largest rotation about each axis of base in rad.
+        turns: number of orientations at each position.
+        by_joint_positions: whether to sample joints although there is a closed-form inverse.
+        protocol: the protocol that places the trocars; default: the robot's default protocol.
+        store: folder for workspace.npy with the values of each position; default: memory only.
+        scheduler: address of a Dask cluster; its workers load the robot by `source`.
+        source: name or path by which workers load the robot.
+        progress: see `twin.api.Progress`.
+
+    Raises:
+        TwinError: no position is reached, or there are more positions than the limit.
+    """
+    if protocol or robot.mechanism.trocars:
+        robot = robot.bound(robot.protocol(protocol))
+    closed = robot.files is not None and robot.files.has_equations and robot.kinematics().closed_inverse
+    if by_joint_positions or not closed:
+        if scheduler:
+            raise TwinError("--scheduler: joint samples run on this machine only; omit --joints")
+        return by_joints(robot, count, step, progress)
+    progress("find the box", 0.0)
+    T = centre(robot)
+    turns = turns if tilt else 1
+    low, high = box(robot, T, tilt, turns)
+    if step is None:
+        step = float((np.prod(high - low) * turns / count) ** (1 / 3))
+    nx, ny, nz = (int(n) for n in np.floor((high - low) / step) + 1)
+    grid = Grid(low, step, (nx, ny, nz), T[:3, :3], tilt, turns)
+    if grid.positions > _POSITIONS:
+        raise TwinError(
+            f"{grid.positions:.3g} positions; the limit is {_POSITIONS:.0e}. Take a larger --step-mm, or "
+            "more --turns at fewer positions"
+        )
+
+    def kept(shape: tuple[int, int]) -> np.ndarray:
+        if store is None:
+            return np.zeros(shape, np.float32)
+        # On disk: the system keeps in memory what there is room for.
+        return np.lib.format.open_memmap(store / "workspace.npy", "w+", np.float32, shape)
+
+    if scheduler:
+        with cluster(scheduler) as client:
+            return over_grid(robot, grid, kept, progress, client=client, source=source, protocol=protocol)
+    return over_grid(robot, grid, kept, progress)

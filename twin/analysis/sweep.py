@@ -1,0 +1,179 @@
+"""Evaluate designs, store each result at once, and report the Pareto-optimal ones."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.analysis import design, table
+from twin.analysis.cluster import HERE, cluster, each
+from twin.api import Progress, Robot
+from twin.api.robot import silent
+from twin.core.errors import TwinError
+from twin.core.findings import Finding
+from twin.core.result import Part, Result, Table
+from twin.core.spatial import Array
+from twin.core.units import MM
+
+_SHOWN = 20
+"""Maximum number of printed Pareto-optimal designs."""
+
+
+@dataclass(frozen=True)
+class Sweep(Result):
+    """Evaluated designs.
+
+    Attributes:
+        robot: its name.
+        work: the factors and the objectives.
+        designs: (k, factors) in SI, the CAD's design first.
+        judged: (k, objectives).
+        best: (k,) bool, Pareto-optimal designs.
+        before: number of designs whose results came from the cache.
+    """
+
+    robot: str
+    work: design.Job
+    designs: Array
+    judged: Array
+    best: np.ndarray
+    before: int
+
+    kind = "sweep"
+    judges = False
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Always empty: designs are compared, not judged against a limit."""
+        return ()
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """Each design with its factors, its objectives and whether it is Pareto-optimal."""
+        names = self.work.objectives
+        return [
+            {**design.row(self.work, i, d, dict(zip(names, j, strict=True))), "pareto": bool(b)}
+            for i, (d, j, b) in enumerate(zip(self.designs, self.judged.tolist(), self.best, strict=True))
+        ]
+
+    def content(self) -> dict[str, Any]:
+        """Return plain data."""
+        known = {n: design.OBJECTIVES[n] for n in self.work.objectives}
+        grid = None  # only volumes are counted in cells
+        if "volume" in known:
+            grid = {"step_mm": self.work.step / MM, "volume_error_dm3": design.grid_error(self.work)}
+        rows = self.rows
+        return {
+            "robot": self.robot,
+            "designs": len(self.designs),
+            "judged_before": self.before,
+            "objectives": {n: {"unit": unit, "meaning": meaning} for n, (unit, _, meaning) in known.items()},
+            "grid": grid,
+            "drawn": rows[0],
+            "pareto": [r for r in rows if r["pareto"]],
+        }
+
+    def text(self) -> Iterator[Part]:
+        """Yield the CAD's design and the Pareto-optimal ones."""
+        data = self.content()
+        yield f"{self.robot} · {len(self.designs)} designs evaluated ({self.before} from cache)"
+        yield from (f"  {name}: {meaning['meaning']}" for name, meaning in data["objectives"].items())
+        if (grid := data["grid"]) is not None:
+            cells = f"positions {grid['step_mm']:.3g} mm apart, the same for every design"
+            yield f"  volume is counted on {cells}: ± {grid['volume_error_dm3']:.1g} dm³ for the CAD's design"
+        yield ""
+        head = [n for n in data["drawn"] if n != "pareto"]
+        best = [r for r in data["pareto"] if r["design"] != 0]
+        yield Table(head, [[_cell(n, r[n]) for n in head] for r in [data["drawn"], *best[:_SHOWN]]], fit=True)
+        if len(best) > _SHOWN:
+            yield f"  and {len(best) - _SHOWN} more Pareto-optimal designs"
+        if beaten := len(self.designs) - len(best) - 1:
+            yield f"  not shown: {beaten} dominated or infeasible designs; all are in sweep.csv"
+        yield ""
+
+
+def _cell(name: str, value: Any) -> str:
+    if name == "design":
+        return "as drawn" if value == 0 else str(value)
+    return f"{value:.4g}"
+
+
+def sweep(
+    robot: Robot,
+    vary: Sequence[str],
+    folder: Callable[[str], Path],
+    *,
+    source: str,
+    objectives: Sequence[str] = (),
+    protocol: str | None = None,
+    samples: int = 200,
+    grid: int | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    fresh: bool = False,
+    progress: Progress = silent,
+) -> Sweep:
+    """Evaluate designs; results already stored in the same folder are reused.
+
+    Args:
+        robot: a robot with CAD, and with equations if an objective needs them.
+        vary: factors, NAME=LOW..HIGH with a unit, see `twin.analysis.design.factor`.
+        folder: function of a key of the request; returns the folder in which each result is stored at once.
+        source: name or path by which workers load the robot.
+        objectives: names in `twin.analysis.design.OBJECTIVES`; default: those that depend on the factors.
+        protocol: the protocol that places the trocars; default: the robot's default protocol.
+        samples: number of designs of a Latin hypercube; alternative: `grid`.
+        grid: number of levels of each factor.
+        seed: seed of the Latin hypercube.
+        workers: number of processes; default: one for each processor.
+        scheduler: address of a Dask cluster to use instead.
+        fresh: whether to evaluate designs again that are in the cache.
+        progress: see `twin.api.Progress`.
+
+    Raises:
+        TwinError: a factor or an objective does not exist.
+    """
+    if protocol or robot.mechanism.trocars:
+        robot = robot.bound(robot.protocol(protocol))
+    factors = [design.factor(robot, text) for text in vary]
+    if len({f.name for f in factors}) < len(factors):
+        raise TwinError("--vary: a factor is given twice")
+    default = ("tolerance",) if all(":" in f.name for f in factors) else ("volume", "conditioning")
+    objectives = tuple(dict.fromkeys(objectives or default))
+    progress("positions", 0.0)
+    work = design.job(robot, source, protocol, factors, objectives)
+    designs = design.values(factors, samples, grid, seed)
+    with table.Table(folder(table.key_of(work, designs)), work, designs, fresh=fresh) as kept:
+        before = len(kept.done)
+        todo = [i for i in range(len(designs)) if i not in kept.done]
+        if todo:
+            _judge(work, designs, todo, kept, scheduler or HERE, workers, progress)
+    judged = np.array([[kept.done[i][n] for n in objectives] for i in range(len(designs))])
+    best = design.pareto(judged, [design.OBJECTIVES[n][1] for n in objectives])
+    return Sweep(robot.name, work, designs, judged, best, before)
+
+
+def _judge(
+    work: design.Job,
+    designs: Array,
+    todo: list[int],
+    kept: table.Table,
+    scheduler: str,
+    workers: int | None,
+    progress: Progress,
+) -> None:
+    # Ctrl-C stops the sweep; evaluated designs are kept.
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with cluster(scheduler, workers) as client:
+            for k, result in each(client, design.judge, [(work, designs[i].tolist()) for i in todo]):
+                kept.add(todo[k], result)
+                progress(f"{len(kept.done)} of {len(designs)} designs", len(kept.done) / len(designs))
+    finally:
+        signal.signal(signal.SIGTERM, before)

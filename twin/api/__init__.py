@@ -1,0 +1,38 @@
+"""The API for scripts and the command line: robots, and functions on robots."""
+
+from twin.api.about import SCENE_COMMANDS, info, info_of_scene, listing
+from twin.api.act import load_scene, operate, play, world
+from twin.api.control import track
+from twin.api.current import check_build
+from twin.api.judge import explain, plan, strokes, validate
+from twin.api.make import audit, build, export
+from twin.api.published import console, masses, study
+from twin.api.robot import STAGE_SUFFIXES, Progress, Robot, load, names
+
+__all__ = [
+    "SCENE_COMMANDS",
+    "STAGE_SUFFIXES",
+    "Progress",
+    "Robot",
+    "audit",
+    "build",
+    "check_build",
+    "console",
+    "explain",
+    "export",
+    "info",
+    "info_of_scene",
+    "listing",
+    "load",
+    "load_scene",
+    "masses",
+    "names",
+    "operate",
+    "plan",
+    "play",
+    "strokes",
+    "study",
+    "track",
+    "validate",
+    "world",
+]

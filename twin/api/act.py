@@ -1,0 +1,121 @@
+"""Simulations: trials of an operator with one robot, and all robots of a scene together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from twin.api.judge import plan
+from twin.api.robot import Progress, Robot, load, silent
+from twin.core import assets
+from twin.core.errors import TwinError, unknown
+
+if TYPE_CHECKING:
+    from twin.model.mechanism import Mechanism
+    from twin.model.scene import Scene
+    from twin.planning.protocol import Protocol
+    from twin.simulation.controllers.teleoperation import Clutch
+    from twin.simulation.controllers.velocity import Solver
+    from twin.simulation.operated import Operated
+    from twin.simulation.scene_play import Actor, Played
+    from twin.simulation.world import World
+
+
+def operate(
+    robot: Robot,
+    protocol: str | Path | Protocol | None = None,
+    *,
+    trials: int = 1,
+    seed: int = 0,
+    clutch: Clutch = "corrected",
+    scale: float = 0.1,
+    solver: Solver = "damped",
+    progress: Progress = silent,
+) -> Operated:
+    """Simulate an operator (handle, clutch pedal) doing a protocol, and measure the result; hand and gains ASSUMED.
+
+    Args:
+        robot: a robot with equations.
+        protocol: a protocol with an insertion; default: the robot's default protocol.
+        trials: number of trials, with the seeds seed, seed + 1, ...
+        seed: seed of the first trial; the same seed gives the same hand motion.
+        clutch: eq. (7) of the SHER paper, "printed" or "corrected".
+        scale: tool motion for each handle motion; rotations are not scaled.
+        solver: solver of the joint step, "damped" or "slsqp".
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: the protocol has no insertion, or a number is out of range.
+        KinematicsError: the robot cannot reach the end pose of a phase.
+    """
+    from twin.planning.protocol import Protocol
+    from twin.simulation.operated import run_trials
+
+    if trials < 1:
+        raise TwinError(f"--trials {trials}: it must be at least 1")
+    if not scale > 0:
+        raise TwinError(f"--scale {scale:g}: it must be above 0")
+    chosen = protocol if isinstance(protocol, Protocol) else robot.protocol(protocol)
+    progress("read CAD", 0.0)
+    kin, mechanism = robot.kinematics(), robot.mechanism
+    return run_trials(robot.name, kin, mechanism, chosen, trials, seed, clutch, scale, solver, progress)
+
+
+def load_scene(scene: str | Path) -> Scene:
+    """Return a scene.
+
+    Args:
+        scene: the name of a built-in scene, the path of a scene.toml or of its folder.
+
+    Raises:
+        TwinError: there is no such scene.
+        DescriptionError: its file is malformed.
+    """
+    from twin.model.scene import load_scene as read
+
+    if (file := assets.scene_file(scene)) is None:
+        raise TwinError(unknown("scene", str(scene), assets.scenes()))
+    return read(file)
+
+
+def world(scene: Scene, dt: float = 1e-3, progress: Progress = silent) -> World:
+    """Return a World in which every robot of a scene plays its protocol, with the props.
+
+    Raises:
+        TwinError: a protocol cannot be planned.
+    """
+    from twin.simulation import scene_play
+
+    return scene_play.world(_actors(scene, progress), _props(scene), dt)
+
+
+def play(scene: Scene, progress: Progress = silent) -> Played:
+    """Play the protocols of all robots of a scene at once; judge their clearances and their ports.
+
+    Raises:
+        TwinError: a protocol cannot be planned, or a robot lacks a trocar for which its place gives a port.
+    """
+    from twin.simulation import scene_play
+
+    actors = _actors(scene, lambda label, f: progress(label, f / 2))
+    return scene_play.play(scene, actors, _props(scene), lambda label, f: progress(label, 0.5 + f / 2))
+
+
+def _actors(scene: Scene, progress: Progress) -> list[Actor]:
+    from twin.simulation.scene_play import Actor, trocars_of
+
+    scene.require_protocols()
+    actors = []
+    for i, place in enumerate(scene.places):
+        progress(f"plan {place.name}", i / len(scene.places))
+        robot = load(place.robot)
+        protocol = robot.protocol(place.protocol)
+        trajectory, mechanism = plan(robot, protocol), robot.bound(protocol).mechanism
+        actors.append(Actor(place, mechanism, trajectory, trocars_of(place, mechanism, trajectory)))
+    return actors
+
+
+def _props(scene: Scene) -> Mechanism | None:
+    from twin.cad.build import read_mechanism
+
+    return None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism

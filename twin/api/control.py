@@ -1,0 +1,92 @@
+"""Simulate computed-torque control along a protocol, and the error caused by model mismatch."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from twin.api.judge import plan
+from twin.api.robot import Progress, Robot, silent
+from twin.core.errors import TwinError
+
+if TYPE_CHECKING:
+    from twin.planning.protocol import Protocol
+    from twin.simulation.dynamics.result import Tracking
+    from twin.simulation.dynamics.track import PlantName
+
+_SEEDS = (0, 1)
+"""Number of runs with random signs of the errors of masses and frictions."""
+
+_CURVE = tuple(p / 100 for p in range(-20, 21, 5))
+"""Relative errors of the inertias, for the curve of the tip error."""
+
+
+def track(
+    robot: Robot,
+    protocol: str | Path | Protocol | None = None,
+    *,
+    mismatch: float = 0.05,
+    plant: PlantName = "mujoco",
+    inertia: Literal["cited", "cad"] | None = None,
+    curve: bool = False,
+    progress: Progress = silent,
+) -> Tracking:
+    """Simulate computed torque control along a protocol, with an exact model and with wrong models.
+
+    Args:
+        robot: a robot with masses in its description, inertia.toml or stage.
+        protocol: a protocol, its name or its path; default: the robot's default protocol.
+        mismatch: fraction, 0 to below 1, by which masses and inertia tensors of the wrong models differ.
+        plant: simulator of the robot, "mujoco" or "pinocchio"; the controller's model is always Pinocchio's.
+        inertia: masses as inertia.toml cites them, or as computed from the CAD; default: those of inertia.toml if the
+            file exists.
+        curve: whether to also compute the error for inertias that are wrong by -20..20 %.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: a mass is not known, the protocol cannot be planned, or the robot departs from the motion.
+    """
+    from twin.planning.protocol import Protocol
+    from twin.simulation.dynamics import inertia as masses
+    from twin.simulation.dynamics.arm import arm as arm_of
+    from twin.simulation.dynamics.result import EXACT, Tracking
+    from twin.simulation.dynamics.track import Conditions, Motion, Run, run
+    from twin.simulation.dynamics.track import curve as over
+
+    if not 0 <= mismatch < 1:
+        raise TwinError(f"mismatch {100 * mismatch:g} %: give 0 to below 100 %")
+    chosen = protocol if isinstance(protocol, Protocol) else robot.protocol(protocol)
+    robot = robot.bound(chosen)
+    known = robot.files is not None and (robot.files.cad / masses.NAME).is_file()
+    source = inertia or ("cited" if known else "cad")
+    if source == "cited" and robot.files is None:
+        raise TwinError(f"{robot.name} was loaded from a USD stage: it has no {masses.NAME}")
+    table = masses.of_robot(robot.files.cad) if robot.files is not None and (known or source == "cited") else None
+    progress("read CAD", 0.0)
+    trajectory = plan(robot, chosen, progress)
+    if source == "cad" and robot.files is not None:
+        progress("weigh CAD", 0.0)
+        robot = robot.weighed()
+    arm = arm_of(robot.mechanism, table, cited=source == "cited")
+    if plant == "mujoco":
+        from twin.exchange.write.mjcf import mjcf_text
+
+        arm = replace(arm, mjcf=mjcf_text(arm.mechanism))
+    t = trajectory
+    motion = Motion(t.t, t.q, t.qd, t.qdd, robot.mechanism.frame_in_tool(t.frame), t.shaft_axis, t.rcm)
+    exact, percent = Conditions(plant=plant), 100 * mismatch
+    cases = {EXACT: exact, f"links {percent:+g} %": exact.realistic(mismatch)}
+    if mismatch:
+        cases[f"links {-percent:+g} %"] = exact.realistic(-mismatch)
+        cases |= {f"links ±{percent:g} %, seed {s}": exact.realistic(mismatch, s) for s in _SEEDS}
+    runs: dict[str, Run] = {}
+    for name, conditions in cases.items():
+        runs[name] = run(arm, motion, conditions, partial(progress, f"control, {name}"))
+    curves = {}
+    if curve:
+        for name, c in {"links alone": exact, "links, friction, encoders": exact.realistic(0.0)}.items():
+            curves[name] = over(arm, motion, _CURVE, c, lambda part: progress("error curve", part))
+    phases = tuple((p.name, p.type, p.t0, p.t1) for p in t.phases)
+    return Tracking(robot.name, chosen.name, chosen.title, source, arm, motion, phases, mismatch, runs, curves)

@@ -1,0 +1,100 @@
+"""Whether the USD stage of a robot is what its CAD and protocols give today."""
+
+from __future__ import annotations
+
+import filecmp
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from twin.api import make
+from twin.api.robot import Progress, Robot, silent
+from twin.core.atomic import Scratch
+from twin.core.errors import TwinError
+from twin.core.findings import Finding, disagreement
+from twin.core.result import Part, Result
+
+
+@dataclass(frozen=True)
+class StageCheck(Result):
+    """A stage compared with a fresh one.
+
+    Attributes:
+        folder: of the stage.
+        fresh: number of files of the fresh one.
+        differing: files that differ, or are missing.
+        unexpected: files that a fresh one has not.
+        command: the command line that writes it anew.
+    """
+
+    kind: ClassVar[str] = "build"
+    folder: Path
+    fresh: int
+    differing: tuple[str, ...]
+    unexpected: tuple[str, ...]
+    command: str
+
+    @property
+    def findings(self) -> list[Finding]:
+        """One for each file."""
+        way = f"rebuild the stage with: {self.command}"
+        told = {"differs": "differs from a new build", "unexpected": "is not part of a new build"}
+        return [
+            disagreement(f"build.{code}", name, f"{name} {told[code]}", suggestion=way)
+            for code, names in (("differs", self.differing), ("unexpected", self.unexpected))
+            for name in names
+        ]
+
+    def content(self) -> Mapping[str, Any]:
+        """Return the names of the files."""
+        return {"differing": self.differing, "unexpected": self.unexpected}
+
+    def text(self) -> Iterator[Part]:
+        """Yield the verdict, then the files."""
+        if self.verdict == "agree":
+            yield f"  {self.folder} is current: {self.fresh} files equal a new build"
+            return
+        yield f"  {self.folder} is not current. Rebuild it with: {self.command}"
+        yield from (f"    differs: {n}" for n in self.differing)
+        yield from (f"    unexpected: {n}" for n in self.unexpected)
+
+
+def check_build(robot: Robot, folder: Path | None = None, word: str = "", progress: Progress = silent) -> StageCheck:
+    """Compare a robot's USD stage with one that is built now in a temporary folder.
+
+    Args:
+        robot: with CAD.
+        folder: of the stage; default the robot's own.
+        word: names the robot in the command that rebuilds it; default its name.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: the robot is a stage, or cannot be built.
+    """
+    if robot.files is None:
+        raise TwinError(f"{robot.name} is already a stage")
+    current = folder or robot.files.usd
+    with Scratch() as work:
+        fresh = make.build(robot, Path(work), progress=progress)
+        names = [p.relative_to(work) for p in fresh]
+        differing = tuple(str(n) for n in names if not _same(Path(work) / n, current / n))
+    found = (p.relative_to(current) for p in current.rglob("*.usd*"))
+    extra = tuple(str(p) for p in found if p not in names)
+    return StageCheck(current, len(names), differing, extra, f"twin build {word or robot.name}")
+
+
+def _same(a: Path, b: Path) -> bool:
+    """Return whether two layers are equal: by bytes, or (another processor rounds differently) by content."""
+    if not b.is_file():
+        return False
+    if filecmp.cmp(a, b, shallow=False):
+        return True
+    from pxr import Tf
+
+    from twin.usd.same import same_layer
+
+    try:
+        return same_layer(a, b)
+    except Tf.ErrorException:  # not a layer at all
+        return False

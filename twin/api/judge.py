@@ -1,0 +1,169 @@
+"""Plan a protocol, validate a robot along it, and find edits that make it agree."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from twin.api.robot import Progress, Robot, silent
+from twin.core.errors import TwinError, unknown
+from twin.core.units import UM
+
+if TYPE_CHECKING:
+    from twin.planning.protocol import Protocol
+    from twin.planning.trajectory import Trajectory
+    from twin.validation.explain.result import Explanation
+    from twin.validation.result import Report
+    from twin.validation.rows import Tolerances
+    from twin.validation.sweep import Strokes
+
+
+def plan(robot: Robot, protocol: str | Path | Protocol | None = None, progress: Progress = silent) -> Trajectory:
+    """Return the timed trajectory of a protocol, checked at 1 kHz.
+
+    Raises:
+        ProtocolError: it cannot be carried out; the message names the phase, the place on its path and the amount.
+        TimingError: no timing keeps the limits.
+    """
+    from twin.planning.plan import plan as plan_
+    from twin.planning.protocol import Protocol
+
+    chosen = protocol if isinstance(protocol, Protocol) else robot.protocol(protocol)
+    robot = robot.bound(chosen)
+    T = robot.mechanism.frame_in_tool(chosen.frame)
+    return plan_(chosen, robot.path_kinematics(), T_tool_frame=T, progress=lambda phase: progress(f"plan {phase}", 0.0))
+
+
+def validate(
+    robot: Robot,
+    trajectory: Trajectory | None = None,
+    *,
+    protocol: str | Path | None = None,
+    variants: Mapping[str, str] | str | None = None,
+    tolerances: Tolerances | None = None,
+    stage: Path | None = None,
+    baked: bool = False,
+    progress: Progress = silent,
+) -> Report:
+    """Judge the equations against the mechanism along a protocol, and the mechanism against its USD stage.
+
+    Args:
+        robot: a robot with CAD and equations.
+        trajectory: the planned trajectory, or None to plan it now.
+        protocol: the protocol of the trajectory; default: the robot's default protocol.
+        variants: the variants to judge; the motion is always planned with the robot's own variants.
+        tolerances: maximum deviations; default: those of exact geometry, increased by the placement precision of the
+            CAD.
+        stage: root layer to judge; default: the robot's own stage, or a fresh one if that is missing or stale.
+        baked: whether the motion in that stage was made from this trajectory; if not, a difference is only a warning.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: nothing could be judged, because something is missing or malformed.
+    """
+    from twin.validation.case import Case
+    from twin.validation.commands import commands
+    from twin.validation.judge import judge
+    from twin.validation.lengths import check_parameters
+    from twin.validation.rows import Tolerances
+
+    progress("read CAD", 0.0)
+    used = tolerances or Tolerances().widened(10 * robot.cad.placement_loss)
+    chosen = robot.protocol(protocol or (trajectory.protocol if trajectory is not None else None))
+    said = None if robot.parameters else protocol or chosen.name  # no command line gives other parameters
+    robot = robot.bound(chosen)
+    kin = robot.kinematics(variants) if variants is not None or not robot.unwritten else None
+    if kin is not None:
+        check_parameters(kin, robot.cad.description)
+    if trajectory is None:
+        trajectory = plan(robot, chosen, progress)
+    assert robot.files is not None  # it has CAD
+    with contextlib.nullcontext(stage) if stage is not None else robot.source.fresh_stage() as root:
+        sides = (kin, robot.cad, chosen, trajectory, root, used)
+        report = judge(Case(*sides, robot.path_kinematics(), baked), progress)
+    return report if said is None else replace(report, commands=commands(robot.files, kin, said, tolerances))
+
+
+def explain(
+    robot: Robot,
+    variants: Mapping[str, str] | str | None = None,
+    *,
+    tolerance: float | None = None,
+    seconds: float = 8.0,
+    progress: Progress = silent,
+) -> Explanation:
+    """Find the row (assignment) of an equation that disagrees with the mechanism, the reason and the correction.
+
+    Args:
+        robot: a robot with CAD (or a stage) and equations.
+        variants: the variants to explain; default the robot's own.
+        tolerance: accuracy of the CAD in m; default: ten times the placement precision of the CAD.
+        seconds: time limit of the search for two edits in one row.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: there are no equations, or the CAD cannot be read.
+    """
+    from twin.validation.explain.explain import explain as explain_
+    from twin.validation.explain.judge import Tolerance
+    from twin.validation.rows import Tolerances
+
+    if tolerance is not None and not tolerance > 0:
+        raise TwinError(f"tolerance {tolerance / UM:g} um: give a positive length")
+    formula = robot.formula  # its errors are raised before the CAD is read
+    progress("read CAD", 0.0)
+    used = Tolerances().widened(tolerance if tolerance is not None else 10 * robot.cad.placement_loss)
+    return explain_(
+        robot.name,
+        formula,
+        robot.reference(),
+        variants,
+        tolerance=Tolerance(used.position, used.rotation),
+        progress=progress,
+        budget=seconds,
+        root=Path.cwd(),
+        cad=robot.cad if robot.files is not None else None,
+    )
+
+
+def strokes(
+    robot: Robot,
+    joints: Sequence[str] = (),
+    standins: Sequence[str] = (),
+    variants: Mapping[str, str] | None = None,
+    progress: Progress = silent,
+) -> Strokes:
+    """Judge the equations over the whole stroke of each joint, with the other joints at home.
+
+    Args:
+        robot: a robot with equations.
+        joints: active joints to sweep; default: all.
+        standins: simplified loop models to compare with; of "serial", "mimic".
+        variants: variants of the equations; default: the robot's own.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: there is no such joint or stand-in.
+    """
+    from twin.validation.sweep import STANDINS, Strokes, sweep
+
+    for name in standins:
+        if name not in STANDINS:
+            raise TwinError(f"--compare: {unknown('stand-in', name, STANDINS)}")
+    for name in joints:
+        if name not in robot.joints:
+            raise TwinError(f"--sweep: {unknown('active joint', name, robot.joints)}")
+    chosen = joints or robot.joints
+    progress("read CAD", 0.0)
+    kin, model = robot.kinematics(variants), robot.reference()
+    home = model.home().q if robot.mechanism.home is None else robot.mechanism.home
+    found = []
+    for i, joint in enumerate(chosen):
+        progress(f"sweep {joint}", (i + 0.5) / len(chosen))
+        found.append(sweep(kin, model, joint, home, tuple(dict.fromkeys(standins))))
+    need = robot.cad.description.requirement if robot.files is not None else None
+    required = (need.tool_um * UM, need.provenance, need.note) if need else None
+    return Strokes(robot.name, tuple(found), required)

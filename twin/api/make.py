@@ -1,0 +1,149 @@
+"""Write a robot's USD stage, export it with its motions, and audit files of robots."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twin.api.judge import plan
+from twin.api.robot import Progress, Robot, load, names, silent
+from twin.core import assets
+from twin.core.errors import ProtocolError, TwinError
+from twin.core.spatial import Array
+
+if TYPE_CHECKING:
+    from twin.exchange.audit import AuditReport
+    from twin.exchange.write.bundle import Bundle
+    from twin.exchange.write.clip import Budget
+    from twin.planning.trajectory import Trajectory
+
+
+def build(
+    robot: Robot,
+    folder: Path | None = None,
+    *,
+    protocols: tuple[str, ...] | None = None,
+    progress: Progress = silent,
+) -> list[Path]:
+    """Write the robot's USD stage: meshes, masses, joints, and one baked motion for each protocol.
+
+    Args:
+        robot: a robot with CAD; if it has no equations yet, motions that the mechanism cannot follow are left out.
+        folder: folder to write; default: usd/<robot>/ in a checkout, usd/ in the folder of a user's robot.
+        protocols: protocols whose motions are baked; default: all.
+        progress: see `Progress`.
+
+    Returns:
+        The files written, root layer first.
+
+    Raises:
+        OutputError: the folder cannot be written; nothing half-written is left.
+    """
+    from twin.exchange.write.usd import bake, write_usd
+
+    if robot.files is None:
+        raise TwinError(f"{robot.name} is already a stage")
+    if folder is None:
+        if not assets.is_checkout() and robot.name in names():
+            raise TwinError("the installed data is read-only: choose a folder with --out")
+        folder = robot.files.usd
+    progress("read CAD, weigh parts", 0.0)
+    robot = robot.weighed()
+    assert robot.files is not None
+    chosen = protocols or ()
+    if protocols is None and (robot.files.has_equations or robot.unwritten):
+        chosen = tuple(robot.files.protocols())
+    with assets.atomic_folder(folder) as work:
+        root = write_usd(robot.mechanism, (), work)[0]
+        for i, name in enumerate(chosen):
+            progress(f"bake {name}", i / len(chosen))
+            try:
+                bound, trajectory = robot.bound(robot.protocol(name)).mechanism, plan(robot, name)
+            except ProtocolError:
+                if protocols is None and robot.unwritten:  # `twin plan` says why
+                    continue
+                raise
+            bake(robot.mechanism, bound, trajectory, work)
+        written = sorted(p.relative_to(work) for p in work.rglob("*") if p.is_file())
+        first = root.relative_to(work)
+    return [folder / first, *(folder / p for p in written if p != first)]
+
+
+def export(
+    robot: Robot,
+    trajectory: Trajectory | None = None,
+    folder: Path | None = None,
+    formats: Sequence[str] | None = None,
+    *,
+    protocols: Sequence[str | Path] | None = None,
+    budget: Budget | None = None,
+    progress: Progress = silent,
+) -> Bundle:
+    """Write the robot with its motions for headsets, engines and simulators, and let the audit read it again.
+
+    Args:
+        robot: a robot with CAD, or of a USD stage (with the motion baked in it, if any).
+        trajectory: a planned trajectory as the only motion; None: the motions of the protocols.
+        folder: folder to write; default: ./twin-out/<robot>/export/.
+        formats: any of "usd", "usdz", "glb", "unity", "tracks", "mjcf", "urdf"; default: all.
+        protocols: names or paths; default: every protocol of the robot.
+        budget: maximum interpolation errors between keys; it sets the key rate.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: something is missing or malformed; the folder is then unchanged.
+    """
+    from twin.exchange.audit import audit
+    from twin.exchange.write.bundle import chosen_formats, write_bundle
+    from twin.exchange.write.order import order
+
+    kinds = chosen_formats(formats)
+    assets.require_writable(folder := Path(folder or Path("twin-out") / robot.name / "export"))
+    return write_bundle(order(robot, trajectory, protocols, budget, plan, progress), folder, kinds, audit, progress)
+
+
+def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: Progress = silent) -> AuditReport:
+    """Read files that describe a moving robot with readers that share no code with a writer, and compare them.
+
+    Args:
+        path: a folder, or one .glb, .gltf, USD, .usdz, track, MJCF or URDF file.
+        robot: also compare with the poses of this robot's mechanism; a clip is compared with the protocol of its name.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: there is no such file, or no clip has the name of a protocol of the robot.
+    """
+    from twin.exchange.audit import audit as audit_
+
+    path = Path(path)
+    if robot is None:
+        return audit_(path, progress=progress)
+    robot = robot if isinstance(robot, Robot) else load(robot)
+    return audit_(path, truth=_truth(robot, path, progress), mechanism=robot.weighed().mechanism, progress=progress)
+
+
+def _truth(robot: Robot, path: Path, progress: Progress) -> dict[str, tuple[Array, dict[str, Array]]]:
+    """Return the poses of the reference model at the key times of the files, by protocol."""
+    from twin.exchange.audit import key_times
+    from twin.reference import ReferenceModel
+
+    if robot.files is None:
+        raise TwinError(f"{robot.name}: a stage has no protocols; give a robot by name, or its folder")
+    progress("read key times", 0.0)
+    known = robot.files.protocols()
+    out = {}
+    for clip, times in key_times(path).items():
+        fits = [p for p in known if clip == p or clip.removesuffix("_ar").endswith(f"_{p}")]
+        if not fits:
+            continue
+        protocol = robot.protocol(max(fits, key=len))
+        trajectory = plan(robot, protocol, progress)
+        inside = np.clip(times, 0.0, trajectory.duration)  # the last key is rounded
+        model = ReferenceModel(robot.bound(protocol).mechanism)
+        out[protocol.name] = (times, model.link_poses(trajectory.on(model, inside).x))
+    if not out:
+        raise TwinError(f"{robot.name}: no clip is named after one of its protocols ({', '.join(known) or 'none'})")
+    return out

@@ -1,0 +1,272 @@
+"""Checks of published material: tables from their printed rows, stated masses, the equations of a console."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from twin.api.robot import Progress, Robot, load, silent
+from twin.core import assets
+from twin.core.errors import TwinError, unknown
+from twin.core.findings import Finding, by_severity, verdict
+from twin.core.result import Part, Result, Table
+
+if TYPE_CHECKING:
+    from twin.validation.clauses import Contract
+    from twin.validation.groups import GroupTables, Recomputed
+    from twin.validation.masses.collect import Source
+
+_NEXT = "compare the numbers above with the document; if it prints the same, cite the recomputed ones too"
+
+
+@dataclass(frozen=True)
+class Study(Result):
+    """Published tables, recomputed from their own rows.
+
+    Attributes:
+        what: description of the printed values, for messages.
+        titles: title and source of each document.
+        tables: tables of the documents; an empty title means that the table belongs to the table before.
+        data: the tables as plain data.
+        findings: values that do not follow.
+    """
+
+    what: str
+    titles: tuple[tuple[str, str], ...]
+    tables: tuple[Table, ...]
+    data: dict[str, Any]
+    findings: tuple[Finding, ...]
+
+    kind = "study"
+
+    @property
+    def what_to_do(self) -> str:
+        """The suggestion in one line; "" if all values follow from the printed rows."""
+        return _NEXT if self.verdict == "disagree" else ""
+
+    def content(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {"what_to_do": self.what_to_do, **self.data}
+
+    def text(self) -> Iterator[Part]:
+        """Yield the tables, the findings, the verdict and the suggestion."""
+        for (title, source), table in zip(self.titles, self.tables, strict=True):
+            if title:
+                yield f"{title}\n  {source}\n"
+            yield table
+            yield ""
+        yield from by_severity(self.findings)
+        n = sum(f.severity == "disagreement" for f in self.findings)
+        words = {
+            "agree": f"AGREE: {self.what} follow from the printed rows",
+            "disagree": f"DISAGREE: {n} of {self.what} {'do' if n > 1 else 'does'} not follow from the values "
+            "printed beside them",
+            "unchecked": f"UNCHECKED: {self.what} could not all be judged",
+        }
+        yield f"\n  {words[self.verdict]} (exit code {self.exit_code})"
+        if self.what_to_do:
+            yield f"  what to do: {self.what_to_do}"
+
+
+def study(source: Robot | str | Path) -> Result:
+    """Recompute the published tables of a robot or a console, or of one study file; or compare groups of users.
+
+    Args:
+        source: a robot, its name or folder; the name of a study; the path of a study file (.toml), or of a table of
+            users (.csv with a column `group`).
+
+    Raises:
+        TwinError: there is nothing to recompute, or a file is malformed.
+    """
+    if not isinstance(source, Robot) and Path(source).suffix == ".toml":
+        return _users([Path(source)])
+    if not isinstance(source, Robot) and Path(source).suffix == ".csv":
+        from twin.validation.ranks import compare
+
+        return compare(Path(source))
+    if not isinstance(source, Robot) and (paths := assets.studies(str(source))):
+        return _users(paths)
+    robot = source if isinstance(source, Robot) else load(source)
+    paths = sorted((robot.files.trajectories / "study").glob("*.toml")) if robot.files is not None else []
+    if paths:
+        return _users(paths)
+    if robot.files is None or not (robot.files.cad / "exhibit.toml").is_file():
+        raise TwinError(f"{robot.name} has no study and no exhibit; give the path of a study file")
+    return _inertias(robot.files.cad / "exhibit.toml")
+
+
+def _users(paths: Sequence[Path]) -> Study:
+    from twin.validation import study
+
+    titles, tables, data, findings = [], [], [], []
+    for path in paths:
+        if _grouped(path):
+            printed, made = _groups(path)
+            findings += made.findings
+            data.append({"title": printed.title, "source": printed.source, **made.data})
+            titles += [(printed.title, printed.source), *(("", "") for _ in made.tables[1:])]
+            tables += made.tables
+            continue
+        printed = study.load(path)
+        rows, found = study.recompute(printed)
+        findings += found
+        data.append({"title": printed.title, "source": printed.source, "rows": [r.as_dict() for r in rows]})
+        titles.append((printed.title, printed.source))
+        lines = [
+            (r.name, f"{r.printed_p:.2f}", f"{p:.3f}", name, "reproduces the print" if name == r.test() else "")
+            for r in rows
+            for name, p in r.tests.items()
+        ]
+        tables.append(Table(("", "printed p", "p", "test", ""), lines))
+    what = "the printed means, p-values and claims"
+    return Study(what, tuple(titles), tuple(tables), {"studies": data}, tuple(findings))
+
+
+def _grouped(path: Path) -> bool:
+    """Return whether a study file compares independent groups; faults of the file are reported when it is loaded."""
+    import tomllib
+
+    try:
+        return "group" in tomllib.loads(path.read_text("utf-8"))
+    except (OSError, ValueError):
+        return False
+
+
+def _groups(path: Path) -> tuple[GroupTables, Recomputed]:
+    from twin.core.units import MM
+    from twin.simulation.controllers.console import console as the_console
+    from twin.validation import accuracy, groups
+
+    printed = groups.load(path)
+    made = groups.recompute(printed, lambda c: accuracy.measure(the_console(), c.displacements, c.resolution_mm * MM))
+    return printed, made
+
+
+def _inertias(path: Path) -> Study:
+    from twin.validation.masses import audit
+
+    exhibit = audit.load(path)
+    rows, findings = audit.recompute(exhibit)
+    lines = [
+        (r.name, "yes" if r.definite else "NO", f"{r.slack:.2g}", f"{r.mass_printed:.3f}", f"{r.mass_negated:.3f}")
+        for r in rows
+    ]
+    plain, negated = sum(r.mass_printed for r in rows), sum(r.mass_negated for r in rows)
+    lines.append(("sum", "", "", f"{plain:.2f}", f"{negated:.2f}"))
+    head = ("row", "positive definite", "triangle slack", "minimum mass, as printed [kg]", "products negated [kg]")
+    data = {"title": exhibit.title, "source": exhibit.source, "rows": [r.as_dict() for r in rows]}
+    title = (exhibit.title, exhibit.source)
+    return Study("the printed masses and inertias", (title,), (Table(head, lines),), data, tuple(findings))
+
+
+@dataclass(frozen=True)
+class Masses(Result):
+    """All sources that state masses of a robot (CAD, stage, tables), and whether the masses are physically possible.
+
+    Attributes:
+        robot: its name.
+        sources: the sources, each with its bodies and findings.
+    """
+
+    robot: str
+    sources: tuple[Source, ...]
+
+    kind = "inertia"
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Impossible and implausible masses."""
+        return tuple(f for s in self.sources for f in s.all_findings)
+
+    def content(self) -> dict[str, Any]:
+        """Return plain data."""
+        data = [{"title": s.title, "bodies": [b.as_dict() for b in s.bodies]} for s in self.sources]
+        return {"name": self.robot, "sources": data}
+
+    def text(self) -> Iterator[Part]:
+        """Yield a table and the findings of each source."""
+        for source in self.sources:
+            yield f"{self.robot}: {source.title}"
+            rows = [
+                (
+                    b.name,
+                    "-" if b.mass is None else f"{b.mass:.4g}",
+                    f"{b.least:.4g}",
+                    f"{b.slack:.3g}",
+                    f"{b.definite:.1e}",
+                    "-" if math.isnan(b.density) else f"{b.density:.0f}",
+                    "-"
+                    if math.isnan(b.outside)
+                    else "inside"
+                    if b.outside == 0
+                    else f"{1e3 * b.outside:.1f} mm outside",
+                    "" if not b.findings else "CANNOT BE" if verdict(b.findings) != "agree" else "odd",
+                )
+                for b in source.bodies
+            ]
+            least = sum(b.least for b in source.bodies)
+            stated = sum(b.mass or 0.0 for b in source.bodies)
+            rows.append(("sum", f"{stated:.4g}" if stated else "-", f"{least:.4g}", "", "", "", "", ""))
+            head = ("body", "mass kg", "minimum kg", "slack kg m2", "definite", "kg/m3", "mass centre", "")
+            yield Table(head, rows)
+            yield ""
+            yield from by_severity(source.all_findings)
+            if source.all_findings:
+                yield ""
+
+
+def masses(robot: Robot, progress: Progress = silent) -> Masses:
+    """Check the masses and inertias of a robot: of its CAD, its stage and its tables.
+
+    Raises:
+        TwinError: no mass is stated anywhere.
+    """
+    from twin.validation.masses import collect
+
+    sources = []
+    progress("weigh parts", 0.0)
+    if robot.files is None:
+        sources.append(collect.of_mechanism(robot.mechanism, "stage"))
+    else:
+        weighed = robot.weighed().mechanism
+        sources.append(collect.of_mechanism(weighed, "weighed on the CAD"))
+        if robot.files.stage.is_file():
+            from twin.usd.read import read_stage
+
+            progress("USD stage", 0.0)
+            sources.append(collect.of_mechanism(read_stage(robot.files.stage), f"stage {robot.files.stage.name}"))
+        if (robot.files.cad / "inertia.toml").is_file():
+            sources.append(collect.of_table(robot.files.cad, weighed))
+        if (robot.files.cad / "exhibit.toml").is_file():
+            sources.append(collect.of_exhibit(robot.files.cad / "exhibit.toml"))
+    if not any(s.bodies for s in sources):
+        raise TwinError(f"{robot.name}: no mass is stated; give materials with densities, or an inertia.toml")
+    return Masses(robot.name, tuple(sources))
+
+
+def console(
+    name: str = "davinci", variants: str | Mapping[str, str] | None = None, progress: Progress = silent
+) -> Contract:
+    """Judge the published equations of a surgeon's console, each clause (one requirement of its contract) separately.
+
+    Args:
+        name: name of the console.
+        variants: one reading for all equations ("paper", "conjugate", "decoupled"), or a reading by equation.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: there is no such console, equation or reading.
+    """
+    from twin.simulation.controllers import console as equations
+    from twin.validation.console import judge
+
+    if name != "davinci":
+        raise TwinError(unknown("console", name, ("davinci",)))
+    if isinstance(variants, str):
+        if variants not in equations.READINGS:
+            raise TwinError(f"--variant: {unknown('reading', variants, equations.READINGS)}")
+        variants = equations.READINGS[variants]
+    return judge(equations.console(variants), progress)

@@ -1,0 +1,425 @@
+"""A robot by name, by folder or by stage: its mechanism, its equations, its protocols."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twin.core import assets
+from twin.core.errors import TwinError
+from twin.core.foreign.admit import admit
+from twin.core.foreign.budget import read_bytes
+from twin.core.spatial import Array
+
+if TYPE_CHECKING:
+    from twin.cad.build import CadModel
+    from twin.cad.description import Description
+    from twin.kinematics import Formula, Kinematics, Solution, Task
+    from twin.kinematics.closed_loops import LoopSolver
+    from twin.kinematics.compiled import Beside
+    from twin.model.mechanism import Mechanism
+    from twin.planning.protocol import Protocol
+    from twin.planning.trajectory import Keep, PathKinematics
+    from twin.reference import ReferenceModel
+    from twin.reference.dynamics import Dynamics
+
+Progress = Callable[[str, float], None]
+"""Progress callback: current step and fraction done."""
+
+STAGE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+
+
+def silent(label: str, fraction: float) -> None:
+    """Ignore progress."""
+
+
+def names() -> list[str]:
+    """Return the names of the built-in robots."""
+    return assets.names()
+
+
+class Source:
+    """The CAD or USD stage of a robot; it is read once and shared by all robots made from it."""
+
+    def __init__(self, files: assets.RobotFiles | None, stage: Path | None, tool: str | None = None) -> None:
+        self.files, self.stage, self.tool = files, stage, tool
+
+    @cached_property
+    def cad(self) -> CadModel:
+        """The robot as measured from the CAD, without masses."""
+        return self._read(with_mass=False)
+
+    @cached_property
+    def weighed(self) -> CadModel:
+        """The robot as measured from the CAD, with the masses of the parts."""
+        return self._read(with_mass=True)
+
+    @cached_property
+    def description(self) -> Description:
+        """The description of the CAD, as written."""
+        from twin.cad.description import load
+
+        return load(self._files.description, self._files.read)
+
+    @property
+    def _files(self) -> assets.RobotFiles:
+        if self.files is None:
+            raise TwinError(f"{self.stage.stem if self.stage else 'the robot'} was loaded from a USD stage: no CAD")
+        return self.files
+
+    @cached_property
+    def opened(self) -> tuple[Mechanism, str]:
+        """(mechanism of the stage, note on the assumed tool; "" if the stage names its tool)."""
+        from twin.usd.read import read_stage, with_tool
+
+        assert self.stage is not None
+        return with_tool(read_stage(self.stage), self.tool)
+
+    def _read(self, with_mass: bool) -> CadModel:
+        from twin.cad.build import read_mechanism
+
+        return read_mechanism(self._files.description, with_mass=with_mass, read=self._files.read)
+
+    @contextlib.contextmanager
+    def fresh_stage(self) -> Iterator[Path]:
+        """Yield the robot's own USD stage if it is up to date with the CAD, else one rebuilt in a temporary folder."""
+        from twin.exchange.write.usd import fresh_stage
+
+        cad = vars(self).get("weighed") or self.cad  # both have the same source
+        with fresh_stage(self._files.stage, cad.mechanism.source, lambda: self.weighed.mechanism) as root:
+            yield root
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Robot:
+    """A robot: its mechanism from the CAD (or a USD stage) and its equations. Made by `load`; never changed.
+
+    Arrays are SI; poses are T_base_tool (4, 4); q holds the active joints in the order of `joints`. Heavy parts are
+    loaded when first used. `bound`, `weighed` and `with_...` return new robots that share the source.
+
+    Attributes:
+        source: the CAD or stage that it is read from.
+        files: its files; None for a robot of a stage.
+        asked: requested variants: by equation, one name for all, or None (the default of each equation).
+        parameters: values (SI) by name that replace published ones in the equations.
+        trocars: positions (3,) in base in m, by name, that replace those of the description.
+        is_weighed: whether the masses of the bodies are computed.
+        changed: a mechanism instead of the one of the source (a design, a seeded fault).
+        equations: a formula instead of the one of the source.
+    """
+
+    source: Source
+    files: assets.RobotFiles | None
+    asked: Mapping[str, str] | str | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    trocars: Mapping[str, Array] = field(default_factory=dict)
+    is_weighed: bool = False
+    changed: Mechanism | None = None
+    equations: Formula | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the robot's folder, or of the stage's file."""
+        return self.files.name if self.files is not None else self.source.stage.stem if self.source.stage else ""
+
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r})"
+
+    @cached_property
+    def cad(self) -> CadModel:
+        """The mechanism as measured from the CAD, with findings.
+
+        Raises:
+            TwinError: the robot was loaded from a stage, or its description or CAD is malformed.
+        """
+        if self.files is None:
+            raise TwinError(f"{self.name} was loaded from a USD stage: it has no CAD")
+        cad = self.source.weighed if self.is_weighed else self.source.cad
+        return replace(cad, mechanism=self._placed(self.changed or cad.mechanism))
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """Bodies, joints and loops, from the CAD or from the stage."""
+        if self.source.stage is None:
+            return self.cad.mechanism
+        return self._placed(self.changed or self.source.opened[0])
+
+    @property
+    def told(self) -> str:
+        """Note on the assumed tool of a stage; "" if the stage names its tool."""
+        return "" if self.source.stage is None else self.source.opened[1]
+
+    def _placed(self, mechanism: Mechanism) -> Mechanism:
+        return mechanism.with_trocars(self.trocars) if self.trocars else mechanism
+
+    def kinematics(
+        self, variants: Mapping[str, str] | str | None = None, parameters: Mapping[str, float] | None = None
+    ) -> Kinematics:
+        """Return the compiled equations, with the robot's variants and parameters (SI) unless others are given.
+
+        Auxiliary joints, which the equations do not contain, are part of q: the inverse returns their values in the
+        CAD.
+
+        Raises:
+            KinematicsError: no equations, or no such variant or parameter.
+        """
+        if variants is None and parameters is None:
+            return self._kinematics
+        from twin.kinematics import compile_formula
+
+        chosen = self.asked if variants is None else variants
+        formula, values = self.formula, {**self.parameters, **(parameters or {})}
+        return compile_formula(formula, chosen, values, self._beside([j.name for j in formula.joints]))
+
+    def _beside(self, names: Sequence[str]) -> Sequence[Beside]:
+        """Return the driven joints that are not in `names`, the joints of the equations.
+
+        The mechanism is read only if the robot has such joints, so that equations alone do not wait for the CAD.
+        """
+        if self.files is not None:
+            with contextlib.suppress(TwinError):  # errors are raised by the mechanism
+                if all(j.name in names for j in self.source.description.joint if j.active):
+                    return ()
+        return self.mechanism.beside(names)
+
+    @cached_property
+    def _kinematics(self) -> Kinematics:
+        return self.kinematics(parameters={})
+
+    @cached_property
+    def formula(self) -> Formula:
+        """The equations, not compiled yet (`KinematicsError`: none, or malformed). Reading a `formula.py` runs it."""
+        from twin.robots import load_formula
+
+        if self.equations is not None:
+            return self.equations
+        path = assets.equations(self.files, self.name)
+        read = read_bytes if self.files is None else self.files.read
+        return load_formula(path, self.name, lambda: self.mechanism.driven, read=read)
+
+    @cached_property
+    def loops(self) -> LoopSolver:
+        """The mechanism's own forward kinematics, loops closed by compiled code: `forward(q)`, `forward_many(qs)`."""
+        from twin.kinematics.closed_loops import LoopSolver
+
+        return LoopSolver(self.mechanism)
+
+    @property
+    def unwritten(self) -> bool:
+        """Whether the robot's formula.py is still the empty template."""
+        return self.files is not None and self.files.formula.is_file() and not self.files.has_equations
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Active joints, in the order of q."""
+        return tuple(j.name for j in self.mechanism.active)
+
+    @property
+    def variants(self) -> dict[str, tuple[str, ...]]:
+        """The existing variants of each equation."""
+        return dict(self._kinematics.choices)
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """The named frames."""
+        return tuple(f.name for f in self.mechanism.frames)
+
+    def inverse(
+        self, T_base_tool: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None
+    ) -> Array:
+        """Return q (n,) for a pose (4, 4), or (k, n) for poses (k, 4, 4).
+
+        Without an inverse equation, each pose is solved from the answer before it, the first from the seed.
+
+        Raises:
+            KinematicsError: a pose is out of reach; the message names the index of the pose.
+        """
+        kin, T = self.kinematics(variant), np.asarray(T_base_tool, float)
+        return kin.inverse(T, seed) if T.ndim == 2 else kin.inverse_of_all(T, seed)
+
+    def forward(self, q: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None) -> Array:
+        """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for (k, n), on the assembly branch of the seed pose.
+
+        Raises:
+            KinematicsError: there is no assembly, or none on that branch.
+        """
+        kin, q = self.kinematics(variant), np.asarray(q, float)
+        return kin.forward(q, seed) if q.ndim == 1 else kin.forward_many(q, seed)
+
+    def jacobian(self, q: Array, seed: Array | None = None) -> Array:
+        """Return (6, n): the tool's twist in base, linear rows first, per rate of the active joints."""
+        kin = self._kinematics
+        return kin.jacobian(kin.forward(np.asarray(q, float), seed), q)
+
+    def solve(self, task: Task, seed: Array | None = None) -> Solution:
+        """Solve a task (a pose, a masked pose, tip and trocar, ...) by Levenberg-Marquardt within the joint limits.
+
+        Raises:
+            KinematicsError: no solution; the best iterate is attached.
+        """
+        from twin.kinematics import solve
+
+        return solve(self._kinematics, task, seed, self.mechanism.limits)
+
+    def reference(self) -> ReferenceModel:
+        """Return the independent model: Pinocchio and loop closures, built from the mechanism alone."""
+        from twin.reference import ReferenceModel
+
+        return ReferenceModel(self.mechanism)
+
+    def dynamics(self) -> Dynamics:
+        """Return the equations of motion, with the masses of the parts and the rotors of the motors; no friction.
+
+        Raises:
+            TwinError: the description or CAD is malformed.
+        """
+        from twin.reference.dynamics import Dynamics
+
+        return Dynamics(self.mechanism if self.files is None else self.weighed().mechanism)
+
+    def protocol(self, name: str | Path | None = None) -> Protocol:
+        """Return a protocol by name or by path; without one, the robot's default.
+
+        Raises:
+            TwinError: no such protocol, or the file is malformed.
+        """
+        from twin.planning.protocol import load_protocol
+        from twin.schema import error_at
+
+        given = name is not None and Path(name).suffix == ".toml"
+        if given:
+            path = Path(str(name))
+        elif self.files is None:
+            raise TwinError(f"{self.name} was loaded from a USD stage: give the path of a protocol file")
+        else:
+            path = self.files.protocol(str(name or self.source.description.default_protocol))
+        protocol = load_protocol(path) if self.files is None else load_protocol(path, self.files.read)
+        if not given and protocol.name != path.stem:
+            raise error_at(path, ("name",), f"'{protocol.name}' must be the file's name, '{path.stem}'")
+        if protocol.robot != self.name:
+            raise error_at(path, ("robot",), f"the protocol is written for '{protocol.robot}', not for '{self.name}'")
+        return protocol
+
+    def bound(self, protocol: Protocol) -> Robot:
+        """Return the robot with its trocars at the positions of the protocol; itself if the protocol places none.
+
+        The equations have parameters trocar_x, trocar_y, trocar_z for a single trocar, trocar_NAME_x, ... for each of
+        several.
+
+        Raises:
+            TwinError: the mechanism has no such trocar.
+        """
+        trocars = self.mechanism.trocars
+        places = protocol.places_of(trocars)
+        if not places:
+            return self
+        at = {
+            f"trocar_{axis}" if len(trocars) == 1 else f"trocar_{name}_{axis}": float(v)
+            for name, place in places.items()
+            for axis, v in zip("xyz", place, strict=True)
+        }
+        return replace(self, parameters={**self.parameters, **at}, trocars={**self.trocars, **places})
+
+    def with_parameters(self, values: Mapping[str, float]) -> Robot:
+        """Return the robot with other values (SI) of these parameters in its equations."""
+        return replace(self, parameters={**self.parameters, **values})
+
+    def with_mechanism(self, mechanism: Mechanism) -> Robot:
+        """Return the robot with another mechanism, which has its own masses."""
+        return replace(self, changed=mechanism)
+
+    def with_formula(self, formula: Formula) -> Robot:
+        """Return the robot with these equations instead of those of its files."""
+        return replace(self, equations=formula)
+
+    def weighed(self) -> Robot:
+        """Return the robot with the masses of its parts; positions of trocars are kept.
+
+        Raises:
+            TwinError: the robot was loaded from a stage, or its description or CAD is malformed.
+        """
+        if self.files is None:
+            raise TwinError(f"{self.name} is already a stage")
+        if self.is_weighed:
+            return self
+        out = replace(self, is_weighed=True)
+        for name in ("formula", "_kinematics"):  # equations have no masses: the compiled functions stay valid
+            if name in vars(self):
+                vars(out)[name] = vars(self)[name]
+        return out
+
+    def path_kinematics(self) -> PathKinematics:
+        """Return what planning needs: limits, equations, and the mechanism, which is used alone if there are none."""
+        from twin.api.standing import standing
+        from twin.planning.trajectory import without_equations
+        from twin.reference.leading import Leader
+        from twin.reference.space import JointSpace
+
+        leader = Leader(self.reference)
+
+        def space(scene: str, clearance: float, keep: Keep) -> JointSpace:
+            around = (lambda: standing(scene, self.name, load)) if scene else None
+            return JointSpace(lambda: leader.model, clearance, keep=keep, around=around)
+
+        mechanical = without_equations(self.mechanism, leader, self.cad.gaps if self.files else (), space)
+        if self.unwritten:
+            return mechanical
+        kin, order = self._kinematics, mechanical.joint_names
+        if order != kin.joints:
+            raise TwinError(
+                f"{self.name}: the description drives {', '.join(order)}, the equations {', '.join(kin.joints)}; "
+                "use the same names in the same order"
+            )
+        return replace(
+            mechanical,
+            inverse=kin.inverse_many,
+            reach=lambda Ts: kin.reach(Ts=Ts),
+            singularity=lambda Ts, q: kin.singularity(Ts=Ts, qs=q),
+            singularity_alarm={m.name: m.alarm for m in kin.formula.measures},
+            branch=lambda Ts, q: kin.branch(Ts=Ts, qs=q),
+            why=kin.why,
+            auxiliary={name: value for _, name, _, value in kin.beside},
+            takes=lambda Ts: kin.takes(Ts) or leader.model.freedoms == 6,
+        )
+
+
+def load(
+    robot: str | Path,
+    *,
+    variants: Mapping[str, str] | str | None = None,
+    parameters: Mapping[str, float] | None = None,
+    tool: str | None = None,
+) -> Robot:
+    """Return a robot.
+
+    Args:
+        robot: the name of a built-in robot, or the path of a robot folder or of a USD stage (mechanism only).
+        variants: variant by equation, or one name for all; default: the default of each equation.
+        parameters: values in SI that replace published ones in the equations.
+        tool: frame or body of a stage to use as tool; default: the tool named in the stage, else the end of its longest
+            chain.
+
+    Raises:
+        TwinError: there is no such robot, or `tool` is given for a robot whose description names its tool.
+    """
+    path = Path(robot)
+    if path.suffix in STAGE_SUFFIXES:
+        if not path.is_file():
+            raise TwinError(f"{path}: the stage does not exist")
+        admit(path)
+        return Robot(Source(None, path, tool), None, variants, dict(parameters or {}))
+    if tool is not None:
+        raise TwinError(f"{robot} is not a USD stage: its tool is set in its description")
+    files = assets.files(robot)
+    if (other := assets.hidden(robot)) is not None:
+        logging.getLogger(__name__).warning(
+            "'%s' is the robot that comes with twin; for the one in the folder %s write ./%s", robot, other, robot
+        )
+    return Robot(Source(files, None), files, variants, dict(parameters or {}))

@@ -1,0 +1,54 @@
+"""Obstacles of a robot in a scene: props and the other robots, as drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from twin.core import assets, spatial
+from twin.core.errors import TwinError, unknown
+
+if TYPE_CHECKING:
+    from twin.reference.space import Still
+
+
+def standing(scene: str, robot: str, load: Callable[[str], Any]) -> list[Still]:
+    """Return the bodies of a scene that are not a robot's own, in its base.
+
+    Args:
+        scene: name of a built-in scene, path of a scene.toml or of its folder.
+        robot: name of the robot.
+        load: gives the others, with their trocars where their protocols in the scene have them.
+
+    Raises:
+        TwinError: there is no such scene, or the robot is not in it.
+    """
+    from twin.cad.build import read_mechanism
+    from twin.model.scene import load_scene
+    from twin.reference import ReferenceModel
+    from twin.reference.space import Still
+
+    if (file := assets.scene_file(scene)) is None:
+        raise TwinError(unknown("scene", scene, assets.scenes()))
+    read = load_scene(file)
+    own = next((p for p in read.places if p.name == robot), None)
+    if own is None:
+        raise TwinError(f"scene '{read.name}' has no robot '{robot}': it has {', '.join(p.name for p in read.places)}")
+    groups = []
+    for place in read.places:
+        if place is not own:
+            other = load(place.name)
+            mechanism = other.bound(other.protocol(place.protocol)).mechanism
+            groups.append((place.name, mechanism, place.T_world_base))
+    if read.props is not None:
+        props = read_mechanism(read.props, with_mass=False).mechanism
+        groups.append((props.name, props, spatial.pose()))
+    out = []
+    for name, mechanism, T_world in groups:
+        links = ReferenceModel(mechanism).home().link_poses
+        for body in mechanism.bodies:
+            full = f"{name}/{body.name}"
+            touches = {n.removeprefix(f"{robot}/") for pair in read.touching if full in pair for n in pair - {full}}
+            T = spatial.inverse(own.T_world_base) @ T_world @ links[body.name]
+            out.append(Still(full, body, T, frozenset(touches)))
+    return out

@@ -1,0 +1,138 @@
+"""Numbers for people: SI values in, "12.3 nm", "45.78 mm", "0.05°" out. For page, plots and command line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from twin.core.units import DEG
+
+NONE = "–"
+"""Shown instead of a missing number."""
+
+_STEPS = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
+_NOTHING_LENGTH, _NOTHING_ANGLE = 1e-12, 1e-9
+"""Metres and degrees below which a number is only rounding error."""
+_LARGE = 10.0
+"""Metres from which on lengths are shown in m rather than mm."""
+_SMALL_ANGLE = 1e-4
+"""Degrees below which angles are shown with a power of ten."""
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_SIGNS = {"um": "µm", "deg": "°", "ohm": "Ω", "percent": "%"}
+
+
+def quantity(value: float | None, unit: str, digits: int | None = None) -> str:
+    """Return an SI value as text, in the unit that suits its size.
+
+    Lengths, their speeds and accelerations go to m, mm, µm, nm or pm, angles to degrees; still smaller values are
+    shown as "< 1 pm". Anything else keeps its unit. Without `digits`, four significant digits from a millimetre or a
+    degree up, three below. None and NaN become a dash.
+    """
+    missing = _missing(value)
+    if missing is not None or value is None:
+        return missing or NONE
+    base, _, per = unit.partition("/")
+    per = f"/{pretty_unit(per)}" if per else ""
+    if base == "m":
+        return _length(value, per, digits)
+    if base == "rad":
+        return _angle(value / DEG, per, digits)
+    return shown(value, unit, digits or 4)
+
+
+def shown(value: float | None, unit: str, digits: int = 4) -> str:
+    """Return a number as text in its own unit, without conversion: `shown(0.5, "um")` is "0.5 µm"."""
+    missing = _missing(value)
+    if missing is not None or value is None:
+        return missing or NONE
+    if unit in ("mm", "um") and 0 < abs(value) < 1e-3:
+        return quantity(value * (1e-3 if unit == "mm" else 1e-6), "m", digits)
+    readable = value == 0 or 1e-4 <= abs(value) < 1e7
+    text = (plain if readable else power)(value, digits)
+    sign = pretty_unit(unit)
+    return text + (sign if sign.startswith("°") else f" {sign}" if sign else "")
+
+
+def pretty_unit(unit: str) -> str:
+    """Return a unit as printed: "kg/m3" is "kg/m³", "um" is "µm", "deg/s2" is "°/s²"."""
+    parts = [part.strip() for part in unit.split("/")]
+    out = []
+    for part in parts:
+        name = part.rstrip("23")
+        exponent = part[len(name) :].translate(_SUPERSCRIPT)
+        out.append(_SIGNS.get(name, name) + exponent)
+    return "/".join(out)
+
+
+def plain(value: float, digits: int) -> str:
+    """Return a number as text with this many significant digits, without exponent and trailing zeros."""
+    if value == 0:
+        return "0"
+    value = float(f"{value:.{digits}g}")
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    text = f"{value:.{decimals}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def power(value: float, digits: int = 3) -> str:
+    """Return a number as mantissa times a power of ten: "5.73×10⁻¹²"."""
+    if value == 0:
+        return "0"
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    if "." in mantissa:
+        mantissa = mantissa.rstrip("0").rstrip(".")
+    return f"{mantissa}×10{str(int(exponent)).translate(_SUPERSCRIPT)}"
+
+
+def ratio(value: float, limit: float | None) -> str:
+    """Return a value divided by its limit as text: "1270×", "0.42×", "3×10⁻⁸"; a dash without limit."""
+    if not limit or not math.isfinite(value) or not math.isfinite(limit):
+        return NONE
+    r = value / limit
+    if r == 0:
+        return "0"
+    return f"{plain(r, 3)}×" if 0.01 <= abs(r) < 1e6 else power(r, 2)
+
+
+def seconds(t: float | None) -> str:
+    """Return a time or duration to the millisecond: "6.214 s", "75 s"."""
+    return shown(None if t is None else round(t, 3), "s", 7)
+
+
+def point(p: Iterable[float] | None) -> str:
+    """Return a position given in m: "(380.00, 280.00, 185.00) mm"."""
+    return NONE if p is None else "(" + ", ".join(f"{x * 1e3:.2f}" for x in p) + ") mm"
+
+
+def count(n: int, one: str, many: str = "") -> str:
+    """Return "1 warning", "3 warnings", "12 001 samples"."""
+    return f"{n:,} {one if n == 1 else many or one + 's'}".replace(",", "\u2009")
+
+
+def _missing(value: float | None) -> str | None:
+    if value is None or math.isnan(value):
+        return NONE
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    return None
+
+
+def _length(value: float, per: str, digits: int | None) -> str:
+    if value == 0:
+        return f"0 mm{per}"
+    if abs(value) < _NOTHING_LENGTH:
+        return f"< 1 pm{per}"
+    for factor, prefix in _STEPS:
+        n = digits or (4 if factor >= 1e-3 else 3)
+        number = float(f"{value / factor:.{n}g}")
+        if abs(number) >= (_LARGE if factor == 1.0 else 1.0) or factor == _STEPS[-1][0]:
+            return f"{plain(number, n)} {prefix}m{per}"
+    raise AssertionError("the last step takes all")
+
+
+def _angle(deg: float, per: str, digits: int | None) -> str:
+    if deg and abs(deg) < _NOTHING_ANGLE:
+        return f"< 10⁻⁹°{per}"
+    if deg and abs(deg) < _SMALL_ANGLE:
+        return f"{power(deg, digits or 3)}°{per}"
+    return f"{plain(deg, digits or (4 if abs(deg) >= 1 else 3))}°{per}"

@@ -1,0 +1,196 @@
+"""Work in another process: one call with one answer, or a stream of pieces that can be cancelled.
+
+The process ends with its object or with this program; it ignores Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import queue
+import threading
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from types import TracebackType
+from typing import Any, Generic, TypeVar
+
+from twin.core.atomic import no_room
+from twin.core.errors import TwinError
+from twin.core.processes import Apart
+
+Piece = TypeVar("Piece")
+
+
+class Call:
+    """A function called in a separate process; leaving the `with` block, or `close`, ends it.
+
+    Args:
+        function: defined at the top level of a module; it, its arguments and its answer are pickled.
+        arguments: arguments of the function.
+        nice: reduction of its priority.
+    """
+
+    def __init__(self, function: Callable[..., Any], *arguments: Any, nice: int = 0) -> None:
+        self._process = Apart(_answer, function.__module__, function.__qualname__, arguments, nice)
+        self._outcome: tuple[Any, str | None] | None = None
+        # A pipe holds less than an answer: it is read as it comes.
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    @property
+    def done(self) -> bool:
+        """Whether there is an answer, or an error."""
+        return self._outcome is not None
+
+    def result(self) -> Any:
+        """Wait for the answer and return it.
+
+        Raises:
+            TwinError: the error that the function raised, or the process ended without an answer.
+        """
+        self._reader.join()
+        assert self._outcome is not None
+        answer, error = self._outcome
+        if error is not None:
+            raise TwinError(error)
+        return answer
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.close()
+        self._reader.join()
+        self._process.line.close()
+
+    def __enter__(self) -> Call:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _read(self) -> None:
+        try:
+            self._outcome = self._process.line.recv()
+        except (EOFError, OSError):
+            self._outcome = None, "the worker process has ended"
+
+
+def _answer(line: Connection, module: str, name: str, arguments: tuple[Any, ...], nice: int) -> None:
+    os.nice(nice)
+    try:
+        outcome = getattr(importlib.import_module(module), name)(*arguments), None
+    except Exception as error:
+        outcome = None, _told(error)
+    line.send(outcome)
+
+
+class Stream(Generic[Piece]):
+    """Jobs one at a time, in a low-priority process that starts with the first job and is kept.
+
+    Each job is one call of `function`, which yields pieces. All methods return at once and may be called from any
+    thread. A job is cancelled after its current piece, so pieces should take less than half a second.
+    """
+
+    def __init__(self, function: Callable[[Any], Iterator[Piece]]) -> None:
+        self._function = function
+        self._lock = threading.Lock()
+        self._process: Apart | None = None
+        self._number, self._running = 0, False
+
+    def start(self, job: Any) -> None:
+        """Start a job; a running one is cancelled and its pieces are dropped."""
+        with self._lock:
+            if self._process is None or not self._process.alive:
+                self._close()
+                self._open()
+            self._say(job)
+
+    def poll(self) -> tuple[list[Piece], str | None]:
+        """Return (pieces, state): the new pieces; the state None (running), "" (done) or the text of the error."""
+        with self._lock:
+            new: list[Piece] = []
+            with suppress(queue.Empty):
+                while self._running:
+                    number, piece, end = self._inbox.get_nowait()
+                    if number not in (self._number, None):
+                        continue
+                    if end is None:
+                        new.append(piece)
+                        continue
+                    self._running = False
+                    if number is None:
+                        self._close()
+                    return new, end
+            return new, None
+
+    def cancel(self) -> None:
+        """Cancel the running job; the process is kept."""
+        with self._lock:
+            if self._process is not None:
+                self._say(None)
+
+    def close(self) -> None:
+        """End the process; a later `start` begins another."""
+        with self._lock:
+            self._close()
+
+    def _say(self, job: Any) -> None:
+        assert self._process is not None
+        self._number += 1
+        self._running = job is not None
+        with suppress(OSError):  # the process has ended: `poll` reports it
+            self._process.line.send((self._number, job))
+
+    def _open(self) -> None:
+        f = self._function
+        self._process = Apart(_stream, f.__module__, f.__qualname__)
+        self._inbox: queue.SimpleQueue[tuple[int | None, Any, str | None]] = queue.SimpleQueue()
+        # A pipe holds less than a piece: read without a thread, poll would wait for a process of low priority.
+        threading.Thread(target=_read, args=(self._process.line, self._inbox), daemon=True).start()
+
+    def _close(self) -> None:
+        self._running = False
+        if self._process is not None:
+            self._process.close()
+            self._process = None
+
+
+def _read(line: Connection, inbox: queue.SimpleQueue) -> None:
+    with line, suppress(EOFError, OSError):
+        while True:
+            inbox.put(line.recv())
+    inbox.put((None, None, "the worker process has ended"))
+
+
+def _stream(line: Connection, module: str, name: str) -> None:
+    """Run jobs until the other end of the pipe is closed."""
+    os.nice(10)
+    function = getattr(importlib.import_module(module), name)
+    while True:
+        number, job = line.recv()
+        if job is None or line.poll():
+            continue
+        try:
+            for piece in function(job):
+                line.send((number, piece, None))
+                if line.poll():
+                    break
+            else:
+                line.send((number, None, ""))
+        except (BrokenPipeError, ConnectionResetError):
+            raise
+        except Exception as error:  # any error is reported; the calling program goes on
+            line.send((number, None, _told(error)))
+
+
+def _told(error: Exception) -> str:
+    """Return the text of an error for the parent process; an unexpected error also gets its line of code."""
+    if isinstance(error, TwinError):
+        return str(error)
+    if isinstance(error, OSError) and (full := no_room(error)):
+        return full
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({last.name}, line {last.lineno})"

@@ -1,0 +1,108 @@
+"""The common result of commands and API functions: verdict, findings, data, tables."""
+
+from __future__ import annotations
+
+import json
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from twin.core.findings import EXIT_CODES, Finding, Verdict, by_severity, verdict
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text under a header; `fit`: a terminal may cut long lines."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    fit: bool = False
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of text with its style on a terminal, as rich names it."""
+
+    text: str
+    style: str = ""
+
+
+Part = str | Line | Table | Finding
+"""A part of a result's text."""
+
+
+class Result(ABC):
+    """Base of the answers of commands and API functions.
+
+     `twin <command> --json` prints `as_dict`; the text, the exit code and the JSON file of a command are made from it
+         in one place (`twin.cli.show.finish`, `twin.ui.report.files.write_result`).
+
+    Attributes:
+        judges: whether it has a verdict; measurements and comparisons have none.
+        kind: the command; names the schema twin/<kind>/1 of the data, and its file <kind>.json.
+    """
+
+    kind: ClassVar[str]
+    judges: ClassVar[bool] = True
+
+    if TYPE_CHECKING:  # at run time a field of the dataclass, which an attribute here would give a default
+
+        @property
+        def findings(self) -> Sequence[Finding]:
+            """The findings; they decide the verdict."""
+            ...
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return "agree", "disagree", or "unchecked" if something could not be judged."""
+        return verdict(self.findings)
+
+    @property
+    def word(self) -> str:
+        """The verdict as text."""
+        return {"agree": "Agrees", "disagree": "Disagrees", "unchecked": "Could not be checked"}[self.verdict]
+
+    @property
+    def exit_code(self) -> int:
+        """Return the exit code of the command line: 0 agree, 1 disagree, 2 could not check."""
+        return EXIT_CODES[self.verdict]
+
+    @abstractmethod
+    def content(self) -> Mapping[str, Any]:
+        """Return plain data for JSON, without schema, verdict and findings."""
+
+    @abstractmethod
+    def text(self) -> Iterator[Part]:
+        """Yield the parts of the text, in order."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data for JSON; the most severe findings first."""
+        return {
+            "schema": f"twin/{self.kind}/1",
+            "verdict": self.verdict,
+            **self.content(),
+            "findings": [f.as_dict() for f in by_severity(self.findings)],
+        }
+
+    def to_json(self) -> str:
+        """Return `as_dict` as JSON text."""
+        return as_json(self.as_dict())
+
+    def write(self, folder: Path) -> None:  # noqa: B027 - most have nothing
+        """Write further data files (curves as CSV, point clouds); the base class writes none."""
+
+
+def as_json(data: Any) -> str:
+    """Return plain data as JSON text; numbers that are not finite become null, because JSON has none."""
+
+    def plain(x: Any) -> Any:
+        if isinstance(x, Mapping):
+            return {str(k): plain(v) for k, v in x.items()}
+        if isinstance(x, list | tuple):
+            return [plain(v) for v in x]
+        return None if isinstance(x, float) and not math.isfinite(x) else x
+
+    return json.dumps(plain(data), indent=2, allow_nan=False)

@@ -1,0 +1,75 @@
+"""Simulate the accuracy test of a console: move pens along their axes and measure the displacement of the tool.
+
+The true error is the displacement of the tool minus that of the pen expressed in {RB}, not the printed eq. (7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from twin.core.units import MM
+
+_REPEATS = 100
+"""Number of repetitions of the test, for its long-run deviation."""
+
+_REACH, _WAY, _ASIDE = 50 * MM, (20 * MM, 60 * MM), 1 * MM
+"""(range of pen positions, displacement, sideways motion of the hand meanwhile), in m; ASSUMED: not printed."""
+
+
+class Mover(Protocol):
+    """A console: it moves a tool."""
+
+    def tool(self, P_0: np.ndarray, W_0: np.ndarray, W_1: np.ndarray, T: np.ndarray, scale: float) -> np.ndarray:
+        """Return the next pose (4, 4) of the tool."""
+        ...
+
+
+def measure(
+    console: Mover, displacements: int, resolution: float, seed: int = 0
+) -> tuple[Mapping[str, Any], list[float]]:
+    """Return (plain data, standard deviation along each axis in mm).
+
+    Args:
+        console: the console under test, at motion scale 1.
+        displacements: number of displacements along each axis.
+        resolution: resolution of the pen in m.
+        seed: seed of the start positions of the pen.
+    """
+    rng = np.random.default_rng(seed)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.from_rotvec((0.5, -0.4, 0.9)).as_matrix(), (0.1, 0.05, -0.2)
+    axis = np.tile(np.repeat(np.eye(3), displacements, axis=0), (_REPEATS, 1))
+    start = rng.uniform(-_REACH, _REACH, axis.shape)
+    way = axis * rng.choice([-1, 1], (len(axis), 1)) * rng.uniform(*_WAY, (len(axis), 1))
+    end = start + way + rng.uniform(-_ASIDE, _ASIDE, axis.shape)
+    P = np.eye(4)
+    P[:3, 3] = (0, 0, -0.1)
+
+    def errors(step: float) -> np.ndarray:
+        """Return the errors (k, 3) in m, in the axes of {H}, of a pen with the resolution `step` in m (0: exact)."""
+        out = np.zeros_like(start)
+        for i, (a, b) in enumerate(zip(start, end, strict=True)):
+            W_0, W_1 = np.eye(4), np.eye(4)
+            W_0[:3, 3], W_1[:3, 3] = (np.round(np.array([a, b]) / step) * step) if step else (a, b)
+            moved = console.tool(P, W_0, W_1, T, 1.0)[:3, 3] - P[:3, 3]
+            out[i] = T[:3, :3].T @ moved - (b - a)
+        return out
+
+    exact, read = errors(0.0), errors(resolution)
+    once = read[: 3 * displacements]
+    std = read.std(axis=0) / MM
+    data = {
+        "displacements_per_axis": displacements,
+        "resolution_mm": resolution / MM,
+        "predicted_std_mm": resolution / MM * np.sqrt(2 / 12),
+        "std_mm": std.tolist(),
+        "std_once_mm": (once.std(axis=0, ddof=1) / MM).tolist(),
+        "rms_3d_mm": float(np.sqrt(np.mean(np.sum(read**2, axis=1)))) / MM,
+        "largest_error_mm": float(np.linalg.norm(read, axis=1).max()) / MM,
+        "largest_error_unquantised_mm": float(np.linalg.norm(exact, axis=1).max()) / MM,
+    }
+    return data, std.tolist()

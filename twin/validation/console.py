@@ -1,0 +1,500 @@
+"""Judge the equations of a console by clauses: requirements that an operator may expect to hold.
+
+Each clause inputs a motion of the hands; geometry gives the required output. Rotations are SciPy's, so that nothing
+here shares code with the equations. Poses: T of {H} in {RB}, W of the handle in {H}, P of the tool in {RB}.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from twin.validation.clauses import Clause, Contract, number
+
+Array = NDArray[np.float64]
+
+_MM = 1e-3
+_POINT, _ANGLE = 1e-12, 1e-7
+"""Tolerances: of a position in m, and of a rotation in deg (rounding of 10 000 products of rotations)."""
+
+_INCREMENTS = 10_000
+_SCALE = 0.5
+_PEN = 3.3
+"""Largest force in N that a haptic pen gives (ASSUMED: figure of its maker)."""
+
+
+class Laws(Protocol):
+    """What is judged: a console of `twin.simulation.controllers.console`, or anything that answers like one.
+
+    Attributes:
+        name, title, source: identifier, what it is, document.
+        variants: reading of each equation.
+        force_model: what its force is called.
+        force_units: units of stiffness and damping; "" if none is stated.
+        turn_unit: unit of `turns`.
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def title(self) -> str: ...  # noqa: D102
+    @property
+    def source(self) -> str: ...  # noqa: D102
+    @property
+    def variants(self) -> Mapping[str, str]: ...  # noqa: D102
+    @property
+    def force_model(self) -> str: ...  # noqa: D102
+    @property
+    def force_units(self) -> str: ...  # noqa: D102
+    @property
+    def turn_unit(self) -> str: ...  # noqa: D102
+
+    def tool(self, P_0: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
+        """Return the next pose (4, 4) of the tool."""
+        ...
+
+    def turns(self, p_R0: Array, p_R1: Array, p_L0: Array, p_L1: Array, n: Array) -> tuple[float, float]:
+        """Return the camera roll about n: (from the right hand, from the left hand)."""
+        ...
+
+    def force(self, depth: float, rate: float) -> float:
+        """Return the force in N of a surface; depth in m, rate in m/s, positive inwards; negative pushes out."""
+        ...
+
+    def error(self, P_0: Array, P_1: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
+        """Return the error (4, 4) of a motion."""
+        ...
+
+
+def judge(console: Laws, progress: Callable[[str, float], None] = lambda label, part: None) -> Contract:
+    """Return every clause with its measured value.
+
+    Args:
+        console: the equations.
+        progress: called with a description of the current step and the fraction done.
+    """
+    clauses: list[Clause] = []
+    path = np.zeros((0, 3))
+    for i, part in enumerate((_still, _turn, _way, _clutch, _camera, _origin, _mirror, _roll, _force, _measure)):
+        progress(part.__name__.strip("_"), i / 11)
+        clauses += part(console)
+    progress("closed loop", 10 / 11)
+    found, path = _loop(console)
+    return Contract(console.name, console.title, console.source, console.variants, [*clauses, *found], path)
+
+
+# -- one hand, one tool ---------------------------------------------------------------------------------------------
+
+
+def _still(c: Laws) -> Iterator[Clause]:
+    P = _pose((50 * _MM, 0, 0))
+    W = _pose((30 * _MM, -20 * _MM, 10 * _MM), (0.3, 0.2, -0.1))
+    for name, place, T in (
+        ("still", "{H} turned 90 deg in {RB}", _pose((0, 0, 0), (0, 0, np.pi / 2))),
+        ("still.shifted", "{H} offset 100 mm from {RB}", _pose((0.1, 0, 0))),
+    ):
+        moved, turned = _between(P, c.tool(P, W, W, T, 1.0))
+        yield _point(
+            name,
+            "eq2",
+            f"a still hand leaves the tool at rest, {place}",
+            moved,
+            f"the hand is still, {place}, and the tool moves {moved / _MM:.3f} mm and turns {turned:.3f} deg: with "
+            "W1 = W0 eq. (2) gives T, not the identity",
+            "complete the change of frame, T (W1 W0^-1) T^-1, or transform increments by R_T alone",
+        )
+
+
+def _turn(c: Laws) -> Iterator[Clause]:
+    P, W, turn = _pose((50 * _MM, 0, 0)), _pose((0, 0, 0)), Rotation.from_rotvec((0, 0, np.pi / 2))
+    after = c.tool(P, W, _pose((0, 0, 0), turn.as_rotvec()), np.eye(4), 1.0)
+    moved, _ = _between(P, after)
+    yield _point(
+        "turn",
+        "eq1",
+        "a pure rotation of the hand does not move the tool's wrist",
+        moved,
+        f"the hand turns 90 deg on the spot, and the tool moves {moved / _MM:.3f} mm: it turns about the hand's point, "
+        "50 mm away, and not about its own point",
+        "turn the tool about its own point: R1 = dR R0, p1 = p0 + dp",
+    )
+    T = _pose((0, 0, 0), (0.4, -0.7, 0.5))
+    axis = np.array([0.2, 0.5, -0.3])
+    got = c.tool(P, W, _pose((0, 0, 0), axis), T, 1.0)[:3, :3] @ P[:3, :3].T
+    wanted = Rotation.from_rotvec(T[:3, :3] @ axis).as_matrix()
+    off = _angle(got @ wanted.T)
+    yield Clause(
+        "turn.angle",
+        "eq2",
+        "the tool turns by the angle of the hand, about the hand's axis expressed in {RB}",
+        off,
+        "deg",
+        _ANGLE,
+        off <= _ANGLE,
+        f"the tool orientation differs by {off:.3f} deg from the hand rotation expressed in {{RB}}",
+        "transform the rotation by R_T on both sides: R_T dR R_T^T",
+    )
+
+
+def _way(c: Laws) -> Iterator[Clause]:
+    T, P = _pose((0, 0, 0), (0, 0, np.pi / 2)), _pose((50 * _MM, 0, 0))
+    W_0, W_1 = _pose((0, 0, 0)), _pose((10 * _MM, 0, 0))
+    got = c.tool(P, W_0, W_1, T, _SCALE)[:3, 3] - P[:3, 3]
+    off = float(np.linalg.norm(got - [0, _SCALE * 10 * _MM, 0]))
+    yield _point(
+        "scale",
+        "eq2",
+        f"at scale {_SCALE:g} a hand that moves 10 mm along x of {{H}} moves the tool 5 mm along its image",
+        off,
+        f"at scale {_SCALE:g} the hand moves 10 mm along x of {{H}} and the tool moves ({_triple(got)}) mm: "
+        f"{off / _MM:.3f} mm off (0, 5, 0) mm",
+        "p1 = p0 + s R_T (h1 - h0): the equation needs a place for the scale",
+    )
+
+
+def _clutch(c: Laws) -> Iterator[Clause]:
+    T, P = _pose((20 * _MM, 0, 0), (0.3, 0.1, -0.2)), _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.4, 0.0))
+    gripped = _pose((30 * _MM, -10 * _MM, 20 * _MM), (0.35, 0.1, -0.2))  # the hand moved here while the clutch was up
+    at_once, _ = _between(P, after := c.tool(P, gripped, gripped, T, _SCALE))
+    yield _point(
+        "regrip",
+        "eq2",
+        "after a clutch elsewhere (re-grip), the tool is at rest",
+        at_once,
+        f"after a re-grip 37 mm away the tool jumps {at_once / _MM:.3f} mm",
+        "measure increments from the hand pose at re-grip, and transform them by R_T alone",
+    )
+    step = np.array([0, 0, 10 * _MM])
+    went = c.tool(after, gripped, _shifted(gripped, step), T, 1.0)[:3, 3] - after[:3, 3]
+    off = float(np.linalg.norm(went - T[:3, :3] @ step))
+    yield _point(
+        "regrip.way",
+        "eq2",
+        "after a re-grip, the hand moves the tool as before",
+        off,
+        f"after a re-grip the hand moves 10 mm, and the tool is {off / _MM:.3f} mm off",
+        "p1 = p0 + s R_T (h1 - h0), with h0 where the hand gripped",
+    )
+
+
+def _camera(c: Laws) -> Iterator[Clause]:
+    P, W = _pose((0, 0, -100 * _MM)), _pose((10 * _MM, 20 * _MM, 0))
+    step = np.array([10 * _MM, 0, 0])
+    before, after = _pose((0, 0, 0)), _pose((30 * _MM, 0, 0), (0, 0, np.pi / 6))
+    P = c.tool(P, W, W, before, _SCALE)
+    stood, _ = _between(P, Q := c.tool(P, W, W, after, _SCALE))
+    yield _point(
+        "camera.still",
+        "eq2",
+        "moving the camera does not move the tool while the hand is still",
+        stood,
+        f"the camera turns 30 deg with the hand still, and the tool moves {stood / _MM:.3f} mm",
+        "take increments of the hand in the present frame of the camera: T must cancel when W1 = W0",
+    )
+    went = c.tool(Q, W, _shifted(W, step), after, 1.0)[:3, 3] - Q[:3, 3]
+    off = float(np.linalg.norm(went - after[:3, :3] @ step))
+    yield _point(
+        "camera.way",
+        "eq2",
+        "after the camera has turned, the tool moves in the picture as the hand does",
+        off,
+        f"the camera has turned 30 deg, the hand moves 10 mm, and the tool is {off / _MM:.3f} mm off",
+        "use T of this tick, not that of the start",
+    )
+
+
+def _origin(c: Laws) -> Iterator[Clause]:
+    T, P = _pose((20 * _MM, 0, 0), (0.3, 0.1, -0.2)), _pose((0, 40 * _MM, -90 * _MM))
+    W_0, W_1 = _pose((10 * _MM, 0, 0)), _pose((15 * _MM, 5 * _MM, 0), (0.1, 0, 0.2))
+    o = np.array([200 * _MM, 0, 0])
+    there = c.tool(P, _shifted(W_0, -o), _shifted(W_1, -o), T @ _pose(tuple(o)), _SCALE)
+    off, _ = _between(c.tool(P, W_0, W_1, T, _SCALE), there)
+    yield _point(
+        "origin",
+        "eq2",
+        "the position of the origin of {H} has no effect",
+        off,
+        f"with the origin of {{H}} shifted 200 mm, the same motion puts the tool {off / _MM:.3f} mm away",
+        "use differences of positions and the rotation of T alone",
+    )
+
+
+def _mirror(c: Laws) -> Iterator[Clause]:
+    S = np.diag([1.0, 1, -1, 1])
+    T, P = _pose((20 * _MM, 0, 5 * _MM), (0.3, 0.1, -0.2)), _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.2, 0.3))
+    W_0, W_1 = _pose((10 * _MM, 0, 0), (0, 0.2, 0.1)), _pose((15 * _MM, 5 * _MM, 2 * _MM), (0.1, 0, 0.2))
+    there = S @ c.tool(S @ P @ S, S @ W_0 @ S, S @ W_1 @ S, S @ T @ S, _SCALE) @ S
+    moved, turned = _between(c.tool(P, W_0, W_1, T, _SCALE), there)
+    yield _point(
+        "left_handed",
+        "eq2",
+        "in a left-handed scene (p' = S p, R' = S R S) the motion is the mirrored one",
+        moved + np.radians(turned) * 1e-4,
+        f"the same motion in a left-handed scene puts the tool {moved / _MM:.3f} mm and {turned:.3f} deg away",
+        "mirror positions and rotations alike: p' = S p, R' = S R S",
+    )
+
+
+def _loop(c: Laws) -> tuple[list[Clause], Array]:
+    """Move the hand round a closed loop once, rotating it, in many increments."""
+    k = np.arange(_INCREMENTS + 1)
+    phase = 2 * np.pi * k / _INCREMENTS
+    W = np.tile(np.eye(4), (len(k), 1, 1))
+    W[:, :3, 3] = 50 * _MM * np.column_stack([np.cos(phase), np.sin(phase), 0.5 * np.sin(2 * phase)])
+    W[:, :3, :3] = Rotation.from_rotvec(
+        np.column_stack([0.6 * np.sin(phase), 0.4 * np.sin(2 * phase), 0.8 * (1 - np.cos(phase))])
+    ).as_matrix()
+    W[-1] = W[0]
+    T = _pose((0, 0, 0), (0, 0, np.pi / 2))
+    P = start = _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.2, 0.3))
+    path = [P[:3, 3]]
+    for before, after in pairwise(W):
+        P = c.tool(P, before, after, T, _SCALE)
+        path.append(P[:3, 3])
+    moved, turned = _between(start, P)
+    way = "let the increments of a closed loop cancel: sum positions, multiply rotations in one frame"
+    where = f"in {_INCREMENTS} increments"
+    return [
+        _point(
+            "loop",
+            "eq2",
+            f"a closed loop of the hand closes the loop of the tool, {where}",
+            moved,
+            f"the hand comes back after {_INCREMENTS} increments, and the tool is {number(moved / _MM)} mm away",
+            way,
+        ),
+        Clause(
+            "loop.angle",
+            "eq2",
+            f"... and its attitude, {where}",
+            turned,
+            "deg",
+            _ANGLE,
+            turned <= _ANGLE,
+            f"the hand comes back after {_INCREMENTS} increments, and the tool has turned {turned:.3g} deg",
+            way,
+        ),
+    ], np.array(path)
+
+
+# -- two hands, one camera ------------------------------------------------------------------------------------------
+
+
+def _roll(c: Laws) -> Iterator[Clause]:
+    n = np.array([0.0, 0, 1])
+    in_angle = c.turn_unit == "rad"
+    unit, factor = ("deg", 180 / np.pi) if in_angle else ("mm^2", 1e6)
+    turn = Rotation.from_rotvec((0, 0, np.radians(3))).as_matrix()
+    right, left = np.array([50, 20, 0]) * _MM, np.array([-50, -20, 0]) * _MM
+    said = [factor * x for x in c.turns(right, turn @ right, left, turn @ left, n)]
+    worst = min(said)
+    yield Clause(
+        "roll.direction",
+        "eq4",
+        "hands that turn 3 deg counter-clockwise give a positive sign",
+        worst,
+        unit,
+        0.0,
+        worst > 0,
+        f"(50, 20, 0) mm turned +3 deg, counter-clockwise, gives {said[0]:.0f} {unit}: negative, which is labelled "
+        "clockwise: p1 x p0 is minus the axis from p0 to p1",
+        "swap the factors: c = p0 x p1",
+    )
+    off = max(abs(x - 3) for x in said) if in_angle else worst
+    yield Clause(
+        "roll.angle",
+        "eq4",
+        "the size of the turn is an angle, 3 deg",
+        off,
+        unit,
+        1e-9,
+        in_angle and off <= 1e-9,
+        (
+            f"hands that turn 3 deg give {said[0]:.3f} and {said[1]:.3f} deg"
+            if in_angle
+            else "a cross product is an area, and a displacement a length: no printed number makes an angle of them"
+        ),
+        "roll = atan2((v0 x v1).n, v0.v1) with v = p_R - p_L",
+    )
+    right, left, up = np.array([80, 0, 0]) * _MM, np.array([-80, 0, 0]) * _MM, np.array([0, 5, 0]) * _MM
+    here = [factor * x for x in c.turns(right, right + up, left, left - up, n)]
+    o = np.array([200, 0, 0]) * _MM
+    there = [factor * x for x in c.turns(right + o, right + up + o, left + o, left - up + o, n)]
+    off = max(abs(a - b) for a, b in zip(here, there, strict=True))
+    yield Clause(
+        "roll.origin",
+        "eq4",
+        "the position of the origin has no effect on the roll",
+        off,
+        unit,
+        1e-9,
+        off <= 1e-9,
+        f"right hand +5 mm, left hand -5 mm: (c_zR, c_zL) = ({here[0]:+.0f}, {here[1]:+.0f}) {unit} with the hands at "
+        f"+-80 mm, ({there[0]:+.0f}, {there[1]:+.0f}) {unit} with the origin shifted 200 mm"
+        + (": the signs disagree" if there[0] * there[1] < 0 else ""),
+        "use v = p_R - p_L, which does not depend on the origin",
+    )
+    lifted = [factor * x for x in c.turns(right, right + up, left, left + up, n)]
+    off = max(map(abs, lifted))
+    yield Clause(
+        "roll.lift",
+        "eq4",
+        "both hands moving up together do not roll the camera",
+        off,
+        unit,
+        1e-9,
+        off <= 1e-9,
+        f"both hands move up 5 mm: (c_zR, c_zL) = ({lifted[0]:+.0f}, {lifted[1]:+.0f}) {unit}, not zero; "
+        "the paper states the condition 'parallel and discordant' only in words",
+        "use v = p_R - p_L, which a common motion does not change",
+    )
+    wanted = np.degrees(np.arctan2(5, 80))
+    off = max(abs(x - wanted) for x in here) if in_angle else max(map(abs, here))
+    yield Clause(
+        "roll.opposed",
+        "eq4",
+        f"hands at +-80 mm that move +-5 mm roll the camera {wanted:.3f} deg",
+        off,
+        unit,
+        1e-9,
+        in_angle and off <= 1e-9,
+        f"hands at +-80 mm that move +-5 mm give ({here[0]:+.4g}, {here[1]:+.4g}) {unit}, not {wanted:.3f} deg",
+        "roll = atan2((v0 x v1).n, v0.v1) with v = p_R - p_L",
+    )
+
+
+# -- forces, and the check of the paper itself ----------------------------------------------------------------------
+
+
+def _force(c: Laws) -> Iterator[Clause]:
+    rest, moving = abs(c.force(1 * _MM, 0.0)), abs(c.force(1e-9, 10 * _MM))
+    yield Clause(
+        "force.units",
+        "eq5",
+        "stiffness and damping have units",
+        0.0 if c.force_units else 1000.0,
+        "times",
+        1.0,
+        bool(c.force_units),
+        f"neither constant has a unit: read in N/mm, 1 mm gives {1e3 * rest:.0f} mN and 10 mm/s {1e3 * moving:.0f} mN; "
+        f"read in N/m, {rest:.1g} and {moving:.1g} mN, which is imperceptible",
+        "state the units; N/mm and N s/mm give perceptible forces",
+    )
+    yield Clause(
+        "force.model",
+        "eq5",
+        "the model has the terms that its name implies",
+        float("mass" in c.force_model),
+        "terms missing",
+        0.0,
+        "mass" not in c.force_model,
+        f"it is called a {c.force_model} model: no term has a mass or an acceleration",
+        "call it a spring-damper, or add m d2x/dt2",
+    )
+    pulls = c.force(0.1 * _MM, -100 * _MM)
+    yield Clause(
+        "force.pull",
+        "eq5",
+        "a surface never pulls inwards",
+        max(pulls, 0.0),
+        "N",
+        0.0,
+        pulls <= 0,
+        f"0.1 mm deep and on its way out at 100 mm/s, the tool is pulled inwards by {pulls:.2f} N",
+        "limit the force along the surface normal to the outward direction",
+    )
+    most = max(abs(c.force(depth * _MM, rate)) for depth in (1, 5, 10, 20) for rate in (-0.1, 0.0, 0.1))
+    yield Clause(
+        "force.largest",
+        "eq5",
+        "no force exceeds the maximum of a pen",
+        most,
+        "N",
+        _PEN,
+        most <= _PEN,
+        f"down to 20 mm depth the force reaches {most:.1f} N; a pen gives {_PEN:g} N (ASSUMED)",
+        f"clip the force at {_PEN:g} N, the saturation of the device",
+    )
+    off = max(abs(rest - 0.6), abs(moving - 0.1))
+    yield Clause(
+        "force.size",
+        "eq5",
+        "1 mm at rest gives 0.6 N, 10 mm/s at the surface 0.1 N",
+        off,
+        "N",
+        1e-6,
+        off <= 1e-6,
+        f"1 mm at rest gives {rest:.3g} N, 10 mm/s at the surface {moving:.3g} N",
+        "0.6 N/mm and 0.01 N s/mm",
+    )
+
+
+def _measure(c: Laws) -> Iterator[Clause]:
+    T, P = _pose((0.1, 0, 0), (0, 0, np.pi / 2)), _pose((50 * _MM, 0, 0))
+    W_0, W_1 = _pose((30 * _MM, 0, 0)), _pose((40 * _MM, 0, 0), (0, 0, 0.2))
+    right = P.copy()
+    right[:3, 3] += _SCALE * T[:3, :3] @ (W_1 - W_0)[:3, 3]
+    right[:3, :3] = Rotation.from_rotvec(T[:3, :3] @ [0, 0, 0.2]).as_matrix() @ P[:3, :3]
+    err = c.error(P, right, W_0, W_1, T, _SCALE)
+    moved, turned = float(np.linalg.norm(err[:3, 3])), _angle(err[:3, :3])
+    yield _point(
+        "error.right",
+        "eq7",
+        "if the tool follows the hand exactly, the error is zero",
+        moved,
+        f"the tool follows the hand exactly, and eq. (7) gives {moved / _MM:.3f} mm and {turned:.3f} deg",
+        "e_lin = dp - s R_T dh, e_ang = log(dR (R_T dR_H R_T^T)^T)",
+    )
+    T = _pose((0, 0, 0), (0, 0, np.pi / 2))
+    wrong = T @ P  # what the printed eqs (1) and (2) give for a hand at rest
+    gone = float(np.linalg.norm(wrong[:3, 3] - P[:3, 3]))
+    shown = float(np.linalg.norm(c.error(P, wrong, W_0, W_0, T, _SCALE)[:3, 3]))
+    off = abs(shown - gone)
+    yield _point(
+        "error.blind",
+        "eq7",
+        "a motion of the tool while the hand is still counts as the error",
+        off,
+        f"the hand is still and the tool moves {gone / _MM:.3f} mm, as by the printed eqs (1), (2): eq. (7) gives "
+        f"{shown / _MM:.3f} mm. It is circular: it compares eq. (2) with itself",
+        "compare displacements of the tool with those of the hand, without eq. (2)",
+    )
+
+
+# -- what clauses are made of ---------------------------------------------------------------------------------------
+
+
+def _pose(p: Sequence[float], turn: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> Array:
+    """Return a pose (4, 4) from a position in m and a rotation vector in rad."""
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = Rotation.from_rotvec(turn).as_matrix(), p
+    return out
+
+
+def _shifted(W: Array, by: Array) -> Array:
+    out = W.copy()
+    out[:3, 3] += by
+    return out
+
+
+def _between(P: Array, Q: Array) -> tuple[float, float]:
+    """Return (distance in m, angle in deg) between two poses."""
+    return float(np.linalg.norm(Q[:3, 3] - P[:3, 3])), _angle(Q[:3, :3] @ P[:3, :3].T)
+
+
+def _angle(R: Array) -> float:
+    """Return the angle in deg of a rotation; for another matrix, of the nearest rotation."""
+    return float(np.degrees(Rotation.from_matrix(R).magnitude()))
+
+
+def _point(name: str, equation: str, text: str, off: float, said: str, way: str) -> Clause:
+    return Clause(name, equation, text, off / _MM, "mm", _POINT / _MM, off <= _POINT, said, way)
+
+
+def _triple(v: Array) -> str:
+    return ", ".join(f"{x / _MM:.3f}" for x in v)

@@ -1,0 +1,435 @@
+"""Check published tables of independent groups of users, as far as the printed numbers allow.
+
+Means and standard deviations are printed, rows of single users are not. So p-values of rank tests cannot be recomputed.
+These can be checked: whether a mean can be a mean of integers, whether a deviation fits a range, which definition of
+RMSE fits its parts, whether the printed p-values remain significant after a correction for their number, and sentences
+about the tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from twin.core.findings import Finding, disagreement, info, warning
+from twin.core.quantity import Quantity
+from twin.core.result import Table as Shown
+from twin.schema import Table, Vector, at, load_toml
+
+_ByGroup = dict[str, float]
+
+
+class Group(Table):
+    """A group of users: its number."""
+
+    name: str
+    users: int = Field(ge=2)
+
+
+class Pair(Table):
+    """A comparison of two groups; without `printed_p`, the text says that it is not significant."""
+
+    between: tuple[str, str]
+    printed_p: Annotated[float, Field(ge=0, le=1)] | None = None
+
+
+class Outcome(Table):
+    """Mean and standard deviation by group; a user's value is made of `items` integers (0: not of integers)."""
+
+    name: str
+    unit: str
+    decimals: int = Field(ge=0, le=9)
+    items: int = Field(default=0, ge=0)
+    mean: _ByGroup
+    std: _ByGroup
+    compared: list[Pair] = Field(default_factory=list)
+
+
+class Span(Table):
+    """Mean, deviation, smallest and largest value by group."""
+
+    name: str
+    unit: str
+    mean: _ByGroup
+    std: _ByGroup
+    lower: _ByGroup
+    upper: _ByGroup
+
+
+class Accuracy(Table):
+    """Printed mean and standard deviation of the error along x, y, z, and the printed RMSE, in `unit`."""
+
+    name: str
+    unit: str
+    mean: Vector
+    std: Vector
+    rmse: float = Field(ge=0)
+    decimals: int = Field(ge=0, le=9)
+
+
+class Chain(Table):
+    """How the accuracy was measured: displacements along each axis, read by a pen with finite resolution."""
+
+    displacements: int = Field(ge=2)
+    resolution_mm: float = Field(gt=0)
+    required_mm: float = Field(gt=0)
+    of: str
+
+
+class Above(Table):
+    """A sentence which claims that the means of some outcomes are above a number."""
+
+    text: str
+    outcomes: list[str]
+    above: float
+
+
+class Twice(Table):
+    """A statement that is printed in several places."""
+
+    name: str
+    where: list[str]
+    values: list[list[float]]
+
+
+class GroupTables(Table):
+    """The whole file."""
+
+    title: str
+    source: str
+    significance: float = Field(default=0.05, gt=0, lt=1)
+    printed_test: str
+    group: list[Group] = Field(min_length=1)
+    outcome: list[Outcome] = Field(default_factory=list)
+    range: list[Span] = Field(default_factory=list)
+    accuracy: list[Accuracy] = Field(default_factory=list)
+    chain: Chain | None = None
+    claim: list[Above] = Field(default_factory=list)
+    twice: list[Twice] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _named(self) -> GroupTables:
+        names = {g.name for g in self.group}
+        for key, rows in (("outcome", self.outcome), ("range", self.range)):
+            for i, row in enumerate(rows):
+                for field in ("mean", "std", "lower", "upper"):
+                    cells = getattr(row, field, None)
+                    if cells is not None and set(cells) != names:
+                        raise at((key, i, field), f"give a number for each group: {', '.join(sorted(names))}")
+        for i, row in enumerate(self.outcome):
+            for j, pair in enumerate(row.compared):
+                if not set(pair.between) <= names:
+                    raise at(("outcome", i, "compared", j, "between"), f"groups are {', '.join(sorted(names))}")
+        known = {o.name for o in self.outcome}
+        for i, claim in enumerate(self.claim):
+            if unknown := set(claim.outcomes) - known:
+                raise at(("claim", i, "outcomes"), f"there is no outcome '{min(unknown)}'")
+        if self.chain is not None and self.chain.of not in {a.name for a in self.accuracy}:
+            raise at(("chain", "of"), f"there is no accuracy '{self.chain.of}'")
+        return self
+
+
+@dataclass(frozen=True)
+class Recomputed:
+    """Results of checking a file: tables to show, plain data, findings."""
+
+    tables: Sequence[Shown]
+    data: Mapping[str, Any]
+    findings: Sequence[Finding]
+
+
+Measured = Callable[[Chain], tuple[Mapping[str, Any], Sequence[float]]]
+"""A function that runs an accuracy chain: (plain data, standard deviation along each axis in mm)."""
+
+
+def load(path: Path) -> GroupTables:
+    """Read a study file of groups.
+
+    Raises:
+        DescriptionError: with file, line, key, value and the allowed values.
+    """
+    return load_toml(path, GroupTables)
+
+
+def recompute(tables: GroupTables, run: Measured) -> Recomputed:
+    """Check the printed numbers; return tables, data and findings.
+
+    Args:
+        tables: the printed tables.
+        run: measures the accuracy chain.
+    """
+    users = {g.name: g.users for g in tables.group}
+    outcomes, rows = [], []
+    findings: list[Finding] = []
+    for o in tables.outcome:
+        findings += _integers(o, users)
+        for pair in o.compared:
+            p = _welch(o, pair.between, users)
+            outcomes.append(
+                {"name": o.name, "between": list(pair.between), "printed_p": pair.printed_p, "welch_p": p},
+            )
+            said = f"{pair.printed_p:.4f}" if pair.printed_p is not None else "not significant"
+            rows.append((o.name, " - ".join(pair.between), said, f"{p:.4f}"))
+    findings += _unpublished(tables)
+    findings += _corrected(tables)
+    for span in tables.range:
+        findings += _spans(span, users)
+    errors = []
+    for a in tables.accuracy:
+        readings = rms_readings(a)
+        errors.append({"name": a.name, "printed_rmse": a.rmse, "readings": {n: list(v) for n, v in readings.items()}})
+    findings += _rmse(tables.accuracy)
+    for claim in tables.claim:
+        findings += _claim(claim, tables.outcome)
+    for twice in tables.twice:
+        findings += _twice(twice)
+    data: dict[str, Any] = {"comparisons": outcomes, "accuracy": errors}
+    shown = [Shown(("", "between", f"printed p ({tables.printed_test})", "Welch t from mean, std, n"), rows)]
+    if tables.accuracy:
+        shown.append(_shown_errors(tables.accuracy))
+    if tables.chain is not None:
+        measured, stds = run(tables.chain)
+        data["chain"] = dict(measured)
+        shown.append(Shown(("accuracy chain, run here", ""), [(k, f"{v:.3g}") for k, v in _flat(measured)]))
+        printed = next(a for a in tables.accuracy if a.name == tables.chain.of)
+        findings += _chain(tables.chain, printed, measured, stds)
+    return Recomputed(shown, data, findings)
+
+
+def _flat(measured: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+    for key, value in measured.items():
+        values = value if isinstance(value, list) else [value]
+        yield from ((key if len(values) == 1 else f"{key} {'xyz'[i]}", x) for i, x in enumerate(values))
+
+
+def _welch(o: Outcome, between: tuple[str, str], users: Mapping[str, int]) -> float:
+    from scipy import stats
+
+    a, b = between
+    return float(
+        stats.ttest_ind_from_stats(o.mean[a], o.std[a], users[a], o.mean[b], o.std[b], users[b], equal_var=False).pvalue
+    )
+
+
+def _integers(o: Outcome, users: Mapping[str, int]) -> Iterator[Finding]:
+    """Yield a finding for each mean that cannot be a mean of integers: the nearest possible mean prints differently."""
+    if not o.items:
+        return
+    for group, mean in o.mean.items():
+        n = users[group] * o.items
+        k = round(mean * n)
+        half = 0.5 * 10**-o.decimals * (1 + 1e-9)
+        near = min((k - 1, k, k + 1), key=lambda s: abs(s / n - mean))
+        if abs(near / n - mean) <= half:
+            continue
+        yield disagreement(
+            "study.integers",
+            o.name,
+            f"{o.name}, {group}: mean {mean:.{o.decimals}f} {o.unit} is printed; {n} integers of {users[group]} users "
+            f"have no such mean, the nearest is {near / n:.{o.decimals + 1}f}",
+            Quantity(abs(near / n - mean), o.unit),
+            half,
+            "check how many users were counted",
+            word="",
+        )
+
+
+def _unpublished(tables: GroupTables) -> Iterator[Finding]:
+    printed = [p for o in tables.outcome for p in o.compared if p.printed_p is not None]
+    if printed:
+        yield info(
+            "study.raw",
+            "p",
+            f"{len(printed)} printed p-values are those of {tables.printed_test}, which needs the rank of every user; "
+            "it cannot be recomputed from means and standard deviations",
+            suggestion="ask the authors for the raw data and run: twin study FILE.csv",
+        )
+
+
+def _corrected(tables: GroupTables) -> Iterator[Finding]:
+    """Yield a finding if a printed p-value is no longer significant with Holm's correction."""
+    pairs = [(o.name, p) for o in tables.outcome for p in o.compared]
+    printed = sorted((p.printed_p, name, p.between) for name, p in pairs if p.printed_p is not None)
+    level, left = tables.significance, len(pairs)
+    kept = 0
+    for p, _, _ in printed:
+        if p * (left - kept) > level:
+            break
+        kept += 1
+    if kept == len(printed):
+        return
+    p, name, between = printed[kept]
+    corrected = min(1.0, p * (left - kept))
+    yield warning(
+        "study.multiple",
+        "p",
+        f"{len(pairs)} comparisons use p < {level:g} without correction: {kept} of {len(printed)} significant results "
+        f"remain significant after Holm's correction ({name}, {' - '.join(between)}: p = {p:g} becomes "
+        f"{corrected:.3f})",
+        Quantity(corrected, "1"),
+        level,
+        "correct for the number of comparisons, or state one primary comparison in advance",
+        word="",
+    )
+
+
+def _spans(s: Span, users: Mapping[str, int]) -> Iterator[Finding]:
+    """Yield a finding for each deviation below the minimum that range and mean allow."""
+    for group, n in users.items():
+        mean, low, high = s.mean[group], s.lower[group], s.upper[group]
+        smallest = smallest_std(mean, low, high, n)
+        if s.std[group] + 0.05 < smallest:
+            yield disagreement(
+                "study.range",
+                s.name,
+                f"{s.name}, {group}: {mean:g} +- {s.std[group]:g} {s.unit} is printed with the range {low:g} to "
+                f"{high:g}; {n} users with that mean and both ends have a standard deviation of at least "
+                f"{smallest:.1f} {s.unit}",
+                Quantity(smallest, s.unit),
+                s.std[group],
+                "check whether the range is that of another group or of all users",
+                word="",
+            )
+    ranges = {(s.lower[g], s.upper[g]) for g in users}
+    if len(ranges) == 1 and len(users) > 1:
+        low, high = next(iter(ranges))
+        yield warning(
+            "study.range_repeated",
+            s.name,
+            f"{s.name}: the same range, {low:g} to {high:g} {s.unit}, is printed for all {len(users)} groups",
+            suggestion="state the range of each group",
+        )
+
+
+def smallest_std(mean: float, low: float, high: float, n: int) -> float:
+    """Return the minimum standard deviation (with divisor n) of n values that include both ends of the range."""
+    if n == 2:
+        return float(np.std([low, high]))
+    rest = (n * mean - low - high) / (n - 2)
+    return float(np.sqrt(((low - mean) ** 2 + (high - mean) ** 2 + (n - 2) * (rest - mean) ** 2) / n))
+
+
+def rms_readings(a: Accuracy) -> dict[str, tuple[float, float]]:
+    """Return {definition of RMSE: (minimum, maximum)} that the rounded parts allow."""
+    half = 0.5 * 10**-a.decimals
+    mean, std = np.abs(np.array(a.mean)), np.array(a.std)
+    low = np.hypot(np.maximum(mean - half, 0), np.maximum(std - half, 0))
+    high = np.hypot(mean + half, std + half)
+    return {
+        name: (float(of(low)), float(of(high)))
+        for name, of in (
+            ("root mean square of the axes", lambda r: np.sqrt(np.mean(r**2))),
+            ("length of the vector", np.linalg.norm),
+            ("worst axis", np.max),
+        )
+    }
+
+
+def _fits(a: Accuracy) -> list[str]:
+    half = 0.5 * 10**-a.decimals
+    return [n for n, (low, high) in rms_readings(a).items() if low <= a.rmse + half and a.rmse - half <= high]
+
+
+def _rmse(rows: Sequence[Accuracy]) -> Iterator[Finding]:
+    """Yield a finding for each RMSE that no definition gives, and one if the rows have no definition in common."""
+    for a in rows:
+        if _fits(a):
+            continue
+        made = ", ".join(
+            f"{n} {low:.{a.decimals}f} to {high:.{a.decimals}f}" for n, (low, high) in rms_readings(a).items()
+        )
+        half = 0.5 * 10**-a.decimals
+        yield disagreement(
+            "study.rmse",
+            a.name,
+            f"{a.name}: RMSE {a.rmse:.{a.decimals}f} {a.unit} is printed; from the printed mean and std no definition "
+            f"gives it ({made})",
+            Quantity(min(max(low - a.rmse, a.rmse - high) for low, high in rms_readings(a).values()), a.unit),
+            half,
+            "compare axis by axis: mean and std, not RMSE",
+            word="",
+        )
+
+
+def _shown_errors(rows: Sequence[Accuracy]) -> Shown:
+    names = list(rms_readings(rows[0]))
+    lines = []
+    for a in rows:
+        r, d = rms_readings(a), a.decimals
+        lines.append(
+            (
+                a.name,
+                f"{a.rmse:.{d}f} {a.unit}",
+                *(f"{r[n][0]:.{d}f} .. {r[n][1]:.{d}f}" for n in names),
+                ", ".join(_fits(a)),
+            )
+        )
+    return Shown(("", "printed RMSE", *names, "fits"), lines)
+
+
+def _claim(claim: Above, outcomes: Sequence[Outcome]) -> Iterator[Finding]:
+    cells = [(o, g, m) for o in outcomes if o.name in claim.outcomes for g, m in o.mean.items() if m <= claim.above]
+    if cells:
+        against = ", ".join(f"{g} {o.name} {m:.{o.decimals}f}" for o, g, m in cells)
+        yield warning(
+            "study.claim",
+            "prose",
+            f"'{claim.text}': not so for {against}",
+            Quantity(min(m for _, _, m in cells), cells[0][0].unit),
+            claim.above,
+            "name the exceptions",
+            word="",
+        )
+
+
+def _twice(t: Twice) -> Iterator[Finding]:
+    if len({tuple(v) for v in t.values}) > 1:
+        said = "; ".join(f"{w}: {' to '.join(f'{x:+g}' for x in v)}" for w, v in zip(t.where, t.values, strict=True))
+        yield disagreement(
+            "study.twice", t.name, f"{t.name} is printed in two ways ({said})", suggestion="correct one of them"
+        )
+
+
+def _chain(c: Chain, printed: Accuracy, measured: Mapping[str, Any], stds: Sequence[float]) -> Iterator[Finding]:
+    from scipy import stats
+
+    exact = measured["largest_error_unquantised_mm"]
+    if exact >= 1e-6:
+        yield disagreement(
+            "study.chain",
+            "chain",
+            "the chain itself is wrong, without quantisation",
+            Quantity(exact, "mm"),
+            1e-6,
+            "judge its equations: twin console davinci",
+        )
+    largest = measured["largest_error_mm"]
+    if largest > c.required_mm:
+        yield disagreement(
+            "study.required",
+            "chain",
+            "largest error",
+            Quantity(largest, "mm"),
+            c.required_mm,
+            f"measure with a pen of finer resolution than {c.resolution_mm:g} mm",
+            word="required",
+        )
+    k = c.displacements - 1
+    high = np.sqrt(stats.chi2.ppf(0.99, k) / k)
+    beyond = [f"{axis} {s:.3f}" for axis, s, q in zip("xyz", printed.std, stds, strict=True) if s > high * q]
+    if beyond:
+        yield warning(
+            "study.quantised",
+            printed.name,
+            f"a pen of {c.resolution_mm:g} mm explains std up to {high * max(stds):.3f} mm in {c.displacements} "
+            f"displacements (99 %), {max(stds):.4f} mm in the long run; printed: {', '.join(beyond)} mm",
+            Quantity(max(printed.std), "mm"),
+            float(high * max(stds)),
+            "look for other sources of error than the resolution of the pen",
+            word="",
+        )
