@@ -35,7 +35,7 @@ from twin.core import assets, spatial
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.model.scene import load_scene
-from twin.planning.path import rotation
+from twin.planning.phase_path import rotation
 from twin.reference import ReferenceModel
 from twin.usd.read import read_motion, read_stage
 
@@ -55,7 +55,7 @@ class Shot:
     caption: str
     protocol: str
     waypoint: str
-    rcm: str  # the waypoint that lies at the trocar
+    rcm: str  # the waypoint that lies at the trocar; "": the RCM that the protocol registers from the start
     view: tuple[float, ...] = (-39, 18, 25.5)  # azimuth from +x, elevation, vertical field of view, in deg
     target: tuple[float, ...] = (0.003, 0.302, 0.102)
     size: tuple[int, int] = (770, 880)
@@ -89,6 +89,18 @@ SHOTS = (
         robot="sher", trocar=0.0025, floor=-0.115, distance=0.75,
     ),
     Shot(
+        "davinci_psm", "", "about_port", "right", "", (-42, 15, 27), (0.0, -0.55, 0.0), (1600, 1000),
+        robot="davinci_psm", trocar=0.016, floor=-0.9, distance=2.9,
+    ),
+    Shot(
+        "linkage", "", "about_port", "deep", "", (-62, 11, 21), (0.0, -0.32, 0.12), (1600, 1000),
+        robot="davinci_psm", trocar=0.012, floor=-0.9, distance=2.2,
+    ),
+    Shot(
+        "davinci_ecm", "", "look_around", "right", "", (-42, 13, 25), (0.0, -0.42, 0.1), (1600, 1000),
+        robot="davinci_ecm", trocar=0.016, floor=-0.9, distance=2.9,
+    ),
+    Shot(
         "hexapod", "", "tour", "tilted", "level", (-58, 17, 17.4), (0.0, 0.0, 0.166), (1200, 1000),
         robot="hexapod", trocar=0.0, floor=-0.016, distance=1.75, folder="docs/examples/hexapod",
     ),
@@ -110,7 +122,7 @@ def stand(robot: twin.Robot, shot: Shot) -> tuple[Mechanism, dict[str, Array], A
     mechanism, (times, poses), protocol = read_stage(stage), read_motion(stage), robot.protocol(shot.protocol)
     tool, T_tool_moved = mechanism.frame(mechanism.tool), mechanism.frame_in_tool(protocol.frame)
     Ts_tool = poses[tool.body] @ tool.T_body_frame
-    way, rcm = protocol.waypoints[shot.waypoint], protocol.waypoints[shot.rcm].position
+    way, rcm = protocol.waypoints[shot.waypoint], protocol.waypoints[shot.rcm].position if shot.rcm else protocol.rcm
     R = rotation(way.angles, protocol.rotation)
     axis = T_tool_moved[:3, :3] @ protocol.shaft_axis
     p = rcm + way.depth * R @ axis if way.position is None else way.position
@@ -137,10 +149,10 @@ def fill(scene: viser.SceneApi, robot: twin.Robot | None, shot: Shot) -> None:
     light(scene, shot)
     if not shot.trocar:
         return
-    scene.add_icosphere("/rcm", shot.trocar / 3, ORANGE, position=rcm, cast_shadow=False)
+    scene.add_icosphere("/shown/rcm", shot.trocar / 3, ORANGE, position=rcm, cast_shadow=False)
     ring = trimesh.creation.torus(shot.trocar, shot.trocar / 11)
-    scene.add_mesh_simple("/trocar", ring.vertices, ring.faces, color=ORANGE, position=rcm, cast_shadow=False)
-    scene.add_line_segments("/shaft", shaft[None], ORANGE, thickness=shot.trocar / 9)
+    scene.add_mesh_simple("/shown/trocar", ring.vertices, ring.faces, color=ORANGE, position=rcm, cast_shadow=False)
+    scene.add_line_segments("/shown/axis", shaft[None], ORANGE, thickness=shot.trocar / 9)
     if shot.patient:
         add_patient(scene, shot, rcm)
 

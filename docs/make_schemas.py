@@ -1,4 +1,4 @@
-"""Write docs/schemas/*.schema.json: of the TOML files that people write, and of the tracks that twin writes.
+"""Write docs/schemas/*.schema.json: of the TOML files that people write, of tracks and recordings that twin writes.
 
 python docs/make_schemas.py
 """
@@ -14,11 +14,13 @@ from twin.cad.description import Description
 from twin.planning.protocol.tables import ProtocolTable
 from twin.schema import json_schema
 from twin.schema.track import Track
+from twin.simulation.world.recording import Head
 
 FOLDER = Path(__file__).parent / "schemas"
 
-MODELS: dict[str, type[BaseModel]] = {"robot": Description, "protocol": ProtocolTable, "track": Track}
-"""By the name of the file: cad/<robot>/<robot>.toml, trajectories/<robot>/<protocol>.toml, an export's tracks/."""
+MODELS: dict[str, type[BaseModel]] = {"robot": Description, "protocol": ProtocolTable, "track": Track, "world": Head}
+"""By the name of the file: cad/<robot>/<robot>.toml, trajectories/<robot>/<protocol>.toml, an export's tracks/, the
+first line of a recording of a World."""
 
 
 def schemas() -> dict[Path, str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import twin
 from twin.core import assets
 from twin.core.errors import TwinError
 
@@ -71,11 +72,21 @@ def test_robot_folder_without_protocols_has_none(folder):
         assets.files(folder).protocol("wave")
 
 
-def test_built_in_name_wins_over_a_folder_of_that_name(folder, monkeypatch):
-    folder.rename(folder.parent / "sils")
+def test_built_in_name_wins_over_a_folder_of_that_name(folder, monkeypatch, caplog):
+    """The other robot is named, with the way to it."""
     monkeypatch.chdir(folder.parent)
-    assert assets.files("sils").name == "sils"
-    assert assets.files("./sils").name == "arm"
+    (folder.parent / "sils").mkdir()  # not a robot
+    assert twin.load("sils").name == "sils"
+    assert not caplog.records
+    (folder.parent / "sils").rmdir()
+    folder.rename(folder.parent / "sils")
+    assert twin.load("sils").name == "sils"
+    (said,) = caplog.messages
+    assert str(folder.parent / "sils") in said
+    assert "./sils" in said
+    caplog.clear()
+    assert twin.load("./sils").name == "arm"
+    assert not caplog.records
 
 
 @pytest.mark.parametrize("name", ["slis", "SILS", "sill"])

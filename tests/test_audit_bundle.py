@@ -186,7 +186,7 @@ def test_defects_of_tracks(name, bundle):
     assert report.exit_code > 0 or name == "model hash"
     if code == "compare.odd_one_out":
         assert found[0].where == "tracks/swing.json: swing"
-        assert "it is the one that is wrong" in found[0].message
+        assert "this file is wrong" in found[0].message
 
 
 def _unsaid(data):
@@ -215,7 +215,7 @@ def test_a_shaft_may_pass_an_rcm_that_is_only_watched(change, told, bundle):
         ("swapped links", "'crank' and 'rocker' are swapped"),
         ("millimetres", "millimetres"),
         ("y up", "up axis is wrong"),
-        ("degrees for radians", "taken for degrees it would be inside"),
+        ("degrees for radians", "read as degrees it would be inside"),
     ],
 )
 def test_the_mistake_is_guessed(name, reason, bundle):

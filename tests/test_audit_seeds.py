@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from made.lanes import thinned
 from twin.exchange.audit import audit
 
 HERE = Path(__file__).parent
@@ -42,7 +43,7 @@ def of(name: str):
     return next(s for s in seeds.SEEDS if s.name == name)
 
 
-@pytest.mark.parametrize("name", FEW)
+@pytest.mark.parametrize("name", thinned(FEW, every=4))
 def test_a_seeded_defect_is_found_by_its_cause(name, bars, tmp_path):
     one, folder = of(name), tmp_path / "spoilt"
     assert seeds.copied(bars, folder, one), "this robot has nothing of the kind"
@@ -167,7 +168,7 @@ def saved_by_trimesh(folder: Path) -> None:
 
 @pytest.mark.parametrize(
     "save",
-    [saved_by_pxr, flattened, saved_by_mujoco, indented, indented_xml, saved_by_trimesh],
+    thinned([saved_by_pxr, saved_by_mujoco, flattened, indented, indented_xml, saved_by_trimesh], every=6),
     ids=lambda f: f.__name__,
 )
 def test_what_is_only_saved_again_has_no_findings(save, bars, tmp_path):

@@ -40,7 +40,7 @@ def motion(k: int = 400) -> dict[str, np.ndarray]:
 def test_one_key_of_one_link_is_not_the_whole_robot(key):
     found, meant = motion(), motion()
     found["b"][key, 0, 3] += 1e-3
-    assert why(found, meant) == "it is this link alone, at one key of 400"
+    assert why(found, meant) == "only this link differs, at one key of 400"
 
 
 def test_a_displacement_of_all_is_the_whole_robot():
@@ -71,7 +71,7 @@ def test_lengths_that_differ_are_told_with_digits_that_differ(tables):
     text[-1] = text[-1].replace("2,", "2.0004,", 1)
     file.write_text("\n".join(text) + "\n")
     (told,) = [f.message for f in audit(tables).findings if f.code == "compare.times"]
-    assert "it lasts 2.0004 s, in tracks/swing.json 2 s" in told
+    assert "the clip lasts 2.0004 s, in tracks/swing.json 2 s" in told
     assert told_apart(17.07, 17.0700001) == ("17.07", "17.0700001")
 
 

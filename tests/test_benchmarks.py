@@ -1,4 +1,4 @@
-"""The record that benchmarks are held to: what fell is named, what is missing is no fault. Nothing is timed here."""
+"""The record that benchmarks are held to: what fell is named, what is missing is not a fault. Nothing is timed here."""
 
 from __future__ import annotations
 

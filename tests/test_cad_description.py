@@ -98,7 +98,7 @@ def test_a_defect_in_the_drawing_is_a_finding_with_its_size(tmp_path):
     assert (finding.code, finding.severity, finding.where) == ("cad.meeting", "disagreement", "turn")
     assert finding.size == pytest.approx(8.0, abs=1e-12)
     assert (finding.unit, finding.limit) == ("mm", 0.001)
-    assert finding.message == "joint 'turn': the faces on 'base' and 'arm' are 8 mm apart as drawn"
+    assert finding.message == "joint 'turn': faces on 'base' and 'arm' are apart in the CAD: 8 mm (tolerance 0.001 mm)"
 
 
 def test_a_part_without_material_is_a_warning(tmp_path):

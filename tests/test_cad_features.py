@@ -108,7 +108,7 @@ def test_two_faces_that_are_equally_near_are_refused():
         find(wanted("plane", (0, 0, 0), direction=(0, 0, 1)), *both)
     assert str(caught.value) == (
         "feature 'thing' of body 'bar': two plane faces are equally near, on 'a' at (0.00, 0.00, 1.00) mm and on 'b' "
-        "at (0.00, 0.00, -1.00) mm. Move near_mm towards the one that is meant, or name its `part`."
+        "at (0.00, 0.00, -1.00) mm. Move near_mm towards the intended one, or name its `part`."
     )
 
 
@@ -243,7 +243,7 @@ def test_the_point_nearest_to_a_skew_axis_is_where_the_common_perpendicular_stan
 @pytest.mark.parametrize(
     ("origin", "at", "message"),
     [
-        ("axis", "beside", "the axes of 'axis' and 'beside' are parallel: no point of the first is nearest"),
+        ("axis", "beside", "the axes of 'axis' and 'beside' are parallel: they have no nearest points"),
         ("axis", "wall", "the axis of 'axis' does not meet the plane 'wall': they are parallel"),
         ("axes", None, "there is no feature 'axes'. Did you mean 'axis'?"),
         ("axis", "topp", "there is no feature 'topp'. Did you mean 'top'?"),
@@ -324,11 +324,12 @@ def test_a_given_frame():
         ),
         (
             {"origin": "s1", "z": "s1", "x_towards": "s2"},
-            "z = 's1' gives no direction: a sphere has none, and three points must span a plane",
+            "z = 's1' gives no direction: use a feature other than a sphere; three points must span a plane",
         ),
         (
             {"origin": "s1", "z": ["s1", "s2", "s2"], "x_towards": "s3"},
-            "z = ['s1', 's2', 's2'] gives no direction: a sphere has none, and three points must span a plane",
+            "z = ['s1', 's2', 's2'] gives no direction: use a feature other than a sphere; "
+            "three points must span a plane",
         ),
         ({"origin": "axis", "z": "axiss", "x_towards": "s2"}, "there is no feature 'axiss'. Did you mean 'axis'?"),
     ],

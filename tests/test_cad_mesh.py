@@ -88,7 +88,7 @@ def test_a_3mf_places_components_and_items(tmp_path):
 @pytest.mark.parametrize("item", [3, "x"])
 def test_a_3mf_whose_object_is_missing_is_damaged(tmp_path, item):
     write_3mf(tmp_path / "brick.3mf", brick(), item=item)
-    with pytest.raises(CadError, match=rf"cannot be read as 3MF \(object {item} is missing or holds itself\)"):
+    with pytest.raises(CadError, match=rf"cannot be read as 3MF \(object {item} is missing or contains itself\)"):
         mesh.load_mesh(tmp_path / "brick.3mf", "mm")
 
 
@@ -124,12 +124,12 @@ def test_scenes_with_placed_nodes_are_flattened(tmp_path):
 @pytest.mark.parametrize(
     ("name", "unit", "message"),
     [
-        ("brick.stl", None, "a mesh file has no unit of its own; say unit = 'mm' (or m, cm, mm, um, in)"),
+        ("brick.stl", None, "a mesh file does not state its unit; give unit = 'mm' (or m, cm, mm, um, in)"),
         ("brick.stl", "inch", "unit 'inch' is not known; use one of m, cm, mm, um, in"),
         ("brick.dae", "mm", "'.dae' is not read; use STEP or one of .stl, .obj, .glb, .gltf, .3mf, .ply"),
         ("brick", "mm", "'' is not read; use STEP or one of"),
-        ("none.stl", "mm", "there is no such mesh file"),
-        ("empty.obj", "mm", "there are no triangles in it"),
+        ("none.stl", "mm", "the mesh file does not exist"),
+        ("empty.obj", "mm", "it has no triangles"),
         ("noise.glb", "mm", "cannot be read as GLB"),
         ("noise.3mf", "mm", "cannot be read as 3MF"),
         ("noise.ply", "mm", "cannot be read as PLY"),
@@ -151,7 +151,7 @@ def test_an_implausible_size_is_a_warning(tmp_path, unit, extent):
     _, (finding,) = mesh.load_mesh(tmp_path / "brick.stl", unit)
     assert (finding.code, finding.severity, finding.unit) == ("cad.implausible_size", "warning", "m")
     assert finding.size == pytest.approx(extent, rel=1e-9)
-    assert finding.message == f"brick.stl is {extent:.3g} m across when read in {unit}"
+    assert finding.message.startswith(f"brick.stl has an implausible size when read in {unit}: ")
     assert finding.suggestion == "check the declared unit"
 
 

@@ -168,6 +168,7 @@ def test_the_tool_goes_where_the_derivation_says(model, q, p):
     assert at.worst_gap < 1e-11
 
 
+@pytest.mark.slow
 def test_nothing_runs_into_anything(cad, model):
     q = [(50, 50, 50, psi, s) for psi in (-40, 0, 40) for s in (0, 16, 32, 48)]
     q += [(*np.roll((h, h + 10, h + 20), k)[::way], 0, 24) for h in (30, 75) for k in (0, 1, 2) for way in (1, -1)]

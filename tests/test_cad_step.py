@@ -148,7 +148,7 @@ def test_a_file_that_is_cut_off_is_said_to_be(tmp_path, part):
     path.write_bytes(whole[: int(part * len(whole))])
     with pytest.raises(CadError) as caught:
         read_step(path)
-    assert str(caught.value) == f"{path} is cut off: END-ISO-10303-21 is missing. Export or copy it again."
+    assert str(caught.value) == f"{path} is truncated: END-ISO-10303-21 is missing. Export or copy it again."
 
 
 def test_a_file_whose_middle_is_lost_is_damaged(tmp_path, capfd):

@@ -177,8 +177,25 @@ def test_results_go_where_they_are_wanted():
     assert given[0] is x
     assert np.array_equal(x, kernel(P, np.ones_like(P))[0])
     for wrong in (x[:, 1:], x.astype(np.float32), np.zeros((1, 2006))[:, ::2], np.broadcast_to(0.0, x.shape)):
-        with pytest.raises(ValueError, match=r"out for 'x' is no contiguous float64 array of shape \(1, 1003\)"):
+        with pytest.raises(ValueError, match=r"out for 'x' is not a contiguous float64 array of shape \(1, 1003\)"):
             kernel(P, np.ones_like(P), out=(wrong, error))
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 1024, 1025, 5000])
+def test_samples_in_rows_give_the_rows_of_the_results(count):
+    """Blocks, their ends, and several threads; samples that lie apart are read where they lie."""
+    x = ca.SX.sym("x", 3)
+    kernel = Kernel(
+        [Stage(ca.Function("f", [x], [ca.vertcat(ca.sqrt(x), x[0] * x[1])]), ("x",), ("y",))], {"x": 3}, ["y"]
+    )
+    Z = np.random.default_rng(7).normal(size=(count, 5))
+    for rows in (Z[:, :3], Z[:, 1:4][::-1], np.asfortranarray(Z[:, :3])):
+        got = kernel.rows(rows)
+        assert got.shape == (count, 4)
+        assert got.flags.c_contiguous
+        assert np.array_equal(got, kernel(rows.T)[0].T, equal_nan=True)
+    with pytest.raises(ValueError, match="samples have shape"):
+        kernel.rows(Z)
 
 
 @pytest.mark.parametrize("divisor", [3.0, -0.1, 1e-320, np.inf, 0.0, -0.0, np.nan, 1e308])
@@ -199,7 +216,7 @@ def test_backwards_the_carry_comes_from_the_sample_after(count):
     assert total.tolist() == [[100.0 + sum(range(i, count + 1)) for i in range(1, count + 1)]]
     assert (before + np.arange(1.0, count + 1)).tolist() == total.tolist()
     assert carry[0] == 100.0 + sum(range(count + 1))
-    with pytest.raises(ValueError, match="no carry for total"):
+    with pytest.raises(ValueError, match="no carry value for total"):
         kernel(np.ones((1, 3)))
 
 
@@ -307,10 +324,12 @@ def test_formulas_give_the_same_in_many_rows_and_in_few(name, monkeypatch):
     robot = twin.load(name)
     kin = robot.kinematics()
     T = spatial.pose(spatial.exp_so3(rng.uniform(-0.8, 0.8, (500, 3))), rng.uniform(-0.3, 0.3, (500, 3)))
+    T[::50] = robot.loops.forward(robot.loops.q)  # with less than six freedoms few other poses have an answer
     rows = T.reshape(-1, 16) if kin.closed_inverse else rng.uniform(-2, 2, (500, len(kin.joints)))
     program = kin.program
     evaluators = [program.points, *program.group.values()]
-    evaluators += [program.inverse, program.inverse_jacobian] if kin.closed_inverse else []
+    if kin.closed_inverse:
+        evaluators += [program.inverse, program.judged_inverse, program.inverse_jacobian]
     evaluators += [program.forward, program.forward_jacobian] if kin.closed_forward and not kin.closed_inverse else []
     for evaluator in evaluators:
         few = evaluator.many(rows)
@@ -351,7 +370,35 @@ for i in range(60):
 """Kernels that are kept while memory around them is taken and given back: address space only, nothing is written."""
 
 
+@pytest.mark.slow
 def test_a_kernel_is_linked_in_scattered_memory():
     """LLVM ends the process if code and constants lie more than 2 GB apart."""
     done = subprocess.run([sys.executable, "-c", SCATTERED], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-500:]
+
+
+@pytest.mark.parametrize("name", [n for n in twin.names() if twin.load(n).kinematics().closed_inverse])
+@pytest.mark.parametrize("many", [10, 10_000], ids=["kernel", "casadi"])
+def test_a_batch_of_poses_has_the_answers_of_each_and_nan_where_there_is_none(name, many, monkeypatch):
+    from twin.core import spatial
+    from twin.core.errors import KinematicsError
+    from twin.formula import flow
+
+    monkeypatch.setattr(flow, "_MANY", many)
+    kin, rng = twin.load(name).kinematics(), np.random.default_rng(8)
+    home = kin.program.pose_of_coordinates.one(np.array(kin.formula.seeds[0], float))
+    T = home @ spatial.pose(spatial.exp_so3(rng.uniform(-0.1, 0.1, (60, 3))), rng.uniform(-0.02, 0.02, (60, 3)))
+    T[::20] = home  # with less than six freedoms few other poses have an answer
+    T[3, :3, :3] *= 1.001  # not rigid
+    T[7, 0, 3] = np.nan
+    T[11, 1, 3] = np.inf
+    T[13, :3, 3] += 100.0  # out of reach
+    q, lost = kin.inverse_many(T), []
+    for i, one in enumerate(T):
+        try:
+            np.testing.assert_allclose(q[i], kin.inverse(one), atol=1e-9)
+        except KinematicsError:
+            lost.append(i)
+            assert np.isnan(q[i]).all()
+    assert {3, 7, 11} <= set(lost)
+    assert not {0, 20, 40} & set(lost)

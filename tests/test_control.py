@@ -11,9 +11,10 @@ from twin.core.errors import KinematicsError
 from twin.core.units import DEG, MM
 from twin.kinematics import compile_formula
 from twin.robots import load_formula
-from twin.simulation.control.contract import clutch, play
-from twin.simulation.control.teleoperation import Gains, Teleoperation
-from twin.simulation.control.velocity import Limits, pose_error, step
+from twin.simulation.controllers.contract import clutch, play
+from twin.simulation.controllers.teleoperation import Gains, Teleoperation
+from twin.simulation.controllers.velocity import pose_error, step
+from twin.simulation.limits import Limits
 
 SCALE = np.array([MM, MM, MM, DEG, MM])
 HOME = np.array([50, 50, 50, 0, 20.25077]) * SCALE

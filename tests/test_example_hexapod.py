@@ -170,6 +170,7 @@ def test_points_that_are_right_are_not_blamed(truths, formula_of):
     assert {p.symbol for p in judge.failing()} == {f"b{i}" for i in range(1, 7)}  # not the joints made of them
 
 
+@pytest.mark.slow
 def test_a_wrong_number_is_told_from_a_wrong_form(model, truths, formula_of):
     faulty = formula_of(NUMPY.replace('"r_b": mm(95.0', '"r_b": mm(95.1'))
     truth = known(faulty, model)
@@ -179,6 +180,7 @@ def test_a_wrong_number_is_told_from_a_wrong_form(model, truths, formula_of):
     assert moved["r_b"] == pytest.approx(95.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_stage_or_a_track_beside_a_formula_does_not_run_it(tmp_path):
     """Only equations are code; geometry, protocols and stages are data."""
     folder = tmp_path / "hexapod"

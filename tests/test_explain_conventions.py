@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from twin import api
 from twin.core import spatial
 from twin.formula import symbolic
-from twin.robots import _khalil, load_formula
+from twin.robots import _authoring, load_formula
 from twin.validation.explain.conventions import ORDERS, conventions, dh_form
 from twin.validation.explain.explain import known
 from twin.validation.explain.judge import Judge
@@ -94,7 +94,7 @@ def test_sign_and_zero_of_a_joint(sils):
     formula, truth = sils
     rows = {"rf1": truth.symbols["rf1"] + 0.1}
     found = conventions(Judge(formula, None, replace(truth, symbols={**truth.symbols, **rows})))
-    assert any("its zero is -5.72958°" in c.message for c in found)
+    assert any("its zero position differs by -5.72958°" in c.message for c in found)
     found = conventions(Judge(formula, None, replace(truth, symbols={**truth.symbols, "rf2": -truth.symbols["rf2"]})))
     assert any(c.kind == "sign" and "rf2" in c.message for c in found)
 
@@ -112,15 +112,15 @@ def table1_standard(q1, q2, q3, q4, q5, q6, q7, RL3, RL5, RL7, RL8):
 
 
 def table1_turned(q1, q2, q3, q4, q5, q6, q7, RL3, RL5, RL7, RL8):
-    T = _khalil.row(0, 0, q1, 0) @ _khalil.row(-pi / 2, 0, q2, 0) @ _khalil.row(pi / 2, 0, q3, RL3)
-    T = T @ _khalil.row(-pi / 2, 0, q4, 0) @ _khalil.row(pi / 2, 0, q5, RL5) @ _khalil.row(-pi / 2, 0, q6, 0)
-    T = T @ _khalil.row(pi / 2, 0, q7, RL7) @ _khalil.row(0, 0, 0, RL8)
+    T = _authoring.row(0, 0, q1, 0) @ _authoring.row(-pi / 2, 0, q2, 0) @ _authoring.row(pi / 2, 0, q3, RL3)
+    T = T @ _authoring.row(-pi / 2, 0, q4, 0) @ _authoring.row(pi / 2, 0, q5, RL5) @ _authoring.row(-pi / 2, 0, q6, 0)
+    T = T @ _authoring.row(pi / 2, 0, q7, RL7) @ _authoring.row(0, 0, 0, RL8)
     return symbolic.pose(symbolic.rotation_x(pi / 2), vertcat(0, 0, 0)) @ T
 
 
 def test_the_form_of_a_row_is_recognised():
     rebuild = Rebuilder()
-    assert dh_form(rebuild.function(_khalil.row)) == ("modified", (0, 1, 2, 3))
+    assert dh_form(rebuild.function(_authoring.row)) == ("modified", (0, 1, 2, 3))
     assert dh_form(rebuild.function(standard)) == ("standard", (0, 1, 2, 3))
     assert dh_form(rebuild.function(lambda a, b, c, d: Matrix(np.eye(4)[None]))) is None
 

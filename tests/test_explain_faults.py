@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("cad_once")
 from made import explain_seeds as seeds
 
 FAULTS = int(os.environ.get("TWIN_FAULTS", "16"))
-PAIRS = int(os.environ.get("TWIN_PAIRS", "4"))
+PAIRS = int(os.environ.get("TWIN_PAIRS", "2"))
 REWRITES = int(os.environ.get("TWIN_REWRITES", "60"))
 
 

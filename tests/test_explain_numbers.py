@@ -9,7 +9,7 @@ from twin import api
 from twin.core.units import DEG
 from twin.robots import load_formula
 from twin.validation.explain.explain import explain, known
-from twin.validation.explain.identify import Numbers, identify
+from twin.validation.explain.identify import Fit, Numbers, _covariance, identify
 from twin.validation.explain.judge import Judge
 
 pytestmark = pytest.mark.usefixtures("cad_once")
@@ -59,6 +59,7 @@ def test_two_lengths_at_once(sils):
     assert {m.name: round(m.fitted - m.formula, 4) for m in found.moved} == {"l_1": -0.1, "L_H": 0.1}
 
 
+@pytest.mark.slow
 def test_an_angle_is_recovered_to_one_percent(sher):
     found = identify(wrong(sher, phi3=0.05 * DEG))
     assert found.exact
@@ -111,3 +112,14 @@ def test_no_number_is_named_where_every_row_holds(sils):
     judge = Judge(formula, None, truth)
     found = identify(judge, alone=True)
     assert found is None
+
+
+@pytest.mark.parametrize("lost", [[], [3], [0, 5], list(range(8))])
+def test_rows_without_a_derivative_do_not_count(lost, rng):
+    """At the end of the reach a parameter has no derivative: one side of it has no real solution."""
+    J, r = rng.normal(size=(8, 2)), rng.normal(size=8)
+    kept = [i for i in range(8) if i not in lost]
+    whole = _covariance(Fit(("a", "b"), np.zeros(2), r[kept], J[kept]), 0.0)
+    J[lost, 1] = np.nan
+    some = _covariance(Fit(("a", "b"), np.zeros(2), r, J), 0.0)
+    np.testing.assert_array_equal(some, whole)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -61,7 +62,7 @@ def test_eq1_printed_has_four_rows_off_and_one_repair_each(printed1):
 def test_eq1_printed_is_no_rigid_platform(printed1):
     codes = [f.code for f in printed1.invariants]
     assert codes.count("invariant.rigid") == 3
-    assert all("no rigid body" in f.message for f in printed1.invariants if f.code == "invariant.rigid")
+    assert all("a rigid body cannot" in f.message for f in printed1.invariants if f.code == "invariant.rigid")
 
 
 def test_the_repair_can_be_applied(sils, truth, tmp_path):
@@ -74,6 +75,7 @@ def test_the_repair_can_be_applied(sils, truth, tmp_path):
     assert Judge(load_formula(path), {"eq1": "printed"}, truth).failing() == []
 
 
+@pytest.mark.slow
 def test_eq2_printed_has_no_rigid_crank(printed2):
     rods = [f.message for f in printed2.invariants if f.code == "invariant.rod"]
     assert len(rods) == 6
@@ -86,10 +88,11 @@ def test_eq2_printed_is_a_tie_that_the_paper_cannot_settle(printed2):
         ((first, second),) = repair.ways  # one function, two readings
         assert first.changes[0].edit == "l_1 + l_2 -> l_2 - l_1"
         assert second.changes[0].edit == f"q{odd} -> q{even}"
-        assert "paper does not settle" in repair.tie
+        assert "paper does not show" in repair.tie
         assert repair.margin > 1e6
 
 
+@pytest.mark.slow
 def test_a_root_that_closes_early_is_found(sils, truth):
     found, lost = Search(Judge(sils, {"eq2": "literal"}, truth)).run()
     assert not lost
@@ -160,6 +163,7 @@ def test_what_no_edit_explains_is_said_to_be_unexplained(faulty, sils_model, tru
     assert x.exit_code == 1
 
 
+@pytest.mark.slow
 def test_the_search_leaves_the_truth_as_it_was(sils, truth):
     """A moved parenthesis makes sin(a, b), which in numpy would write into b."""
     before = {n: np.array(getattr(v, "a", v)) for n, v in truth.symbols.items()}
@@ -210,9 +214,19 @@ def test_command(capsys):
 
 
 def test_what_is_printed_names_row_place_and_edit(printed1, printed2):
-    from twin.cli.explain import lines
+    from twin.cli.show import plain
+    from twin.robots.sils import __file__ as sils_file
 
-    text = "\n".join(line for line, _ in lines(printed1))
-    for part in ("DISAGREE: 4 rows off, explained", "x of point s1", "c_theta -> c_phi", "sils.py:47", "worst at X_E"):
+    file = Path(sils_file).read_text(encoding="utf-8").splitlines()
+    first = next(i for i, text in enumerate(file, 1) if text.startswith("def eq1_printed"))
+    line = next(i for i, text in enumerate(file, 1) if i > first and text.startswith("    Y_S1 ="))
+    text = "\n".join(map(plain, printed1.text()))
+    for part in (
+        "DISAGREE: 4 rows off, explained",
+        "x of point s1",
+        "c_theta -> c_phi",
+        f"sils.py:{line}",
+        "worst at X_E",
+    ):
         assert part in text
-    assert "(TIE)" in "\n".join(line for line, _ in lines(printed2))
+    assert "(TIE)" in "\n".join(map(plain, printed2.text()))

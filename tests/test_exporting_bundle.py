@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from twin import api
 from twin.cli import main
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
+from twin.exchange.audit.report import Check
 from twin.exchange.write import bundle as bundles
 from twin.exchange.write.clip import Budget
 
@@ -45,16 +46,22 @@ def proof(made):
 
 @dataclass
 class Judged:
-    """What a stand-in for the audit hands back."""
+    """What a stand-in for the audit hands back: it has looked at every file."""
 
+    folder: Path
     findings: tuple = ()
-    checks: tuple = ()
+
+    checks: list[Check] = field(init=False)
+
+    def __post_init__(self):
+        files = [p.relative_to(self.folder).as_posix() for p in self.folder.rglob("*") if p.is_file()]
+        self.checks = [Check("looked at", f, "stand-in", "1", None, "", None, "agree") for f in files]
 
 
 @pytest.fixture
 def no_audit(monkeypatch):
     """Skip the audit: the test is of something else."""
-    monkeypatch.setattr(twin.exchange.audit, "audit", lambda folder, **_: Judged())
+    monkeypatch.setattr(twin.exchange.audit, "audit", lambda folder, **_: Judged(folder))
 
 
 def tree(folder: Path) -> dict[str, bytes]:
@@ -84,6 +91,27 @@ def test_every_file_that_was_promised_is_there(made):
         "sils.urdf",
     } == {n for n in names if not n.startswith("meshes/")}
     assert {p.as_posix() for p in made.files} == names
+
+
+def test_a_format_that_nothing_reads_again_does_not_pass(tmp_path, monkeypatch):
+    def listed(order, folder):
+        (folder / "links.csv").write_text("\n".join(b.name for b in order.mechanism.bodies))
+        return []
+
+    monkeypatch.setitem(bundles._WRITERS, "csvlinks", listed)
+    monkeypatch.setattr(bundles, "FORMATS", tuple(bundles._WRITERS))
+    monkeypatch.setattr(bundles.readme, "text", lambda *a: "")
+    out = twin.export(twin.load("sils"), folder=tmp_path / "out", formats=["urdf", "csvlinks"], protocols=[])
+    assert [(f.code, f.where) for f in out.findings if f.severity == "error"] == [("export.unjudged", "links.csv")]
+    assert (out.verdict, out.exit_code) == ("unchecked", 2)
+
+
+def test_the_command_and_the_function_name_every_format(capsys):
+    with pytest.raises(SystemExit):
+        main(["export", "--help"])
+    texts = {"twin export --help": " ".join(capsys.readouterr().out.split()), "twin.export": twin.export.__doc__ or ""}
+    missing = [(where, name) for where, text in texts.items() for name in bundles.FORMATS if name not in text]
+    assert not missing
 
 
 def test_readers_of_their_own_agree(made, proof):
@@ -143,9 +171,9 @@ def test_one_hash_names_the_robot_in_every_file(made, proof):
 
 def test_readme_says_what_is_assumed_left_out_and_untried(made):
     text = " ".join((made.folder / "README.txt").read_text(encoding="utf-8").split())
-    assert "No physical headset" in text
+    assert "not been shown on a physical headset" in text
     assert "Unity editor has not run" in text
-    assert "URDF cannot close a loop; left out: r13" in text
+    assert "URDF cannot close loops; left out: r13" in text
     assert "q3,q4 limits from = -10 mm: not published" in text
     assert f"keys at {made.order.clips[0].rate:g} Hz" in text
     for file in (p.as_posix() for p in made.files if p.parts[0] not in ("meshes", "tracks")):
@@ -207,10 +235,10 @@ def run(capsys, tmp_path, monkeypatch):
 
 def test_an_audit_that_disagrees_ends_with_1_and_says_so(monkeypatch, run):
     finding = Finding("audit.pose", "disagreement", "bar1 is 3 mm off", "sils.glb")
-    monkeypatch.setattr(twin.exchange.audit, "audit", lambda folder, **_: Judged((finding,)))
+    monkeypatch.setattr(twin.exchange.audit, "audit", lambda folder, **_: Judged(folder, (finding,)))
     code, out, _ = run("export", "sils", "--to", "glb", "--protocol", SHORT)
     assert code == 1
-    assert "DISAGREE: the exported files disagree" in out
+    assert "FAIL: the exported files disagree" in out
     assert "bar1 is 3 mm off" in out
     proof = json.loads(Path("twin-out/sils/export/proof.json").read_text(encoding="utf-8"))
     assert proof["verdict"] == "disagree"
@@ -260,7 +288,7 @@ def test_a_smaller_budget_gives_more_keys(no_audit, run):
 def test_text_shows_rates_sizes_and_assumptions(no_audit, run):
     code, out, _ = run("export", "sils", "--to", "glb,tracks", "--protocol", SHORT, "--out", "xr")
     assert code == 0
-    for part in ("AGREE", "short", "keys a second", "xr/sils.glb", "xr/tracks/", "MB in", "assumed values"):
+    for part in ("PASS", "short", "keys a second", "xr/sils.glb", "xr/tracks/", "MB in", "assumed values"):
         assert part in out, part
 
 
@@ -269,12 +297,12 @@ def test_text_shows_rates_sizes_and_assumptions(no_audit, run):
     [
         (("sils", "--to", "glb,fbx"), "there is no format 'fbx'. Known: glb, mjcf, tracks, unity, urdf, usd, usdz."),
         (("sils", "--to", "gbl"), "Did you mean 'glb'?"),
-        (("sils", "--to", ","), "no format to export to"),
+        (("sils", "--to", ","), "no format is given"),
         (("sils", "--budget-um", "0"), "--budget-um 0: give a positive number"),
         (("sils", "--budget-um", "nan"), "--budget-um nan"),
         (("sils", "--protocol", "tabel2"), "Did you mean 'table2'?"),
         (("slis",), "Did you mean 'sils'?"),
-        (("no.usda",), "no.usda: there is no such stage"),
+        (("no.usda",), "no.usda: the stage does not exist"),
         ((ROOT / "usd/pa10/pa10.usda", "--protocol", "circle"), "is a USD stage: it has no protocols"),
     ],
 )

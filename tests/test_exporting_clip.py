@@ -74,7 +74,7 @@ def test_a_body_that_turns_about_its_own_origin_is_right_by_slerp_but_not_by_com
 
 
 def test_the_true_gap_of_a_joint_is_no_fault_of_the_player():
-    """Joint frames that lie 1 mm apart stay so: only what drawing adds counts, and sliding is no gap."""
+    """Joint frames that lie 1 mm apart stay so: only what drawing adds counts, and sliding is not a gap."""
     m = wheel()
     apart = replace(m.joints[0], T_child_joint=spatial.pose(None, [0.001, 0, 0]))
     m = replace(m, joints=(apart,))

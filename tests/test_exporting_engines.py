@@ -178,7 +178,7 @@ def test_a_mass_that_nobody_knows_is_said(case, tmp_path):
     for write, findings in ((write_mjcf, mjcf_findings), (write_urdf, urdf_findings)):
         assert "export.mass_unknown" in {f.code for f in findings(light)}
         assert "export.mass_unknown" not in {f.code for f in findings(mechanism)}
-        assert "no mass is known of" in write(light, tmp_path).read_text()
+        assert "is unknown, but the format requires one" in write(light, tmp_path).read_text()
     mujoco.MjModel.from_xml_path(str(tmp_path / f"{mechanism.name}.xml"))
 
 

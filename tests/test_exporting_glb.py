@@ -157,7 +157,7 @@ def test_keys_are_the_poses_of_the_clip_and_signs_never_jump():
 
 
 def test_a_link_that_stands_elsewhere_than_at_rest_is_put_there():
-    """Not to move is no reason to be left at the rest pose."""
+    """Not to move is not a reason to be left at the rest pose."""
     m = robot()
     c = clip(m, np.full(5, 0.7), np.zeros(5))
     channels = Read(glb_bytes(m, [c])).channels("swing")

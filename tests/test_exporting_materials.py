@@ -157,7 +157,7 @@ def test_committed_stages_show_what_the_descriptions_declare(name):
     declared = load(robot.files.description).material
     for mesh, (material, _, metallic, roughness) in of_stage(robot.files.stage):
         spec = declared.get(material.rsplit("_", 1)[0])
-        assert spec is not None, f"{mesh}: {material} is no material of the description"
+        assert spec is not None, f"{mesh}: {material} is not a material of the description"
         assert (metallic, roughness) == pytest.approx((spec.metallic, spec.roughness))
 
 

@@ -22,23 +22,23 @@ DATA = Path(__file__).parent / "data/importing"
 
 BAD = {
     "error_axis_zero.sdf": "joint 'q': its axis has no length",
-    "error_child_world.sdf": "joint 'q': its child is the world: swap parent and child",
+    "error_child_world.sdf": "joint 'q': the child of the joint is the world: swap parent and child",
     "error_frame_on_nothing.sdf": "frame 'g' does not exist",
     "error_limits_swapped.sdf": "joint 'q': limits -1 .. -2 are not ordered",
     "error_mimic_nobody.sdf": "joint 'q', mimic: there is no joint 'q9'",
-    "error_missing_include.sdf": "model 'arm': include model://nowhere is not there: put it beside the file",
+    "error_missing_include.sdf": "model 'arm': include model://nowhere is missing: put it into the folder of the SDF",
     "error_no_links.sdf": "no <link>, so there is no mechanism",
     "error_pose_circle.sdf": "'upper': its pose is relative to itself, by q -> upper -> upper",
     "error_pose_of_five.sdf": "link 'upper': pose = '0 0 0.1 0 0' is not 6 finite numbers",
     "error_screw_joint.sdf": "joint 'q': there is no joint type 'screw'",
-    "error_placement_frame.sdf": "model 'in': placement_frame is not read: write the model out (gz sdf -p)",
+    "error_placement_frame.sdf": "model 'in': placement_frame is not read: expand the model (gz sdf -p)",
     "error_two_models.sdf": "2 models with joints: arm, b. Choose one with --root NAME.",
     "error_unknown_link.sdf": "joint 'q', child: there is no link 'uper'",
-    "error_cut_off.step": "is cut off: END-ISO-10303-21 is missing. Export or copy it again.",
+    "error_cut_off.step": "is truncated: END-ISO-10303-21 is missing. Export or copy it again.",
     "error_no_solids.step": "states no length unit; a STEP without one cannot be scaled. Export it again in",
     "error_no_unit.step": "states no length unit; a STEP without one cannot be scaled. Export it again in",
     "error_not_step.step": "is not a STEP file: it does not begin with ISO-10303-21",
-    "error_one_body.step": "it holds one body, 'block': a mechanism needs an assembly, a node for each bod",
+    "error_one_body.step": "it holds one body, 'block': a mechanism requires an assembly with a node for each bod",
     "error_axis_zero.urdf": "joint 'q1': its axis has no length",
     "error_box_negative.urdf": "link 'base': box of size -0.1: it must be positive",
     "error_entities.urdf": "it declares a document type or entities; expand them first",
@@ -51,50 +51,50 @@ BAD = {
     "error_not_xml.urdf": "not XML: no element found: line 8, column 0",
     "error_origin_nan.urdf": "joint 'q1': origin xyz = '0 0 nan' is not 3 finite numbers",
     "error_origin_not_numbers.urdf": "joint 'q1': origin xyz = '0 0 1,5' is not 3 numbers",
-    "error_other_root.urdf": "the root element is <model>, expected <robot>. It is a xacro or another format",
+    "error_other_root.urdf": "the root element is <model>, expected <robot>. The file is a xacro or another format",
     "error_planar_joint.urdf": "joint 'q1': there is no joint type 'planar'",
-    "error_two_links_of_one_name.urdf": "link 'base': two have this name",
-    "error_two_parents.urdf": "link 'upper': joints 'q1' and 'q2' both hold it; close loops by a closure YAML",
+    "error_two_links_of_one_name.urdf": "link 'base': the name is used twice",
+    "error_two_parents.urdf": "link 'upper': joints 'q1' and 'q2' are both parents of the link: URDF holds trees",
     "error_two_roots.urdf": "expected one root link, found base, alone",
     "error_unknown_link.urdf": "joint 'q1', child: there is no link 'uper'",
     "error_unknown_shape.urdf": "link 'base': there is no shape 'cone'",
-    "error_cut_off.usda": "is no USD file that can be read",
-    "error_distance_joint.usda": "joint /fourbar/wrist: joints of type PhysicsDistanceJoint have no counterpart ",
+    "error_cut_off.usda": "is not a readable USD file",
+    "error_distance_joint.usda": "joint /fourbar/wrist: joints of type PhysicsDistanceJoint are not suppor",
     "error_limit_of_three_numbers.usda": "lowerLimit is of type 'point3f'; its schema has float",
-    "error_unknown_type.usda": "lowerLimit is of type 'flaot', which USD does not know",
+    "error_unknown_type.usda": "lowerLimit is of type 'flaot', which USD does not have",
     "error_limits_swapped.usda": "fourbar: joint 'crank_joint': limits -1 .. -1.5708 are not ordered",
-    "error_mimic_of_a_vendor.usda": "joint /fourbar/elbow follows another one by PhysxMimicJointAPI:rotZ: couplings",
-    "error_missing_vertices.usda": "mesh /fourbar/crank/crank_shape: an index points to vertex 9, it has 4",
+    "error_mimic_of_a_vendor.usda": "joint /fourbar/elbow is coupled to another joint by PhysxMimicJointAPI:rotZ",
+    "error_missing_vertices.usda": "mesh /fourbar/crank/crank_shape: an index refers to vertex 9, but it has 4",
     "error_no_bodies.usda": "no rigid bodies (PhysicsRigidBodyAPI), so there is no mechanism",
     "error_no_joints.usda": "no joints, so there is no mechanism",
-    "error_not_usda.usda": "is no USD file that can be read",
+    "error_not_usda.usda": "is not a readable USD file",
     "error_rotation_of_nothing.usda": "joint /fourbar/crank_joint: physics:localRot1: quaternion (w, x, y, z) = [0.0,",
     "error_scaled_body.usda": "rigid body /fourbar/coupler is scaled by (1, 2, 1). Scale the meshes below it ",
-    "error_unknown_body.usda": "joint /fourbar/crank_joint: physics:body1 points to /fourbar/krank, not to one",
+    "error_unknown_body.usda": "joint /fourbar/crank_joint: physics:body1 points to /fourbar/krank, but must point to",
     "error_ball_limited.xml": "ball joint 'r' limits its angle of rotation; only a cone can be expressed",
-    "error_locked_joint.xml": "equality 'equality0' locks joint 'q': take the joint out",
-    "error_mocap.xml": "MuJoCo refuses it: Error: mocap body 'a' is not a fixed child of world Element",
+    "error_locked_joint.xml": "equality 'equality0' locks joint 'q': remove the joint",
+    "error_mocap.xml": "MuJoCo rejects the file: Error: mocap body 'a' is not a fixed child of world Element",
     "error_no_joints.xml": "no joints, so there is no mechanism",
-    "error_quadratic_coupling.xml": "equality 'equality0' is a polynomial of degree > 1: only linear ones tie",
+    "error_quadratic_coupling.xml": "equality 'equality0' is a polynomial of degree > 1; only linear ones",
     "error_size_nan.xml": "size = '0.1 0.1 nan' is not all finite numbers",
-    "error_spatial_tendon.xml": "equality 'equality0' ties a tendon led through space: only fixed ones tie",
-    "error_unknown_attribute.xml": "MuJoCo refuses it: XML Error: Schema violation: unrecognized attribute: 'colou",
-    "error_alias.yaml": "aliases (*name) are not read; write the list out",
-    "error_driven_ball.yaml": "name_mot: joint 'q1' is SPHERICAL: nothing to drive",
+    "error_spatial_tendon.xml": "equality 'equality0' ties a spatial tendon: only fixed",
+    "error_unknown_attribute.xml": "MuJoCo rejects the file: XML Error: Schema violation: unrecognized attribute: ",
+    "error_alias.yaml": "aliases (*name) are not supported; write the list out",
+    "error_driven_ball.yaml": "name_mot: joint 'q1' is SPHERICAL and cannot be driven",
     "error_joint_type.yaml": "joint_type: there is no joint type 'BALL'.",
     "error_joint_types_missing.yaml": "1 names in joint_name, but 0 in joint_type; give one for each",
-    "error_motor_twice.yaml": "name_mot: 'q1' stands there twice",
+    "error_motor_twice.yaml": "name_mot: 'q1' is listed twice",
     "error_no_list.yaml": "type: expected a list, found '6d'",
     "error_no_motor.yaml": "name_mot names no driven joint",
     "error_not_yaml.yaml": "not YAML: while parsing a flow node expected the node content, but found ',' i",
-    "error_one_body.yaml": "closed_loop: 'q1' and 'upper' lie on one body, 'upper'",
+    "error_one_body.yaml": "closed_loop: 'q1' and 'upper' are on the same body, 'upper'",
     "error_pair_of_three.yaml": "closed_loop: ['q1', 'base', 'upper'] is not a pair of names",
     "error_type_5d.yaml": "type: there is no closure type '5d'",
     "error_types_missing.yaml": "1 pairs in closed_loop, but 0 in type; give one for each",
     "error_unknown_key.yaml": "there is no key 'motors'",
     "error_unknown_motor.yaml": "name_mot: there is no joint 'q2'",
     "error_unknown_name.yaml": "closed_loop: there is no joint or link 'q7'",
-    "error_with_itself.yaml": "closed_loop: 'q1' is closed with itself",
+    "error_with_itself.yaml": "closed_loop: 'q1' is paired with itself",
 }
 
 
@@ -128,18 +128,19 @@ def test_a_parser_that_crashes_or_hangs_is_an_error_that_names_the_file(tmp_path
     path = tmp_path / "bad.xml"
     path.write_text("<mujoco/>")
     monkeypatch.setitem(guard._PROGRAMS, "MJCF", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
-    with pytest.raises(SourceError, match=r"bad\.xml: the MJCF parser crashes on it \(SIGSEGV\)"):
+    with pytest.raises(SourceError, match=r"bad\.xml: the MJCF parser crashes \(SIGSEGV\)"):
         guard.try_first(path, "MJCF")
     monkeypatch.setitem(guard._PROGRAMS, "MJCF", "while True: pass")
     monkeypatch.setitem(guard.BUDGETS, "MJCF", Budget(10**6, seconds=0.5, memory=10**9))
     with pytest.raises(BudgetError, match=r"bad\.xml: the MJCF parser is not done after 0 s of processor time"):
         guard.try_first(path, "MJCF")
+    monkeypatch.setitem(guard.BUDGETS, "MJCF", Budget(10**6, seconds=20, memory=10**9))
     monkeypatch.setitem(guard._PROGRAMS, "MJCF", "a = [bytes(10**8) + b'x' for i in range(100)]")
-    with pytest.raises(BudgetError, match="wants more than 1,000 MB of memory, its limit"):
+    with pytest.raises(BudgetError, match="needs more than 1,000 MB of memory, the limit"):
         guard.try_first(path, "MJCF")
     monkeypatch.setattr(guard, "_IDLE", 0.5)
     monkeypatch.setitem(guard._PROGRAMS, "MJCF", "import os; os.read(os.pipe()[0], 1)")
-    with pytest.raises(BudgetError, match="something that has no end"):
+    with pytest.raises(BudgetError, match="refers to an endless stream"):
         guard.try_first(path, "MJCF")
 
 

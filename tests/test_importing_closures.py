@@ -92,7 +92,7 @@ def test_a_retyped_joint_moves_as_its_hinges_do(kind, closure, tmp_path):
             "joint_type: there is no joint type 'UJOINT_XX'. Did you mean 'UJOI",
         ),
         ("joint_name: [s]\njoint_type: []", "1 names in joint_name, but 0 in joint_type; give one for each"),
-        ("joint_name: [q]\njoint_type: [SPHERICAL]", "name_mot: joint 'q' is SPHERICAL: nothing to drive"),
+        ("joint_name: [q]\njoint_type: [SPHERICAL]", "name_mot: joint 'q' is SPHERICAL and cannot be driven"),
         ("joint_name: [q]\njoint_type: [UJOINT_XY]", "name_mot: there is no joint 'q'. Known: a, b, q_X, q_Y"),
         ("joint_names: [s]\njoint_type: [FIXED]", "there is no key 'joint_names'. Did you mean 'joint_name'?"),
     ],
@@ -117,10 +117,10 @@ def test_a_gap_is_the_models_own_only_if_all_of_the_file_was_read(tmp_path):
     yaml = "closed_loop: [[end_A, end_B]]\ntype: [3d]\nname_mot: [q]\n"
     said = [f.message for f in made(tmp_path, "whole", urdf, yaml).findings if f.code == "import.gap"]
     assert said
-    assert "the model's own gap" in said[0]
+    assert "a defect of the model" in said[0]
     partly = urdf.replace("</robot>", "<loop_joint name='x'/></robot>")
     said = [f.message for f in made(tmp_path, "partly", partly, yaml).findings if f.code == "import.gap"]
-    assert "the model's own gap" not in said[0]
+    assert "a defect of the model" not in said[0]
     assert "<loop_joint> is not read" in said[0]
 
 

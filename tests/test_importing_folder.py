@@ -45,7 +45,7 @@ def inverse(pose):
     "name",
     [
         "fourbar.urdf",
-        "slider.xml",
+        pytest.param("slider.xml", marks=pytest.mark.slow),
         pytest.param("slider.sdf", marks=pytest.mark.slow),
         pytest.param("fourbar.usda", marks=pytest.mark.slow),
     ],
@@ -69,6 +69,7 @@ def test_info_validate_build_and_view_work_on_a_new_folder_at_once(name, tmp_pat
     assert api.load(folder / "usd/own.usda").reference().home().worst_gap < 1e-6
 
 
+@pytest.mark.slow
 def test_the_template_and_protocol_serve_as_soon_as_equations_are_there(tmp_path):
     source, folder = tmp_path / "gantry.urdf", tmp_path / "gantry"
     source.write_text(GANTRY)
@@ -115,7 +116,7 @@ def test_force_writes_over_a_robot_folder_but_keeps_equations_and_protocols(tmp_
     (tmp_path / "own/formula.py").write_text("FORMULA = 1\n")
     (tmp_path / "own/trajectories/first.toml").write_text("# mine\n")
     assert cli.main(command) == 2
-    assert "there is something already" in capsys.readouterr().err
+    assert "the folder is not empty" in capsys.readouterr().err
     assert cli.main([*command, "--force"]) == 0
     assert (tmp_path / "own/formula.py").read_text() == "FORMULA = 1\n"
     assert (tmp_path / "own/trajectories/first.toml").read_text() == "# mine\n"
@@ -146,14 +147,20 @@ def test_command_takes_a_file_alone_and_tells_json(tmp_path, capsys, monkeypatch
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["Arm!", "--from", "x.urdf"], "'Arm!' is no name for a robot"),
-        (["arm"], "'arm' is no file to begin with"),
-        (["arm", "--from", "nowhere.urdf"], "there is no such file"),
+        (["Arm!", "--from", "x.urdf"], "'Arm!' is not a valid robot name"),
+        (["arm"], "'arm' does not exist: give a file"),
+        (["arm", "--from", "nowhere.urdf"], "the file does not exist"),
         (["arm", "--from", "robot.txt"], "'.txt' is not read"),
-        (["arm", "--from", str(MODELS / "fourbar.xml"), "--closures", "x.yaml"], "a closure YAML belongs to a URDF"),
+        (["arm", "--from", str(MODELS / "fourbar.xml"), "--closures", "x.yaml"], "a closure YAML is for URDF only"),
         (["arm", "--from", str(MODELS / "fourbar.xml"), "--root", "/a"], "--root: there is no body '/a'"),
-        (["arm", "--from", str(MODELS / "fourbar.urdf"), "--root", "a"], "a URDF holds one robot: there is no root"),
-        (["arm", "--from", str(DATA.parent / "cad/crank.step"), "--root", "/a"], "neither a closure YAML nor prims"),
+        (
+            ["arm", "--from", str(MODELS / "fourbar.urdf"), "--root", "a"],
+            "a URDF holds one robot: --root does not apply",
+        ),
+        (
+            ["arm", "--from", str(DATA.parent / "cad/crank.step"), "--root", "/a"],
+            "--closures and --root do not apply to a STEP",
+        ),
     ],
 )
 def test_command_refuses(arguments, message, tmp_path, capsys, monkeypatch):
@@ -197,7 +204,7 @@ LOST = [
     ("fourbar.xml", 'name="elbow"', 'name="elbow" stiffness="3" springref="0.1"', "stiffness 3"),
     ("fourbar.xml", 'name="elbow"', 'name="elbow" damping="0.4" frictionloss="0.2" armature="0.01"', "damping 0.4"),
     ("fourbar.xml", "<equality>", '<contact><exclude body1="crank" body2="rocker"/></contact><equality>', "exclusion"),
-    ("fourbar.xml", "<position", '<motor joint="elbow" name="push"/><position', "'push' is no position servo"),
+    ("fourbar.xml", "<position", '<motor joint="elbow" name="push"/><position', "'push' is not a position servo"),
     (
         "fourbar.xml",
         "<equality>",

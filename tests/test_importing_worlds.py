@@ -97,7 +97,7 @@ def test_included_models_are_parts_with_their_own_names():
 def test_an_include_that_is_missing_or_endless_is_an_error(tmp_path):
     text = (WORLDS / "include.sdf").read_text()
     (tmp_path / "hand.sdf").write_text(text)
-    with pytest.raises(SourceError, match=r"model 'hand': include model://finger is not there"):
+    with pytest.raises(SourceError, match=r"model 'hand': include model://finger is missing"):
         read(tmp_path / "hand.sdf")
     folder = tmp_path / "finger"
     folder.mkdir()
@@ -147,7 +147,7 @@ def arms(count, driven=True):
 @pytest.mark.parametrize("driven", [True, False])
 def test_several_robots_of_an_mjcf_are_listed_and_one_is_chosen(driven, tmp_path):
     path = mjcf(tmp_path, *arms(2, driven))
-    with pytest.raises(SourceError, match=r"2 robots stand in the world: 'arm0', 'arm1'\. Choose one with --root NAME"):
+    with pytest.raises(SourceError, match=r"2 robots in the world: 'arm0', 'arm1'\. Choose one with --root NAME"):
         read(path, guarded=False)
     one = close(read(path, root="arm1_fore", guarded=False))
     assert [b.name for b in one.mechanism.bodies] == ["world", "arm1", "arm1_fore"]
@@ -183,7 +183,7 @@ def test_missing_meshes_and_textures_of_an_mjcf_are_warnings(tmp_path):
     told = [(f.code, f.severity) for f in imported.findings if f.code in ("import.mesh", "import.texture")]
     assert told.count(("import.mesh", "warning")) == 3
     assert ("import.texture", "warning") in told
-    assert any("nowhere.stl is not there" in f.message for f in imported.findings)
+    assert any("nowhere.stl is missing" in f.message for f in imported.findings)
     assert imported.mechanism.body("a").inertia is None
     assert imported.mechanism.body("b").inertia.mass == 2
     assert len(imported.mechanism.body("b").meshes) == 1

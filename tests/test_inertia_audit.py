@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from twin.core.errors import DescriptionError
+import twin
+from twin.core.errors import DescriptionError, TwinError
 from twin.validation.masses import audit
 
 FOLDER = Path(__file__).parents[1] / "cad/pa10"
@@ -118,9 +118,10 @@ def test_a_repair_must_follow_the_rule(tmp_path):
         audit.load(path)
 
 
-def test_the_report_of_a_robot_is_that_of_its_folder(tmp_path, recomputed):
-    exhibit, rows, found = audit.audit_report(SimpleNamespace(files=SimpleNamespace(cad=FOLDER)))
-    assert exhibit is not None
-    assert (rows, found) == recomputed
-    assert audit.audit_report(SimpleNamespace(files=SimpleNamespace(cad=tmp_path))) == (None, [], [])
-    assert audit.audit_report(SimpleNamespace(files=None)) == (None, [], [])
+def test_the_study_of_a_robot_is_that_of_its_folder(recomputed):
+    rows, found = recomputed
+    study = twin.study("pa10")
+    assert (study.data["rows"], list(study.findings)) == ([r.as_dict() for r in rows], found)
+    assert (study.verdict, study.exit_code) == ("disagree", 1)
+    with pytest.raises(TwinError, match="lapbot has no study and no exhibit"):
+        twin.study("lapbot")

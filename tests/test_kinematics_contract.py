@@ -124,14 +124,14 @@ def changed(formula, equation, **values):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda f: replace(f, joints=()), "names no active joint"),
+        (lambda f: replace(f, joints=()), "has no active joint"),
         (lambda f: replace(f, joints=(*f.joints, f.joints[0])), "two joint entries are named 'q1'"),
         (lambda f: replace(f, joints=(ActiveJoint("Q-1", "prismatic"),)), "not an identifier"),
         (lambda f: replace(f, joints=(ActiveJoint("q1", "screw"),)), "prismatic or revolute"),
         (lambda f: replace(f, equations=()), "neither an inverse nor a forward"),
         (lambda f: changed(f, "eq1", default="nope"), "default variant 'nope'"),
         (lambda f: changed(f, "eq1", reasons={}), "has no reason"),
-        (lambda f: changed(f, "eq1", stage="sideways"), "none of inverse, forward, helper"),
+        (lambda f: changed(f, "eq1", stage="sideways"), "not one of inverse, forward, helper"),
         (lambda f: changed(f, "eq1", outputs=()), "has no outputs"),
         (lambda f: changed(f, "eq1", variants={"corrected": 3}), "is not a function"),
         (lambda f: replace(f, aspects=(Aspect("D", 2, "x"),)), "must be \\+1 or -1"),
@@ -203,7 +203,7 @@ def test_pose_that_is_not_rigid_is_refused(sils):
     with pytest.raises(KinematicsError, match="Is it a rigid pose in metres"):
         kin.inverse(T)
     assert np.isnan(kin.inverse_many(T[None])).all()
-    with pytest.raises(KinematicsError, match="no Jacobian here"):
+    with pytest.raises(KinematicsError, match="no Jacobian at this pose"):
         kin.jacobian(np.eye(4) + np.diag([0, 0, 0, 0]) + 9 * np.eye(4, k=3))
 
 

@@ -1,4 +1,4 @@
-"""The neutral model: its tree and loops, joints met from their far side, and what is no mechanism."""
+"""The neutral model: its tree and loops, joints met from their far side, and what is not a mechanism."""
 
 from __future__ import annotations
 
@@ -256,7 +256,7 @@ WRONG = {
     ),
     "unreachable bodies": (
         lambda: mechanism(J1, J3),
-        "m: no joint leads from base 'base' to: b, c. Join them, or leave them out as props.",
+        "m: no joint leads from base 'base' to: b, c. Join them, or make them props.",
     ),
     "posture without a joint": (
         lambda: mechanism(*CHAIN, postures={"home": {}}),

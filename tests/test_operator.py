@@ -8,40 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from made.worlds import HOME, LIMITS, controller, goal_beside_home, sher_equations
 from twin.cli import main
 from twin.core.errors import KinematicsError
-from twin.core.units import DEG, MM
-from twin.kinematics import compile_formula
-from twin.robots import load_formula
-from twin.simulation.control.operator import Goal, Hand, Record, measure, minimum_jerk, operate, remaining, tremor
-from twin.simulation.control.teleoperation import Gains, Teleoperation
-from twin.simulation.control.velocity import Limits
+from twin.core.units import MM
+from twin.simulation.devices.hand import Goal, Hand, minimum_jerk, tremor
+from twin.simulation.trial import Record, measure, operate, remaining
 
 pytestmark = pytest.mark.usefixtures("cad_once")
-
-UNITS = np.array([MM, MM, MM, DEG, MM])
-HOME = np.array([50, 50, 50, 0, 20.25077]) * UNITS
-LIMITS = Limits(
-    np.array([0, 0, 0, -60, 0]) * UNITS,
-    np.array([100, 100, 100, 60, 50]) * UNITS,
-    np.array([10, 10, 10, 15, 10]) * UNITS,
-)
-SCALE = np.array([0.1, 0.1, 0.1, 1.0, 1.0])
 
 
 @pytest.fixture(scope="module")
 def kin():
-    return compile_formula(load_formula("sher"))
-
-
-def controller(clutch="corrected"):
-    return Teleoperation(Gains(scale=SCALE), 1 / 200, clutch)
-
-
-def goal_beside_home(kin, mm=(0.8, -0.5, 0.6), tolerance=50e-6):
-    T = kin.forward(HOME)
-    T[:3, 3] += np.array(mm) * MM
-    return Goal("there", T, tolerance)
+    return sher_equations()
 
 
 def test_minimum_jerk_starts_and_ends_at_rest():
@@ -105,7 +84,7 @@ def test_a_goal_beyond_the_freedoms_of_the_robot_is_named(kin):
     T = kin.forward(HOME)
     c, s = np.cos(0.1), np.sin(0.1)
     T[:3, :3] = T[:3, :3] @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])  # the middle angle of five joints is 0
-    with pytest.raises(KinematicsError, match="goal 'turned' is not within"):
+    with pytest.raises(KinematicsError, match="goal 'turned' is outside"):
         operate(kin, HOME, LIMITS, controller(), [Goal("turned", T, 1e-4)])
 
 
@@ -137,7 +116,7 @@ def test_measures_of_a_known_record():
     [((0, 0, 0.4), True), ((0, 0, 0.6), False), ((0.4, 0, 0), True), ((0.6, 0, 0), False), ((0, 0, -3), True)],
 )
 def test_contact_is_by_depth_and_by_the_distance_from_the_axis(end, touches):
-    """The axis leads along -z: 0.6 mm too high or beside is no contact, too deep is."""
+    """The axis leads along -z: 0.6 mm too high or beside is not a contact, too deep is."""
     record = a_record([1, 1], [(0, 0, 9 * MM), np.array(end) * MM], {"in": (0, 1)})
     goal = Goal("in", np.eye(4), 1e-4, True)
     assert measure(record, [goal], np.eye(4), np.array([0.0, 0, -1])).contacts["in"] is touches
@@ -177,7 +156,7 @@ def test_wrong_input_is_named(tmp_path, capsys):
     over = '[[phases]]\nname = "over1"\ntype = "positioning"\nto = "above1"\n'
     file.write_text(text[:phases].replace('name = "phantom"', 'name = "over"') + over, encoding="utf-8")
     assert main(["operate", "sher", str(file), "--out", str(tmp_path / "op")]) == 2
-    assert "protocol 'over' inserts nowhere" in capsys.readouterr().err
+    assert "protocol 'over' has no insertion" in capsys.readouterr().err
     assert not (tmp_path / "op").exists()
     assert main(["operate", "sher", "--trials", "0"]) == 2
-    assert "--trials 0: at least 1" in capsys.readouterr().err
+    assert "--trials 0: it must be at least 1" in capsys.readouterr().err

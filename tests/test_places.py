@@ -15,7 +15,7 @@ from twin.core import assets, spatial
 from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.model.mechanism import Mechanism, Mesh
-from twin.reference.clearance import _distance, _Shape
+from twin.reference.clearance import Shape, distance_between
 from twin.ui.session.desk import ENDOSCOPE, Desk
 from twin.ui.session.patient import Patient, floor_of, none_there, patient_of, read_patient
 
@@ -106,15 +106,15 @@ def inside(mesh: Mesh, points: np.ndarray) -> np.ndarray:
 def faults(p: Played) -> Iterator[str]:
     """Yield what is sunk in what, and where; nothing if patient and robot are well placed."""
     parts = {b.name: b.meshes[0] for b in p.patient.mechanism.bodies}
-    whole = {name: _Shape(name, name, [mesh]) for name, mesh in parts.items()}
+    whole = {name: Shape(name, name, [mesh]) for name, mesh in parts.items()}
     opened = {
-        name: _Shape(name, name, [holed(parts[name], p.patient.port, p.patient.port_radius)])
+        name: Shape(name, name, [holed(parts[name], p.patient.port, p.patient.port_radius)])
         for name in p.patient.opens | p.patient.access
     }
     for body in p.mechanism.bodies:
         if not body.meshes or body.name in p.patient.replaces:
             continue
-        shape = _Shape(body.name, body.name, body.meshes)
+        shape = Shape(body.name, body.name, body.meshes)
         # Where the surfaces do not meet, a connected mesh is all inside or all outside: one vertex tells.
         firsts = np.array([m.vertices[0] for m in body.meshes])
         Ts = p.links[body.name]
@@ -125,7 +125,7 @@ def faults(p: Played) -> Iterator[str]:
             near = np.all((boxes.max(axis=1) > low) & (boxes.min(axis=1) < high), axis=1)
             for k in np.flatnonzero(near):
                 is_open = name in p.patient.access or (name in p.patient.opens and p.inside[k])
-                if _distance(shape, (opened if is_open else whole)[name], Ts[k], np.eye(4)) <= 0:
+                if distance_between(shape, (opened if is_open else whole)[name], Ts[k], np.eye(4)) <= 0:
                     yield f"{body.name} runs through {name} at sample {k}"
                 elif not is_open and inside(mesh, firsts @ Ts[k][:3, :3].T + Ts[k][:3, 3]).any():
                     yield f"{body.name} is inside {name} at sample {k}"
@@ -152,21 +152,21 @@ def test_a_patient_elsewhere_is_caught(played, by_mm):
 
 def test_nothing_floats(played):
     """Every part leans, through others, on the floor or on what stands fast of the robot."""
-    parts = {b.name: _Shape(b.name, b.name, b.meshes) for b in played.patient.mechanism.bodies}
+    parts = {b.name: Shape(b.name, b.name, b.meshes) for b in played.patient.mechanism.bodies}
     lowest = {b.name: b.meshes[0].vertices[:, 2].min() for b in played.patient.mechanism.bodies}
     assert min(lowest.values()) > played.floor - 1e-9
     base = played.mechanism.body(played.mechanism.base)
-    fast = _Shape("base", base.name, base.meshes)
+    fast = Shape("base", base.name, base.meshes)
     one = np.eye(4)
     held = {n for n, low in lowest.items() if low < played.floor + 1e-9}
-    held |= {n for n, s in parts.items() if _distance(s, fast, one, played.links[base.name][0]) < CLOSE}
+    held |= {n for n, s in parts.items() if distance_between(s, fast, one, played.links[base.name][0]) < CLOSE}
     hull = {b.name: b.meshes[0] for b in played.patient.mechanism.bodies}
     while True:
         more = {
             n
             for n in parts.keys() - held
             for m in held
-            if _distance(parts[n], parts[m], one, one) < CLOSE or inside(hull[m], hull[n].vertices[:1])[0]
+            if distance_between(parts[n], parts[m], one, one) < CLOSE or inside(hull[m], hull[n].vertices[:1])[0]
         }
         if not more:
             break
@@ -235,7 +235,7 @@ def test_a_wrong_patient_is_refused(change, message):
 def test_a_patient_needs_an_rcm():
     robot = twin.load("sils")
     protocol = robot.protocol("lowered_patient")
-    with pytest.raises(TwinError, match="no RCM to lie at"):
+    with pytest.raises(TwinError, match="no RCM at which to place it"):
         patient_of(robot, replace(protocol, phases=protocol.phases[:1]), 0.0)
 
 
@@ -251,7 +251,7 @@ def test_a_patient_and_a_reason_for_none_exclude_each_other(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (r'(?s)(name = "head"\nshape)', r'name = "neck"\nshape', "two parts are called 'neck'"),
+        (r'(?s)(name = "head"\nshape)', r'name = "neck"\nshape', "two parts are named 'neck'"),
         (r"(size_mm = \[)[0-9.]+", r"\g<1>-1.0", "is not above 0"),
         (r"(opens = \[)", r'\1"hat", ', "there is no part 'hat'"),
         (r'(?s)(name = "neck"\n)', r'\1port = "mouth"\n', "there is no port 'mouth'"),

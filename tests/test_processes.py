@@ -14,10 +14,11 @@ import pytest
 
 import twin
 from twin.cli import main
-from twin.core.errors import CodeRefusedError
+from twin.core.errors import CodeRefusedError, TwinError
+from twin.core.jobs import Call, _answer
 from twin.core.processes import Apart, isolated
 from twin.robots import NO_CODE
-from twin.ui.session import planner
+from twin.ui.session.timeline import prepare
 
 TWIN = Path(twin.__file__).parent
 HOSTILE = ("twin", "numpy", "json", "pickle", "socket", "multiprocessing", "tempfile", "pydantic", "rich", "logging")
@@ -44,20 +45,19 @@ def test_an_isolated_program_imports_nothing_from_the_working_directory(hostile)
 
 def test_nor_does_a_process_that_answers_over_a_line(hostile, monkeypatch):
     monkeypatch.delenv("PYTHONSAFEPATH", raising=False)  # as a user's own script starts it
-    process = Apart(planner._work, "no_such_robot", None)
-    assert "there is no robot 'no_such_robot'" in process.line.recv()
-    process.close()
+    with Call(prepare, "no_such_robot", None) as call, pytest.raises(TwinError, match="there is no robot 'no_such"):
+        call.result()
 
 
 def test_a_process_ends_with_its_owner_and_not_by_ctrl_c():
-    process = Apart(planner._work, "no_such_robot", None)
+    process = Apart(_answer, prepare.__module__, prepare.__qualname__, ("no_such_robot", None), 0)
     pid = process._process.pid
     os.kill(pid, signal.SIGINT)
     assert process.line.poll(60)
     process.line.recv()
     process.close()
     assert not process.alive
-    process = Apart(planner._work, "sils", None)
+    process = Apart(_answer, prepare.__module__, prepare.__qualname__, ("sils", None), 0)
     pid = process._process.pid
     del process
     with pytest.raises(ProcessLookupError):
@@ -150,8 +150,8 @@ def test_no_code_holds_for_the_interface_and_for_other_processes(robot, monkeypa
 
     with pytest.raises(CodeRefusedError, match=r"formula\.py"):
         load_formula(robot)
-    assert load_formula("sils").name == "sils"  # our own is no stranger's
-    process = Apart(planner._work, str(TWIN.parent / "docs/examples/hexapod"), None)
-    assert "--no-code" in process.line.recv()
-    process.close()
+    assert load_formula("sils").name == "sils"  # our own is not a stranger's
+    hexapod = str(TWIN.parent / "docs/examples/hexapod")
+    with Call(prepare, hexapod, None) as call, pytest.raises(TwinError, match="--no-code"):
+        call.result()
     assert not (tmp_path / "mark").exists()

@@ -58,7 +58,7 @@ def test_an_error_points_at_the_line_of_its_key():
 
 
 def test_a_missing_file_lists_its_neighbours():
-    with pytest.raises(DescriptionError, match=r"no such file.*valid\.toml"):
+    with pytest.raises(DescriptionError, match=r"the file does not exist.*valid\.toml"):
         load_protocol(DATA / "nothing.toml")
 
 
@@ -99,7 +99,8 @@ def test_the_home_phase_goes_to_the_start_unless_home_is_named(tmp_path):
 def test_the_json_schema_knows_every_phase_type():
     schema = json_schema(ProtocolTable)
     phases = schema["properties"]["phases"]["items"]["discriminator"]["mapping"]
-    assert set(phases) == {"positioning", "joints", "auxiliary", "insertion", "pivot", "circle", "retraction", "home"}
+    known = {"positioning", "joints", "auxiliary", "insertion", "pivot", "circle", "retraction", "home", "free"}
+    assert set(phases) == known
     assert schema["additionalProperties"] is False
 
 

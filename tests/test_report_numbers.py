@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from twin.core import format as fmt
 from twin.core.units import DEG
 from twin.ui.report import curves
-from twin.ui.report import format as fmt
 
 
 def test_thinned_curves_keep_peaks_gaps_and_ends():

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
 
-from twin.cli import main, scene_export
+import twin
+from twin.api import scene_export
+from twin.cli import main
 from twin.core import spatial
-from twin.core.errors import DescriptionError
+from twin.core.errors import DescriptionError, TwinError
 from twin.model.mechanism import Body, Frame, Joint, Mechanism, Mesh
 from twin.model.scene import load_scene
 from twin.reference.clearance import between
@@ -63,9 +65,9 @@ def test_the_scene_stands_as_its_file_says():
     [
         ('port = "left"', 'port = "lefd"', "there is no port 'lefd'. Did you mean 'left'?"),
         ('robot = "hibou"', 'robot = "hibu"', "there is no robot 'hibu'. Did you mean 'hibou'?"),
-        ('name = "lapbot"', 'name = "pa10"', "'pa10' stands there twice"),
+        ('name = "lapbot"', 'name = "pa10"', "'pa10' is listed twice"),
         ("clearance_mm = 5.0", "clearance_mm = -5.0", "clearance_mm"),
-        ('props = "theatre.toml"', 'props = "theater.toml"', "there is no file theater.toml beside it"),
+        ('props = "theatre.toml"', 'props = "theater.toml"', "there is no file theater.toml in the folder"),
     ],
 )
 def test_a_wrong_scene_is_named(tmp_path, old, new, text):
@@ -125,18 +127,39 @@ def test_a_start_in_collision_names_the_nearest_free_one():
     t = np.arange(4.0)
     finding = too_near(found, int(np.argmin(found.distance)), t, 0.005)
     assert (finding.code, finding.where, finding.when) == ("scene.start", "a/base, b/base", "t = 0.0 s")
-    assert "keeps 5 mm is where the protocols are at t = 2.0 s" in finding.suggestion
-    assert "nowhere along the protocols are they 150 mm apart" in too_near(found, 0, t, 0.15).suggestion
+    assert "start where the protocols are at t = 2.0 s, the first time they are 5 mm apart" in finding.suggestion
+    assert "below 150 mm along the whole protocols" in too_near(found, 0, t, 0.15).suggestion
 
 
-@pytest.mark.slow
-def test_a_scene_is_exported_robot_by_robot_and_stands_in_one_stage(tmp_path, capsys):
-    """One robot of a scene does for all: it stands beside its base, turned."""
+def one_robot(tmp_path):
+    """Write a scene with Hibou alone, and return its file."""
     text = VSRS.read_text(encoding="utf-8")
     text = re.sub(r"touching = \[.*?\n\]\n|props = [^\n]*\n", "", text, flags=re.DOTALL)
     head, *robots = text.partition("[camera")[0].split("[[robot]]")
     one = next(r for r in robots if 'name = "hibou"' in r)
     (tmp_path / "scene.toml").write_text(f"{head}[[robot]]{one}", encoding="utf-8")
+    return tmp_path / "scene.toml"
+
+
+def test_a_scene_is_loaded_by_name_and_by_path_shown_as_a_world_and_played(tmp_path):
+    assert [p.name for p in twin.load_scene("vsrs").places] == ["pa10", "lapbot", "hibou"]
+    with pytest.raises(TwinError, match=r"there is no scene 'vsr'\. Did you mean 'vsrs'"):
+        twin.load_scene("vsr")
+    scene = twin.load_scene(one_robot(tmp_path).parent)
+    world = twin.world(scene, dt=0.01)
+    world.step(100)
+    T = world.frame().link_poses["hibou"]["base"]
+    np.testing.assert_allclose(T, scene.places[0].T_world_base, atol=1e-12)
+    played = twin.play(scene)
+    assert (played.verdict, dict(played.by_pair)) == ("agree", {})
+    assert played.as_dict()["robots"][0]["name"] == "hibou"
+    assert "hibou" in str(list(played.text()))
+
+
+@pytest.mark.slow
+def test_a_scene_is_exported_robot_by_robot_and_stands_in_one_stage(tmp_path, capsys):
+    """One robot of a scene does for all: it stands beside its base, turned."""
+    one_robot(tmp_path)
     out = tmp_path / "out"
     assert main(["export", str(tmp_path / "scene.toml"), "--to", "usd", "--out", str(out), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)

@@ -45,8 +45,8 @@ def test_the_score_counts_what_is_a_fault():
     accused = replace(score, false_alarms=(Finding("point.differs", "disagreement", "no"),))
     assert (accused.passed, accused.exit_code) == (False, 1)
     assert from_dict(json.loads(json.dumps(accused.as_dict()))) == accused
-    assert [r["family"] for r in score.table()] == ["cad", "usd"]
-    assert score.table()[1]["equivalent"] == 1
+    assert [r["family"] for r in score.families()] == ["cad", "usd"]
+    assert score.families()[1]["equivalent"] == 1
 
 
 def test_a_draw_is_the_same_for_the_same_seed_and_another_for_another(bench):
@@ -110,10 +110,12 @@ def test_a_ball_whose_frame_is_turned_is_the_same_mechanism_and_one_that_is_move
         assert bool(same_motion(m, other, bench.trajectory, places=2)) is same
 
 
+@pytest.mark.slow
 def test_the_correct_robot_is_left_in_peace(bench):
     assert bench.correct.verdict == "agree"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("maker", "code"),
     [
@@ -130,6 +132,7 @@ def test_outcomes_of_faults_of_the_mechanism(bench, maker, code):
     assert (out.state, out.code) == ("caught" if code else "equivalent", code)
 
 
+@pytest.mark.slow
 def test_a_validator_that_is_deaf_misses(bench, monkeypatch):
     """The score is of the validator: with a check taken out, its faults are missed."""
     slow = next(f for f in drawn(bench, ("timing",), 10, 0) if f.kind == "slower")
@@ -148,6 +151,7 @@ def _thin(bench, fault):
     return judge(bench.case(trajectory=fault.trajectory()), parts=frozenset(("protocol", "equations")))
 
 
+@pytest.mark.slow
 def test_the_report_takes_the_score_of_this_robot_and_no_other(bench, tmp_path):
     path = tmp_path / "selftest.json"
     report = bench.correct

@@ -92,7 +92,8 @@ def test_drawn_home_is_the_posture(robot, model):
     assert model.home().worst_gap < 1e-13
 
 
-@pytest.mark.parametrize("protocol", ["sclerotomy", pytest.param("phantom", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("protocol", ["sclerotomy", "phantom"])
 def test_protocol_agrees(robot, protocol):
     report = twin.validate(robot, protocol=protocol)
     assert report.exit_code == 0, [f.message for f in report.findings if f.severity == "disagreement"]

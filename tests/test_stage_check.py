@@ -62,7 +62,8 @@ def test_each_defect_is_named_with_its_prim(name, clean, tmp_path):
     findings = check_stage(seeded(clean, tmp_path, spoil))
     assert (code, where) in {(f.code, f.where) for f in findings}
     named = next(f for f in findings if (f.code, f.where) == (code, where))
-    assert named.message.endswith(".")
+    assert named.message
+    assert not named.message.endswith(".")
     assert named.suggestion
     assert (named.size is None) or np.isfinite(named.size)
 

@@ -97,7 +97,7 @@ def test_wrong_shapes_raise(convert, bad):
 
 @pytest.mark.parametrize("q", [Gf.Quatf(0, 0, 0, 0), Gf.Quatd(float("nan"), 0, 0, 0)])
 def test_a_quaternion_without_direction_raises(q):
-    with pytest.raises(ValueError, match="no rotation"):
+    with pytest.raises(ValueError, match="is not a rotation"):
         gf.rotation(q)
 
 

@@ -63,7 +63,7 @@ def test_the_row_of_all_users_is_not_the_mean_of_its_rows(recomputed):
 
 def test_claims_of_the_prose_are_checked(recomputed):
     claims = [f.message for f in recomputed[1] if f.code == "study.claim"]
-    assert any("not so for physical demand" in c for c in claims)
+    assert any("not true for physical demand" in c for c in claims)
     assert any("the sign should be >=" in c for c in claims)
 
 
@@ -77,7 +77,7 @@ def test_a_study_that_fits_agrees(tmp_path, capsys):
     assert main(["study", str(file)]) == 0
     printed = capsys.readouterr().out
     assert "paired t" in printed
-    assert printed.rstrip().endswith("follow from what stands beside them (exit code 0)")
+    assert printed.rstrip().endswith("follow from the printed rows (exit code 0)")
 
 
 def test_command(capsys):

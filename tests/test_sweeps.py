@@ -24,6 +24,7 @@ from twin import cli
 from twin.analysis import cluster, design, joints, table
 from twin.analysis import workspace as reach
 from twin.analysis.tolerance import Spread, Tolerances
+from twin.api.robot import Robot, Source
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.units import DEG, MM, UM
@@ -63,7 +64,8 @@ def poses(grid):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_positions_are_judged_as_the_equations_say(robots, name):
     robot = robots[name]
-    kin, grid = robot.kinematics(), grid_around(robot)
+    # the middle is in the grid: at one orientation an endoscope about its RCM has no other positions than one line
+    kin, grid = robot.kinematics(), grid_around(robot, (9, 9, 7))
     values = reach.evaluate(reach.judge(robot, grid), grid, 0, grid.positions)
     Ts = spatial.pose(grid.R_base_tool, grid.position(np.arange(grid.positions)))
     with np.errstate(all="ignore"):
@@ -118,6 +120,7 @@ def test_orientations_are_counted_at_each_position(robots):
     assert one.positions == grid.positions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["sils", pytest.param("sher", marks=pytest.mark.slow)])
 def test_the_box_holds_all_that_is_reached(robots, name):
     robot = robots[name]
@@ -131,8 +134,8 @@ def test_the_box_holds_all_that_is_reached(robots, name):
     assert (p >= low).all()
     assert (p <= high).all()
     finer = reach.Grid(grid.low, step / 2, tuple(2 * int(n) for n in wide), T[:3, :3])  # type: ignore[arg-type]
-    volume = reach.workspace(robot, finer).summary()["volume_dm3"]
-    assert found.summary()["volume_dm3"] == pytest.approx(volume, rel=0.05)
+    volume = reach.workspace(robot, finer).content()["volume_dm3"]
+    assert found.content()["volume_dm3"] == pytest.approx(volume, rel=0.05)
 
 
 def test_sils_reaches_the_volume_that_was_derived_for_it(robots):
@@ -143,7 +146,7 @@ def test_sils_reaches_the_volume_that_was_derived_for_it(robots):
     kin = robot.kinematics()
     limits = np.array([[0, 0.657], [0, 0.657], [-0.01, 0.612], [-0.01, 0.612], [0, 0.657], [0, 0.657]])
     grid = reach.Grid(np.zeros(3), 0.01, (60, 72, 48), np.eye(3))
-    kernel = measure.kernel(kin, limits, grid.pose, gaps=reach.gaps_of(robot))
+    kernel = measure.kernel(kin, limits, grid.pose, bounds=reach.shared_bounds(robot))
     values = reach.evaluate(kernel, grid, 0, grid.positions)
     reached = np.flatnonzero(values[:, 0] > 0)
     Ts = spatial.pose(np.eye(3), grid.position(reached))
@@ -179,9 +182,12 @@ def planar_arm(limits=(-2.0, 2.0)) -> Mechanism:
     return Mechanism("arm", "base", tuple(map(MechanismBody, ("base", "upper", "fore"))), joints_, frames)
 
 
+def bare(mechanism: Mechanism) -> twin.Robot:
+    return Robot(Source(None, Path("arm.usda")), None, changed=mechanism)
+
+
 def test_a_mechanism_without_equations_goes_through_its_joints(robots):
-    robot = twin.api.Robot(None, Path("arm.usda"))
-    robot.mechanism = planar_arm()
+    robot = bare(planar_arm())
     found = joints.by_joints(robot, 50_000, 0.01)
     p = found.grid.position(np.flatnonzero(found.reached))
     assert np.abs(p[:, 2]).max() < 0.02
@@ -193,10 +199,9 @@ def test_a_mechanism_without_equations_goes_through_its_joints(robots):
 
 
 def test_a_slide_without_limits_is_named(robots):
-    robot = twin.api.Robot(None, Path("arm.usda"))
     m = planar_arm()
-    robot.mechanism = replace(m, joints=(replace(m.joints[0], type="prismatic", limits=None), m.joints[1]))
-    with pytest.raises(TwinError, match="joint 'a' slides without limits"):
+    robot = bare(replace(m, joints=(replace(m.joints[0], type="prismatic", limits=None), m.joints[1])))
+    with pytest.raises(TwinError, match="joint 'a' is prismatic and has no limits"):
         joints.by_joints(robot, 1000)
 
 
@@ -206,7 +211,7 @@ def test_workspace_command_writes_what_others_read(tmp_path, capsys):
 
     assert cli.main(["workspace", "sils", "--count", "20000", "--out", str(tmp_path), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    assert said == json.loads((tmp_path / "workspace.json").read_text())
+    assert said == {**json.loads((tmp_path / "workspace.json").read_text()), "folder": str(tmp_path)}
     assert 6 < said["volume_dm3"] < 9
     cloud = trimesh.load(tmp_path / "workspace.ply")
     stage = Usd.Stage.Open(str(tmp_path / "workspace.usdc"))
@@ -229,8 +234,8 @@ def test_workspace_command_writes_what_others_read(tmp_path, capsys):
         (["--step-mm", "-1"], "--step-mm -1: give a positive number of millimetres"),
         (["--tilt-deg", "200"], "--tilt-deg 200: give degrees from 0 to 180"),
         (["--turns", "0"], "--turns 0: give at least 1"),
-        (["--step-mm", "0.01"], "positions; at most 5e+07 are kept. Take a larger --step-mm"),
-        (["--joints", "--scheduler", "local"], "--scheduler: samples of joints are judged on this machine"),
+        (["--step-mm", "0.01"], "positions; the limit is 5e+07. Take a larger --step-mm"),
+        (["--joints", "--scheduler", "local"], "--scheduler: joint samples run on this machine"),
         (["--count", "1.5"], "argument --count: invalid"),
         (["--scheduler", "tcp://127.0.0.1:1", "--count", "1000"], "no Dask scheduler answers there"),
     ],
@@ -291,6 +296,7 @@ def test_an_encoder_error_costs_what_the_jacobian_says(robots):
     assert sum(share for _, share, _ in budget.contributors) == pytest.approx(1)
 
 
+@pytest.mark.slow
 def test_tolerances_scale_and_add_up(robots):
     mechanism = robots["hibou"].mechanism
     q = mechanism.posture("home")
@@ -308,6 +314,7 @@ def test_tolerances_that_are_none_are_refused(robots, spread):
         Tolerances(robots["pa10"].mechanism, spread)
 
 
+@pytest.mark.slow
 def test_tolerance_command_tells_whether_a_requirement_is_met(tmp_path, capsys):
     coarse = ["tolerance", "hibou", "--samples", "2000", "--out", str(tmp_path), "--json", "--require-um", "50"]
     assert cli.main(coarse) == 1
@@ -432,17 +439,17 @@ def test_a_sweep_stops_and_goes_on(tmp_path, capsys):
     assert (tmp_path / "b/sweep.png").stat().st_size > 10_000
     # another job in that folder is not mixed with it
     assert cli.main([*SWEEP, "--seed", "5", "--out", str(tmp_path / "b")]) == 2
-    assert "another sweep lies here" in capsys.readouterr().err
+    assert "the folder holds another sweep" in capsys.readouterr().err
     assert len(judged(tmp_path / "b")) == 8
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "--vary: say what is varied"),
+        ([], "--vary is required"),
         (["--vary", "l_p=1..2mm", "--vary", "l_p=3..4mm"], "a factor is given twice"),
         (["--vary", "l_p=120..150mm", "--objective", "beauty"], "objective 'beauty'"),
-        (["--vary", "l_p=120..150mm", "--objective", "tolerance"], "judges the mechanism"),
+        (["--vary", "l_p=120..150mm", "--objective", "tolerance"], "depends on the mechanism only"),
         (["--vary", "bar1:r12-s1=570..580mm", "--objective", "volume"], "a distance of the mechanism"),
         (["--vary", "l_p=120..150mm", "--grid", "1"], "--grid: give at least 2 levels"),
         (["--vary", "l_p=120..150mm", "--workers", "0"], "--workers 0: give at least 1"),
@@ -567,7 +574,7 @@ def test_workspace_and_sweep_agree_within_the_errors_that_they_state():
     low, high = reach.box(robot, T)
     step = float(np.prod(high - low) / 150_000) ** (1 / 3)
     nx, ny, nz = (int(n) for n in np.floor((high - low) / step) + 1)
-    fine = reach.workspace(robot, reach.Grid(low, step, (nx, ny, nz), T[:3, :3])).summary()
+    fine = reach.workspace(robot, reach.Grid(low, step, (nx, ny, nz), T[:3, :3])).content()
     work = design.job(robot, "sils", None, [design.factor(robot, "l_p=120..150mm")], ("volume",))
     coarse = design.judge(work, [robot.kinematics().parameters["l_p"]])["volume"]
     apart, stated = abs(coarse - fine["volume_dm3"]), design.grid_error(work) + fine["volume_error_dm3"]

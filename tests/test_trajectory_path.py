@@ -10,9 +10,8 @@ import pytest
 
 from twin.core import spatial
 from twin.core.errors import ProtocolError
-from twin.planning.path import build
-from twin.planning.protocol import load_protocol
-from twin.planning.protocol.model import Insertion, Pivot, Positioning, Retraction
+from twin.planning.phase_path import build
+from twin.planning.protocol import Insertion, Pivot, Positioning, Retraction, load_protocol
 
 CIRCLE = Path(__file__).parents[1] / "trajectories/pa10/circle.toml"
 
@@ -53,7 +52,7 @@ def test_a_circle_keeps_radius_plane_and_rcm_and_closes_without_spin():
 def test_a_circle_without_radius_is_refused():
     protocol = load_protocol(CIRCLE)
     circle = replace(protocol.phases[2], centre=np.array([0.34, 0.48, 0.3]))
-    with pytest.raises(ProtocolError, match=r"phase 'circle'.*its radius is 0"):
+    with pytest.raises(ProtocolError, match=r"phase 'circle'.*the radius is 0"):
         build(replace(protocol, phases=(*protocol.phases[:2], circle)), np.eye(4))
 
 

@@ -299,7 +299,7 @@ def test_carriages_on_one_rail_keep_their_distance():
 def test_an_unreachable_start_says_so():
     message = refusal(table2(), replace(SILS, upper=np.full(6, 0.5)))
     assert "already at its start" in message
-    assert "Nothing of it is reachable" in message
+    assert "No part of the phase is reachable" in message
 
 
 def test_a_change_of_working_mode_is_an_error():

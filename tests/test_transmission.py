@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import re
 import shutil
@@ -20,6 +19,7 @@ from made.audit_seeds import copied, found
 from made.importing_same import assert_same, made
 from made.transmissions import MATRIX, raven, screwed
 from twin import api, cli
+from twin.analysis.joints import by_joints
 from twin.cad.build import read_mechanism
 from twin.core.errors import DescriptionError, MechanismError, ProtocolError, StageError
 from twin.exchange.audit import audit
@@ -125,7 +125,7 @@ def test_a_joint_has_a_drive_or_a_transmission_not_both():
 
 
 def test_the_condition_of_a_matrix_has_no_unit():
-    """A lead screw of 1 mm a turn beside a belt is no bad matrix, though one entry is ten thousand times smaller."""
+    """A lead screw of 1 mm a turn beside a belt is not a bad matrix, though one entry is ten thousand times smaller."""
     mixed = np.diag([1e-3 / (2 * np.pi), 1.0, 500.0])
     assert replace(raven(), transmissions=(replace(T, matrix=mixed),)).motors(np.ones(4))[1] == pytest.approx(
         2000 * np.pi
@@ -301,16 +301,20 @@ def test_a_motion_beyond_what_motors_may_is_told_in_its_samples(robot, trajector
 
 def limited(robot, **limits):
     """Return the robot with other limits of some motors."""
-    m, out = robot.mechanism, copy.copy(robot)
+    m = robot.mechanism
     actuators = tuple(replace(a, limits=limits.get(a.name, a.limits)) for a in m.actuators)
-    out.cad = replace(robot.cad, mechanism=replace(m, actuators=actuators))
-    out.mechanism = out.cad.mechanism
-    return out
+    return robot.with_mechanism(replace(m, actuators=actuators))
 
 
 def test_a_protocol_beyond_the_range_of_a_motor_is_refused(robot):
     with pytest.raises(ProtocolError, match=r"motor m2 would go [\d.]+ deg beyond its limits of -286.48..859.44 deg"):
         api.plan(limited(robot, m2=(-5.0, 15.0)), "first")
+
+
+def test_the_workspace_ends_where_a_motor_does(robot):
+    """The motor's range leaves a part of what the joints alone would reach."""
+    free, tight = (by_joints(r, 20_000, 0.01) for r in (robot, limited(robot, m1=(-5.0, 5.0))))
+    assert 0 < tight.reached.sum() < 0.5 * free.reached.sum()
 
 
 def test_it_is_validated_and_its_margins_are_told(robot, trajectory):
@@ -396,13 +400,13 @@ def test_urdf_holds_motors_of_one_joint_and_says_what_it_cannot(bundle):
 
 def test_what_a_format_leaves_out_of_motors_is_told(bundle):
     left = {
-        f.message.split(" of the actuators")[0]
+        f.message.replace("the format cannot hold the ", "").split(" of the actuators")[0]
         for f in (*urdf_findings(screwed()), *mjcf_findings(screwed()))
         if f.code == "export.left_out" and "screw, m1, m2, m3" in f.where
     }
     lost = ("urdf: limits", "urdf: rotor inertia", "urdf: stiffness", "xml: max speed")
     assert left == {f"raven.{one}" for one in lost}
-    assert "xml: max speed of the actuators" in (bundle / "raven.xml").read_text()
+    assert "xml: the format cannot hold the max speed of the actuators" in (bundle / "raven.xml").read_text()
     assert not [f for f in mjcf_findings(replace(screwed(), actuators=(), transmissions=())) if "actuator" in f.message]
 
 

@@ -13,6 +13,7 @@ import pytest
 from pxr import Sdf
 
 import twin
+from made import protocols
 from made import two_trocars as made
 from made.loops import through_a_trocar, two_links
 from twin.analysis.mutation.units import _trocar
@@ -21,7 +22,7 @@ from twin.core.errors import DescriptionError, MechanismError, ProtocolError, Tw
 from twin.core.units import MM
 from twin.exchange.audit import audit
 from twin.model.scene import Place, load_scene
-from twin.planning import path as paths
+from twin.planning import phase_path as paths
 from twin.planning.protocol import load_protocol
 from twin.simulation.scene_play import Actor as Playing
 from twin.simulation.scene_play import _port, trocars_of
@@ -79,13 +80,13 @@ def test_trocars_are_told_apart_by_name(robot):
     there = m.with_trocar(made.MOVED["right"], "right")
     np.testing.assert_allclose(there.trocar_at("right"), made.MOVED["right"], atol=1e-15)
     np.testing.assert_array_equal(there.trocar_at("left"), m.trocar_at("left"))
-    with pytest.raises(MechanismError, match="trocars left, right: say by name which one"):
+    with pytest.raises(MechanismError, match="trocars left, right: choose one by name"):
         m.trocar_at()
     with pytest.raises(MechanismError, match=r"no trocar 'rigth'\. Did you mean 'right'"):
         m.with_trocar(AWAY, "rigth")
     with pytest.raises(MechanismError, match="trocar 'left' is named twice"):
         replace(m, trocars=("left", "left"))
-    with pytest.raises(MechanismError, match="joint 'pin' must be one that holds to the base"):
+    with pytest.raises(MechanismError, match="the parent of joint 'pin' must be the base"):
         replace(m, trocars=("left", "pin"))
 
 
@@ -102,7 +103,7 @@ def test_the_shaft_in_a_trocar_is_what_slides_there(robot):
 @pytest.mark.parametrize(
     ("new", "says"),
     [
-        ('trocar = "left"\ntrocars = ["right"]', "add 'left' to this list and take `trocar` out"),
+        ('trocar = "left"\ntrocars = ["right"]', "add 'left' to `trocars` and delete `trocar`"),
         ('trocars = ["left", "rigth"]', r"trocars\[1\].*no joint 'rigth'\. Did you mean 'right'"),
         ('trocar = "lefd"', r"trocar: there is no joint 'lefd'\. Did you mean 'left'"),
     ],
@@ -202,7 +203,7 @@ def test_a_shaft_beside_its_trocar_is_told_by_name(folder, tmp_path):
 
 def test_a_mark_that_is_lost_on_the_stage_is_told_by_name(robot):
     said = content(robot.mechanism, replace(robot.mechanism, trocars=("left",)), robot.cad.description)
-    assert [(f.where, f.message) for f in said] == [("right", "trocar 'right' is not marked as one on the stage")]
+    assert [(f.where, f.message) for f in said] == [("right", "trocar 'right' is not marked as a trocar on the stage")]
     said = content(replace(robot.mechanism, trocars=()), robot.mechanism, robot.cad.description)
     assert {f.where for f in said} == {"left", "right"}
 
@@ -217,14 +218,14 @@ def test_a_mark_that_is_lost_on_the_stage_is_told_by_name(robot):
         ("[trocars_mm]", "trocar_mm = [0, 0, 0]\n[trocars_mm]", r"trocar_mm.*places the only trocar"),
         ("right = [", "rigth = [", r"places trocar 'rigth'.*has left, right"),
         ('type = "pivot"\nto = "deep"\nrcm = "enforced"\ntrocar = "left"', 'type = "insertion"\ndepth_mm = 5',
-         "name the one that this insertion goes through"),
+         "name the one of this insertion"),
         ('trocar = "left"', "", "no RCM is registered yet"),
         ('to = "deep"\nrcm = "enforced"\ntrocar = "left"', 'to = "deep"\nrcm = "enforced"\ntrocar = "right"',
          "beside trocar 'right'"),
     ],
 )  # fmt: skip
 def test_a_wrong_word_on_trocars_is_named(robot, tmp_path, old, new, says):
-    text = made.protocol().replace("[limits.pivot]", made.limits("insertion") + "\n[limits.pivot]")
+    text = made.protocol().replace("[limits.pivot]", protocols.limits("insertion", made.LIMITS) + "\n[limits.pivot]")
     assert old in text
     with pytest.raises(TwinError, match=says):
         twin.plan(robot, _file(tmp_path, text.replace(old, new).replace('trocar = "right"\nprov', "prov")))
@@ -289,6 +290,7 @@ def exported(robot, tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_each_format_has_both_where_the_protocol_has_them(exported, moved):
     stage = read_stage(exported / f"usd/{made.NAME}_moved.usda")
     for n, place in made.MOVED.items():
@@ -391,21 +393,22 @@ def test_the_patient_lies_at_the_trocar_that_the_protocol_names(robot, tmp_path)
     for name, places in (("stitch", made.PLACES), ("moved", made.MOVED)):
         np.testing.assert_allclose(patient_of(robot, robot.protocol(name), -0.2).port, places["right"], atol=1e-12)
     text = made.protocol().replace('trocar = "right"\n', "")
-    with pytest.raises(TwinError, match="trocars left, right: say by name which one"):
+    with pytest.raises(TwinError, match="trocars left, right: choose one by name"):
         patient_of(robot, load_protocol(_file(tmp_path, text)), -0.2)
 
 
 def test_each_trocar_of_a_scene_works_through_its_own_port(robot, moved, tmp_path):
     ports = {n: p + np.array([0, 0, 1.0]) for n, p in made.PLACES.items()}
-    place = Place(made.NAME, "stitch", spatial.pose(p=[0, 0, 1]), {n: f"port_{n}" for n in ports}, ports)
+    at, names = spatial.pose(p=[0, 0, 1]), {n: f"port_{n}" for n in ports}
+    place = Place(made.NAME, made.NAME, "stitch", at, names, ports, {})
     m = robot.mechanism
     assert not _port(Playing(place, m, moved, trocars_of(place, m, moved)))
     off = replace(place, p_world_ports={**ports, "right": ports["right"] + AWAY})
     (found,) = _port(Playing(off, m, moved, trocars_of(off, m, moved)))
-    assert "with trocar 'right' 1.0 mm beside its port 'port_right'" in found.message
-    with pytest.raises(TwinError, match="ports gives no port for trocar right"):
+    assert "with trocar 'right' misses its port 'port_right'" in found.message
+    with pytest.raises(TwinError, match="`ports` has no entry for trocar right"):
         trocars_of(replace(place, ports={"left": "a"}), m, moved)
-    with pytest.raises(TwinError, match="say by name which one"):
+    with pytest.raises(TwinError, match="choose one by name"):
         trocars_of(replace(place, ports={"": "a"}), m, moved)
     unheld = SimpleNamespace(trocars=())
     with pytest.raises(TwinError, match="has no trocar 'left'"):
@@ -415,7 +418,7 @@ def test_each_trocar_of_a_scene_works_through_its_own_port(robot, moved, tmp_pat
     for new, says in (
         ('ports = { a = "left", b = "camera" }', None),
         ('ports = { a = "lefd" }', "no port 'lefd'"),
-        ("", "give the `port` of its only trocar, or `ports"),
+        ("", "give `port` for a robot with one trocar, or `ports"),
     ):
         path = _file(tmp_path, scene.replace('port = "left"', new, 1), "scene")
         if says is None:

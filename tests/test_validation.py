@@ -120,9 +120,8 @@ def test_the_closest_parts_are_named(judged):
 @pytest.mark.slow
 def test_passive_joints_beyond_their_limits_are_told(robot):
     # a cone of 70 degrees is too narrow for s1 and s3 at C, and wide enough for s2
-    other = twin.load("sils")
-    joints = (replace(j, cone=70 * DEG) if j.cone else j for j in other.mechanism.joints)
-    other.cad = replace(other.cad, mechanism=replace(other.mechanism, joints=tuple(joints)))
+    joints = (replace(j, cone=70 * DEG) if j.cone else j for j in robot.mechanism.joints)
+    other = robot.with_mechanism(replace(robot.mechanism, joints=tuple(joints)))
     report = twin.validate(other, twin.plan(robot, "table2_printed"))
     assert {f.where for f in found(report, "limit.passive", "disagreement")} == {"s1", "s3"}
 

@@ -116,12 +116,12 @@ def _no_joint(m):
         (_limit, "q3", "upper limit"),
         (_speed, "q3", "largest speed"),
         (_frame, "r11", "mm"),
-        (_turn, "r11", "deg"),
+        (_turn, "r11", "°"),
         (_cone, "s1", "cone"),
         (_mass, "bar1", "mass of"),
         (_centre, "bar1", "mass centre"),
         (_tensor, "bar1", "tensor"),
-        (_mesh, "bar1", "off on the stage"),
+        (_mesh, "bar1", "on the stage"),
         (_inside_out, "bar1", "another mesh"),
         (_point, "", "point"),
         (_no_joint, "r13", "not on the stage"),
@@ -168,9 +168,9 @@ class Looked:
 @pytest.mark.parametrize(
     ("written", "says"),
     [
-        (Written("x.usda", Looked.keys, np.full(11, 1e-4), np.zeros(11)), "off the protocol's"),
-        (Written("x.usda", Looked.keys, np.zeros(11), np.full(11, 1e-3)), "off the protocol's"),
-        (Written("x.usda", Looked.keys + 0.1, np.zeros(0), np.zeros(0)), "samples were moved"),
+        (Written("x.usda", Looked.keys, np.full(11, 1e-4), np.zeros(11)), "differs from the protocol's"),
+        (Written("x.usda", Looked.keys, np.zeros(11), np.full(11, 1e-3)), "differs from the protocol's"),
+        (Written("x.usda", Looked.keys + 0.1, np.zeros(0), np.zeros(0)), "samples were changed"),
         (Written("x.usda", Looked.keys, np.zeros(11), np.zeros(11), ("bar1",)), "bar1 have none"),
     ],
 )

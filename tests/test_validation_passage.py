@@ -209,16 +209,16 @@ def test_the_printed_target_and_what_would_keep_the_rcm(sils, printed):
     move = facts["sweep: move the tip, keep the angles"]
     assert "by 45.78 mm" in move
     assert "the robot reaches it" in move
-    assert "would still leave the RCM by 0.9" in move  # both ends right, the straight way between not
+    assert "would still miss the RCM by 0.9" in move  # both ends right, the straight way between not
     turn = facts["sweep: turn the shaft, keep the tip"]
     assert "by 47.96 deg" in turn
     assert "out of reach" in turn
     assert "gap q4-q3" in turn
-    least = facts["sweep: move and turn as little as possible"]
+    least = facts["sweep: the smallest move and turn of the tool"]
     assert "26.6" in least
     assert "22.3" in least
     assert "skew" in facts["sweep: move the RCM"]
-    assert facts["sweep: other readings of the angles"].startswith("none keeps it")
+    assert facts["sweep: other readings of the angles"].startswith("none keeps the RCM")
     assert codes(found) == {"rcm.fix"}
     assert len(found) == 2
 
@@ -234,13 +234,13 @@ def test_a_wrong_sign_of_an_angle_is_recognised(sils, printed):
     protocol, trajectory = printed
     w = protocol.waypoints["t"]
     span = trajectory.phase("sweep")
-    from twin.planning.path import rotation
+    from twin.planning.protocol.course import rotation
 
     R = rotation(w.angles, "zyx")
     right = span.rcm + 40 * MM * (R @ trajectory.shaft_axis)
     wrong = replace(w, position=right, angles=w.angles * [1, -1, 1])
     other = replace(protocol, waypoints={**protocol.waypoints, "t": wrong})
-    assert "signs +, -, + keep it" in consistent._readings(other, trajectory, span)
+    assert "signs +, -, + keep the RCM" in consistent._readings(other, trajectory, span)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -285,7 +285,7 @@ def test_the_mechanism_tells_its_own_singularity_and_a_jump(sils, planned):
     facts, found, curves = margins.of_mechanism(model, posed, rows, clock)
     assert found == []
     assert curves["conditioning.type1"].min() > 0.05
-    assert "of 1" in facts["mechanism, drives stand (type 2)"]
+    assert "of 1" in facts["mechanism, drives at rest (type 2)"]
     name = model.mechanism.passive[0].name
     other = posed.q_passive[name].copy()
     other[30:] += 0.5

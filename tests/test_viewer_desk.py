@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import twin
+from made.ways import leads
 from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import KinematicsError, MechanismError, TwinError
@@ -64,9 +65,10 @@ def to_the_end(move):
 def test_the_tool_goes_where_it_is_dragged(any_desk, rng):
     desk = home(any_desk)
     six = len(desk.joints) >= 6 or desk.robot.name == "sher"  # SHER keeps its attitude with five
+    ways = leads(desk.robot)
     for _ in range(20):
         T = desk.assembly.T_base_tool.copy()
-        T[:3, 3] += rng.normal(0, 0.4 * MM, 3)
+        T[:3, 3] += ways @ rng.normal(0, 0.4 * MM, ways.shape[1])
         moved = to_the_end(lambda: desk.move_tool(T))  # noqa: B023
         assert moved.good, moved.reason
         reached = desk.assembly.T_base_tool
@@ -111,7 +113,9 @@ def test_any_point_of_a_link_can_be_led_and_the_loops_follow(any_desk):
     desk = home(any_desk)
     tool = desk.mechanism.frame(desk.mechanism.tool)
     p = tool.T_body_frame[:3, 3]
-    target = (desk.assembly.link_poses[tool.body] @ np.append(p, 1.0))[:3] + np.array([2, 1, -1]) * MM
+    ways = leads(desk.robot)
+    step = ways @ ways.T @ np.array([2, 1, -1]) * MM
+    target = (desk.assembly.link_poses[tool.body] @ np.append(p, 1.0))[:3] + step
     for _ in range(3):
         desk.move_point(tool.body, p, target)
     left = np.linalg.norm((desk.assembly.link_poses[tool.body] @ np.append(p, 1.0))[:3] - target)
@@ -136,7 +140,7 @@ def test_a_passive_link_leads_its_loop(sils):
 def test_a_point_that_nothing_moves_stays(sils):
     before = sils.assembly
     moved = to_the_end(lambda: sils.move_point(sils.mechanism.base, np.zeros(3), np.array([0.5, 0.0, 0.0])))
-    assert "no joint brings it nearer" in moved.reason
+    assert "no joint motion brings the point nearer" in moved.reason
     assert sils.assembly is before
 
 
@@ -296,7 +300,7 @@ def test_a_port_that_is_taken_is_told_with_a_free_one(capsys):
         other.listen()
         port = other.getsockname()[1]
         assert main(["view", "hibou", "--port", str(port), "--no-browser"]) == 2
-    assert f"port {port} is taken" in (said := capsys.readouterr().err)
+    assert f"port {port} is in use" in (said := capsys.readouterr().err)
     assert "use --port" in said
 
 
@@ -438,7 +442,7 @@ def test_design_b_that_cannot_take_the_pose_says_so(sils):
     assert refused(sils.move_tool(T)) == ""
     T[0, 3] += 2.0
     text = refused(sils.move_tool(T))
-    assert "B cannot take A" in text
+    assert "Design B cannot reach the pose of design A" in text
     assert "out of reach" in text
 
 

@@ -232,7 +232,7 @@ def test_a_viser_that_opens_its_socket_by_itself_is_stopped(monkeypatch):
         yield
 
     monkeypatch.setattr(servers, "_opening", nothing)
-    with pytest.raises(TwinError, match="without our door"):
+    with pytest.raises(TwinError, match="without access control"):
         serve("door", "127.0.0.1", 0)
 
 
@@ -302,7 +302,7 @@ def test_the_terminal_waits_for_an_answer_that_comes_after_the_question(typed, y
         terminal.ask("Write it?", answers.append)
         terminal.poll()
         assert answers == []
-        with pytest.raises(TwinError, match="a question waits"):
+        with pytest.raises(TwinError, match="answer the open question"):
             terminal.ask("And this?", answers.append)
         os.write(ours, typed)
         end = time.monotonic() + 5
@@ -482,7 +482,7 @@ def test_an_upload_is_one_at_a_time_in_order_and_no_larger_than_it_said(front):
         with pytest.raises(letters.StaleError, match="too large"):
             reader.check(start(front, letters.UPLOAD + 1, 33), a, 100.0)
         assert "at most 16.8 MB" in told[0]
-        with pytest.raises(letters.StaleError, match="no upload"):
+        with pytest.raises(letters.StaleError, match="without an upload"):
             reader.check(part(front, 0, b"x" * 500_000), a, 100.0)
         for wrong in ([(1, 5)], [(0, 5), (0, 5)], [(0, 11)], [(0, 5), (1, 4)], [(0, 10)]):
             a.was_cut = False
@@ -514,10 +514,13 @@ HEAD = '{"schema": "twin-session", "version": 1, "robot": "hibou", "joints": [],
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        (HEAD + "{}," * 2_000_000 + "{}]}", "values; at most"),
-        (HEAD + "{" + ",".join(f'"{k}": 1' for k in range(100_000)) + "}]}", "keys; a session's have at most"),
+        (HEAD + "{}," * 2_000_000 + "{}]}", "values, more than the maximum"),
+        (
+            HEAD + "{" + ",".join(f'"{k}": 1' for k in range(100_000)) + "}]}",
+            "keys; an object of a session has at most",
+        ),
         (HEAD + "{}," * 1_000_000 + "{}]}", "time_s: Field required"),
-        ("[" * 1_000_000, "no JSON"),
+        ("[" * 1_000_000, "not JSON"),
         (HEAD + '{"time_s": ' + "9" * 100_000 + "}]}", "digits"),
     ],
     ids=["values", "keys", "moments", "depth", "digits"],

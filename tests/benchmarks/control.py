@@ -8,7 +8,8 @@ import numpy as np
 from race import Contender, Effort, Fact, Table, race
 
 import twin
-from twin.simulation.control.velocity import Limits, pose_error, step
+from twin.simulation.controllers.velocity import pose_error, step
+from twin.simulation.limits import Limits
 
 
 def topic(effort: Effort) -> list[Table]:

@@ -88,14 +88,13 @@ def grid(effort: Effort) -> Table:
     a, b = rng.normal(size=(2, 6, 4))
     k = np.arange(1, 5)
 
-    def derivatives(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        x = np.pi * s[:, None, None] * k
-        first = (np.pi * k * (a * np.cos(x) - b * np.sin(x))).sum(axis=-1)
-        return first, (-((np.pi * k) ** 2) * (a * np.sin(x) + b * np.cos(x))).sum(axis=-1)
+    def path(s: np.ndarray, order: int = 0) -> np.ndarray:
+        x = np.pi * s[:, None, None] * k + order * np.pi / 2
+        return ((np.pi * k) ** order * (a * np.sin(x) + b * np.cos(x))).sum(axis=-1)
 
     sizes = [101, 1001, 10_001] if not effort.short else [101, 501, 2001]
     limits = np.full(6, 1.0), np.full(6, 5.0)
-    seconds = measured(sizes, lambda n: lambda: time_path(derivatives, *limits, dt=1e-2, knots=n, finest=n), effort)
+    seconds = measured(sizes, lambda n: lambda: time_path(path, *limits, dt=1e-2, knots=n, finest=n), effort)
     rows(table, "time_path", sizes, seconds)
     table.facts.append(Fact("exponent of grid points", exponent(sizes, seconds), bar=BAR))
     show(table)

@@ -6,7 +6,9 @@ side. A success keeps the joint limits and misses by less than 1e-6 m and rad.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -15,9 +17,11 @@ from race import Contender, Effort, Table, installed, race
 
 from twin.formula.flow import Evaluator
 from twin.kinematics import Tip, Trocar, compile_formula, solve
-from twin.kinematics.srs import SrsArm
 from twin.kinematics.tasks import residual
 from twin.robots import load_formula
+
+sys.path.append(str(Path(__file__).parents[1]))
+from made.srs import SrsArm
 
 COUNT, STEPS, TOLERANCE = 40, 100, 1e-6
 HALF = np.radians([177, 94, 174, 137, 255, 165, 255])

@@ -591,8 +591,8 @@ def xml_cut(suffix: str):
     return lambda folder: [cut(p) for p in folder.glob(f"*{suffix}")]
 
 
-SEEDS.append(Seed("MJCF: cut off", xml_cut(".xml"), r"\.xml", "read|refuses"))
-SEEDS.append(Seed("URDF: cut off", xml_cut(".urdf"), r"\.urdf", "read|refuses"))
+SEEDS.append(Seed("MJCF: cut off", xml_cut(".xml"), r"\.xml", "read|rejects"))
+SEEDS.append(Seed("URDF: cut off", xml_cut(".urdf"), r"\.urdf", "read|rejects"))
 
 
 def xml_seed(kind: str, suffix: str, change, says: str) -> None:

@@ -155,7 +155,7 @@ def urdf_in_utf_16_with_entities_audited(folder: Path) -> Path:
 # ---------------------------------------------------------------------------------------------- ours
 
 
-@bomb(NEW, "vertices and triangles that it builds")
+@bomb(NEW, "vertices and triangles in its objects")
 def threemf_of_few_levels_and_many_copies(folder: Path) -> Path:
     return _3mf(folder, _doubled(7, 60))
 
@@ -193,7 +193,7 @@ def glb_that_reads_one_buffer_a_thousand_times(folder: Path) -> Path:
     return _glb(folder, "same.glb", {**data, **scene}, bytes(size))
 
 
-@bomb(NEW, "no file")
+@bomb(NEW, "not a regular file")
 def gltf_whose_buffer_is_a_device(folder: Path) -> Path:
     data = {"asset": {"version": "2.0"}, "buffers": [{"uri": "../" * 20 + "dev/zero", "byteLength": 8}]}
     _write(folder / "m.gltf", json.dumps({**data, "scenes": [{"nodes": []}]}))

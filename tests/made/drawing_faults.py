@@ -48,10 +48,28 @@ def some(robot: api.Robot, rng: np.random.Generator) -> Off:
             u -= face.direction * (face.direction @ u)
         u /= np.linalg.norm(u)
         if rng.integers(2) and face.kind == "cylinder" and spec.z == spec.origin:
-            origin = cad.measured[body][spec.origin].face.point
             R = spatial.exp_so3(size * DEG * u)
-            return Off(joint.name, body, spec.origin, "deg", size * DEG, spatial.pose(R, origin - R @ origin))
+            T = spatial.pose(R, face.point - R @ face.point)
+            turned = size * DEG
+            if (
+                joint.type in ("fixed", "prismatic") and spec.x_along
+            ):  # x comes from a face that stays: the frame twists a little too
+                x = cad.measured[body][spec.x_along].face.direction
+                turned = _angle(_frame(face.direction, x), _frame(R @ face.direction, x))
+            return Off(joint.name, body, spec.origin, "deg", turned, T)
         return Off(joint.name, body, spec.origin, "mm", size * MM, spatial.pose(p=size * MM * u))
+
+
+def _frame(z: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return the axes (3, 3) of a frame by its z and the direction that its x is along."""
+    x = x - z * (z @ x)
+    x = x / np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _angle(A: np.ndarray, B: np.ndarray) -> float:
+    """Return the angle between two frames' axes, rad (2 asin of the chord: exact for small angles)."""
+    return 2 * np.arcsin(np.linalg.norm(A - B) / np.sqrt(8))
 
 
 def drawn(robot: api.Robot, *offs: Off) -> CadModel:
@@ -66,8 +84,8 @@ def drawn(robot: api.Robot, *offs: Off) -> CadModel:
             )
         )
 
-    def read(path, *args):
-        step = read_step(path, *args)
+    def read(path, *args, **settings):
+        step = read_step(path, *args, **settings)
         for move in moves:
             step = move(step)
         return step

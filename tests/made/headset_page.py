@@ -91,10 +91,10 @@ def free_port():
 
 
 class Serving:
-    """`twin serve` as a user starts it."""
+    """`twin serve` as a user starts it, or another module that takes a robot and a port."""
 
-    def __init__(self, robot, port=None, *more):
-        self.robot, self.port, self.more = robot, port or free_port(), more
+    def __init__(self, robot, port=None, *more, command=("twin", "serve", "--no-browser")):
+        self.robot, self.port, self.more, self.command = robot, port or free_port(), more, command
         self.process = None
         self.start()
 
@@ -103,8 +103,8 @@ class Serving:
         return f"http://127.0.0.1:{self.port}/"
 
     def start(self):
-        command = [sys.executable, "-m", "twin", "serve", self.robot, "--port", self.port, "--no-browser", *self.more]
-        env = os.environ | {"PYTHONPATH": str(ROOT)}
+        command = [sys.executable, "-m", *self.command, self.robot, "--port", self.port, *self.more]
+        env = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
         self.process = subprocess.Popen([str(c) for c in command], env=env, stdout=subprocess.DEVNULL)
 
         def listens():

@@ -36,17 +36,22 @@ def reduction(new):
 
 
 for name, suffix, change, says in (
-    ("ratio x 1.001", "xml", attribute("tendon/fixed/joint", "coef", by(1.001)), "what it does"),
-    ("ratio turned round", "xml", attribute("tendon/fixed/joint", "coef", by(-1.0), -1), "what it does"),
+    ("ratio x 1.001", "xml", attribute("tendon/fixed/joint", "coef", by(1.001)), "joint factors of the transmission"),
+    (
+        "ratio turned round",
+        "xml",
+        attribute("tendon/fixed/joint", "coef", by(-1.0), -1),
+        "joint factors of the transmission",
+    ),
     ("range", "xml", attribute("tendon/fixed", "range", by(1.1)), "motor .*limits"),
     ("force", "xml", attribute("actuator/*[@tendon]", "forcerange", by(10)), "motor .*largest effort"),
     ("rotor", "xml", attribute("tendon/fixed", "armature", by(1e3)), "motor .*rotor inertia"),
     ("gain x 10", "xml", gain(10.0), "stiffness"),
     ("deleted", "xml", without_motor, "motor .*(missing|not in)"),
     ("kind", "xml", attribute("custom/text", "data", lambda _: "length"), "kind"),
-    ("reduction halved", "urdf", reduction(by(0.5)), "what it does"),
-    ("reduction turned round", "urdf", reduction(by(-1.0)), "what it does"),
-    ("reduction forgotten", "urdf", reduction(lambda _: "1"), "what it does"),
+    ("reduction halved", "urdf", reduction(by(0.5)), "joint factors of the transmission"),
+    ("reduction turned round", "urdf", reduction(by(-1.0)), "joint factors of the transmission"),
+    ("reduction forgotten", "urdf", reduction(lambda _: "1"), "joint factors of the transmission"),
 ):
     SEEDS.append(Seed(f"{suffix}: {name}", xml(f".{suffix}", change), rf"\.{suffix}", says))
 
@@ -74,7 +79,11 @@ def entry(kind: str, key: str, new):
 
 
 for name, change, says in (
-    ("matrix", entry("transmissions", "matrix", lambda m: type(m)([1.001 * v for v in m])), "what it does"),
+    (
+        "matrix",
+        entry("transmissions", "matrix", lambda m: type(m)([1.001 * v for v in m])),
+        "joint factors of the transmission",
+    ),
     ("limits", entry("actuators", "limits", lambda v: Gf.Vec2d(v[0], v[1] / 2)), "motor .*limits"),
     ("effort", entry("actuators", "max_effort", lambda v: 10 * v), "motor .*largest effort"),
     ("rotor", entry("actuators", "rotor_inertia", lambda v: 10 * v), "motor .*rotor inertia"),

@@ -147,9 +147,9 @@ def make_report(kind: str = "agree", rate: int = 1000) -> Report:
         protocol_title="SILS insertion protocol with the RCM kept",
         variants={"eq1": "printed" if wrong else "corrected", "eq2": "corrected"},
         reasons={
-            "eq1": "X and Y of S1 and S3: last factor c_theta -> c_phi. Only so is S_i = E + R a_i with constant "
+            "eq1": "X and Y of S1 and S3: last factor c_theta -> c_phi. Only then is S_i = E + R a_i with constant "
             "a_i; all three sides are then l_p at every pose.",
-            "eq2": "Radicals repaired; in the odd rows (l_1 + l_2) -> (l_2 - l_1). Only so is the strut l_1 long.",
+            "eq2": "Radicals repaired; in the odd rows (l_1 + l_2) -> (l_2 - l_1). Only then is the strut l_1 long.",
         },
         residuals=tuple(rows),
         findings=_findings(kind),

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from made import protocols
 from made.mechanisms import box, solid
 from twin.core import spatial
 from twin.core.units import DEG, MM
@@ -127,17 +128,7 @@ def points(pose, {names["left"]}, {names["right"]}):
 '''
 
 
-def limits(kind):
-    """Return the limits of one kind of phase."""
-    return f"""
-[limits.{kind}]
-tip_speed_mm_s = 50
-tip_acceleration_mm_s2 = 200
-rotation_speed_deg_s = 30
-rotation_acceleration_deg_s2 = 120
-provenance = "ASSUMED"
-note = "of a test"
-"""
+LIMITS = (50, 200, 30, 120)
 
 
 def protocol(name: str = "stitch", places=PLACES, stated=None, about: str = "left") -> str:
@@ -152,57 +143,18 @@ def protocol(name: str = "stitch", places=PLACES, stated=None, about: str = "lef
     first = theta(places["left"])
     depth = float(np.linalg.norm(NEEDLE - places["left"]))
     said = "\n".join(f"{n} = {[float(v) for v in np.round(p / MM, 9)]}" for n, p in (stated or places).items())
-
-    def waypoint(label, turn, deep=None):
-        where = f"depth_mm = {deep / MM!r}" if deep else f"position_mm = {[float(v) for v in NEEDLE / MM]}"
-        return f"""
-[waypoints.{label}]
-{where}
-angles_deg = [0, {turn / DEG!r}, 0]
-provenance = "ASSUMED"
-note = "of a test"
-"""
-
-    def phase(to):
-        return f"""
-[[phases]]
-name = "to_{to}"
-type = "pivot"
-to = "{to}"
-rcm = "enforced"
-trocar = "{about}"
-"""
-
-    return f"""name = "{name}"
-title = "Two instruments hold one needle"
-source = "a test"
-robot = "{NAME}"
-frame = "tool"
-shaft_axis = [0, 0, 1]
-rotation = "zyx"
-start = "start"
-
-[trocars_mm]
-{said}
-
-[patient]
-body = "abdomen"
-port = "trocar"
-trocar = "right"
-provenance = "ASSUMED"
-note = "of a test"
-
-[tolerances]
-rcm_mm = 0.1
-rcm_alarm_mm = 1
-straightness_mm = 0.1
-waypoint_mm = 0.01
-waypoint_deg = 0.01
-provenance = "ASSUMED"
-note = "of a test"
-{limits("pivot")}{waypoint("start", first)}{waypoint("deep", first, depth + 0.02)}{
-        waypoint("side", first - 6 * DEG, depth - 0.015)
-    }{waypoint("back", first, depth)}{phase("deep")}{phase("side")}{phase("back")}"""
+    patient = 'body = "abdomen"\nport = "trocar"\ntrocar = "right"\nprovenance = "ASSUMED"\nnote = "of a test"\n'
+    head = {"name": name, "title": "Two instruments hold one needle", "robot": NAME, "start": "start"}
+    turns = (("deep", first, depth + 0.02), ("side", first - 6 * DEG, depth - 0.015), ("back", first, depth))
+    start = [float(v) for v in NEEDLE / MM]
+    parts = [protocols.waypoint("start", (0, first / DEG, 0), position_mm=start)]
+    parts += [protocols.waypoint(n, (0, turn / DEG, 0), depth_mm=deep / MM) for n, turn, deep in turns]
+    parts += [
+        protocols.phase(name=f"to_{n}", type="pivot", to=n, rcm="enforced", trocar=about)
+        for n in ("deep", "side", "back")
+    ]
+    tables = f"\n[trocars_mm]\n{said}\n\n[patient]\n{patient}"
+    return protocols.text(head, tables, {"pivot": LIMITS}, parts)
 
 
 def write(folder: Path) -> Path:

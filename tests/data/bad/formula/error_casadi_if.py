@@ -1,4 +1,4 @@
-# 6: inverse(): `if`, `and`, `not` need to know now whether this is true, but it depends on the pose or the joints. Write casadi.if_else(condition, yes, no)
+# 6: inverse(): `if`, `and` and `not` do not work on values that depend on the pose or the joints. Write casadi.if_else(condition, yes, no)
 import casadi as ca
 
 

@@ -1,4 +1,4 @@
-# 3: inverse(): a plain number is needed here, but this depends on the pose or the joints: leave float()
+# 3: inverse(): a plain number is needed, but this value depends on the pose or the joints: remove float()
 def inverse(pose):
     x = float(pose[0, 3])
     return x, pose[1, 3]

@@ -1,4 +1,4 @@
-# 4: inverse(): `if`, `and`, `not`, max() and sorted() need to know now whether this is true, but it depends on the pose or the joints. Write if_else(condition, yes, no) of twin.formula
+# 4: inverse(): `if`, `and`, `not`, max() and sorted() do not work on values that depend on the pose or the joints. Write if_else(condition, yes, no) of twin.formula
 def inverse(pose):
     x = pose[0, 3]
     if x > 0:

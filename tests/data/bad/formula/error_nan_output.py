@@ -1,4 +1,4 @@
-# 8: inverse(): 'q2' is nan whatever the pose
+# 8: inverse(): 'q2' is nan at every pose
 import numpy as np
 
 OFFSET = np.nan

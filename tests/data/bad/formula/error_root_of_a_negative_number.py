@@ -1,4 +1,4 @@
-# 10: inverse(): invalid value encountered in sqrt: the root or arc of a number out of range
+# 10: inverse(): invalid value encountered in sqrt: a root or arc function is out of range
 import numpy as np
 
 from twin.formula import mm

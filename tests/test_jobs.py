@@ -1,4 +1,4 @@
-"""A function in a second process: answers, errors, death."""
+"""A function in another process: answers, errors, death."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ import pytest
 
 from twin.core import assets
 from twin.core.errors import TwinError
-from twin.validation.beside import Beside
+from twin.core.jobs import Call
 
 
 def test_the_answer_comes_back():
-    with Beside(np.linalg.norm, np.array([3.0, 4.0])) as task:
+    with Call(np.linalg.norm, np.array([3.0, 4.0])) as task:
         assert task.result() == 5.0
 
 
 def test_an_error_of_ours_is_raised_here():
-    with Beside(assets.files, "sill") as task, pytest.raises(TwinError, match="there is no robot 'sill'"):
+    with Call(assets.files, "sill") as task, pytest.raises(TwinError, match="there is no robot 'sill'"):
         task.result()
 
 
 def test_a_process_that_dies_is_told_with_its_last_words():
-    with Beside(os._exit, 3) as task, pytest.raises(TwinError, match="a second process died"):
+    with Call(os._exit, 3) as task, pytest.raises(TwinError, match="has ended"):
         task.result()
-    with Beside(np.linalg.inv, "no matrix") as task, pytest.raises(TwinError, match="LinAlgError"):
+    with Call(np.linalg.inv, "no matrix") as task, pytest.raises(TwinError, match="LinAlgError"):
         task.result()
 
 
 def test_leaving_ends_it():
     start = time.monotonic()
-    with Beside(time.sleep, 60) as task:
+    with Call(time.sleep, 60) as task:
         pass
-    assert task._process.returncode is not None
+    assert not task._process.alive
     assert time.monotonic() - start < 30
 
 
@@ -50,7 +50,7 @@ def hostile(tmp_path, monkeypatch):
 
 
 def test_a_second_process_imports_nothing_from_the_working_directory(hostile):
-    with Beside(np.linalg.norm, np.array([3.0, 4.0])) as task:
+    with Call(np.linalg.norm, np.array([3.0, 4.0])) as task:
         assert task.result() == 5.0
     assert not (hostile / "imported").exists()
 

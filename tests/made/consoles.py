@@ -1,0 +1,121 @@
+"""Two hands on two arms with a camera, in a World."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import twin
+from twin.core import spatial
+from twin.core.units import DEG, MM
+from twin.simulation.controllers.camera import Dragging, HandsToCamera
+from twin.simulation.controllers.following import Arm, HandToPose
+from twin.simulation.controllers.jaw import GripToJaw, Jaw
+from twin.simulation.controllers.pedals import Pedals
+from twin.simulation.controllers.reaching import PoseToJoints
+from twin.simulation.limits import Limits
+from twin.simulation.plants.kinematic import Kinematic
+from twin.simulation.world import Block, Placed, World
+
+T_VIEW_HAND = spatial.pose(spatial.rotation_z(90 * DEG), (0.1, 0, 0))
+START = (0.2, 0.1, -0.3)
+"""Where a hand is at first, in {H}."""
+
+
+ROBOT = "davinci_psm"
+
+
+def start(kin):
+    """Return joints from which an arm can go everywhere a little."""
+    return kin.inverse(kin.program.pose_of_coordinates.one(np.array(kin.formula.seeds[1], float)))
+
+
+class Hands(Block):
+    """Two hands and the pedals, as a function of the time gives them.
+
+    `script` returns displacements (3,) of the right and the left hand in m, their turns about z in rad, clutch, camera
+    and scale. Grippers open and close within the first 0.1 s, so that the start rule is kept.
+    """
+
+    def __init__(self, script):
+        self.script = script
+        self.outputs = {n: np.eye(4).ravel() for n in ("right.pose", "left.pose")}
+        self.outputs |= dict.fromkeys(("right.grip", "left.grip", "pedals.clutch", "pedals.camera"), 0.0)
+        self.outputs |= {"pedals.scale": 0.5}
+
+    def step(self, signals, t, dt):
+        right, left, turn, clutch, camera, scale = self.script(t)
+        grip = 50 * DEG * np.sin(np.pi * min(t, 0.1) / 0.1)
+        R = spatial.rotation_z(turn)
+        return {
+            "right.pose": spatial.pose(R, np.add(START, right)).ravel(),
+            "left.pose": spatial.pose(R, np.add(START, (-0.3, 0, 0)) + left).ravel(),
+            "right.grip": grip,
+            "left.grip": grip,
+            "pedals.clutch": clutch,
+            "pedals.camera": camera,
+            "pedals.scale": scale,
+        }
+
+
+def world(device, hazards=(), taps=False):
+    """Two arms `one` and `two`, each led by a hand; with `taps` the right hand can lead `three` as well."""
+    kin, mechanism = twin.load(ROBOT).kinematics(), twin.load(ROBOT).mechanism
+    limits, q = Limits.of(mechanism), start(kin)
+    places = {n: spatial.pose(None, (x, 0, 0)) for n, x in (("one", 0.5), ("two", -0.5), ("three", 1.5))[: 2 + taps]}
+    arms = {n: Arm(n, kin, T) for n, T in places.items()}
+    right = [arm for n, arm in arms.items() if n != "two"]
+    centre = spatial.pose(spatial.exp_so3(np.array([0.4, 0.2, 0.1])), (0, 0.5, 0.5))
+    camera = Dragging(np.array([0.05, -0.1, 0.1, 0.2]), 1e-3)
+    return World(
+        robots=[Placed(n, mechanism, T) for n, T in places.items()],
+        devices=[device],
+        controllers=[
+            Pedals("pedals"),
+            HandsToCamera("camera", "right", "left", camera, T_VIEW_HAND, centre),
+            HandToPose("right", "pedals", right, [q] * len(right), T_VIEW_HAND, view="camera"),
+            HandToPose("left", "pedals", (arms["two"],), (q,), T_VIEW_HAND, view="camera"),
+            GripToJaw("right", "one", Jaw(-10 * DEG, 60 * DEG, 0.0, 1e-3)),
+            *(PoseToJoints(n, kin, q, limits) for n in arms),
+        ],
+        plants=[Kinematic(n, q, limits) for n in arms],
+        hazards=hazards,
+    )
+
+
+def moving(t):
+    """A session: the hands move, clutch, drag the camera, tap, and change the scale."""
+    way = 5 * MM * np.array([np.sin(8 * t), np.cos(8 * t) - 1, np.sin(5 * t)])
+    clutch = 0.35 < t < 0.42
+    camera = 0.5 < t < 0.6
+    return way, -0.5 * way, 0.1 * np.sin(6 * t), float(clutch), float(camera), 0.5 if t < 0.25 else 0.2
+
+
+T_VIEW_TOOL = spatial.pose(np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]]))
+"""Tool of the endoscope arm, z along the line of sight, in the frame of a picture with y along the axis of its yaw."""
+
+
+def davinci(device):
+    """Two instrument arms and the endoscope arm of the da Vinci, under two hands."""
+    psm, ecm = twin.load(ROBOT), twin.load("davinci_ecm")
+    places = {
+        n: spatial.pose(spatial.rotation_z(a), (x, 0, 0)) for n, x, a in (("psm1", 0.1, 0.3), ("psm2", -0.1, -0.3))
+    }
+    kin, limits, camera = psm.kinematics(), Limits.of(psm.mechanism), ecm.kinematics()
+    q, arms = start(kin), {n: Arm(n, kin, T) for n, T in places.items()}
+    law = Dragging(np.array([0.0, 0.0, 0.12, 0.0]), 1e-3)
+    hands = HandsToCamera("ecm", "right", "left", law, T_VIEW_HAND, np.eye(4), T_view_tool=T_VIEW_TOOL)
+    at = camera.inverse(hands.outputs["ecm.goal"].reshape(4, 4))
+    return World(
+        robots=[*(Placed(n, psm.mechanism, T) for n, T in places.items()), Placed("ecm", ecm.mechanism)],
+        devices=[device],
+        controllers=[
+            Pedals("pedals"),
+            hands,
+            HandToPose("right", "pedals", (arms["psm1"],), (q,), T_VIEW_HAND, view="ecm"),
+            HandToPose("left", "pedals", (arms["psm2"],), (q,), T_VIEW_HAND, view="ecm"),
+            *(GripToJaw(hand, n, Jaw(0.0, 60 * DEG, 0.0, 1e-3)) for hand, n in (("right", "psm1"), ("left", "psm2"))),
+            *(PoseToJoints(n, kin, q, limits) for n in arms),
+            PoseToJoints("ecm", camera, at, Limits.of(ecm.mechanism)),
+        ],
+        plants=[*(Kinematic(n, q, limits) for n in arms), Kinematic("ecm", at, Limits.of(ecm.mechanism))],
+    )

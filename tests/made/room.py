@@ -1,0 +1,76 @@
+"""A test room, served as `twin serve` serves a scene, with a cloth that hangs beside the robots: python -m made.room.
+
+What bends is no part of what is shipped yet; this shows that a page draws it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from pathlib import Path
+
+import numpy as np
+
+import twin
+import twin.ui.headset
+from made.cloth import Cloth
+from twin.cad.build import read_mechanism
+from twin.cli import scene as scenes
+from twin.model.scene import load_scene
+from twin.ui.door.gate import Gate
+from twin.ui.headset import files, served
+from twin.ui.headset.server import StreamServer
+from twin.ui.session.desk import Desk
+from twin.ui.viewer.front import Actor
+from twin.ui.viewer.page import open_page
+from twin.ui.viewer.server import serve as viser_server
+
+CLOTH = {"corner": (-0.9, -0.9, 1.7), "edge": 0.7}
+"""Beside the robots of a scene; larger than a robot's hand, so that it is seen."""
+
+
+def room(robot, cloth):
+    """Return what a server needs of a robot or a scene, by name, with a cloth. In an event loop."""
+    file = scenes.find(robot)
+    if file is None:
+        return served.of_robot(twin.load(robot), robot, None, True, cloth)
+    scene, props = _of(file)
+    return served.of_scene(scene, {p.name: twin.load(p.name) for p in scene.places}, props, True, cloth)
+
+
+def _of(file):
+    scene = load_scene(file)
+    return scene, None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
+
+
+def viewed(robot, cloth, port):
+    """Return the front of the viewer with a scene and a cloth, ready to run."""
+    scene, props = _of(scenes.find(robot))
+    actors = [Actor(p.name, p.name, Desk(twin.load(p.name)), p.T_world_base, p.protocol) for p in scene.places]
+    return open_page(scene.name, actors, props, viser_server(scene.name, "127.0.0.1", port), feed=cloth)
+
+
+async def serve(robot, port, cloth):
+    """Serve until the process ends."""
+    shown = room(robot, cloth)
+    own = files.page_files(Path(twin.ui.headset.__file__).parent / "web/dist", shown.preload) | shown.files
+    server = StreamServer(shown.live, shown.hello, own, Gate("127.0.0.1", port, False, lambda token: None))
+    await server.start("127.0.0.1", port)
+    await server.run()
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("robot")
+    parser.add_argument("--port", type=int, default=8765)
+    parser.add_argument("--corner", type=float, nargs=3, default=CLOTH["corner"])
+    parser.add_argument("--edge", type=float, default=CLOTH["edge"])
+    parser.add_argument("--viewer", action="store_true")
+    args = parser.parse_args()
+    bends = Cloth(np.array(args.corner), args.edge)
+    if args.viewer:
+        front = viewed(args.robot, bends, args.port)
+        front.load_soon()
+        front.run()
+    else:
+        asyncio.run(serve(args.robot, args.port, bends))

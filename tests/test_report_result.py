@@ -1,0 +1,62 @@
+"""Any result as a page: every command that answers writes one, and it needs nothing else."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import pytest
+
+from twin.core.findings import Finding
+from twin.core.result import Line, Result, Table
+from twin.ui.report.files import write_result
+from twin.ui.report.page import merged, render
+
+
+@dataclass(frozen=True)
+class Measured(Result):
+    """A result of a test."""
+
+    findings: tuple[Finding, ...] = ()
+
+    kind = "measured"
+
+    def content(self):
+        return {"value": float("nan")}
+
+    def text(self):
+        yield "arm · <measured>\n\n  first"
+        yield Line("second", "bold")
+        yield from self.findings
+        yield Table(("what", "size"), [("a & b", "1 mm")])
+        yield ""
+        yield "last"
+
+
+WRONG = Finding(
+    "arm.length", "disagreement", "the arm is 3 mm too long", "elbow", size=3.0, unit="mm", suggestion="cut"
+)
+
+
+@pytest.mark.parametrize(("found", "word"), [((), "Agrees"), ((WRONG,), "Disagrees")])
+def test_a_page_shows_verdict_findings_lines_and_tables(found, word):
+    page = render(Measured(found), "measured")
+    assert "<h1>arm · &lt;measured&gt;</h1>" in page
+    assert f'<p class="word">{word}</p>' in page
+    assert "<pre>  first\nsecond</pre>" in page
+    assert "<td>a &amp; b</td>" in page
+    assert ("the arm is 3 mm too long" in page) == bool(found)
+    assert not re.search(r"<script|(?:src|href)=", page), "a page needs nothing else"
+    assert page == render(Measured(found), "measured")
+
+
+def test_lines_between_tables_are_one_block():
+    assert [p for p in merged(["a", Line("b"), "", Table((), []), "", "c"]) if isinstance(p, str)] == ["a\nb", "c"]
+
+
+def test_files_and_data(tmp_path):
+    assert write_result(Measured((WRONG,)), tmp_path, "arm") == ["arm.html"]
+    text = (tmp_path / "arm.json").read_text(encoding="utf-8")
+    assert '"schema": "twin/measured/1"' in text
+    assert '"verdict": "disagree"' in text
+    assert '"value": null' in text
