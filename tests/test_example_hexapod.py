@@ -153,11 +153,11 @@ def test_a_fault_of_one_token_is_found_and_undone(text, right, wrong, truths, fo
     assert judge.failing()
     found, lost = Search(judge).run(2.0)
     assert lost == []
-    assert all(len(f.ways) == 1 for f in found), "another function fits as well"
-    edits = [e for f in found for e in f.ways[0][0].edits]
+    assert all(len(f.cures) == 1 for f in found), "another function fits as well"
+    edits = [e for f in found for e in f.cures[0][0].edits]
     line = text[: text.index(right)].count("\n") + 1
     for f in found:  # the first reading undoes it; where several make the same function, one is at that line
-        assert line in {e.line for reading in f.ways[0] for e in reading.edits}
+        assert line in {e.line for reading in f.cures[0] for e in reading.edits}
     assert min(f.next for f in found) > 1e6
     cured = formula_of(patched(edits))
     assert Judge(cured, None, truths[text]).failing() == []

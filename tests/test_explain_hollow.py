@@ -91,8 +91,8 @@ def test_what_a_repair_drops_is_said(sils, tmp_path):
     (tmp_path / "formula.py").write_text(head + "def eq2_corrected" + rest.replace(right, right.replace("q1", "X_S2")))
     (found,), lost = Search(Judge(load_formula(tmp_path / "formula.py", trial=True), None, truth)).run()
     assert not lost
-    assert found.ways[0][0].edits[0].text == "X_S2 -> q1"
-    assert found.ways[0][0].dropped == ("X_S2",)
+    assert found.cures[0][0].edits[0].text == "X_S2 -> q1"
+    assert found.cures[0][0].dropped == ("X_S2",)
     assert not found.credible
 
 
@@ -132,7 +132,7 @@ def test_no_search_offers_a_tautology(tmp_path, capsys, monkeypatch):
                 print(f"{done} searches begun, {checked} cures checked", flush=True)
         found, _ = search.run(budget=0.7)
         for f in found:
-            for c in (c for way in f.ways for c in way):
+            for c in (c for way in f.cures for c in way):
                 checked += 1
                 assert not seeds.empty(case, judge, faulty, c, f.rows, folder), f"{case.name}: {what}"
     with capsys.disabled():

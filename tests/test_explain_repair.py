@@ -49,7 +49,7 @@ def test_eq1_printed_has_four_rows_off_and_one_repair_each(printed1):
     assert [r.rows for r in x.repairs] == [("eq1.X_S1",), ("eq1.Y_S1",), ("eq1.X_S3",), ("eq1.Y_S3",)]
     for row, repair in zip(x.rows, x.repairs, strict=True):
         assert not repair.tie
-        ((reading,),) = repair.ways
+        ((reading,),) = repair.cures
         (change,) = reading.changes
         assert change.edit == "c_theta -> c_phi"
         assert change.line == row.line
@@ -70,7 +70,7 @@ def test_the_repair_can_be_applied(sils, truth, tmp_path):
     found, lost = search.run()
     assert not lost
     path = tmp_path / "formula.py"
-    path.write_text(patched([e for f in found for e in f.ways[0][0].edits]), encoding="utf-8")
+    path.write_text(patched([e for f in found for e in f.cures[0][0].edits]), encoding="utf-8")
     assert "c_psi, c_theta, c_phi = cos(psi), cos(theta), cos(phi)" in path.read_text(encoding="utf-8")
     assert Judge(load_formula(path), {"eq1": "printed"}, truth).failing() == []
 
@@ -85,7 +85,7 @@ def test_eq2_printed_has_no_rigid_crank(printed2):
 def test_eq2_printed_is_a_tie_that_the_paper_cannot_settle(printed2):
     assert [r.rows for r in printed2.repairs] == [("eq2.q1",), ("eq2.q3",), ("eq2.q5",)]
     for repair, odd, even in zip(printed2.repairs, "135", "246", strict=True):
-        ((first, second),) = repair.ways  # one function, two readings
+        ((first, second),) = repair.cures  # one function, two readings
         assert first.changes[0].edit == "l_1 + l_2 -> l_2 - l_1"
         assert second.changes[0].edit == f"q{odd} -> q{even}"
         assert "paper does not show" in repair.tie
@@ -96,7 +96,7 @@ def test_eq2_printed_is_a_tie_that_the_paper_cannot_settle(printed2):
 def test_a_root_that_closes_early_is_found(sils, truth):
     found, lost = Search(Judge(sils, {"eq2": "literal"}, truth)).run()
     assert not lost
-    kinds = {f.rows[0][1]: f.ways[0][0].edits[0].kind for f in found}
+    kinds = {f.rows[0][1]: f.cures[0][0].edits[0].kind for f in found}
     assert [kinds[i] for i in (1, 3, 5)] == ["parenthesis"] * 3
 
 
@@ -125,21 +125,21 @@ def test_two_edits_in_one_row(faulty, truth):
     formula = faulty((right, "Z_S1 = Z_E - sqrt(3) / 3 * l_p * s_theta + l_p / 2"))
     (found,), lost = Search(Judge(formula, None, truth)).run()
     assert not lost
-    assert sorted(e.text for e in found.ways[0][0].edits) == ["3 -> 6", "insert `-`"]
+    assert sorted(e.text for e in found.cures[0][0].edits) == ["3 -> 6", "insert `-`"]
 
 
 def test_a_row_of_mixed_dimensions_is_told(faulty, sils_model, truth):
     formula = faulty(("Z_S2 = Z_E + sqrt(3) / 3 * l_p", "Z_S2 = Z_E + sqrt(3) / 3 * l_p**2"))
     x = explain("sils", formula, sils_model, truth=truth)
     assert [f.where.split(",")[0] for f in x.invariants if f.code == "invariant.dimension"] == ["eq1.Z_S2"]
-    assert x.repairs[0].ways[0][0].changes[0].edit == "2 -> 1"
+    assert x.repairs[0].cures[0][0].changes[0].edit == "2 -> 1"
 
 
 def test_one_edit_cures_several_rows(faulty, truth):
     formula = faulty(("c_psi, c_theta, c_phi = cos(psi)", "c_psi, c_theta, c_phi = sin(psi)"))
     (found,), lost = Search(Judge(formula, None, truth)).run()
     assert not lost
-    assert [e.text for e in found.ways[0][0].edits] == ["sin -> cos"]
+    assert [e.text for e in found.cures[0][0].edits] == ["sin -> cos"]
     assert len(found.rows) == 5
 
 
@@ -149,7 +149,7 @@ def test_a_name_that_is_not_there_is_put_right(faulty, sils_model, truth):
     (repair,) = x.repairs
     assert len(repair.rows) == 9  # none of them has a value
     assert not repair.tie
-    assert repair.ways[0][0].changes[0].edit == "s_phy -> s_phi"
+    assert repair.cures[0][0].changes[0].edit == "s_phy -> s_phi"
     assert any("name 's_phy' is not defined" in n for n in x.notes)
 
 
@@ -158,7 +158,7 @@ def test_what_no_edit_explains_is_said_to_be_unexplained(faulty, sils_model, tru
     formula = faulty((right, "Z_S2 = Z_E * cos(phi * X_E * 7.3) + psi ** 3 * theta"))
     x = explain("sils", formula, sils_model, truth=truth, budget=0.5)
     assert (x.verdict, x.explained) == ("disagree", False)
-    assert not x.repairs[0].ways
+    assert not x.repairs[0].cures
     assert "make it agree" in x.repairs[0].note
     assert x.exit_code == 1
 
@@ -206,7 +206,7 @@ def test_command(capsys):
     assert main(["explain", "sils", "--variant", "eq1=printed", "--json"]) == 1
     data = json.loads(capsys.readouterr().out)
     assert data["explained"]
-    assert data["repairs"][0]["ways"][0][0]["changes"][0]["edit"] == "c_theta -> c_phi"
+    assert data["repairs"][0]["cures"][0][0]["changes"][0]["edit"] == "c_theta -> c_phi"
     assert main(["explain", "sils", "--variant", "eq1=typo"]) == 2
     assert "printed" in capsys.readouterr().err
     assert main(["explain", "sils", "--variant", "printed", "--variant", "eq1=printed"]) == 2

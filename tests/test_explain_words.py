@@ -57,7 +57,7 @@ def test_two_edits_are_one_diff_of_finished_lines(sils_text, sils_model, truth, 
     path = tmp_path / "formula.py"
     path.write_text(f"{head}def eq1_corrected{rest.replace(right, wrong)}", encoding="utf-8")
     x = explain("sils", load_formula(path, trial=True), sils_model, truth=truth)
-    reading = x.repairs[0].ways[0][0]
+    reading = x.repairs[0].cures[0][0]
     assert len(reading.changes) == 2
     assert {c.after for c in reading.changes} == {f"{right}  # (1)"}
     body = [line for line in reading.diff.splitlines() if line[:3] not in ("---", "+++")]

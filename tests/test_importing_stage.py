@@ -94,7 +94,7 @@ def test_a_stage_without_a_tool_is_shown_exported_and_told(tmp_path, capsys):
     source = MODELS / "slider.usda"
     robot = api.load(source)
     tool = robot.mechanism.frame(robot.mechanism.tool)
-    assert "the file names no tool" in robot.told
+    assert "the file names no tool" in robot.tool_note
     depth = {robot.mechanism.base: 0}
     for joint in robot.mechanism.tree:
         depth[joint.child] = depth[joint.parent] + 1

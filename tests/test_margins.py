@@ -40,8 +40,8 @@ def rows_of(formula, model, run):
     from twin.kinematics.margins import Margins
 
     turns = {j.name: j.is_angle for j in model.mechanism.joints}
-    beside = model.mechanism.beside(j.name for j in formula.joints)
-    return Margins(compile_formula(formula, beside=beside), turns, tuple(run.points))
+    extra_joints = model.mechanism.extra_joints(j.name for j in formula.joints)
+    return Margins(compile_formula(formula, extra_joints=extra_joints), turns, tuple(run.points))
 
 
 def judged(formula, model, run):

@@ -43,7 +43,7 @@ class Lift(Phase):
     height: float
     type: ClassVar[str] = "lift"
 
-    def lead(self, at: Begin) -> End:
+    def end_after(self, at: Begin) -> End:
         return End(at.angles, at.tip + [0, 0, self.height], at.rcm)
 '''
 

@@ -22,7 +22,7 @@ from twin.planning.plan import plan
 from twin.planning.protocol import load_protocol
 from twin.planning.smooth import line
 from twin.reference import ReferenceModel
-from twin.reference.leading import Leader
+from twin.reference.following import Follower
 from twin.reference.space import JointSpace, Still
 from twin.reference.travel import Reach
 
@@ -343,7 +343,7 @@ def test_a_free_phase_needs_a_mechanism_and_a_scene_that_is_there(tmp_path):
 def test_free_phases_of_robots_go_around_a_post_and_are_judged_right(tmp_path, name):
     """TWIN_WAYS plans of each (default 1), the obstacle in the middle of the straight way; collisions: none."""
     robot = twin.load(name)
-    leader = Leader(robot.reference)
+    follower = Follower(robot.reference)
     for seed in range(int(os.environ.get("TWIN_WAYS", "1"))):
         path = written(tmp_path, name, f"seed = {seed}")
         protocol = robot.protocol(path)
@@ -356,7 +356,7 @@ def test_free_phases_of_robots_go_around_a_post_and_are_judged_right(tmp_path, n
         still = Still("room/post", Body("post", (box("post", [0, 0, 0], [size] * 3),)), spatial.pose(p=tip[:3, 3]))
 
         def space(scene, clearance, keep, still=still):
-            return JointSpace(lambda: leader.model, clearance, keep=keep, around=lambda: [still])
+            return JointSpace(lambda: follower.model, clearance, keep=keep, around=lambda: [still])
 
         found = plan(protocol, replace(kinematics, space=space), T_tool_frame=T)
         assert [f for f in found.findings if f.severity in ("error", "disagreement")] == []

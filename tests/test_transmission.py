@@ -30,7 +30,7 @@ from twin.exchange.read.folder import write_folder
 from twin.exchange.read.source import Imported
 from twin.exchange.write.mjcf import mjcf_findings, write_mjcf
 from twin.exchange.write.urdf import urdf_findings, write_urdf
-from twin.kinematics.closed_loops.leading import Leader, bounds_of
+from twin.kinematics.closed_loops.dragging import Dragger, bounds_of
 from twin.model.transmission import Actuator, Transmission
 from twin.planning.check import check
 from twin.ui.session.desk import Desk
@@ -471,11 +471,11 @@ def test_a_hand_stops_where_a_motor_is_at_its_limit(robot):
     m = screwed()
     short = replace(m.actuator("m1"), limits=(-30.0, 30.0))
     m = replace(m, actuators=tuple(short if a.name == "m1" else a for a in m.actuators))
-    leader = Leader(m, bounds_of(m))
-    u = np.concatenate([*leader.solver.home, []])
-    led = leader.joints(np.zeros(4), u, np.array([0, 2.4, 0, 0]))
-    assert [(b.name, b.kind) for b in led.stops] == [("m1", "motor")]
-    assert m.motors(led.q)[1] == pytest.approx(30.0)
+    dragger = Dragger(m, bounds_of(m))
+    u = np.concatenate([*dragger.solver.home, []])
+    dragged = dragger.joints(np.zeros(4), u, np.array([0, 2.4, 0, 0]))
+    assert [(b.name, b.kind) for b in dragged.stops] == [("m1", "motor")]
+    assert m.motors(dragged.q)[1] == pytest.approx(30.0)
     desk = Desk(limited(robot, m1=(-30.0, 30.0)))
     moved = desk.move_joint(1, 2.4)
     assert not moved.good

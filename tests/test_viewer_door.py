@@ -477,7 +477,7 @@ def test_a_session_is_loaded_and_the_longest_one_fits(front, tmp_path):
 def test_an_upload_is_one_at_a_time_in_order_and_no_larger_than_it_said(front):
     reader, a, b = door_of(front), Someone(), Someone()
     told: list[str] = []
-    before, reader.told = reader.told, told.append
+    before, reader.notify = reader.notify, told.append
     try:
         with pytest.raises(letters.StaleError, match="too large"):
             reader.check(start(front, letters.UPLOAD + 1, 33), a, 100.0)
@@ -505,7 +505,7 @@ def test_an_upload_is_one_at_a_time_in_order_and_no_larger_than_it_said(front):
         reader.check(start(front, 10, 2, "v"), a, 500.0)
         reader.forget(a)
     finally:
-        reader.told = before
+        reader.notify = before
 
 
 HEAD = '{"schema": "twin-session", "version": 1, "robot": "hibou", "joints": [], "moments": ['

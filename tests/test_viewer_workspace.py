@@ -19,7 +19,7 @@ from made.lanes import thinned
 from twin.core.errors import KinematicsError, TwinError
 from twin.core.units import MM
 from twin.kinematics import singularity
-from twin.kinematics.closed_loops.leading import Bound
+from twin.kinematics.closed_loops.dragging import Bound
 from twin.ui.session import workspace
 from twin.ui.session.workspace import Cloud, Job, evaluate, poses
 

@@ -235,14 +235,14 @@ def outcome(case, faulty, folder, budget):
         path.write_text(patched(edits), encoding="utf-8")
         return same_function(case.formula, case.load(path), truth)
 
-    best = [(f, f.ways[0][0]) for f in found]
-    single = all(len(f.ways) == 1 for f in found)
+    best = [(f, f.cures[0][0]) for f in found]
+    single = all(len(f.cures) == 1 for f in found)
     if repaired(best, "best"):
         return "rank 1" if single else "tie"
     if single:
         return "another function fits: " + "; ".join(e.text for _, c in best for e in c.edits)
-    for i in range(1, max(len(f.ways) for f in found)):
-        if repaired([(f, f.ways[min(i, len(f.ways) - 1)][0]) for f in found], f"way{i}"):
+    for i in range(1, max(len(f.cures) for f in found)):
+        if repaired([(f, f.cures[min(i, len(f.cures) - 1)][0]) for f in found], f"way{i}"):
             return "tie"
     return "a tie without the truth in it: " + "; ".join(e.text for _, c in best for e in c.edits)
 

@@ -15,7 +15,7 @@ import numpy as np
 from twin.codegen import Kernel, Stage
 from twin.core.spatial import Array
 from twin.kinematics import Kinematics
-from twin.kinematics.closed_loops.leading import Bound
+from twin.kinematics.closed_loops.dragging import Bound
 from twin.kinematics.compile import POSE_TOL
 
 NAMES = ("reached", "inverse_condition", "limit_margin", "singularity")

@@ -24,7 +24,7 @@ from twin.core.findings import Finding
 from twin.core.result import Part, Result
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.kinematics.closed_loops.leading import Bound, bounds_of
+from twin.kinematics.closed_loops.dragging import Bound, bounds_of
 
 if TYPE_CHECKING:
     from distributed import Client

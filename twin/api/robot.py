@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from twin.cad.description import Description
     from twin.kinematics import Formula, Kinematics, Solution, Task
     from twin.kinematics.closed_loops import LoopSolver
-    from twin.kinematics.compiled import Beside
+    from twin.kinematics.compiled import ExtraJoint
     from twin.model.mechanism import Mechanism
     from twin.planning.protocol import Protocol
     from twin.planning.trajectory import Keep, PathKinematics
@@ -107,7 +107,7 @@ class Robot:
     Attributes:
         source: the CAD or stage that it is read from.
         files: its files; None for a robot of a stage.
-        asked: requested variants: by equation, one name for all, or None (the default of each equation).
+        chosen_variants: requested variants: by equation, one name for all, or None (the default of each equation).
         parameters: values (SI) by name that replace published ones in the equations.
         trocars: positions (3,) in base in m, by name, that replace those of the description.
         is_weighed: whether the masses of the bodies are computed.
@@ -117,7 +117,7 @@ class Robot:
 
     source: Source
     files: assets.RobotFiles | None
-    asked: Mapping[str, str] | str | None = None
+    chosen_variants: Mapping[str, str] | str | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
     trocars: Mapping[str, Array] = field(default_factory=dict)
     is_weighed: bool = False
@@ -152,7 +152,7 @@ class Robot:
         return self._placed(self.changed or self.source.opened[0])
 
     @property
-    def told(self) -> str:
+    def tool_note(self) -> str:
         """Note on the assumed tool of a stage; "" if the stage names its tool."""
         return "" if self.source.stage is None else self.source.opened[1]
 
@@ -174,11 +174,11 @@ class Robot:
             return self._kinematics
         from twin.kinematics import compile_formula
 
-        chosen = self.asked if variants is None else variants
+        chosen = self.chosen_variants if variants is None else variants
         formula, values = self.formula, {**self.parameters, **(parameters or {})}
-        return compile_formula(formula, chosen, values, self._beside([j.name for j in formula.joints]))
+        return compile_formula(formula, chosen, values, self._extra_joints([j.name for j in formula.joints]))
 
-    def _beside(self, names: Sequence[str]) -> Sequence[Beside]:
+    def _extra_joints(self, names: Sequence[str]) -> Sequence[ExtraJoint]:
         """Return the driven joints that are not in `names`, the joints of the equations.
 
         The mechanism is read only if the robot has such joints, so that equations alone do not wait for the CAD.
@@ -187,7 +187,7 @@ class Robot:
             with contextlib.suppress(TwinError):  # errors are raised by the mechanism
                 if all(j.name in names for j in self.source.description.joint if j.active):
                     return ()
-        return self.mechanism.beside(names)
+        return self.mechanism.extra_joints(names)
 
     @cached_property
     def _kinematics(self) -> Kinematics:
@@ -359,16 +359,16 @@ class Robot:
         """Return what planning needs: limits, equations, and the mechanism, which is used alone if there are none."""
         from twin.api.standing import standing
         from twin.planning.trajectory import without_equations
-        from twin.reference.leading import Leader
+        from twin.reference.following import Follower
         from twin.reference.space import JointSpace
 
-        leader = Leader(self.reference)
+        follower = Follower(self.reference)
 
         def space(scene: str, clearance: float, keep: Keep) -> JointSpace:
             around = (lambda: standing(scene, self.name, load)) if scene else None
-            return JointSpace(lambda: leader.model, clearance, keep=keep, around=around)
+            return JointSpace(lambda: follower.model, clearance, keep=keep, around=around)
 
-        mechanical = without_equations(self.mechanism, leader, self.cad.gaps if self.files else (), space)
+        mechanical = without_equations(self.mechanism, follower, self.cad.gaps if self.files else (), space)
         if self.unwritten:
             return mechanical
         kin, order = self._kinematics, mechanical.joint_names
@@ -385,8 +385,8 @@ class Robot:
             singularity_alarm={m.name: m.alarm for m in kin.formula.measures},
             branch=lambda Ts, q: kin.branch(Ts=Ts, qs=q),
             why=kin.why,
-            auxiliary={name: value for _, name, _, value in kin.beside},
-            takes=lambda Ts: kin.takes(Ts) or leader.model.freedoms == 6,
+            auxiliary={name: value for _, name, _, value in kin.extra_joints},
+            takes=lambda Ts: kin.takes(Ts) or follower.model.freedoms == 6,
         )
 
 

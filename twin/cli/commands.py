@@ -28,7 +28,7 @@ def info(args: argparse.Namespace) -> int:
             raise TwinError(f"--inertia checks one robot, but {args.robot} is a scene")
         return show.finish(api.info_of_scene(api.load_scene(file), args.robot), args)
     robot = api.load(args.robot, tool=args.tool)
-    show.told(robot, args.quiet)
+    show.tool_note(robot, args.quiet)
     if args.inertia:
         from twin.cli.inertia import run as run_inertia
 

@@ -107,7 +107,7 @@ def _edits(found: Explanation, command: str) -> list[str]:
     lines: dict[tuple[str, ...], set[int]] = {}
     tied: set[tuple[str, ...]] = set()
     for repair in found.repairs:
-        readings = [r for way in repair.ways for r in way]
+        readings = [r for cure in repair.cures for r in cure]
         if not readings:
             continue
         first = readings[0]

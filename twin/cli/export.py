@@ -28,7 +28,7 @@ def export(args: argparse.Namespace) -> int:
     if (scene := assets.scene_file(args.robot)) is not None:
         return _scene(scene, args, formats, budget)
     robot = api.load(args.robot, tool=args.tool)
-    show.told(robot, args.quiet)
+    show.tool_note(robot, args.quiet)
     with show.progress(args.quiet or args.json) as progress:
         bundle = api.export(
             robot,

@@ -16,15 +16,15 @@ from twin.core.result import Line, Part, Result, Table, as_json
 if TYPE_CHECKING:
     from twin.api import Robot
 
-__all__ = ["as_json", "finding", "finish", "plain", "progress", "table", "told"]
+__all__ = ["as_json", "finding", "finish", "plain", "progress", "table", "tool_note"]
 
 _MARKS = {"error": "✖", "disagreement": "✖", "warning": "▲", "info": "·"}
 
 
-def told(robot: Robot, quiet: bool) -> None:
+def tool_note(robot: Robot, quiet: bool) -> None:
     """Print which tool was assumed for a stage that names none."""
-    if not quiet and robot.files is None and robot.mechanism and robot.told:
-        print(f"  {robot.told} Choose another with --tool.", file=sys.stderr)
+    if not quiet and robot.files is None and robot.mechanism and robot.tool_note:
+        print(f"  {robot.tool_note} Choose another with --tool.", file=sys.stderr)
 
 
 @contextlib.contextmanager

@@ -76,7 +76,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], tuple[list[Actor]
     file = assets.scene_file(args.robot)
     if file is None:
         robot = api.load(args.robot, tool=args.tool)
-        show.told(robot, args.quiet)
+        show.tool_note(robot, args.quiet)
         if args.protocol is not None:
             robot.protocol(args.protocol)
 

@@ -83,7 +83,7 @@ def _answer(line: Connection, module: str, name: str, arguments: tuple[Any, ...]
     try:
         outcome = getattr(importlib.import_module(module), name)(*arguments), None
     except Exception as error:
-        outcome = None, _told(error)
+        outcome = None, _message(error)
     line.send(outcome)
 
 
@@ -183,10 +183,10 @@ def _stream(line: Connection, module: str, name: str) -> None:
         except (BrokenPipeError, ConnectionResetError):
             raise
         except Exception as error:  # any error is reported; the calling program goes on
-            line.send((number, None, _told(error)))
+            line.send((number, None, _message(error)))
 
 
-def _told(error: Exception) -> str:
+def _message(error: Exception) -> str:
     """Return the text of an error for the parent process; an unexpected error also gets its line of code."""
     if isinstance(error, TwinError):
         return str(error)

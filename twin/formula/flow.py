@@ -79,10 +79,10 @@ def call(function: Rows, symbols: Mapping[str, Any], what: str, unread: Sequence
     except KinematicsError:
         raise
     except Exception as error:
-        raise KinematicsError(f"{what} fails at {_where(error, function)}: {_told(error)}") from error
+        raise KinematicsError(f"{what} fails at {_where(error, function)}: {_message(error)}") from error
 
 
-def _told(error: Exception) -> str:
+def _message(error: Exception) -> str:
     square = _SQUARE.search(str(error))
     return no_inverse(int(square[1]), int(square[2])) if square else str(error)
 

@@ -89,7 +89,7 @@ def plain_formula(
     if points is not None:
         points.outputs = _point_names(points, parameters, names, coordinates)
     inverse, forward = rows("inverse", points.outputs if points else ()), rows("forward")
-    first = points is not None and inverse is not None and bool(set(points.outputs) & set(inverse.asked))
+    first = points is not None and inverse is not None and bool(set(points.outputs) & set(inverse.argument_names))
     if first and points is not None and set(names) & set(inspect.signature(points).parameters):
         raise points.error("inverse() needs points that in turn need joints", points.line)
     equations = []
@@ -131,7 +131,7 @@ class _Rows(PlainRows):
             KinematicsError: the function fails, or its outputs have another shape; the message gives file and line.
         """
         join = (lambda *q: ca.vertcat(*q)) if self.casadi else (lambda *q: np.array([_enter(x) for x in q], object))
-        arguments = self.given(symbols, (lambda x: x) if self.casadi else _enter, join)
+        arguments = self.arguments(symbols, (lambda x: x) if self.casadi else _enter, join)
         value = self.run(arguments)
         parts = self.spread(value, _split)
         return tuple(self._leave(p, n) for p, n in zip(parts, self.outputs, strict=True))
@@ -303,7 +303,7 @@ def _point_names(
     points: _Rows, parameters: Sequence[Parameter], joints: Sequence[str], coordinates: Coordinates
 ) -> tuple[str, ...]:
     symbols = _symbols(parameters, joints, coordinates)
-    arguments = points.given(
+    arguments = points.arguments(
         symbols,
         (lambda x: x) if points.casadi else _enter,
         (lambda *q: ca.vertcat(*q)) if points.casadi else (lambda *q: np.array([_enter(x) for x in q], object)),
@@ -324,7 +324,7 @@ def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Any:
             for row in rows:
                 if row.casadi:
                     return ""  # its functions return NaN without an error
-                value = row.run(row.given(symbols, lambda x: x, lambda *q: np.array(q)))
+                value = row.run(row.arguments(symbols, lambda x: x, lambda *q: np.array(q)))
                 symbols |= zip(row.outputs, row.spread(value, entries), strict=True)
         except KinematicsError as error:
             return str(error)

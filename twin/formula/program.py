@@ -23,7 +23,7 @@ class Program:
 
     Attributes:
         order: symbol of each joint of the robot.
-        beside: values (m, rad) of the joints that are not in the equations; see `Compiled.auxiliary`.
+        extra_values: values (m, rad) of the joints that are not in the equations; see `Compiled.auxiliary`.
         length: characteristic length in m.
         scalars: names of "passive", "reach", "measure" and "aspect", the rows of `group`.
     """
@@ -35,10 +35,10 @@ class Program:
         parameters: Mapping[str, float],
         order: tuple[str, ...],
         length: float,
-        beside: Mapping[str, float],
+        extra_values: Mapping[str, float],
     ) -> None:
         self.formula, self.variants, self.parameters = formula, variants, parameters
-        self.order, self.length, self.beside = order, length, beside
+        self.order, self.length, self.extra_values = order, length, extra_values
         self.inverse_flow, self.forward_flow = formula.has("inverse"), formula.has("forward")
         n = len(order)
         if self.inverse_flow:
@@ -135,7 +135,7 @@ class Program:
         n = len(self.order)
         xi, p = ca.SX.sym("xi", 6), ca.SX.sym("p", n + 16)
         T = symbolic.retract(symbolic.unflat(p[n:], 4, 4), xi)
-        known = [i for i, name in enumerate(self.order) if name not in self.beside]
+        known = [i for i, name in enumerate(self.order) if name not in self.extra_values]
         off = (self.joints_at(T) - p[:n])[known]
         finder = ca.rootfinder(
             "finder",
@@ -208,7 +208,7 @@ class Program:
         return self._joints(self._after_pose(T))
 
     def _joints(self, symbols: Mapping[str, Any]) -> ca.SX:
-        return flow.gather(self.formula, {**symbols, **self.beside}, self.order, "joint")
+        return flow.gather(self.formula, {**symbols, **self.extra_values}, self.order, "joint")
 
     def _after_pose(self, T: ca.SX) -> dict[str, Any]:
         symbols = {**self.parameters, **flow.from_pose(self.formula, T)}

@@ -61,15 +61,15 @@ class PlainRows(ABC):
         self.line, self.end = function.__code__.co_firstlineno, _last_return(path, function)
         self.outputs: tuple[str, ...] = ()
         known = {*known, *self.joints, POSE, JOINTS, pose}
-        self.asked: list[str] = []
+        self.argument_names: list[str] = []
         for p in inspect.signature(function).parameters.values():
             if p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD, p.POSITIONAL_ONLY):
                 raise self.error(f"{name}() takes its arguments by name: replace '{p}' by names", self.line)
             if p.name not in known:
                 raise self.error(f"{name}() asks for '{p.name}'; {unknown('symbol', p.name, known, unread)}", self.line)
-            self.asked.append(p.name)
+            self.argument_names.append(p.name)
         wanted: list[str] = []
-        for n in self.asked:
+        for n in self.argument_names:
             if n == JOINTS and JOINTS not in self.joints:
                 wanted += self.joints
             else:
@@ -81,10 +81,10 @@ class PlainRows(ABC):
     def __call__(self, **symbols: Any) -> Any:
         """Return the outputs for CasADi symbols."""
 
-    def given(self, symbols: Mapping[str, Any], convert: Callable[[Any], Any], join: Callable[..., Any]) -> dict:
+    def arguments(self, symbols: Mapping[str, Any], convert: Callable[[Any], Any], join: Callable[..., Any]) -> dict:
         """Return the arguments from the symbols; `convert` converts one symbol, `join` joins several into an array."""
         out = {}
-        for n in self.asked:
+        for n in self.argument_names:
             if n == POSE:
                 out[n] = convert(symbols[self.pose])
             elif n == JOINTS and JOINTS not in self.joints:

@@ -14,14 +14,14 @@ from twin.core.units import MM
 from twin.formula import flow
 from twin.formula.contract import Formula, check_formula
 from twin.kinematics import assembly
-from twin.kinematics.compiled import POSE_TOL, Beside, Compiled, poses
+from twin.kinematics.compiled import POSE_TOL, Compiled, ExtraJoint, poses
 
 
 def compile_formula(
     formula: Formula,
     variants: Mapping[str, str] | str | None = None,
     parameters: Mapping[str, float] | None = None,
-    beside: Sequence[Beside] = (),
+    extra_joints: Sequence[ExtraJoint] = (),
 ) -> Kinematics:
     """Compile a formula.
 
@@ -30,7 +30,7 @@ def compile_formula(
         variants: equation -> variant, or one name for all equations that have it; default: the default of each
             equation.
         parameters: parameter -> value in SI, to replace published values.
-        beside: auxiliary joints, which are not in the equations, in the order of q.
+        extra_joints: auxiliary joints, which are not in the equations, in the order of q.
 
     Raises:
         KinematicsError: the formula breaks the contract, a name is unknown, or a value is not finite.
@@ -44,7 +44,7 @@ def compile_formula(
         if not np.isfinite(value):
             raise KinematicsError(f"formula '{formula.name}': parameter '{name}' is {value}, not a finite number.")
         values[name] = float(value)
-    return Kinematics(formula, chosen, values, beside)
+    return Kinematics(formula, chosen, values, extra_joints)
 
 
 class Kinematics(Compiled):

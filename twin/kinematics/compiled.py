@@ -20,7 +20,7 @@ from twin.formula.contract import Formula
 from twin.formula.program import POSE_TOL, Program
 from twin.kinematics import singularity
 
-Beside = tuple[int, str, bool, float]
+ExtraJoint = tuple[int, str, bool, float]
 """An auxiliary joint: (index in q, name, whether it is an angle, value that the inverse returns, in rad or m)."""
 
 
@@ -49,14 +49,14 @@ class Compiled(ABC):
         formula: Formula,
         variants: Mapping[str, str],
         parameters: Mapping[str, float],
-        beside: Sequence[Beside] = (),
+        extra_joints: Sequence[ExtraJoint] = (),
     ) -> None:
-        self.formula, self.beside = formula, tuple(beside)
+        self.formula, self.extra_joints = formula, tuple(extra_joints)
         joints = [(j.name, j.kind == "revolute") for j in formula.joints]
-        for place, name, is_angle, _ in beside:  # in ascending order
+        for place, name, is_angle, _ in extra_joints:  # in ascending order
             joints.insert(place, (name, is_angle))
         self.joints = tuple(name for name, _ in joints)
-        self.auxiliary = np.isin(self.joints, [name for _, name, _, _ in beside])
+        self.auxiliary = np.isin(self.joints, [name for _, name, _, _ in extra_joints])
         self.variants, self.parameters = dict(variants), dict(parameters)
         self.choices = {e.name: tuple(e.variants) for e in formula.equations if e.stage != "helper"}
         self.closed_inverse, self.closed_forward = formula.has("inverse"), formula.has("forward")
@@ -69,7 +69,7 @@ class Compiled(ABC):
             self.parameters,
             self.joints,
             self.characteristic_length,
-            {name: value for _, name, _, value in beside},
+            {name: value for _, name, _, value in extra_joints},
         )
         if self.closed_inverse:
             self.program.inverse  # noqa: B018 - made now, so that a bad to_pose fails when compiled

@@ -122,7 +122,7 @@ class Margins:
         lengths = self._lengths(by)
         if not lengths:
             return False
-        large = compile_formula(kin.formula, kin.variants, {**kin.parameters, **lengths}, kin.beside)
+        large = compile_formula(kin.formula, kin.variants, {**kin.parameters, **lengths}, kin.extra_joints)
         scale = np.where(kin.revolute, 1.0, by)
         with np.errstate(all="ignore"):
             if kin.closed_inverse:

@@ -181,7 +181,7 @@ def _from_formula(kin: Compiled, seed: Array) -> Array:
     """Return the state of a seed of the formula: coordinates, or q for a formula that is only forward."""
     if not kin.closed_inverse:
         q = np.zeros(len(kin.joints))
-        q[~kin.auxiliary], q[kin.auxiliary] = seed, [value for *_, value in kin.beside]
+        q[~kin.auxiliary], q[kin.auxiliary] = seed, [value for *_, value in kin.extra_joints]
         return q
     T = kin.program.pose_of_coordinates.one(seed)
     return kin.inverse(T) if kin.closed_forward else T

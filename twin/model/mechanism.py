@@ -286,7 +286,7 @@ class Mechanism:
         driven = tuple(j for j in self.active if j.name in moving)
         return tuple(j for j in self.active if j not in driven) if driven else ()
 
-    def beside(self, names: Iterable[str]) -> tuple[tuple[int, str, bool, float], ...]:
+    def extra_joints(self, names: Iterable[str]) -> tuple[tuple[int, str, bool, float], ...]:
         """Return (index in q, name, is an angle, value of `_drawn`) of each auxiliary joint not in `names`."""
         known = set(names)
         left = [j for j in self.auxiliary if j.name not in known]

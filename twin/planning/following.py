@@ -119,9 +119,9 @@ class Follower:
                 assert waypoint.position is not None
                 R = rotation(waypoint.angles, self._protocol.rotation)
                 goal = spatial.pose(R, waypoint.position - R @ lever)
-                led = self._led(lever)
-                X, q, Ts = self._carrier.lead(goal[None], led, lever, self._state)
-                self._outside(name, T_tool_frame, Ts[-1], led)
+                directions = self._directions(lever)
+                X, q, Ts = self._carrier.follow(goal[None], directions, lever, self._state)
+                self._outside(name, T_tool_frame, Ts[-1], directions)
         except AssemblyError as error:
             raise ProtocolError(f"{where}, '{name}', cannot be reached from the drawn pose: {error}") from error
         self._state, self.q, T = X[-1], q[-1], Ts[-1]
@@ -135,24 +135,24 @@ class Follower:
         """
         where = f"{self._protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
         start, lever = self._state, path.T_tool_frame[:3, 3]
-        course, led = self._course(path, where), np.ones(6, bool)
+        course, directions = self._course(path, where), np.ones(6, bool)
         if course is not None:
             out, self._state = carried(path, course, self._carrier, start, where)
             self.q = course(np.ones(1))[0]
             return out
         if path.rcm is None and path.phase.places:
-            led = self._led(lever)
+            directions = self._directions(lever)
 
         def taken(s: Array) -> tuple[Array, Array, Array]:
             try:
-                return self._carrier.lead(path.motion(s).Ts_base_tool, led, lever, start)
+                return self._carrier.follow(path.motion(s).Ts_base_tool, directions, lever, start)
             except AssemblyError as error:
                 raise ProtocolError(f"{where} cannot be carried out: {error}") from error
 
         X, q, Ts = taken(np.linspace(0.0, 1.0, _STATIONS))
-        self._kept(path, led, Ts, where)
+        self._kept(path, directions, Ts, where)
         if path.waypoint is not None and path.rcm_mode is None:
-            self._outside(path.waypoint, path.T_tool_frame, Ts[-1], led)
+            self._outside(path.waypoint, path.T_tool_frame, Ts[-1], directions)
         self._state, self.q = X[-1], q[-1]
         return _followed(path, taken)
 
@@ -180,16 +180,16 @@ class Follower:
         return way(path.phase, self._kinematics, (self.q, goal), Ts[[0, -1]], where, self._progress)
 
     def _led_to(self, path: PhasePath, name: str, where: str) -> Array:
-        """Return the driven joints (n,) at a waypoint with a pose: where the mechanism is when it is led straight."""
+        """Return the driven joints (n,) at a waypoint with a pose: where the mechanism is when it is moved straight."""
         lever = path.T_tool_frame[:3, 3]
-        led = self._led(lever)
+        directions = self._directions(lever)
         goal = path.motion(np.ones(1)).Ts_base_tool
         try:
-            _, q, Ts = self._carrier.lead(goal, led, lever, self._state)
+            _, q, Ts = self._carrier.follow(goal, directions, lever, self._state)
         except AssemblyError as error:
             text = f"{where}: joint values at waypoint '{name}' are not known, give it by joints"
             raise ProtocolError(f"{text}: {error}") from error
-        self._outside(name, path.T_tool_frame, Ts[-1], led)
+        self._outside(name, path.T_tool_frame, Ts[-1], directions)
         return q[-1]
 
     def goal(self, name: str) -> Array:
@@ -210,41 +210,41 @@ class Follower:
             f"= {near:.6g} }} of that waypoint, within its limits"
         )
 
-    def _led(self, lever: Array) -> np.ndarray:
+    def _directions(self, lever: Array) -> np.ndarray:
         """Return (6,) the controlled directions: as many as the mechanism's freedoms, positions first."""
         J = self._carrier.jacobians(self._state, lever)
         J = np.concatenate([J[:, :3] / _LENGTH, J[:, 3:]], axis=1)
         largest = np.linalg.norm(J, axis=2).max()
-        led = np.zeros(6, bool)
+        directions = np.zeros(6, bool)
         for i, name in enumerate(DIRECTIONS):
             if name in (self._protocol.free or ()):
                 continue
-            rows = led | (np.arange(6) == i)
+            rows = directions | (np.arange(6) == i)
             if rows.sum() > J.shape[2]:
                 break
             own = np.linalg.svd(J[:, rows], compute_uv=False)[:, -1].max()
-            led[i] = own > _INDEPENDENT * largest
-        return led
+            directions[i] = own > _INDEPENDENT * largest
+        return directions
 
-    def _kept(self, path: PhasePath, led: np.ndarray, Ts: Array, where: str) -> None:
+    def _kept(self, path: PhasePath, directions: np.ndarray, Ts: Array, where: str) -> None:
         """Raise `ProtocolError` where the mechanism is off the path in a controlled direction."""
         wanted = path.motion(np.linspace(0.0, 1.0, len(Ts))).Ts_base_tool
         off = np.array([_missed(T, goal, path.T_tool_frame) for T, goal in zip(Ts, wanted, strict=True)])
-        over = np.abs(off) / self._tolerance() * led
+        over = np.abs(off) / self._tolerance() * directions
         k = int(np.argmax(over.max(axis=1)))
         if over[k].max() > 1:
             raise ProtocolError(
                 f"{where} cannot be carried out: {100 * k / (len(Ts) - 1):.0f} % along it the mechanism is off by "
-                f"{_words(off[k], led & (over[k] > 1))}: outside the freedoms of the robot. Lead it by its joints "
+                f"{_words(off[k], directions & (over[k] > 1))}: outside the freedoms of the robot. Use its joints "
                 f'(type = "joints"), or leave what it need not keep to the mechanism, as in free = '
-                f"{_names(led & (over[k] > 1))}"
+                f"{_names(directions & (over[k] > 1))}"
             )
 
     def _tolerance(self) -> Array:
         t = self._protocol.tolerances
         return np.repeat([t.waypoint, t.waypoint_angle], 3)
 
-    def _outside(self, name: str, T_tool_frame: Array, T: Array, led: np.ndarray) -> None:
+    def _outside(self, name: str, T_tool_frame: Array, T: Array, directions: np.ndarray) -> None:
         """Raise `ProtocolError` if a pose misses a waypoint in a direction that the protocol does not leave free."""
         waypoint = self._protocol.waypoints[name]
         if waypoint.position is None:
@@ -257,13 +257,13 @@ class Follower:
             return
         at = T[:3, 3] + T[:3, :3] @ T_tool_frame[:3, 3]
         turned = angles_of(T[:3, :3], self._protocol.rotation, waypoint.angles)
-        count = int(led.sum())
+        count = int(directions.sum())
         raise ProtocolError(
             f"{self._protocol.name}: waypoint '{name}' is not reachable by this robot, which has {count} "
-            f"freedom{'s' if count != 1 else ''} to lead there: with {_list(led)} as written, the mechanism has "
+            f"freedom{'s' if count != 1 else ''} to lead there: with {_list(directions)} as written, the mechanism has "
             f"{self._protocol.frame} off by {_words(off, bad)}. Write the pose that it takes: position_mm = "
             f"{_numbers(at / MM)}, angles_deg = {_numbers(turned / DEG)}; or leave what follows to the mechanism, "
-            f"with free = {_names(~led)} above the tables of the protocol; or give the waypoint by joints."
+            f"with free = {_names(~directions)} above the tables of the protocol; or give the waypoint by joints."
         )
 
 
@@ -387,7 +387,7 @@ def with_auxiliary(paths: Sequence[PhasePath], kinematics: PathKinematics, proto
                     f"{', '.join(kinematics.auxiliary) or 'none'}. Use a positioning, or a waypoint of joint values"
                 )
             after = moved(q, phase, names, kinematics.revolute, where)
-        out.append(replace(path, beside=tuple((i, float(q[i]), float(after[i])) for i in places)))
+        out.append(replace(path, extra_joints=tuple((i, float(q[i]), float(after[i])) for i in places)))
         q = after
     return tuple(out)
 

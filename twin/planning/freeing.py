@@ -52,11 +52,11 @@ def way(
     def keep(Ts: Array, q: Array) -> np.ndarray:
         return np.all([m >= 0 for m in margins_at(kinematics, Ts, q, anchor).values()], axis=0)
 
-    def told(fraction: float) -> None:
+    def report(fraction: float) -> None:
         progress(f"{phase.name}: way around obstacles, {100 * fraction:.0f} %")
 
     try:
         space = kinematics.space(phase.scene, phase.clearance, keep)
-        return around(space, *ends, seed=phase.seed, progress=told)
+        return around(space, *ends, seed=phase.seed, progress=report)
     except TwinError as error:
         raise ProtocolError(f"{where} cannot be carried out: {error}") from error

@@ -32,17 +32,17 @@ class PhasePath(Course):
     Attributes:
         phase: what it was built from.
         waypoint: name of the waypoint it should end at, if any.
-        beside: auxiliary joints: place in q, value in m or rad at both ends.
+        extra_joints: auxiliary joints: place in q, value in m or rad at both ends.
     """
 
     phase: Phase
     waypoint: str | None
-    beside: tuple[tuple[int, float, float], ...]
+    extra_joints: tuple[tuple[int, float, float], ...]
 
     def joints(self, s: Array, kinematics: PathKinematics) -> Array:
         """Return the driven joints (k, n) at s (k,), NaN where there are none."""
         q = kinematics.inverse(self.motion(s).Ts_base_tool)
-        for i, start, end in self.beside:
+        for i, start, end in self.extra_joints:
             q[:, i] = start + s * (end - start)
         return q
 
@@ -128,7 +128,7 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
             depth=float((tip - rcm) @ shaft) if rcm is not None else np.nan,
             mode=paths[-1].rcm_mode if paths else None,
         )
-        end = phase.lead(begin)
+        end = phase.end_after(begin)
         elsewhere = end.waypoint is not None and protocol.waypoints[end.waypoint].joints is not None
         still = phase.has_length and not elsewhere and np.linalg.norm(end.tip - tip) < _NO_LENGTH
         if still and np.linalg.norm(end.angles - angles) < _NO_LENGTH:
@@ -149,7 +149,7 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
             depth1=end.depth1,
             phase=phase,
             waypoint=end.waypoint,
-            beside=(),
+            extra_joints=(),
         )
         paths.append(path if guide is None else guide.along(path))
         angles, tip = paths[-1].angles1, paths[-1].tip1

@@ -102,7 +102,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
     fast = np.isfinite(kinematics.motors.max_speed)  # a speed limit of a motor is one more coordinate with a limit
     rows, motor_speed = kinematics.motors.rows[fast], kinematics.motors.max_speed[fast]
 
-    def beside(s: Array) -> tuple[Array, Array]:
+    def extra(s: Array) -> tuple[Array, Array]:
         m = path.motion(s)
         length, length1 = _norm_rate(m.p1, m.p2)
         turn, turn1 = _norm_rate(m.w1, m.w2)
@@ -137,7 +137,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
             np.concatenate(
                 [max_acceleration, [limits.tip_acceleration, limits.rotation_acceleration], np.full(len(rows), np.inf)]
             ),
-            beside=beside,
+            extra=extra,
             dt=dt,
             load=load,
             jerk=jerk if min(limits.tip_jerk, limits.rotation_jerk) < np.inf else None,

@@ -86,7 +86,7 @@ def time_path(
     max_speed: Array,
     max_acceleration: Array,
     *,
-    beside: Derivatives | None = None,
+    extra: Derivatives | None = None,
     dt: float = 1e-3,
     load: Load | None = None,
     jerk: Jerk | None = None,
@@ -99,7 +99,7 @@ def time_path(
         path: its n coordinates; only its derivatives are asked, exact at any s.
         max_speed: (m,) limits, in the units of the coordinates per second; those of the path first.
         max_acceleration: (m,) likewise, per second squared.
-        beside: of m - n more coordinates, which are known by their derivatives only (the arc length of the tip).
+        extra: of m - n more coordinates, which are known by their derivatives only (the arc length of the tip).
         dt: sampling time in s; the duration is rounded up to a multiple of it.
         load: a stricter load than the m coordinates, if there is one (norms of vectors).
         jerk: the relative jerk, if limited: the rate is then averaged over the shortest sufficient window.
@@ -114,9 +114,9 @@ def time_path(
 
     def derivatives(s: Array) -> tuple[Array, Array]:
         own = path(s, 1), path(s, 2)
-        if beside is None:
+        if extra is None:
             return own
-        first, second = (np.column_stack(pair) for pair in zip(own, beside(s), strict=True))
+        first, second = (np.column_stack(pair) for pair in zip(own, extra(s), strict=True))
         return first, second
 
     judge = load or _plain_load(derivatives, max_speed, max_acceleration)

@@ -43,8 +43,8 @@ class Carrier(Interface):
         """Return states and T_base_tool (k, 4, 4) for driven joints (k, n) along a motion from a state."""
         ...
 
-    def lead(self, Ts: Array, led: np.ndarray, p_tool: Array, start: Array) -> tuple[Array, Array, Array]:
-        """Return states, joints (k, n) and T_base_tool that follow poses (k, 4, 4) in the led directions (6,).
+    def follow(self, Ts: Array, directions: np.ndarray, p_tool: Array, start: Array) -> tuple[Array, Array, Array]:
+        """Return states, joints (k, n) and T_base_tool that follow poses (k, 4, 4) in the chosen directions (6,).
 
         The directions are along and about the axes of base; `p_tool` (3,) is the point of the tool whose place counts.
         """
@@ -188,7 +188,7 @@ def without_equations(
         revolute=tuple(j.is_angle for j in active),
         carrier=carrier,
         space=space,
-        auxiliary={name: value for _, name, _, value in mechanism.beside(())},
+        auxiliary={name: value for _, name, _, value in mechanism.extra_joints(())},
         takes=lambda Ts: False,
     )
 

@@ -14,13 +14,13 @@ ALL = np.ones(6, bool)
 """All six directions."""
 
 
-def posed(tree: Tree, Ts: Array, led: np.ndarray = ALL, p_tool: Array | None = None) -> Residual:
+def posed(tree: Tree, Ts: Array, directions: np.ndarray = ALL, p_tool: Array | None = None) -> Residual:
     """Return loops and tool poses as one residual.
 
     Args:
         tree: tree of the mechanism.
         Ts: (k, 4, 4) T_base_tool, one for each sample.
-        led: (6,) bool, the directions to reach, along and about the axes of base, linear first.
+        directions: (6,) bool, the directions to reach, along and about the axes of base, linear first.
         p_tool: (3,) in m, the point of the tool whose position is compared; default: its origin.
     """
     Rt = np.swapaxes(Ts[:, :3, :3], 1, 2)
@@ -36,6 +36,6 @@ def posed(tree: Tree, Ts: Array, led: np.ndarray = ALL, p_tool: Array | None = N
         J_point = J_tool[:, :3] - spatial.hat(arm) @ J_tool[:, 3:]
         off = np.concatenate([T[:, :3, 3] + arm - goal[rows], LENGTH_SCALE * sine], axis=1)
         rate = np.concatenate([J_point, LENGTH_SCALE * turn @ J_tool[:, 3:]], axis=1)
-        return np.concatenate([r, off[:, led]], axis=1), np.concatenate([A, rate[:, led]], axis=1)
+        return np.concatenate([r, off[:, directions]], axis=1), np.concatenate([A, rate[:, directions]], axis=1)
 
     return residual

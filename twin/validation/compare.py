@@ -89,17 +89,17 @@ def compare(
             )
         )
 
-    def told(fraction: float) -> None:
+    def report(fraction: float) -> None:
         progress("mechanism at the tool poses", fraction)
 
     by_joints = trajectory.followed or any(p.type == "free" for p in trajectory.phases)
     chosen = asked is not None and by_joints and model.redundant
     if chosen:  # of many solutions the equations give another one than the path takes: judged is theirs
-        posed = model.run_poses(Ts[rows], progress=told, near=q[rows])
+        posed = model.run_poses(Ts[rows], progress=report, near=q[rows])
     elif trajectory.followed:  # the poses are where the mechanism was taken by these joint values
-        posed = model.run(trajectory.q[rows], progress=told)
+        posed = model.run(trajectory.q[rows], progress=report)
     else:
-        posed = model.run_poses(Ts[rows], progress=told, near=trajectory.q[rows])
+        posed = model.run_poses(Ts[rows], progress=report, near=trajectory.q[rows])
     out.posed = posed
     blamed = joints = _Blame()
     if kin is not None:

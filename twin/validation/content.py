@@ -129,9 +129,9 @@ def _motors(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
         for key, ours in vars(a).items():
             if a.name in theirs and (said := getattr(theirs[a.name], key)) != ours:
                 yield _lost(f"{key} of actuator", a.name, f"is {said} on the stage; the description says {ours}")
-    led = {t.name: t for t in stage.transmissions}
+    by_name = {t.name: t for t in stage.transmissions}
     for t in mechanism.transmissions:
-        u = led.get(t.name, t)
+        u = by_name.get(t.name, t)
         if (t.joints, t.actuators) != (u.joints, u.actuators) or not np.array_equal(t.matrix, u.matrix):
             yield _lost("transmission", t.name, "has another matrix on the stage")
 

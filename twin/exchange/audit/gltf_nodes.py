@@ -104,17 +104,17 @@ def read_nodes(file: Gltf) -> list[Node]:
 
 def _repeats(specs: list[dict[str, Any]], parent: list[int], i: int) -> bool:
     """Return whether an ancestor of a node is marked as the same link."""
-    told = _told(specs[i])
+    link = _link_of(specs[i])
     seen = set()
-    while told and parent[i] >= 0 and i not in seen:
+    while link and parent[i] >= 0 and i not in seen:
         seen.add(i)
         i = parent[i]
-        if _told(specs[i]) == told:
+        if _link_of(specs[i]) == link:
             return True
     return False
 
 
-def _told(spec: dict[str, Any]) -> Any:
+def _link_of(spec: dict[str, Any]) -> Any:
     extras = spec.get("extras")
     return extras.get("link") if isinstance(extras, dict) else None
 

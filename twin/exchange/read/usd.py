@@ -84,7 +84,7 @@ def _left_out(path: Path, root: str | None) -> list[Finding]:
             names = [
                 n for n in names if not n.startswith(("drive:", "state:")) and any(w in n.lower() for w in _WITHOUT)
             ]
-            if names := [n for n in names if _told(prim.GetAttribute(n))]:
+            if names := [n for n in names if _is_set(prim.GetAttribute(n))]:
                 found.append(warning("friction", f"joint {where}: {', '.join(names)} are not kept.", where))
         elif prim.IsA(UsdGeom.Gprim) and not prim.IsA(UsdGeom.Mesh) and prim.IsA(UsdGeom.PointBased):
             found.append(warning("shape", f"{where}: a {prim.GetTypeName()} is not shown.", where))
@@ -93,7 +93,7 @@ def _left_out(path: Path, root: str | None) -> list[Finding]:
     return found
 
 
-def _told(attribute: Any) -> bool:
+def _is_set(attribute: Any) -> bool:
     """Return whether an attribute has a value other than zero or infinity."""
     value = attribute.Get()
     return value not in (None, 0, 0.0, False, float("inf"))

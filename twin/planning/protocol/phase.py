@@ -249,7 +249,7 @@ class Phase(ABC):
     has_length: ClassVar[bool] = True
 
     @abstractmethod
-    def lead(self, at: Begin) -> End:
+    def end_after(self, at: Begin) -> End:
         """Return the end of the phase.
 
         Raises:

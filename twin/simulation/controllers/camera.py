@@ -51,15 +51,15 @@ class Dragging:
         self.at, self.dt, self.drag, self.laws = np.array(at, float), dt, drag or Drag(), laws or console()
         self._hold: tuple[Array, Array, Array] | None = None
 
-    def step(self, right: Array, left: Array, led: bool) -> Array:
+    def step(self, right: Array, left: Array, coupled: bool) -> Array:
         """Return pan, tilt, depth, roll (4,) in rad and m after one tick.
 
         Args:
             right: (3,) position of the right hand in the axes of the picture, in m; the origin has no effect.
             left: (3,) position of the left hand.
-            led: whether the pedals enable dragging.
+            coupled: whether the pedals enable dragging.
         """
-        if not led:
+        if not coupled:
             self._hold = None
             return self.at
         if self._hold is None:

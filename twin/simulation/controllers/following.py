@@ -104,7 +104,7 @@ class Following:
         self._given: tuple[bytes, bytes, float, bool] | None = None
         self._seen: tuple[Array, float, float, float, float] | None = None
 
-    def step(self, hand: Array, grip: float, tool: Array, T: Array, scale: float, led: bool = True) -> Array:
+    def step(self, hand: Array, grip: float, tool: Array, T: Array, scale: float, coupled: bool = True) -> Array:
         """Return the goal (4, 4) in {RB}.
 
         Args:
@@ -113,16 +113,16 @@ class Following:
             tool: present pose (4, 4) of the tool in {RB}.
             T: (4, 4) pose of {H} in {RB}.
             scale: tool motion per hand motion; limited to `SCALE`.
-            led: whether the pedals couple this hand to this tool.
+            coupled: whether the pedals couple this hand to this tool.
         """
-        if self._rests(hand, T, scale, led):
+        if self._rests(hand, T, scale, coupled):
             return self.goal
         if not _rigid(hand):  # nothing moves by what is no pose
             self.follows, self._hold, self._hand = False, None, None
             return self.goal
         hand, scale = np.array(hand, float), min(max(float(scale), SCALE[0]), SCALE[1])
         last, self._hand = self._hand, hand
-        if not led:
+        if not coupled:
             self.follows, self._hold = False, None
             return self.goal
         if not self.follows and not self._may_begin(hand, grip, tool, T):
@@ -141,9 +141,9 @@ class Following:
         self.goal = _towards(self.goal, self._wanted, self.pace.speed * self.dt, self.pace.turn * self.dt)
         return self.goal
 
-    def _rests(self, hand: Array, T: Array, scale: float, led: bool) -> bool:
+    def _rests(self, hand: Array, T: Array, scale: float, coupled: bool) -> bool:
         """Return whether nothing has changed since a tick after which nothing was left to do: most ticks are so."""
-        given = (hand.tobytes(), T.tobytes(), scale, led)
+        given = (hand.tobytes(), T.tobytes(), scale, coupled)
         same, self._given = given == self._given, given
         return same and self.follows and self.goal is self._wanted
 
@@ -276,10 +276,10 @@ class HandToPose(Block):
         scale = float(signals[f"{self.device}.scale"][0])
         out: dict[str, Array | float] = {}
         for i, (arm, law) in enumerate(zip(self.arms, self._laws, strict=True)):
-            led = tools and i == active
-            if led and not law.follows:  # where it is counts when it is taken hold of
+            coupled = tools and i == active
+            if coupled and not law.follows:  # where it is counts when it is taken hold of
                 self._tools[i] = arm.kin.forward(signals[f"{arm.robot}.encoder"], self._tools[i])
             T = self._T_base_world[i] @ T_world_view @ self._T_view_hand
-            out[f"{arm.robot}.goal"] = law.step(pose, grip, self._tools[i], T, scale, led).ravel()
+            out[f"{arm.robot}.goal"] = law.step(pose, grip, self._tools[i], T, scale, coupled).ravel()
             out[f"{arm.robot}.follows"], out[f"{arm.robot}.jumps"] = float(law.follows), float(law.jumps)
         return out

@@ -45,7 +45,7 @@ def hold_of(client: str, message: wire.Grab, desk: Desk) -> Hold:
     return Hold(client, message.target, joint, name, message.point or ())
 
 
-def lead(hold: Hold, message: wire.Drag, desk: Desk) -> Callable[[], Moved]:
+def move_of(hold: Hold, message: wire.Drag, desk: Desk) -> Callable[[], Moved]:
     """Return the function that moves the desk as a drag requests.
 
     Raises:

@@ -93,10 +93,10 @@ class Live:
             self._stand()
         for twin in twins:
             twin.look()
-        told = (*(t.told for t in twins), self._fields)
-        if told == self._told and tick - self._sent < HEARTBEAT:
+        key = (*(t.content_key for t in twins), self._fields)
+        if key == self._told and tick - self._sent < HEARTBEAT:
             return None
-        self._told, self._sent = told, tick
+        self._told, self._sent = key, tick
         self._seq += 1
         robots = [t.frame(self._seq - 1, server_time) for t in twins]
         if self.alone:

@@ -120,7 +120,7 @@ class Twin:
             self.send(document)
 
     @property
-    def told(self) -> tuple[Any, ...]:
+    def content_key(self) -> tuple[Any, ...]:
         """Key of the frame's content; equal keys mean equal frames."""
         return self._shown, self.flags, self.clip_time
 

@@ -19,7 +19,7 @@ from twin.core.errors import AssemblyError, KinematicsError, TwinError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics, Pose, solve
-from twin.kinematics.closed_loops.leading import Bound, Led
+from twin.kinematics.closed_loops.dragging import Bound, Dragged
 from twin.model.mechanism import Joint, Mechanism
 from twin.planning.protocol import Protocol
 from twin.reference import ReferenceModel
@@ -139,18 +139,18 @@ class Desk:
         with self.lock:
             q = self.assembly.q.copy()
             q[joint] = value
-            led: list[Led] = []
+            dragged: list[Dragged] = []
 
             def go() -> Assembly:
                 found, how = self.hand.joints(self.assembly, q)
-                led.append(how)
+                dragged.append(how)
                 return found
 
             out = self._try(go)
-            if out.good and led[0].more:
+            if out.good and dragged[0].more:
                 out = self.moved = Moved(False, f"{self.joints[joint].name} is still moving", out.seconds, True)
             elif out.good and abs(self.assembly.q[joint] - value) > 1e-12:
-                out = self.moved = replace(out, good=False, reason=self._stopped(joint, value, led[0]))
+                out = self.moved = replace(out, good=False, reason=self._stopped(joint, value, dragged[0]))
             return out
 
     def move_joints(self, q: Array) -> Moved:
@@ -273,11 +273,11 @@ class Desk:
 
     def _led(self, body: str, p_body: Array, target: Array) -> Moved:
         """Move a point; the result states by how far and why the point did not reach the target."""
-        led: list[Led] = []
+        dragged: list[Dragged] = []
 
         def go() -> Assembly:
             found, how = self.hand.point(self.assembly, body, p_body, target)
-            led.append(how)
+            dragged.append(how)
             return found
 
         with self.lock:
@@ -286,20 +286,20 @@ class Desk:
                 return out
             p = (self.assembly.link_poses[body] @ np.append(p_body, 1.0))[:3]
             left = float(np.linalg.norm(p - target))
-            if led[0].more:
+            if dragged[0].more:
                 text = f"{body} is still moving, {left / MM:.1f} mm short of the target"
                 out = self.moved = Moved(False, text, out.seconds, True)
             elif left > 0.05 * MM:
                 where = " ".join(f"{v:.1f}" for v in p / MM)
-                text = f"{body} stops {left / MM:.1f} mm short of the target, at [{where}] mm: {self._why(led[0])}"
+                text = f"{body} stops {left / MM:.1f} mm short of the target, at [{where}] mm: {self._why(dragged[0])}"
                 out = self.moved = replace(out, good=False, reason=text)
             return out
 
-    def _why(self, led: Led) -> str:
+    def _why(self, dragged: Dragged) -> str:
         """Return as text what blocks the motion."""
-        reasons = [self._bound(b) for b in led.stops]
-        if led.singular:
-            reasons.append(_ended(led.singular))
+        reasons = [self._bound(b) for b in dragged.stops]
+        if dragged.singular:
+            reasons.append(_ended(dragged.singular))
         return ", ".join(reasons) or "no joint motion brings the point nearer"
 
     def _bound(self, bound: Bound) -> str:
@@ -318,7 +318,7 @@ class Desk:
     def _unit(self, bound: Bound) -> str:
         return "rad" if self.mechanism.actuator(bound.name).is_angle else "m"
 
-    def _stopped(self, number: int, value: float, led: Led) -> str:
+    def _stopped(self, number: int, value: float, dragged: Dragged) -> str:
         """Return as text why a joint did not reach a value."""
         joint, (low, high) = self.joints[number], self.mechanism.limits[number]
         q = self.assembly.q.copy()
@@ -331,10 +331,10 @@ class Desk:
                 at = _shown(joint, float(q[[j.name for j in self.joints].index(other)]))
                 least = f"{bound.least / MM:.3f} mm {side} {other} = {at}"
                 reasons.append(f"{joint.name} = {_shown(joint, value)} must stay {least} ({self._rail(lower, upper)})")
-        reasons += [self._bound(b) for b in led.stops if b.kind == "motor"]
+        reasons += [self._bound(b) for b in dragged.stops if b.kind == "motor"]
         at = f"{joint.name} stops at {_shown(joint, float(self.assembly.q[number]))}"
-        if led.singular:
-            reasons.append(f"{at}: {_ended(led.singular)}")
+        if dragged.singular:
+            reasons.append(f"{at}: {_ended(dragged.singular)}")
         elif len(reasons) != 1 or low <= value <= high:
             reasons.append(at)
         return "; ".join(reasons)

@@ -14,7 +14,7 @@ import numpy as np
 
 from twin.core.errors import AssemblyError, MechanismError
 from twin.core.spatial import Array
-from twin.kinematics.closed_loops.leading import Grip, Leader, Led, bounds_of
+from twin.kinematics.closed_loops.dragging import Dragged, Dragger, Grip, bounds_of
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.states import Assembly
@@ -36,20 +36,20 @@ class Hand:
         self._last: tuple[Assembly, str, Array, Grip] | None = None
 
     @cached_property
-    def leader(self) -> Leader:
+    def dragger(self) -> Dragger:
         """The compiled loop equations, starting at the state that the independent model closes (or `AssemblyError`)."""
-        return Leader(self.mechanism.with_rest(self.model.home().link_poses), self.bounds)
+        return Dragger(self.mechanism.with_rest(self.model.home().link_poses), self.bounds)
 
     def prepare(self) -> None:
         """Compile in advance, so that the first drag does not wait; errors are raised at the drag."""
         with contextlib.suppress(AssemblyError, MechanismError):
-            leader, home = self.leader, self.model.home()
+            dragger, home = self.dragger, self.model.home()
             u = self._unknowns(home)
-            leader.joints(home.q, u, home.q)
+            dragger.joints(home.q, u, home.q)
             for body in self.mechanism.bodies:
-                leader.look(home.q, u, body.name, np.zeros(3))
+                dragger.look(home.q, u, body.name, np.zeros(3))
 
-    def point(self, now: Assembly, body: str, p_body: Array, target: Array) -> tuple[Assembly, Led]:
+    def point(self, now: Assembly, body: str, p_body: Array, target: Array) -> tuple[Assembly, Dragged]:
         """Move a point (3,) of a body towards a target (3,) in base, in m.
 
         The path begins at the last target if nothing else has moved the robot since then; else at the point.
@@ -58,47 +58,47 @@ class Hand:
         if last is not None and last[0] is now and last[1] == body and np.array_equal(last[2], p_body):
             grip = last[3]
         else:
-            grip = self.leader.take(now.q, self._unknowns(now), body, p_body)
-        led = grip.to(target, SECONDS)
-        found = self._closed(now, led)
+            grip = self.dragger.take(now.q, self._unknowns(now), body, p_body)
+        dragged = grip.to(target, SECONDS)
+        found = self._closed(now, dragged)
         self._last = (found, body, p_body, grip)
-        return found, led
+        return found, dragged
 
-    def joints(self, now: Assembly, q: Array) -> tuple[Assembly, Led]:
+    def joints(self, now: Assembly, q: Array) -> tuple[Assembly, Dragged]:
         """Move the active joints towards q (n,) in m or rad."""
-        led = self.leader.joints(now.q, self._unknowns(now), q, SECONDS)
-        return self._closed(now, led), led
+        dragged = self.dragger.joints(now.q, self._unknowns(now), q, SECONDS)
+        return self._closed(now, dragged), dragged
 
     def tools(self, now: Assembly, q: Array) -> list[Array]:
         """Return the tool poses (4, 4) at q (n,), assembled from the home state and from the present state."""
-        leader, out = self.leader, []
+        dragger, out = self.dragger, []
         with contextlib.suppress(AssemblyError, MechanismError):
-            out.append(leader.solver.forward(q))
+            out.append(dragger.solver.forward(q))
         here = self._unknowns(now)
-        for seed in (here, leader.joints(now.q, here, q, SECONDS).u):
-            found = leader.solver.close(q, seed)
+        for seed in (here, dragger.joints(now.q, here, q, SECONDS).u):
+            found = dragger.solver.close(q, seed)
             if found is not None:
-                out.append(leader.solver.pose(q, found))
+                out.append(dragger.solver.pose(q, found))
         return out
 
-    def _closed(self, now: Assembly, led: Led) -> Assembly:
+    def _closed(self, now: Assembly, dragged: Dragged) -> Assembly:
         """Return the assembly of the independent model, solved from the compiled result."""
-        if np.array_equal(led.q, now.q):
+        if np.array_equal(dragged.q, now.q):
             return now
         x, tree, at = now.x.copy(), self.model.tree, 0
-        for joint, value in zip(self.mechanism.active, led.q, strict=True):
+        for joint, value in zip(self.mechanism.active, dragged.q, strict=True):
             x[tree.configuration[joint.name]] = value
-        for passive in self.leader.solver.equations.passive:
-            state = led.u[at : at + passive.state.numel()]
+        for passive in self.dragger.solver.equations.passive:
+            state = dragged.u[at : at + passive.state.numel()]
             at += len(state)
             if passive.joint.type in ("spherical", "free"):
                 state = np.append(state[:-4], np.roll(state[-4:], -1))  # Pinocchio stores the scalar last
             x[self._places(passive.name, len(state))] = state
-        return self.model.solve(led.q, replace(now, x=x))
+        return self.model.solve(dragged.q, replace(now, x=x))
 
     def _unknowns(self, now: Assembly) -> Array:
         parts = []
-        for passive in self.leader.solver.equations.passive:
+        for passive in self.dragger.solver.equations.passive:
             state = now.x[self._places(passive.name, passive.state.numel())]
             if passive.joint.type in ("spherical", "free"):
                 state = np.append(state[:-4], np.roll(state[-4:], 1))

@@ -16,7 +16,7 @@ from twin.analysis import measure
 from twin.core.errors import KinematicsError
 from twin.core.jobs import Stream
 from twin.core.spatial import Array
-from twin.kinematics.closed_loops.leading import Bound
+from twin.kinematics.closed_loops.dragging import Bound
 
 if TYPE_CHECKING:
     from twin.kinematics import Kinematics

@@ -107,12 +107,12 @@ class Letters:
     """Reader of messages for one server.
 
     Attributes:
-        told: function called with a notice for the users.
+        notify: function called with a notice for the users.
         read, dropped: counts of accepted and dropped messages.
     """
 
     def __init__(self) -> None:
-        self.told: Callable[[str], object] = lambda text: None
+        self.notify: Callable[[str], object] = lambda text: None
         self.read = self.dropped = 0
         self._gui: viser.GuiApi | None = None
         self._upload: _Upload | None = None
@@ -217,7 +217,7 @@ class Letters:
         """Show the users a notice, at most one in `_QUIET` seconds."""
         if now - self._last > _QUIET:
             self._last = now
-            self.told(text)
+            self.notify(text)
 
     def _part(self, message: Any, sender: Sender) -> None:
         up = self._upload

@@ -156,7 +156,7 @@ def serve(title: str, host: str, port: int, gate: Gate | None = None) -> viser.V
         stop(server)
         raise TwinError(f"viser {viser.__version__} opens its port without access control: install viser 1.1")
     door.letters.belong_to(server)
-    door.letters.told = lambda text: tell(server, title, text, bad=True)
+    door.letters.notify = lambda text: tell(server, title, text, bad=True)
     return server
 
 

@@ -106,8 +106,8 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
                 frames.append(Frame(mark, name, T))
             else:
                 points.append(Point(mark, name, T[:3, 3]))
-    told = _told(scene, chosen)
-    moved = {n for t in told["transmissions"] for n in t.joints}
+    authored = _authored(scene, chosen)
+    moved = {n for t in authored["transmissions"] for n in t.joints}
     joints = tuple(
         replace(joint, drive=None) if joint.name in moved else joint  # it represents the motors at the joint
         for joint in (
@@ -123,13 +123,13 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
             frames=tuple(frames),
             points=tuple(points),
             rest=_rest(names, T_world_body, T_world_base),
-            postures=told["postures"],
-            tool=told["tool"],
-            parameters=told["parameters"],
-            actuators=told["actuators"],
-            transmissions=told["transmissions"],
-            couplings=told["couplings"],
-            trocars=told["trocars"],
+            postures=authored["postures"],
+            tool=authored["tool"],
+            parameters=authored["parameters"],
+            actuators=authored["actuators"],
+            transmissions=authored["transmissions"],
+            couplings=authored["couplings"],
+            trocars=authored["trocars"],
             source=scene.path,
         )
     except MechanismError as error:
@@ -186,7 +186,7 @@ def _robot_name(scene: Scene, chosen: Selection, root: str | None) -> str:
     return default.GetName() if default else chosen.bodies[0].split("/")[1]
 
 
-def _told(scene: Scene, chosen: Selection) -> dict[str, Any]:
+def _authored(scene: Scene, chosen: Selection) -> dict[str, Any]:
     """Return data that only twin authors: tool, postures and parameters; empty for a stage from other software."""
     out: dict[str, Any] = {"tool": "tool", "postures": {}, "parameters": (), "couplings": (), "trocars": ()}
     parent = scene.bodies[chosen.bodies[0]].GetParent()

@@ -83,7 +83,9 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     joints = [j for j in joints if _touches(j, robots[0])]
     base, anchor = _base(scene, place, members, joints)
     joints = [j for j in joints if j is not anchor]
-    if not _told(scene, base):  # else joints are in the order of the description, and its last ones close loops
+    if not _is_stated_base(
+        scene, base
+    ):  # else joints are in the order of the description, and its last ones close loops
         joints = sorted(joints, key=lambda j: j.excluded)
     return Selection(base, members, joints)
 
@@ -186,11 +188,11 @@ def _groups(bodies: list[str], joints: list[RawJoint]) -> list[list[str]]:
     return list(groups.values())
 
 
-def _told(scene: Scene, body: str) -> bool:
+def _is_stated_base(scene: Scene, body: str) -> bool:
     """Return whether the stage states that the body at a prim path is the base, which only twin writes."""
     prim = scene.bodies.get(body)
-    told = prim.GetParent().GetAttribute("twin:base") if prim else None
-    return bool(prim and told and told.Get() == prim.GetName())
+    name = prim.GetParent().GetAttribute("twin:base") if prim else None
+    return bool(prim and name and name.Get() == prim.GetName())
 
 
 def _base(scene: Scene, place: str, bodies: list[str], joints: list[RawJoint]) -> tuple[str, RawJoint | None]:
@@ -198,7 +200,7 @@ def _base(scene: Scene, place: str, bodies: list[str], joints: list[RawJoint]) -
     grounded = [j for j in joints if not all(e.body for e in j.ends)]
     fixed = {next(e.body for e in j.ends if e.body): j for j in grounded if j.type == "fixed"}
     for body in bodies:
-        if _told(scene, body):
+        if _is_stated_base(scene, body):
             return body, fixed.get(body)
     if len(fixed) == 1:
         return next(iter(fixed.items()))
@@ -225,9 +227,9 @@ def _base(scene: Scene, place: str, bodies: list[str], joints: list[RawJoint]) -
 def _cone(joint: RawJoint) -> float | None:
     if joint.type != "spherical" or not joint.prim.IsA(UsdPhysics.SphericalJoint):
         return None
-    told = joint.prim.GetAttribute("twin:cone").Get()
-    if told is not None:
-        return float(told)
+    name = joint.prim.GetAttribute("twin:cone").Get()
+    if name is not None:
+        return float(name)
     schema = UsdPhysics.SphericalJoint(joint.prim)
     # An elliptic cone is read as its narrow half angle, so that no rejected pose is allowed.
     angles = [schema.GetConeAngle0LimitAttr().Get(), schema.GetConeAngle1LimitAttr().Get()]

@@ -158,7 +158,7 @@ def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
 
 def _write_motors(root: Usd.Prim, mechanism: Mechanism) -> None:
     """Write actuators and transmissions as customData, because UsdPhysics cannot express them."""
-    actuators = {a.name: {"index": i} | _told(a) for i, a in enumerate(mechanism.actuators)}
+    actuators = {a.name: {"index": i} | _attributes(a) for i, a in enumerate(mechanism.actuators)}
     transmissions = {
         t.name: {
             "index": i,
@@ -173,7 +173,7 @@ def _write_motors(root: Usd.Prim, mechanism: Mechanism) -> None:
             root.SetCustomDataByKey(f"twin:{key}", value)
 
 
-def _told(actuator: Actuator) -> dict[str, str | float | Gf.Vec2d]:
+def _attributes(actuator: Actuator) -> dict[str, str | float | Gf.Vec2d]:
     """Return the data of an actuator that are known."""
     out = {k: v for k, v in vars(actuator).items() if k != "name" and v is not None}
     return out | ({} if actuator.limits is None else {"limits": Gf.Vec2d(*actuator.limits)})

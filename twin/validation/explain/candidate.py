@@ -76,7 +76,7 @@ class Found:
 
     Attributes:
         rows: the group.
-        ways: functions that fix the group, each with all its readings.
+        cures: functions that fix the group, each with all its readings.
         runner_up: the best edit that is not exact.
         after, next: worst residual of the best edit, and of the runner-up.
         tried: number of edits evaluated.
@@ -85,7 +85,7 @@ class Found:
     """
 
     rows: list[Key]
-    ways: list[list[Candidate]]
+    cures: list[list[Candidate]]
     runner_up: Candidate | None
     after: float
     next: float
@@ -99,7 +99,7 @@ class Found:
 
         Two edits are not enough to stop: one changed number that explains the same rows is simpler.
         """
-        return bool(self.ways) and len(self.ways[0][0].edits) == 1 and not self.ways[0][0].dropped
+        return bool(self.cures) and len(self.cures[0][0].edits) == 1 and not self.cures[0][0].dropped
 
 
 def key(place: Place) -> Key:

@@ -30,7 +30,9 @@ def margins(judge: Judge, model: ReferenceModel, parameters: dict[str, float] | 
     formula, run = judge.formula, judge.truth.run
     if run is None or not (formula.reach or formula.measures or formula.aspects):
         return []
-    kin = compile_formula(formula, judge.variants, parameters, model.mechanism.beside(j.name for j in formula.joints))
+    kin = compile_formula(
+        formula, judge.variants, parameters, model.mechanism.extra_joints(j.name for j in formula.joints)
+    )
     turns = {j.name: j.is_angle for j in model.mechanism.joints}
     return Boundary(model, Margins(kin, turns, tuple(run.points)), run.x).judge()
 

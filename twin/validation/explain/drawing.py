@@ -141,7 +141,7 @@ def _part(
         text = f"{head}: no single part explains it"
         return PartOff(fault.joints, "", (), "", (), (), text)
     others = [s for s in fault.suspects if s is not chosen]
-    by, why, rest = _told(chosen, others, top, tried)
+    by, why, rest = _decide(chosen, others, top, tried)
     left = [_name(s) for s in rest]
     what = _name(chosen)
     if left:
@@ -151,7 +151,7 @@ def _part(
     return PartOff(fault.joints, chosen.body, chosen.features, by, tuple(why), tuple(left), text)
 
 
-def _told(
+def _decide(
     chosen: Suspect, others: list[Suspect], top: _Tried, tried: Sequence[_Tried]
 ) -> tuple[str, list[str], list[Suspect]]:
     """Return (kind of evidence, see `PartOff.told_by`; the reason; the alternatives)."""

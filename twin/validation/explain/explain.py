@@ -55,16 +55,16 @@ def known(
         return gather(formula, run, model, parameters)
     sampled = gather(formula, sample(model, regular=True), model, parameters)
     try:
-        beside = model.mechanism.beside(j.name for j in formula.joints)
-        q = compile_formula(formula, variants, parameters, beside).inverse_many(run.Ts_base_tool)
+        extra_joints = model.mechanism.extra_joints(j.name for j in formula.joints)
+        q = compile_formula(formula, variants, parameters, extra_joints).inverse_many(run.Ts_base_tool)
         near = model.run_poses(run.Ts_base_tool, near=np.where(np.isfinite(q), q, run.q))
     except TwinError:  # rows of equations that are out of reach are reported one by one
         return sampled
-    led = gather(formula, near, model, parameters)
-    off = len(Judge(formula, variants, led).failing())
+    gathered = gather(formula, near, model, parameters)
+    off = len(Judge(formula, variants, gathered).failing())
     if not off:
-        return led
-    return led if off < len(Judge(formula, variants, sampled).failing()) else sampled
+        return gathered
+    return gathered if off < len(Judge(formula, variants, sampled).failing()) else sampled
 
 
 def explain(
@@ -170,7 +170,7 @@ def explain(
         clock = time.perf_counter()
     lead = weigh(found, lost, identified)
     if lead == "numbers":
-        needed = sum(len(f.ways[0][0].edits) for f in found if f.ways)
+        needed = sum(len(f.cures[0][0].edits) for f in found if f.cures)
         if needed and not lost:
             notes.append(f"{needed} edits together would also make it agree; one changed number is the simpler one")
         found = []
@@ -235,7 +235,7 @@ def _row(judge: Judge, place: Place, found: list[Found], root: Path | None) -> R
     bad = ~(size <= 1)
     finite = np.where(np.isfinite(size), size, -1.0)
     top = int(np.argmax(np.where(np.isfinite(size), size, np.inf)))
-    best = next((f.ways[0][0] for f in found if key(place) in f.rows and f.ways), None)
+    best = next((f.cures[0][0] for f in found if key(place) in f.rows and f.cures), None)
     return Row(
         place.equation,
         place.variant,
@@ -330,21 +330,21 @@ def _short(text: str, n: int = 90) -> str:
 def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair:
     before = max(search.base[k] for k in f.rows)
     names = tuple(f"{k[0]}.{_symbol(judge, k)}" for k in f.rows)
-    ways = []
-    for way in f.ways:
+    cures = []
+    for way in f.cures:
         own = [c for c in way if c.edits[0].function == c.step.source.name] or way
         own = [c for c in own if _in_changed_rows(c)] or own  # an edit of a shared row also changes the default reading
         plain = [c for c in own if all(e.kind in TOKENS for e in c.edits)] or own[:1]
-        ways.append(tuple(_reading(search, c, root) for c in plain))
+        cures.append(tuple(_reading(search, c, root) for c in plain))
     tie = ""
-    if len(ways) > 1:
+    if len(cures) > 1:
         tie = (
-            f"{len(ways)} different functions agree with the mechanism at every pose judged: the dimensions of "
+            f"{len(cures)} different functions agree with the mechanism at every pose judged: the dimensions of "
             "the mechanism do not distinguish them"
         )
-    elif ways and len(ways[0]) > 1:
+    elif cures and len(cures[0]) > 1:
         tie = (
-            f"{len(ways[0])} edits make the same function: no pose distinguishes them, and the paper does not show "
+            f"{len(cures[0])} edits make the same function: no pose distinguishes them, and the paper does not show "
             "which was intended"
         )
     nearest = f.runner_up
@@ -352,7 +352,7 @@ def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair
     if nearest is not None:
         runner = f"{' and '.join(_phrase(e) for e in nearest.edits)} leaves {_size(judge, f.rows, f.next)}"
     note = ""
-    if not f.ways:
+    if not f.cures:
         note = (
             "no known edit and no pair of known edits"
             + ("" if f.complete else " that were tried")
@@ -362,9 +362,9 @@ def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair
         names,
         before,
         f.after,
-        f.next / max(f.after, _FLOOR) if f.ways else 0.0,
+        f.next / max(f.after, _FLOOR) if f.cures else 0.0,
         runner,
-        tuple(ways),
+        tuple(cures),
         tie,
         search.tried,
         f.complete,

@@ -17,21 +17,21 @@ _ROUNDING = 10
 
 
 def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list[Key]) -> tuple[list[Found], list[Key]]:
-    """Return the search results without the ways that fail at states which the search did not use.
+    """Return the search results without the cures that fail at states which the search did not use.
 
     A row that agrees at every searched state but not at others agrees by chance, or because of a common property of
     those states.
     """
     fresh = _fresh(judge, model)
-    if fresh is None or not any(f.ways for f in found):
+    if fresh is None or not any(f.cures for f in found):
         return found, lost
     here = {key(p) for p in fresh.failing()}
     out, gone = [], list(lost)
     for f in found:
-        ways = [kept for way in f.ways if (kept := [c for c in way if _holds(fresh, c, f.rows, here)])]
-        if f.ways and not ways:
+        cures = [kept for way in f.cures if (kept := [c for c in way if _holds(fresh, c, f.rows, here)])]
+        if f.cures and not cures:
             gone += [k for k in f.rows if k not in gone]
-        out.append(replace(f, ways=ways))
+        out.append(replace(f, cures=cures))
     return out, gone
 
 

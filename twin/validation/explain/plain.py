@@ -56,8 +56,8 @@ def outside(row: PlainRows | None, x: Any) -> Any:
 def arguments(row: PlainRows, symbols: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments of a plain function from the symbols of the flow."""
     if row.casadi:
-        return row.given(symbols, lambda x: x, lambda *q: Matrix(np.stack(np.broadcast_arrays(*q), 1)[:, :, None]))
-    return row.given(symbols, enter, lambda *q: np.array([enter(x) for x in q], dtype=object))
+        return row.arguments(symbols, lambda x: x, lambda *q: Matrix(np.stack(np.broadcast_arrays(*q), 1)[:, :, None]))
+    return row.arguments(symbols, enter, lambda *q: np.array([enter(x) for x in q], dtype=object))
 
 
 def parts(row: PlainRows, value: Any) -> list[Any]:

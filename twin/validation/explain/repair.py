@@ -201,7 +201,7 @@ class Search:
                 pairs, complete = self._pairs(k, singles, shared, deadline) if budget > 0 else ([], False)
                 # An edit that fixes this row may fix others as well.
                 group = next((g for g in self._cover(pairs, left) if k in g), [])
-                for f in [f for f in out if group and f.ways and self._exact([*group, *f.rows], pairs)]:
+                for f in [f for f in out if group and f.cures and self._exact([*group, *f.rows], pairs)]:
                     group += f.rows  # another wrong row is fixed as well
                     out.remove(f)
                 f = self._found(group or [k], pairs if group else [], [*singles, *pairs])
@@ -225,41 +225,41 @@ class Search:
 
     def _found(self, rows: list[Key], exact_from: list[Candidate], all_: list[Candidate]) -> Found:
         exact = self._exact(rows, exact_from)
-        ways = self._best(self._ways(sorted(exact, key=lambda c: c.rank), rows))
+        cures = self._best(self._distinct(sorted(exact, key=lambda c: c.rank), rows))
         mine = {id(c) for c in exact}
         rest = [(c.over(rows, self.base), c) for c in all_ if id(c) not in mine and any(k in c.scores for k in rows)]
         rest = [(s, c) for s, c in rest if s > 1 or c.broken]
         nearest = min((x for x in rest if x[0] > 1), key=lambda x: x[0], default=(float("inf"), None))
         after = min((c.over(rows, self.base) for c in exact), default=max(self.base[k] for k in rows))
-        return Found(rows, ways, nearest[1], after, nearest[0], self.tried)
+        return Found(rows, cures, nearest[1], after, nearest[0], self.tried)
 
     def _exact(self, rows: list[Key], candidates: list[Candidate]) -> list[Candidate]:
         touching = [c for c in candidates if c.serves and any(k in c.scores for k in rows)]
         return [c for c in touching if c.over(rows, self.base) <= 1]
 
-    def _ways(self, exact: list[Candidate], rows: list[Key]) -> list[list[Candidate]]:
+    def _distinct(self, exact: list[Candidate], rows: list[Key]) -> list[list[Candidate]]:
         """Sort exact candidates into functions, and each function into canonically different readings."""
-        ways: list[tuple[dict[Key, Array] | None, list[Candidate], set[str]]] = []
+        cures: list[tuple[dict[Key, Array] | None, list[Candidate], set[str]]] = []
         for c in exact:
             value = self._off_the_mechanism(c, rows)
             text = self._text(c)
-            home = next((w for w in ways if text in w[2]), None)
+            home = next((w for w in cures if text in w[2]), None)
             if home is None and value is not None:
-                home = next((w for w in ways if w[0] is not None and _same(w[0], value)), None)
+                home = next((w for w in cures if w[0] is not None and _same(w[0], value)), None)
             if home is None:
-                ways.append((value, [c], {text}))
+                cures.append((value, [c], {text}))
             elif text not in home[2]:
                 home[1].append(c)
                 home[2].add(text)
-        return [w[1] for w in ways]
+        return [w[1] for w in cures]
 
-    def _best(self, ways: list[list[Candidate]]) -> list[list[Candidate]]:
+    def _best(self, cures: list[list[Candidate]]) -> list[list[Candidate]]:
         """Drop repairs that leave more rows of the whole formula wrong than another repair."""
-        if sum(map(len, ways)) < 2:
-            return ways
-        left = {id(c): self._left(c) for way in ways for c in way[:_WHOLE]}
+        if sum(map(len, cures)) < 2:
+            return cures
+        left = {id(c): self._left(c) for way in cures for c in way[:_WHOLE]}
         least = min((n for n in left.values() if n is not None), default=None)
-        kept = [[c for c in way if left.get(id(c), least) in (None, least)] for way in ways]
+        kept = [[c for c in way if left.get(id(c), least) in (None, least)] for way in cures]
         return [way for way in kept if way]
 
     def _left(self, c: Candidate) -> int | None:

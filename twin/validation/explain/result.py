@@ -82,8 +82,8 @@ class Repair:
         before, after: worst residual of these rows before and after the repair, in units of the tolerance.
         margin: worst residual of the runner-up divided by that of the repair; 0 if there is no repair.
         runner_up: the best edit that is not exact, and its residual.
-        ways: each a list of readings (edits) that make the same function. The judged poses cannot decide between
-            several ways; no pose can decide between the readings of one way.
+        cures: each a list of readings (edits) that make the same function. The judged poses cannot decide between
+            several cures; no pose can decide between the readings of one cure.
         tie: why the paper or the data do not decide, or "".
         tried: number of edits.
         complete: whether every edit of the kinds known here was tried.
@@ -96,7 +96,7 @@ class Repair:
     after: float
     margin: float
     runner_up: str
-    ways: tuple[tuple[Reading, ...], ...]
+    cures: tuple[tuple[Reading, ...], ...]
     tie: str
     tried: int
     complete: bool
@@ -325,7 +325,7 @@ def _drawn(x: Explanation) -> str:
 
 def _repair(r: Repair) -> Iterator[Part]:
     rows = ", ".join(r.rows)
-    if not r.ways:
+    if not r.cures:
         yield Line(f"  {rows}: {r.note}", "red")
         yield Line(f"      {_tried(r)}", "dim")
         return
@@ -333,10 +333,14 @@ def _repair(r: Repair) -> Iterator[Part]:
         "no other candidate is close" if r.margin == float("inf") else f"the next best is {r.margin:.1g} times worse"
     )
     yield Line(f"  {rows}" + (" (TIE)" if r.tie else ""), "yellow" if r.tie else "green")
-    for i, way in enumerate(r.ways):
-        for reading in way:
+    for i, cure in enumerate(r.cures):
+        for reading in cure:
             mark = (
-                f"    {i + 1}. " if len(r.ways) > 1 else "    or " if len(way) > 1 and reading is not way[0] else "    "
+                f"    {i + 1}. "
+                if len(r.cures) > 1
+                else "    or "
+                if len(cure) > 1 and reading is not cure[0]
+                else "    "
             )
             yield Line(
                 mark + " and ".join(f"{c.edit}   ({c.kind}, {c.file}:{c.line})" for c in reading.changes), "bold"

@@ -18,7 +18,7 @@ Lead = Literal["edits", "numbers", "edits or numbers", ""]
 def weigh(found: Sequence[Found], lost: Sequence[Key], identified: Identified | None) -> Lead:
     """Return the explanation of every wrong row with the fewest changes: "edits", "numbers", both, or ""."""
     numbers = _numbers(identified)
-    changes = None if lost or not found else sum(len(f.ways[0][0].edits) for f in found if f.ways)
+    changes = None if lost or not found else sum(len(f.cures[0][0].edits) for f in found if f.cures)
     if numbers is None:
         return "" if changes is None else "edits"
     if changes is None or numbers < changes:

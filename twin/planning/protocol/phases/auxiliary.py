@@ -40,7 +40,7 @@ class Auxiliary(Phase):
     type: ClassVar[str] = "auxiliary"
     has_length: ClassVar[bool] = False
 
-    def lead(self, at: Begin) -> End:
+    def end_after(self, at: Begin) -> End:
         """Return the unchanged pose of the tool."""
         mode = at.mode if at.rcm is not None else None
         return End(at.angles, at.tip, at.rcm, None, mode, at.depth)

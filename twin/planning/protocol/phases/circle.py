@@ -66,7 +66,7 @@ class Circle(Phase):
     type: ClassVar[str] = "circle"
     has_length: ClassVar[bool] = False
 
-    def lead(self, at: Begin) -> End:
+    def end_after(self, at: Begin) -> End:
         """Return the end of the circle, which is its start."""
         if np.linalg.norm(np.cross(at.tip - self.centre, self.normal)) < _NO_RADIUS:
             raise at.refuse("it begins on the axis of the circle: the radius is 0")

@@ -54,7 +54,7 @@ class Free(Phase):
     type: ClassVar[str] = "free"
     by_joints: ClassVar[bool] = True
 
-    def lead(self, at: Begin) -> End:
+    def end_after(self, at: Begin) -> End:
         """Go to the waypoint."""
         return End(*at.pose(self.to), at.rcm, self.to)
 

@@ -34,6 +34,6 @@ class Home(Phase):
     places: ClassVar[bool] = True
     by_joints: ClassVar[bool] = True
 
-    def lead(self, at: Begin) -> End:
+    def end_after(self, at: Begin) -> End:
         """Return the end: the waypoint."""
         return End(*at.pose(self.to), at.rcm, self.to)

@@ -48,6 +48,6 @@ class Insertion(Phase):
     type: ClassVar[str] = "insertion"
     registers: ClassVar[bool] = True
 
-    def lead(self, at: Begin) -> End:
+    def end_after(self, at: Begin) -> End:
         """Return the end: the tip moved along the shaft, with the RCM at its start."""
         return End(at.angles, at.tip + self.depth * at.shaft, at.tip, self.to, "enforced", self.depth, depth0=0.0)

@@ -35,6 +35,6 @@ class Joints(Phase):
     type: ClassVar[str] = "joints"
     by_joints: ClassVar[bool] = True
 
-    def lead(self, at: Begin) -> End:
+    def end_after(self, at: Begin) -> End:
         """Return the end: the waypoint; the mechanism gives its pose."""
         return End(*at.pose(self.to), at.rcm, self.to)

@@ -48,7 +48,7 @@ class Pivot(Phase):
     trocar: str = ""
     type: ClassVar[str] = "pivot"
 
-    def lead(self, at: Begin) -> End:
+    def end_after(self, at: Begin) -> End:
         """Return the end: the waypoint, or its angles and depth about the RCM."""
         if at.rcm is None:
             raise at.refuse("no RCM is registered yet")

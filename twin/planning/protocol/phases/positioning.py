@@ -35,6 +35,6 @@ class Positioning(Phase):
     type: ClassVar[str] = "positioning"
     places: ClassVar[bool] = True
 
-    def lead(self, at: Begin) -> End:
+    def end_after(self, at: Begin) -> End:
         """Return the end: the waypoint."""
         return End(*at.pose(self.to), at.rcm, self.to)

@@ -46,7 +46,7 @@ class Retraction(Phase):
     trocar: str = ""
     type: ClassVar[str] = "retraction"
 
-    def lead(self, at: Begin) -> End:
+    def end_after(self, at: Begin) -> End:
         """Return the end: the tip moved back.
 
         After a pivot that missed the RCM, the RCM is still missed and monitored.

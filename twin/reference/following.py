@@ -28,7 +28,7 @@ _NEARBY = {True: 0.05, False: 0.005}
 """Displacement (rad, m) of a driven joint for Jacobians beside a state that may be singular."""
 
 
-class Leader:
+class Follower:
     """A mechanism that follows a path; a function builds its model when first needed.
 
     States are configurations (nq,) of the reference model, from which the next call continues.
@@ -56,12 +56,12 @@ class Leader:
         run = self.model.run(q, self.model.state(start))
         return run.x, run.Ts_base_tool
 
-    def lead(self, Ts: Array, led: np.ndarray, p_tool: Array, start: Array) -> tuple[Array, Array, Array]:
+    def follow(self, Ts: Array, directions: np.ndarray, p_tool: Array, start: Array) -> tuple[Array, Array, Array]:
         """Return states (k, nq), driven joints (k, n) and T_base_tool (k, 4, 4) that follow poses from `start`.
 
         Args:
             Ts: (k, 4, 4) T_base_tool along a path that begins near `start`.
-            led: (6,) bool, the directions in which the poses are followed; see `posing.posed`.
+            directions: (6,) bool, the directions in which the poses are followed; see `posing.posed`.
             p_tool: (3,) in m, the point of the tool whose position is followed.
             start: state.
 
@@ -74,7 +74,7 @@ class Leader:
             done, step = 0.0, 1.0
             while done < 1.0:
                 ahead = min(1.0, done + step)
-                new = self._there(x, walk.between(before, T, ahead), led, p_tool)
+                new = self._there(x, walk.between(before, T, ahead), directions, p_tool)
                 if new is not None:
                     x, done, step = new, ahead, 2 * step
                     continue
@@ -110,16 +110,16 @@ class Leader:
         twist[:, :3] -= spatial.hat(arm) @ twist[:, 3:]
         return twist
 
-    def _there(self, x: Array, T: Array, led: np.ndarray, p_tool: Array) -> Array | None:
-        """Return the state near x with the tool at T in the led directions, loops closed; None if there is none."""
+    def _there(self, x: Array, T: Array, directions: np.ndarray, p_tool: Array) -> Array | None:
+        """Return the state near x with the tool at T in the chosen directions, loops closed; None if there is none."""
         model = self.model
         X, converged = minimise(
-            model.tree, x[None], posed(model.tree, T[None], led, p_tool), np.arange(model.tree.model.nv)
+            model.tree, x[None], posed(model.tree, T[None], directions, p_tool), np.arange(model.tree.model.nv)
         )
         run = model.collect(X)
         if not converged[0] or model.jumps(x[None], X)[0] > _JUMP:
             return None
-        off = np.abs(missed(run.Ts_base_tool[0], T, p_tool)[led]).max()
+        off = np.abs(missed(run.Ts_base_tool[0], T, p_tool)[directions]).max()
         return X[0] if max(run.gaps[0, :, 0].max(initial=0.0), off) < GAP_TOLERANCE else None
 
 

@@ -83,7 +83,7 @@ class Bound:
 
 
 @dataclass(frozen=True, eq=False)
-class Led:
+class Dragged:
     """The result of a motion.
 
     Attributes:
@@ -120,7 +120,7 @@ def bounds_of(mechanism: Mechanism, gaps: Sequence[tuple[str, str, float]] = ())
     return tuple(out)
 
 
-class Leader:
+class Dragger:
     """Moves one mechanism; see `take` and `joints`.
 
     Attributes:
@@ -163,7 +163,7 @@ class Leader:
 
     # -- by the joints --------------------------------------------------------------------------------
 
-    def joints(self, q: Array, u: Array, target: Array, seconds: float = np.inf) -> Led:
+    def joints(self, q: Array, u: Array, target: Array, seconds: float = np.inf) -> Dragged:
         """Move the active joints from q (n,) towards a target (n,), all of them arriving at the same time.
 
         Return the state reached, short of the target where a limit or a loop stops the motion, with the reason.
@@ -177,7 +177,7 @@ class Leader:
         step, until = stride, time.thread_time() + seconds
         while s < part:
             if time.thread_time() > until:
-                return Led(now.q, now.u, more=True)
+                return Dragged(now.q, now.u, more=True)
             ahead = min(s + step, part)
             goal = np.asarray(target, float) if ahead == 1 else q + ahead * way
             further, why = self._moved(now, goal - now.q, held, tool=False)
@@ -186,8 +186,8 @@ class Leader:
                 continue
             step /= 2
             if step < stride / 2**14:
-                return Led(now.q, now.u, singular=why or self.nearest(now))
-        return Led(now.q, now.u, tuple(stops))
+                return Dragged(now.q, now.u, singular=why or self.nearest(now))
+        return Dragged(now.q, now.u, tuple(stops))
 
     # -- one step -------------------------------------------------------------------------------------
 
@@ -255,11 +255,11 @@ class Leader:
 class Grip:
     """A grabbed point. Its final position depends on the line through the targets, not on their spacing."""
 
-    def __init__(self, leader: Leader, look: Look, held: tuple[str, Array]) -> None:
-        self._walk, self._hand = _Walk(leader, look, held), look.p
+    def __init__(self, dragger: Dragger, look: Look, held: tuple[str, Array]) -> None:
+        self._walk, self._hand = _Walk(dragger, look, held), look.p
         self._target, self._end = look.p, self._walk
 
-    def to(self, target: Array, seconds: float = np.inf) -> Led:
+    def to(self, target: Array, seconds: float = np.inf) -> Dragged:
         """Follow to a target (3,) in base, in m.
 
         Args:
@@ -271,7 +271,7 @@ class Grip:
             self._target, self._end = np.array(target, float), walk
         while self._end is walk:
             if not walk.goes_on(until):
-                return walk.led(more=True)
+                return walk.result(more=True)
             way = self._target - self._hand
             # A point that lags behind is pulled the same way by a hand that goes a little further.
             step = max(_STEP, _LAG * float(np.linalg.norm(self._hand - walk.look.p)))
@@ -281,16 +281,16 @@ class Grip:
             else:
                 self._hand = self._hand + way * (step / np.linalg.norm(way))
                 walk.begin(self._hand)
-        return self._end.led(more=not self._end.goes_on(until))
+        return self._end.result(more=not self._end.goes_on(until))
 
 
 class _Walk:
     """Steps of a point towards a sequence of goals; `look` is its state. A copy is independent."""
 
-    def __init__(self, leader: Leader, look: Look, held: tuple[str, Array]) -> None:
-        self.leader, self.look, self.held = leader, look, held
+    def __init__(self, dragger: Dragger, look: Look, held: tuple[str, Array]) -> None:
+        self.dragger, self.look, self.held = dragger, look, held
         self.singular, self.open = "", False
-        self._pull, self._slack = np.zeros(len(look.q)), np.zeros(len(leader.bounds))
+        self._pull, self._slack = np.zeros(len(look.q)), np.zeros(len(dragger.bounds))
         self._part, self._within, self._gain, self._tries = 1.0, _THERE, _GAIN, 0
 
     def begin(self, goal: Array, last: bool = False) -> None:
@@ -316,19 +316,19 @@ class _Walk:
         self._tries = 0
         return True
 
-    def led(self, more: bool) -> Led:
+    def result(self, more: bool) -> Dragged:
         """Return the state and the active bounds."""
-        singular = self.leader.nearest(self.look) if self.open else self.singular
-        return Led(self.look.q, self.look.u, self.stops(), singular, more)
+        singular = self.dragger.nearest(self.look) if self.open else self.singular
+        return Dragged(self.look.q, self.look.u, self.stops(), singular, more)
 
     def _step(self, first: Look, total: Array, goal: Array) -> Array | None:
         """Do one step that reduces the distance, and return it (n,) in m; None if there is none."""
-        leader, now = self.leader, self.look
-        scale, miss = leader._scale, goal - now.p
+        dragger, now = self.dragger, self.look
+        scale, miss = dragger._scale, goal - now.p
         # The smallest motion of the whole way from `first`, by the mean of both ends: second order in its length.
-        J, here, G = 0.5 * (first.J + now.J) * scale, now.J * scale, leader._G
+        J, here, G = 0.5 * (first.J + now.J) * scale, now.J * scale, dragger._G
         self.singular, self.open, self._pull = "", False, -here.T @ miss
-        self._slack = np.maximum(0.0, np.array([b.slack(now.q) for b in leader.bounds])) / leader._size
+        self._slack = np.maximum(0.0, np.array([b.slack(now.q) for b in dragger.bounds])) / dragger._size
         size, near = float(np.sum(J * J)), self._slack < _NEAR
         if size < _WEAK**2:  # no joint moves this point, or hardly
             return None
@@ -365,26 +365,26 @@ class _Walk:
 
         `easy`: accept only states where the point can move in all directions.
         """
-        leader, now = self.leader, self.look
-        used = -(leader._G @ y)
+        dragger, now = self.dragger, self.look
+        used = -(dragger._G @ y)
         part = min(1.0, _STRIDE / max(np.abs(y).max(initial=0.0), 1e-15))
         self._part = float(np.min(self._slack[used > 0] / used[used > 0], initial=part))
-        reached, why = leader._moved(now, leader._scale * (self._part * y), self.held)
+        reached, why = dragger._moved(now, dragger._scale * (self._part * y), self.held)
         if reached is None:
             self.singular, self.open = why, not why
             return False
         self.singular, self.open = "", False
         if np.linalg.norm(goal - reached.p) >= np.linalg.norm(goal - now.p):
             return False
-        if easy and np.linalg.svd(reached.J * leader._scale, compute_uv=False)[-1] <= _WEAK:
+        if easy and np.linalg.svd(reached.J * dragger._scale, compute_uv=False)[-1] <= _WEAK:
             return False
         self.look = reached
         return True
 
     def stops(self) -> tuple[Bound, ...]:
         """Return the bounds that block the point."""
-        leader, out = self.leader, []
-        for b, g, size in zip(leader.bounds, leader._G, leader._size, strict=True):
+        dragger, out = self.dragger, []
+        for b, g, size in zip(dragger.bounds, dragger._G, dragger._size, strict=True):
             if b.slack(self.look.q) / size < _NEAR and g @ self._pull > 1e-6 * np.linalg.norm(self._pull):
                 out.append(b)
         return tuple(out)
