@@ -6,12 +6,15 @@ import os
 import shutil
 import time
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from made import explain_seeds as seeds
 from twin.core.errors import TwinError
+from twin.validation.explain import numeric
 from twin.validation.explain.judge import Judge
+from twin.validation.explain.numeric import Matrix
 from twin.validation.explain.repair import Search
 from twin.validation.explain.source import Edit
 
@@ -94,6 +97,30 @@ def test_what_a_repair_drops_is_said(sils, tmp_path):
     assert found.cures[0][0].edits[0].text == "X_S2 -> q1"
     assert found.cures[0][0].dropped == ("X_S2",)
     assert not found.credible
+
+
+def test_an_index_of_a_scalar_is_no_cure(tmp_path):
+    """w[1] is zero at these poses, so any positive number would do beside it: q1[1] is the second pose's q1."""
+    case = seeds.built_in("pa10")
+    text, right = case.path.read_text(encoding="utf-8"), "atan2(w[1], w[0])"
+    assert text.count(right) == 1
+    (tmp_path / "formula.py").write_text(text.replace(right, "atan2(w[1], w[1])"), encoding="utf-8")
+    search = Search(Judge(case.load(tmp_path / "formula.py"), None, case.truth))
+    found, lost = search.run(budget=2.0)
+    assert not lost
+    texts = [e.text for f in found for cure in f.cures for c in cure for e in c.edits]
+    assert "1 -> 0" in texts
+    assert not [t for t in texts if t.startswith("w -> ")]
+
+
+@pytest.mark.parametrize("name", ["dot", "cross"])
+def test_products_of_a_scalar_and_a_vector_are_refused_as_by_casadi(name):
+    vector = Matrix(np.ones((4, 3, 1)))
+    with pytest.raises(ValueError, match="vectors of 1 and 3 entries"):
+        numeric._FUNCTIONS[name](np.ones(4), vector)
+    with pytest.raises(RuntimeError):
+        getattr(ca, name)(ca.SX.sym("s"), ca.SX.sym("v", 3))
+    numeric._FUNCTIONS[name](vector, vector)
 
 
 @pytest.mark.slow

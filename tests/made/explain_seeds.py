@@ -9,7 +9,7 @@ import io
 import re
 import sys
 import tokenize
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
 
 import casadi as ca
@@ -231,9 +231,13 @@ def outcome(case, faulty, folder, budget):
         edits = [e for change in chosen for e in change if e.kind != "left side"]
         if not edits:
             return False
-        path = folder / f"{name}.py"
-        path.write_text(patched(edits), encoding="utf-8")
-        return same_function(case.formula, case.load(path), truth)
+        own, path = _file_of(faulty), folder / f"{name}.py"
+        texts = {home: patched([e for e in edits if e.path == home]) for home in {e.path for e in edits}}
+        path.write_text(texts.pop(own, None) or own.read_text(encoding="utf-8"), encoding="utf-8")
+        with ExitStack() as shared:
+            for home, text in texts.items():
+                shared.enter_context(_in_place_of(home, text, folder))
+            return same_function(case.formula, case.load(path), truth)
 
     best = [(f, f.cures[0][0]) for f in found]
     single = all(len(f.cures) == 1 for f in found)

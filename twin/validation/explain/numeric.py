@@ -149,12 +149,22 @@ def _column(x: Any) -> Array:
     return np.swapaxes(_as(x).a, 1, 2).reshape(len(_as(x).a), -1)
 
 
+def _columns(a: Any, b: Any) -> tuple[Array, Array]:
+    u, v = _column(a), _column(b)
+    if u.shape[1] != v.shape[1]:  # numpy would repeat a scalar; CasADi refuses it
+        raise ValueError(f"vectors of {u.shape[1]} and {v.shape[1]} entries")
+    return u, v
+
+
 def _dot(a: Any, b: Any) -> Array:
-    return np.sum(_column(a) * _column(b), axis=1)
+    u, v = _columns(a, b)
+    return np.sum(u * v, axis=1)
 
 
 def _cross(a: Any, b: Any) -> Matrix:
-    u, v = np.broadcast_arrays(_column(a), _column(b))
+    u, v = np.broadcast_arrays(*_columns(a, b))
+    if u.shape[1] != 3:
+        raise ValueError(f"a cross product of vectors of {u.shape[1]} entries")
     return Matrix(np.cross(u, v)[:, :, None])
 
 

@@ -156,6 +156,11 @@ class Search:
         return self.judge.on(self.judge.truth.perturbed())
 
     @cached_property
+    def first(self) -> Judge:
+        """The formula at the first sample only."""
+        return self.judge.on(self.judge.truth.first())
+
+    @cached_property
     def dependence(self) -> Dependence:
         """The dependences of the rows on symbols."""
         return Dependence(self.judge, self.shaken)
@@ -235,7 +240,11 @@ class Search:
 
     def _exact(self, rows: list[Key], candidates: list[Candidate]) -> list[Candidate]:
         touching = [c for c in candidates if c.serves and any(k in c.scores for k in rows)]
-        return [c for c in touching if c.over(rows, self.base) <= 1]
+        return [c for c in touching if c.over(rows, self.base) <= 1 and (c.extra or self._runs(c))]
+
+    def _runs(self, c: Candidate) -> bool:
+        """Return whether a candidate runs with one sample: with several, an index of a scalar would pick a sample."""
+        return residuals(self.first, c.step.equation.name, c.edits) is not None
 
     def _distinct(self, exact: list[Candidate], rows: list[Key]) -> list[list[Candidate]]:
         """Sort exact candidates into functions, and each function into canonically different readings."""

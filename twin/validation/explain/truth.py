@@ -72,6 +72,16 @@ class Truth:
 
         return replace(self, symbols={n: shake(v) for n, v in self.symbols.items()})
 
+    def first(self) -> Truth:
+        """Return the first sample only."""
+
+        def cut(x: Any) -> Any:
+            if isinstance(x, Matrix):
+                return Matrix(x.a[:1])
+            return x[:1] if np.ndim(x) else x
+
+        return replace(self, symbols={n: cut(v) for n, v in self.symbols.items()}, k=1, Ts=self.Ts[:1])
+
     def pose_text(self, i: int) -> str:
         """Return the coordinates of one sample as text, in mm and degrees."""
         parts = []
