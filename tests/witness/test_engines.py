@@ -17,13 +17,14 @@ import pytest
 from pxr import Gf, Usd, UsdPhysics
 
 import twin
+from made.motions import motions
 from twin.core import spatial
 
 pytestmark = pytest.mark.witness
 
 FRAMES = 24
 POSITION, ROTATION = 1e-6, 1e-4
-CASES = [(r, p) for r in twin.names() for p in twin.load(r).files.protocols()]
+CASES = motions()
 RATE = 1000
 GAP, REST_GAP, STILL = 50e-6, 1e-6, 10e-6
 """m: how far a loop may open while driven, and at rest; how far any point of any link may move in the first second,

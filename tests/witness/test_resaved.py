@@ -7,6 +7,7 @@ and masses, beside the other formats that do.
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from collections.abc import Callable
 from math import inf
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+import twin
 from twin.exchange.audit import audit
 
 pytestmark = pytest.mark.witness
@@ -103,7 +105,16 @@ up to 0.3 mm off at 120 Hz.
 """
 
 
-@pytest.mark.parametrize("name", SAVES)
+ROBOTS = twin.names()
+PAIRS = [
+    (name, ROBOTS[(3 * i + k) % len(ROBOTS)])
+    for i, name in enumerate(SAVES)
+    for k in range(len(ROBOTS) if os.environ.get("TWIN_ALL_PROTOCOLS") else 3)
+]
+"""Each program saves three robots, so that every robot meets several programs; `TWIN_ALL_PROTOCOLS=1`: all of them."""
+
+
+@pytest.mark.parametrize(("name", "case"), PAIRS, indirect=["case"])
 def test_what_was_only_saved_again_has_no_findings(foreign, figures, case, tmp_path, name):
     save, kept, lost = SAVES[name]
     folder = tmp_path / case.robot

@@ -1,7 +1,7 @@
 """Exports used as a stranger uses them: the file is loaded and stepped, or played from a track, and nothing is set up.
 
 MuJoCo and Drake on the MJCF, Newton's default importer on the stage, Pinocchio and yourdfpy on the URDF; every robot,
-along every protocol. PhysX is in test_engines.py, Drake's URDF too.
+along its default protocol (`TWIN_ALL_PROTOCOLS=1`: along every one). PhysX is in test_engines.py, Drake's URDF too.
 """
 
 from __future__ import annotations
@@ -14,21 +14,16 @@ import numpy as np
 import pytest
 
 import twin
-from twin.cad import description
+from made.motions import motions
 from twin.core import spatial
 
 pytestmark = pytest.mark.witness
 
 ROBOTS = twin.names()
-CASES = [(r, p) for r in ROBOTS for p in twin.load(r).files.protocols()]
+CASES = motions()
 SECONDS = float(os.environ.get("TWIN_STRANGERS_SECONDS", "10"))
 NEWTON_SECONDS = float(os.environ.get("TWIN_NEWTON_SECONDS", "1"))
-DRIVEN = (
-    [(r, str(description.load(twin.load(r).files.description).default_protocol)) for r in ROBOTS]
-    if NEWTON_SECONDS
-    else CASES
-)
-"""Motions along which Drake and, for a second, Newton are driven; `TWIN_NEWTON_SECONDS=0` takes all to their ends."""
+"""s of motion along which Newton is driven; 0 takes it to its end."""
 STARTED, HELD, PLAYED = 1e-6, 100e-6, 1e-6
 """m: how far a loop may be open as loaded, and while it moves; how far a link may be off that plays a track."""
 OPENS = {("USD", "sher"): 0.1}
@@ -167,7 +162,7 @@ def targets_of(mechanism, model, track) -> tuple[list[float], dict[str, list[flo
     return times, dict(zip(names, values.T.tolist(), strict=True)), dict(zip(names, gains, strict=True))
 
 
-@pytest.mark.parametrize(("name", "protocol"), DRIVEN)
+@pytest.mark.parametrize(("name", "protocol"), CASES)
 def test_drake_holds_the_loops_of_the_mjcf(foreign, figures, tmp_path, name, protocol):
     """At rest, then along a protocol: in Drake's discrete solver, with drives of the gains that the file has."""
     foreign.need("drake")
@@ -225,7 +220,7 @@ def test_newtons_default_importer_starts_at_home(foreign, figures, tmp_path, nam
         assert held[1e-3] <= HELD
 
 
-@pytest.mark.parametrize(("name", "protocol"), DRIVEN)
+@pytest.mark.parametrize(("name", "protocol"), CASES)
 @pytest.mark.parametrize("file", ["MJCF", "USD"])
 def test_newton_is_driven_along_a_protocol(foreign, figures, tmp_path, file, name, protocol):
     """The MJCF as loaded, with the springs of its loops; the stage with stiff ones, where Newton places them right.
