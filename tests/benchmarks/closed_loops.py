@@ -140,7 +140,7 @@ def cold(task: Task, effort: Effort) -> list[Table]:
         c.bar = 1000.0 if c.name.startswith("Pinocchio") else None
     race(many, [*batch, *peers], effort)
     many.notes.append(
-        f"The truth is the pose from which the closed inverse of the equations made q: the tool of every answer is "
-        f"within {off.max():.1e} (m, and entries of the rotation) of it. Peers are called pose by pose."
+        "The truth is the pose from which the closed-form inverse of the equations made q: the tool of every answer "
+        f"is within {off.max():.1e} (m, and entries of the rotation) of it. Peers are called pose by pose."
     )
     return [single, many]

@@ -251,7 +251,7 @@ def judge(robot: Robot, grid: Grid) -> Kernel:
     kin = robot.kinematics()
     if not kin.closed_inverse:
         raise KinematicsError(
-            f"{robot.name}: its equations have no closed inverse; solving pose by pose would take hours"
+            f"{robot.name}: its equations have no closed-form inverse; solving pose by pose would take hours"
         )
     return measure.kernel(kin, robot.mechanism.limits, grid.pose, bounds=shared_bounds(robot))
 

@@ -343,7 +343,7 @@ def parser() -> argparse.ArgumentParser:
         "  twin study davinci              groups of users, and the accuracy of a console\n"
         "  twin study my_study.toml --json\n  twin study users.csv            your own groups, compared by ranks",
     )
-    sub.add_argument("robot", help="a built-in robot or study, a robot folder, a study file, or a CSV of users")
+    sub.add_argument("subject", help="a built-in robot or study, a robot folder, a study file, or a CSV of users")
 
     sub = add(
         "console",

@@ -10,4 +10,4 @@ from twin.cli import show
 
 def study(args: argparse.Namespace) -> int:
     """Print the recomputed tables of a robot's studies or of one file; exit 1 if they differ from the print."""
-    return show.finish(published.study(args.robot), args)
+    return show.finish(published.study(args.subject), args)
