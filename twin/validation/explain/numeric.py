@@ -151,7 +151,7 @@ def _column(x: Any) -> Array:
 
 def _columns(a: Any, b: Any) -> tuple[Array, Array]:
     u, v = _column(a), _column(b)
-    if u.shape[1] != v.shape[1]:  # numpy would repeat a scalar; CasADi refuses it
+    if u.shape[1] != v.shape[1]:  # numpy would repeat a scalar; CasADi raises an error
         raise ValueError(f"vectors of {u.shape[1]} and {v.shape[1]} entries")
     return u, v
 
