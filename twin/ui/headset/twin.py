@@ -20,7 +20,7 @@ from twin.reference.states import Assembly
 from twin.ui.headset import description
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.ghost import Ghost
-from twin.ui.headset.hold import Hold, hold_of, lead
+from twin.ui.headset.hold import Hold, hold_of, move_of
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.reach import Reach
 from twin.ui.headset.track import Shown, Track, apart, measured, path, protocols_of, trocars
@@ -251,7 +251,7 @@ class Twin:
             raise RefusedError("held", f"{hold.client} holds {self.called}")
         if hold is None:
             raise RefusedError("not_held", "grab first, then drag")
-        self._move(lead(hold, message, self.desk))
+        self._move(move_of(hold, message, self.desk))
 
     def _posture(self, name: str) -> None:
         if name not in self.desk.postures:
