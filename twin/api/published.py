@@ -1,4 +1,4 @@
-"""Checks of published material: tables from their printed rows, stated masses, the equations of a console."""
+"""Checks of published material: tables from their printed rows, stated masses, equations of a surgeon's console."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _NEXT = "compare the numbers above with the document; if it prints the same, cit
 
 @dataclass(frozen=True)
 class Study(Result):
-    """Published tables, recomputed from their own rows.
+    """Published tables, recomputed from their printed rows.
 
     Attributes:
         what: description of the printed values, for messages.
         titles: title and source of each document.
         tables: tables of the documents; an empty title means that the table belongs to the table before.
         data: the tables as plain data.
-        findings: values that do not follow.
+        findings: values that do not follow from the printed rows.
     """
 
     what: str
@@ -219,7 +219,7 @@ class Masses(Result):
 
 
 def masses(robot: Robot, progress: Progress = silent) -> Masses:
-    """Check the masses and inertias of a robot: of its CAD, its stage and its tables.
+    """Check the masses and inertias stated in a robot's CAD, stage and tables.
 
     Raises:
         TwinError: no mass is stated anywhere.
@@ -254,7 +254,7 @@ def console(
 
     Args:
         name: name of the console.
-        variants: one reading for all equations ("paper", "conjugate", "decoupled"), or a reading by equation.
+        variants: one reading for all equations ("paper", "conjugate", "decoupled"), or {equation: reading}.
         progress: see `Progress`.
 
     Raises:

@@ -103,7 +103,7 @@ def export_scene(
     budget: Budget | None = None,
     progress: Progress = silent,
 ) -> SceneBundle:
-    """Write a bundle for each robot of a scene, and one USD stage with all of them; read each again.
+    """Write a bundle for each robot of a scene and one USD stage with all robots, and check the written files.
 
     Args:
         file: scene.toml.
@@ -152,7 +152,7 @@ def _duration(bundles: Mapping[str, Bundle]) -> float:
 
 
 def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> dict[str, Any]:
-    """Return the maximum deviation, in the stage as composed by OpenUSD, of points 0.1 m from each link's origin."""
+    """Return the maximum deviation of the links in the composed USD stage, at points up to 0.1 m from their origins."""
     from pxr import Usd, UsdGeom
 
     opened = Usd.Stage.Open(str(stage))
