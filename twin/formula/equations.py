@@ -88,7 +88,7 @@ class Equations:
         """Return a decorator that registers another reading of an equation: a function with only the rows that differ.
 
         A row is one assignment. Each row replaces the row of `of` that assigns the same symbols; if the symbols are
-        arguments of `of`, the row is put first. Any other assignment is put just before the next changed row.
+        arguments of `of`, the row is put first. Any other assignment is put before the next changed row.
         Arguments of the function are symbols of the flow, or names that `of` assigns; it returns the symbols it changes.
 
         Args:
