@@ -2,8 +2,8 @@
 
 `atomic_folder` writes into `.twin-XXXXXXXX.tmp/new` in the target. When all files are written, one rename creates a
 journal there: before this rename the target is unchanged; after it, all files will be moved. The next process that
-calls `settle` completes the moves of a killed process, or removes its unfinished files. A process locks its folder, and the
-kernel releases the lock when the process ends. There is no fsync: a power failure may still lose files.
+calls `settle` completes the moves of a killed process, or removes its unfinished files. A process locks its folder, and
+the kernel releases the lock when the process ends. There is no fsync: a power failure may still lose files.
 """
 
 from __future__ import annotations

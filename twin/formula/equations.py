@@ -89,7 +89,7 @@ class Equations:
 
         A row is one assignment. Each row replaces the row of `of` that assigns the same symbols; if the symbols are
         arguments of `of`, the row is put first. Any other assignment is put before the next changed row.
-        Arguments of the function are symbols of the flow, or names that `of` assigns; it returns the symbols it changes.
+        Arguments of the function are symbols of the flow, or names that `of` assigns; it returns the changed symbols.
 
         Args:
             name: name of the reading.
