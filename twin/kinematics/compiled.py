@@ -42,7 +42,7 @@ class Compiled(ABC):
         characteristic_length: length in m; a rotation by 1 rad counts as much as a translation by this length.
         revolute: (n,) bool, whether a joint is an angle.
         program: the compiled functions.
-        """
+    """
 
     def __init__(
         self,
