@@ -96,7 +96,7 @@ class Equations:
             of: the function to change, of the equation or of another variant.
             why: the change in this reading, and its reason.
 
-            Raises:
+        Raises:
             KinematicsError: `of` is not an equation of this file. A variant whose row does not exist in `of` raises
                 an error, with file and line, only when the variant is first used, so that the file is not parsed for
                 other readings.

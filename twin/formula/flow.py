@@ -41,7 +41,7 @@ def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[s
         formula: the formula.
         variants: {equation: variant}; or one name for all equations that have a variant with this name.
 
-        Raises:
+    Raises:
         KinematicsError: an equation or a variant is unknown; the message lists the existing names.
     """
     known = {e.name: e for e in formula.equations if e.stage != "helper"}

@@ -114,7 +114,7 @@ class Kinematics(Compiled):
             seed: q (n,) to start from at the first pose, without a closed inverse; each other pose starts from the
                 previous solution.
 
-            Raises:
+        Raises:
             KinematicsError: as `inverse`, for the first pose without a solution, with its index and the number of such
                 poses.
         """

@@ -72,7 +72,7 @@ class Compiled(ABC):
             {name: value for _, name, _, value in extra_joints},
         )
         if self.closed_inverse:
-            self.program.inverse  # made now, so that a bad to_pose fails when compiled
+            self.program.inverse  # noqa: B018 - compiled now, so that a faulty to_pose fails here
 
     @abstractmethod
     def inverse(self, T_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
