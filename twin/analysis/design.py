@@ -58,7 +58,7 @@ class Factor:
 
     @property
     def scale(self) -> float:
-        """Factor from `unit` to SI."""
+        """Number that converts a value in `unit` to SI."""
         return _UNITS[self.unit]
 
 

@@ -23,7 +23,7 @@ _FIRST = 50_000
 """Number of samples from which the size of the box is estimated."""
 
 _CELLS = 20_000_000
-"""Maximum number of cells."""
+"""Maximum number of grid cells."""
 
 
 def by_joints(

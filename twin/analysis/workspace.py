@@ -73,7 +73,7 @@ class Grid:
 
     @property
     def poses(self) -> int:
-        """Number of poses."""
+        """Number of poses: positions times orientations."""
         return self.positions * self.turns
 
     def position(self, number: np.ndarray) -> Array:
@@ -257,7 +257,7 @@ def judge(robot: Robot, grid: Grid) -> Kernel:
 
 
 def chunks(grid: Grid, size: int = CHUNK) -> Iterator[tuple[int, int]]:
-    """Yield the first and last position of each chunk of about `size` poses."""
+    """Yield (first, last + 1) position index of each chunk of about `size` poses."""
     many = max(1, size // grid.turns)
     for first in range(0, grid.positions, many):
         yield first, min(first + many, grid.positions)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from twin.model.scene import Scene
 
 SCENE_COMMANDS = ("info", "run", "view", "serve", "export")
-"""Commands that accept a scene."""
+"""Commands that accept a scene in which every robot has a protocol."""
 
 
 def scene_commands(scene: Scene) -> tuple[str, ...]:
@@ -42,7 +42,7 @@ class Info(Result):
     findings: tuple[Finding, ...]
 
     def content(self) -> Mapping[str, Any]:
-        """Return the data."""
+        """Return plain data."""
         return self.data
 
     def text(self) -> Iterator[Part]:
@@ -90,7 +90,7 @@ class SceneInfo(Result):
     findings: tuple[Finding, ...] = ()
 
     def content(self) -> Mapping[str, Any]:
-        """Return the data."""
+        """Return plain data."""
         return self.data
 
     def text(self) -> Iterator[Part]:
@@ -132,11 +132,11 @@ class Listing(Result):
     findings: tuple[Finding, ...] = ()
 
     def content(self) -> Mapping[str, Any]:
-        """Return both lists."""
+        """Return both lists as plain data."""
         return {"robots": self.robots, "scenes": self.scenes}
 
     def text(self) -> Iterator[Part]:
-        """Yield two tables."""
+        """Yield a table of the robots and a table of the scenes."""
         yes = {True: "yes", False: "-"}
         yield Table(
             ("robot", "title", "equations", "stage", "protocols"),

@@ -62,14 +62,14 @@ def operate(
 
 
 def load_scene(scene: str | Path) -> Scene:
-    """Return a scene.
+    """Return the scene with a name or path.
 
     Args:
-        scene: the name of a built-in scene, the path of a scene.toml or of its folder.
+        scene: the name of a built-in scene, or the path of a scene.toml or of its folder.
 
     Raises:
         TwinError: there is no such scene.
-        DescriptionError: its file is malformed.
+        DescriptionError: the scene file is malformed.
     """
     from twin.model.scene import load_scene as read
 
@@ -79,7 +79,7 @@ def load_scene(scene: str | Path) -> Scene:
 
 
 def world(scene: Scene, dt: float = 1e-3, progress: Progress = silent) -> World:
-    """Return a World in which every robot of a scene plays its protocol, with the props.
+    """Return a World in which every robot of a scene plays its protocol, with the props; `dt`: time step in s.
 
     Raises:
         TwinError: a protocol cannot be planned.

@@ -53,17 +53,17 @@ class Source:
 
     @cached_property
     def cad(self) -> CadModel:
-        """The robot as measured from the CAD, without masses."""
+        """The robot measured on the CAD, without masses."""
         return self._read(with_mass=False)
 
     @cached_property
     def weighed(self) -> CadModel:
-        """The robot as measured from the CAD, with the masses of the parts."""
+        """The robot measured on the CAD, with the masses of the parts."""
         return self._read(with_mass=True)
 
     @cached_property
     def description(self) -> Description:
-        """The description of the CAD, as written."""
+        """The content of the robot's TOML file."""
         from twin.cad.description import load
 
         return load(self._files.description, self._files.read)
@@ -92,7 +92,7 @@ class Source:
         """Yield the robot's own USD stage if it is up to date with the CAD, else one rebuilt in a temporary folder."""
         from twin.exchange.write.usd import fresh_stage
 
-        cad = vars(self).get("weighed") or self.cad  # both have the same source
+        cad = vars(self).get("weighed") or self.cad  # both have the same file hash
         with fresh_stage(self._files.stage, cad.mechanism.source, lambda: self.weighed.mechanism) as root:
             yield root
 
@@ -101,8 +101,8 @@ class Source:
 class Robot:
     """A robot: its mechanism from the CAD (or a USD stage) and its equations. Created by `load`; immutable.
 
-    Arrays are SI; poses are T_base_tool (4, 4); q holds the active joints in the order of `joints`. Heavy parts are
-    loaded when first used. `bound`, `weighed` and `with_...` return new robots that share the source.
+    Arrays are SI; poses are T_base_tool (4, 4); q holds the active joints in the order of `joints`. CAD and
+    equations are loaded when first used. `bound`, `weighed` and `with_...` return new robots that share the source.
 
     Attributes:
         source: the CAD or stage from which the robot is read.
@@ -134,7 +134,7 @@ class Robot:
 
     @cached_property
     def cad(self) -> CadModel:
-        """The mechanism as measured from the CAD, with findings.
+        """The mechanism measured on the CAD, with findings.
 
         Raises:
             TwinError: the robot was loaded from a stage, or its description or CAD is malformed.
@@ -168,7 +168,7 @@ class Robot:
         CAD.
 
         Raises:
-            KinematicsError: no equations, or no such variant or parameter.
+            KinematicsError: there are no equations, or a variant or parameter does not exist.
         """
         if variants is None and parameters is None:
             return self._kinematics
@@ -195,7 +195,7 @@ class Robot:
 
     @cached_property
     def formula(self) -> Formula:
-        """The equations, not compiled yet (`KinematicsError`: none, or malformed). Reading a `formula.py` runs it."""
+        """The equations before compilation; `KinematicsError` if missing or malformed. A `formula.py` is executed."""
         from twin.robots import load_formula
 
         if self.equations is not None:
@@ -245,7 +245,7 @@ class Robot:
         return kin.inverse(T, seed) if T.ndim == 2 else kin.inverse_of_all(T, seed)
 
     def forward(self, q: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None) -> Array:
-        """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for (k, n), on the assembly branch of the seed pose.
+        """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for q (k, n), on the branch of the seed pose (4, 4).
 
         Raises:
             KinematicsError: there is no assembly, or none on that branch.
@@ -262,7 +262,7 @@ class Robot:
         """Solve a task (a pose, a masked pose, tip and trocar, ...) by Levenberg-Marquardt within the joint limits.
 
         Raises:
-            KinematicsError: no solution; the best iterate is attached.
+            KinematicsError: there is no solution; its attribute `best` is the best iterate.
         """
         from twin.kinematics import solve
 
@@ -332,11 +332,11 @@ class Robot:
         return replace(self, parameters={**self.parameters, **values})
 
     def with_mechanism(self, mechanism: Mechanism) -> Robot:
-        """Return the robot with another mechanism, which has its own masses."""
+        """Return the robot with another mechanism; masses are those of this mechanism."""
         return replace(self, changed=mechanism)
 
     def with_formula(self, formula: Formula) -> Robot:
-        """Return the robot with these equations instead of those of its files."""
+        """Return the robot with these equations instead of the equations of its files."""
         return replace(self, equations=formula)
 
     def weighed(self) -> Robot:
@@ -402,7 +402,7 @@ def load(
     Args:
         robot: the name of a built-in robot, or the path of a robot folder or of a USD stage (mechanism only).
         variants: {equation: variant}, or one name for all equations; default: the default of each equation.
-        parameters: values in SI that replace published ones in the equations.
+        parameters: {name: value in SI} that replace published values in the equations.
         tool: frame or body of a stage to use as tool; default: the tool named in the stage, else the end of its longest
             chain.
 

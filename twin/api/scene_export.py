@@ -1,7 +1,7 @@
-"""`twin export` of a scene: one checked bundle and place for each robot, and one USD stage with all of them.
+"""Export of a scene: a checked bundle for each robot with its base pose, and one USD stage with all robots.
 
-Formats other than USD hold one robot with its motion. `scene.json` gives the place of each robot: a player puts the
-robot's base there and starts all motions at once.
+Formats other than USD contain one robot with its motion. `scene.json` contains the pose of each robot's base; a player
+places the bases and starts all motions at the same time.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from twin.exchange.write.clip import Budget
 from twin.model.scene import Scene, load_scene
 
 _TOLERANCE = 1 * UM
-"""Maximum difference in m between a link in the scene's stage and in its robot's bundle (moved to its place)."""
+"""Maximum difference in m between a link in the scene's stage and in its robot's bundle, both in world."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class SceneBundle(Result):
         scene: the scene.
         formats: the formats written.
         bundles: bundle of each robot, by name.
-        checks: results of the checks of the scene's stage.
+        checks: results of the checks of the scene's stage; empty without USD.
     """
 
     scene: Scene

@@ -362,7 +362,7 @@ def load(path: Path, read: Read = read_bytes) -> Description:
     """Return a robot description; `read` returns the bytes of the file.
 
     Raises:
-        DescriptionError: with file, line, key, value and the allowed values.
+        DescriptionError: the file is malformed; the message gives file, line, key, value and allowed values.
     """
     description = load_toml(path, Description, read)
     if description.name != path.stem:

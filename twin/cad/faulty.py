@@ -242,7 +242,7 @@ def _weighed(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Suspect
 
 
 def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterator[tuple[bool, str]]:
-    """Yield (True, text) if a length equals other parts' only after the correction, (False, text) if only before."""
+    """Yield (True, text) for a length that the correction makes equal to other parts', (False, text) if unequal."""
     limit = cad.description.tolerance.meeting_um * UM
     try:
         before, after = measure(cad), measure(replace(cad, measured=s.faces))  # type: ignore[arg-type]
@@ -269,7 +269,7 @@ def _apart_mm(value: float, true: float) -> str:
 
 
 def _alike(cad: CadModel, s: Suspect) -> Iterator[tuple[bool, str]]:
-    """Yield (True, text) if the part equals identical parts only after the correction, (False, text) if only before."""
+    """Yield (True, text) if the correction makes the part equal to its identical parts, (False, text) if unequal."""
     kinds = {b: {n: (m.face.kind, round(m.face.radius, 6)) for n, m in f.items()} for b, f in cad.measured.items()}
     twins = [b for b in kinds if b != s.body and kinds[b] == kinds[s.body]]
     if not twins or not s.features:

@@ -20,7 +20,7 @@ _BESIDE = ("dimensions", "inertia", "exhibit", "scene")
 """Files allowed in a robot's cad/ folder besides the description."""
 
 NO_EQUATIONS = "FORMULA = None"
-"""The line that marks an empty template formula.py."""
+"""Line in formula.py that marks the empty template."""
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 

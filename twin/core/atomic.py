@@ -22,7 +22,7 @@ from pathlib import Path
 from twin.core.errors import OutputError
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Error numbers of a full disk."""
+"""System error numbers of a full disk, an exceeded quota and a too large file."""
 
 _PREFIX, _SUFFIX = ".twin-", ".tmp"
 _OWN = re.compile(r"\.twin-[a-z0-9_]{8}\.tmp")
@@ -229,7 +229,7 @@ def _back(base: Path, own: Path) -> None:
 
 
 def _inside(base: Path, name: str) -> Path:
-    """Return the path of a file that a journal names. The name is untrusted: another user may have made the folder.
+    """Return the path of a file in a journal; the name is not trusted, because another user may have made the folder.
 
     Raises:
         ValueError: the path is outside the folder.
@@ -241,7 +241,7 @@ def _inside(base: Path, name: str) -> Path:
 
 
 def _drop(base: Path, file: Path) -> None:
-    """Remove a file, and the folders above it that are then empty."""
+    """Remove a file, and then its parent folders below `base` that are empty."""
     file.unlink(missing_ok=True)
     for parent in file.parents:
         if parent == base or not parent.is_relative_to(base):
@@ -253,7 +253,7 @@ def _drop(base: Path, file: Path) -> None:
 
 
 def _keep(file: Path, kept: Path) -> None:
-    """Keep a second copy of a file."""
+    """Create a second copy of a file, as a hard link if possible."""
     try:
         kept.hardlink_to(file)
     except OSError:  # a file system without links
@@ -261,7 +261,7 @@ def _keep(file: Path, kept: Path) -> None:
 
 
 def no_room(error: BaseException) -> str:
-    """Return the advice for a full disk, "" for any other error."""
+    """Return an error text with advice for a full disk; "" for any other error."""
     if not (isinstance(error, OSError) and error.errno in FULL):
         return ""
     place = Path(error.filename).parent if error.filename else "the disk"

@@ -8,7 +8,7 @@ from types import ModuleType
 from twin.core.errors import TwinError
 
 EXTRAS = {"distributed": "cluster", "segno": "qr", "yaml": "yaml", "pyarrow": "parquet"}
-"""Name of this package's extra that installs a module, by module."""
+"""Name of the extra of this package that installs each module, by module name."""
 
 
 def require(module: str, purpose: str) -> ModuleType:

@@ -1,4 +1,4 @@
-"""The common result of commands and API functions: verdict, findings, data, tables."""
+"""Common base of the results of commands and API functions: verdict, findings, data, tables."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ Part = str | Line | Table | Finding
 class Result(ABC):
     """Base class of the results of commands and API functions.
 
-    `twin <command> --json` prints `as_dict`. One module each makes the text, the exit code and the JSON file of a
-    command from it (`twin.cli.show.finish`, `twin.ui.report.files.write_result`).
+    `twin <command> --json` prints `as_dict`. `twin.cli.show.finish` prints the text and sets the exit code of every
+    command; `twin.ui.report.files.write_result` writes its JSON file.
 
     Attributes:
         judges: whether the result has a verdict; measurements and comparisons have none.

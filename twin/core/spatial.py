@@ -204,7 +204,7 @@ def frame_from_axes(z: ArrayLike, x: ArrayLike) -> Array:
 
 
 def point_to_line(point: ArrayLike, origin: ArrayLike, direction: ArrayLike) -> Array:
-    """Return the distance (...) in metres from point (..., 3) to the line origin + s direction (..., 3)."""
+    """Return the distance (...) in m from points (..., 3) to lines origin + s * direction (..., 3)."""
     d = np.asarray(direction, float)
     d = d / np.linalg.norm(d, axis=-1, keepdims=True)
     w = np.asarray(point, float) - np.asarray(origin, float)

@@ -199,7 +199,7 @@ def _merged(base: Callable[..., Any], change: Callable[..., Any]) -> tuple[Row, 
     """Return the rows of a function after the changes of a variant.
 
     Raises:
-        KinematicsError: a statement is not an assignment, changes only a part of a row, or its symbol is not returned.
+        KinematicsError: a statement is not an assignment, changes only part of a row, or its symbol is not returned.
     """
     path = inspect.unwrap(change).__code__.co_filename
 

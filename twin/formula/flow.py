@@ -107,7 +107,7 @@ def run(formula: Formula, chosen: Mapping[str, str], symbols: Mapping[str, Any],
 
 
 def from_pose(formula: Formula, T: Any) -> dict[str, Any]:
-    """Return the symbols of a pose: the pose itself and its coordinates."""
+    """Return {symbol: value} of a pose (4, 4): the pose itself and its coordinates."""
     what = f"formula '{formula.name}', coordinates.from_pose"
     try:
         values = formula.coordinates.from_pose(T)

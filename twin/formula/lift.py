@@ -77,7 +77,7 @@ class _Space:
 
 
 def _kind(*values: Any) -> type[Scalar] | None:
-    """Return the class of the first symbol found among values, lists and arrays."""
+    """Return the class of the first symbol in values, lists and arrays; None if there is no symbol."""
     for v in values:
         if isinstance(v, Scalar):
             return type(v)

@@ -22,7 +22,7 @@ class Loader(SourceFileLoader):
         return self.data
 
     def get_code(self, fullname: str) -> CodeType:
-        """Return the compiled bytes."""
+        """Return the code object compiled from the bytes."""
         return self.source_to_code(self.data, self.path)
 
 

@@ -30,7 +30,7 @@ from twin.formula.scalar import METHODS, Scalar
 FUNCTIONS = ("inverse", "forward", "points")
 
 _LENGTH = 0.1
-"""Characteristic length in m of a formula without a length among its parameters."""
+"""Characteristic length in m of a formula whose parameters include no length."""
 
 
 class Symbol(Scalar):
@@ -122,7 +122,7 @@ def plain_formula(
 
 
 class _Rows(PlainRows):
-    """A plain function that runs on CasADi symbols."""
+    """A plain function that can be called with CasADi symbols."""
 
     def __call__(self, **symbols: Any) -> tuple[Any, ...]:
         """Return the outputs as a tuple of SX.
@@ -137,7 +137,7 @@ class _Rows(PlainRows):
         return tuple(self._leave(p, n) for p, n in zip(parts, self.outputs, strict=True))
 
     def run(self, arguments: Mapping[str, Any]) -> Any:
-        """Call the function and return its result; an operation that gives NaN raises an error with its line."""
+        """Call the function and return its result; an operation that gives NaN or infinity raises an error."""
         try:
             with warnings.catch_warnings(), np.errstate(invalid="raise", divide="raise"):
                 warnings.simplefilter("error", FutureWarning)  # CasADi warns about NumPy functions

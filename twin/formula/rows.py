@@ -49,7 +49,7 @@ class PlainRows(ABC):
     ) -> None:
         """Check the arguments of a function against the available symbols.
 
-        `unread` are symbols with a value that no function uses; an error about a missing argument suggests them.
+        `unread` are symbols that no function uses; an error about an unknown argument suggests these symbols.
 
         Raises:
             KinematicsError: an argument is unknown; the message gives file and line.

@@ -48,7 +48,7 @@ def compile_formula(
 
 
 class Kinematics(Compiled):
-    """A compiled formula with inverse and forward kinematics; made by `compile_formula`."""
+    """A compiled formula with inverse and forward kinematics; created by `compile_formula`."""
 
     def inverse(self, T_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
         """Return q (n,) in m or rad at a pose (4, 4).
@@ -78,9 +78,9 @@ class Kinematics(Compiled):
         return q
 
     def inverse_near(self, T_base_tool: Array, q: Array) -> Array | None:
-        """Return q (n,) at a pose (4, 4) from the closed inverse, with angles less than half a turn from q (n,).
+        """Return q (n,) at a pose (4, 4) from the closed inverse, with angles at most half a turn from q (n,).
 
-        For control loops: no error messages are prepared. Auxiliary joints keep the values of q. None if there is no
+        A fast version for control loops. Auxiliary joints keep the values of q. None if there is no
         closed inverse, or the pose is out of reach or not rigid.
         """
         if not self.closed_inverse:

@@ -159,7 +159,7 @@ class Compiled(ABC):
         return {m.name: ~(np.abs(values[m.name]) >= m.alarm) for m in self.formula.measures}
 
     def reach(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> dict[str, Array]:
-        """Return the reach margins {name: (k,)} in m; negative where the chain is too short."""
+        """Return the reach margins {name: (k,)} in m; negative where the chain cannot reach."""
         return self._named("reach", Ts, qs)
 
     def aspect_signs(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:

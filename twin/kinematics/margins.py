@@ -82,7 +82,7 @@ class Margins:
     def valid(self, s: States, passive: bool) -> NDArray[np.bool_]:
         """Return (k,) bool: whether the equations reproduce each state; `passive`: also the passive joints.
 
-        The equations are on another branch in other states.
+        Where they do not, the equations are on another branch.
         """
         kin = self._kin
         with np.errstate(all="ignore"):

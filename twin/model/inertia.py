@@ -1,4 +1,4 @@
-"""Mass, mass centre and inertia tensor of a body."""
+"""Mass, centre of mass and inertia tensor of a body."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from twin.core.spatial import Array
 
 @dataclass(frozen=True)
 class Inertia:
-    """Mass in kg, centre of mass (3,) in m, and inertia (3, 3) in kg m^2 about it, all in the body frame."""
+    """Mass in kg, centre of mass (3,) in m, and inertia (3, 3) in kg m^2 about that centre, in the body frame."""
 
     mass: float
     p_body_com: Array
@@ -64,7 +64,7 @@ class Inertia:
         return out
 
     def violations(self) -> list[str]:
-        """Return the reasons why no rigid body has this tensor; empty if there are none."""
+        """Return the reasons why no rigid body can have this mass and tensor; empty if it is possible."""
         bad = []
         if not (np.isfinite(self.mass) and self.mass > 0):
             bad.append(f"mass {self.mass:g} kg is not positive")

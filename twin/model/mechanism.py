@@ -50,8 +50,8 @@ class Finish:
 
     Attributes:
         material: name of the part's material, or "" if unknown.
-        metallic: 0 paint, plastic, glass .. 1 bare metal.
-        roughness: 0 mirror .. 1 chalk.
+        metallic: 0 for paint, plastic and glass, 1 for bare metal.
+        roughness: 0 for a mirror, 1 for chalk.
     """
 
     material: str = ""
@@ -61,7 +61,7 @@ class Finish:
 
 @dataclass(frozen=True)
 class Material:
-    """A material of a scene: a name that is unique in the robot, a linear colour 0..1, and a finish."""
+    """A material: a name that is unique in the robot, a linear RGBA colour 0..1, and a finish."""
 
     name: str
     color_rgba: tuple[float, float, float, float]
@@ -74,7 +74,7 @@ class Mesh:
 
     Attributes:
         name: identifier, unique in the mechanism.
-        vertices: (n, 3) float64, metres.
+        vertices: (n, 3) float64, in m.
         triangles: (m, 3) int32, counter-clockwise seen from outside.
         color_rgba: linear, 0..1.
         finish: finish of its surface.
@@ -147,11 +147,11 @@ class Joint:
         return self.type == "revolute"
 
     def relative(self, T_base_parent: Array, T_base_child: Array) -> Array:
-        """Return the pose (..., 4, 4) of the child's joint frame in the parent's; identity means q = 0 and no gap."""
+        """Return the child's joint frame (..., 4, 4) in the parent's joint frame; identity means q = 0 and no gap."""
         return spatial.inverse(T_base_parent @ self.T_parent_joint) @ T_base_child @ self.T_child_joint
 
     def coordinate(self, T_base_parent: Array, T_base_child: Array) -> Array:
-        """Return the coordinate between two body poses (..., 4, 4): rad about z in -pi..pi, else m along z."""
+        """Return the coordinate (...) at two body poses (..., 4, 4): rad about z in -pi..pi, or m along z."""
         T = self.relative(T_base_parent, T_base_child)
         return spatial.angle_about_z(T) if self.is_angle else T[..., 2, 3]
 
@@ -379,15 +379,15 @@ class Mechanism:
         return out
 
     def body(self, name: str) -> Body:
-        """Return the body of that name, or raise `MechanismError` with the names that exist."""
+        """Return the body with a name, or raise `MechanismError` that lists the existing names."""
         return _find("body", self.bodies, name)
 
     def joint(self, name: str) -> Joint:
-        """Return the joint of that name, or raise `MechanismError` with the names that exist."""
+        """Return the joint with a name, or raise `MechanismError` that lists the existing names."""
         return _find("joint", self.joints, name)
 
     def frame(self, name: str) -> Frame:
-        """Return the frame of that name, or raise `MechanismError` with the names that exist."""
+        """Return the frame with a name, or raise `MechanismError` that lists the existing names."""
         return _find("frame", self.frames, name)
 
     def frame_in_tool(self, name: str) -> Array:
@@ -400,7 +400,7 @@ class Mechanism:
         return spatial.inverse(tool.T_body_frame) @ it.T_body_frame
 
     def actuator(self, name: str) -> Actuator:
-        """Return the actuator of that name, or raise `MechanismError` with the names that exist."""
+        """Return the actuator with a name, or raise `MechanismError` that lists the existing names."""
         return _find("actuator", self.actuators, name)
 
     def transmission_of(self, joint: str) -> Transmission | None:
@@ -408,7 +408,7 @@ class Mechanism:
         return next((t for t in self.transmissions if joint in t.joints), None)
 
     def point(self, name: str) -> Point:
-        """Return the point of that name, or raise `MechanismError` with the names that exist."""
+        """Return the point with a name, or raise `MechanismError` that lists the existing names."""
         return _find("point", self.points, name)
 
     @property
@@ -430,7 +430,7 @@ class Mechanism:
         return {j.child: j for j in self.tree}
 
     def posture(self, name: str) -> Array:
-        """Return q (n,) of a named posture, or raise `MechanismError` with the names that exist."""
+        """Return q (n,) of a named posture, or raise `MechanismError` that lists the existing names."""
         if name not in self.postures:
             raise MechanismError(f"{self.name}: {unknown('posture', name, self.postures)}")
         return np.array([self.postures[name][j.name] for j in self.active])

@@ -1,4 +1,4 @@
-"""The scene file: places of robots, their ports, and props."""
+"""The scene file: positions of robots, their ports, cameras, a console and props."""
 
 from __future__ import annotations
 
@@ -163,10 +163,10 @@ class Scene:
 
 
 def load_scene(path: Path) -> Scene:
-    """Return the scene in a TOML file.
+    """Return the checked scene from a TOML file.
 
     Raises:
-        DescriptionError: with file, line, key, value and the allowed values.
+        DescriptionError: the file is malformed; the message gives file, line, key, value and allowed values.
     """
     table = load_toml(path, SceneTable)
     names = [r.name for r in table.robot]

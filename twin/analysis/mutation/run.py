@@ -69,7 +69,7 @@ def selftest(
 
 @contextlib.contextmanager
 def bench_of(robot: str, protocol: str | None) -> Iterator[Bench]:
-    """Yield the bench of a robot in a temporary folder."""
+    """Yield the bench (robot, protocol, stage) for seeding faults, in a temporary folder."""
     loaded = api.load(robot)
     if loaded.files is None or not loaded.files.formula.is_file():
         raise TwinError(f"{loaded.name} has no equations to check")

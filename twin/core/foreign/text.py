@@ -31,13 +31,13 @@ def load_json(path: Path, encoding: str = "utf-8") -> Any:
 
     Raises:
         BudgetError: the file is too large, or has too many objects and lists.
-        OSError, ValueError (also of its text), RecursionError: the file cannot be read.
+        OSError, ValueError, RecursionError: the file cannot be read, or is not valid JSON.
     """
     return parse_json(path, read_bytes(path, "JSON"), encoding)
 
 
 def parse_json(path: Path, data: bytes, encoding: str = "utf-8") -> Any:
-    """Return JSON text as Python objects; errors name `path`. Raises as `load_json`."""
+    """Return JSON text as Python objects; `path` is for error messages. Raises the same errors as `load_json`."""
     count_json(path, data)
     return json.loads(data.decode(encoding))
 

@@ -129,7 +129,7 @@ class Equations:
         return ca.vertcat(T, ca.SX([[0, 0, 0, 1]]))
 
     def rest(self) -> tuple[Array, list[Array]]:
-        """Return q (n,) and the state of each unknown in the rest poses (as drawn in the CAD)."""
+        """Return q (n,) and the state of each passive joint in the rest poses (as drawn in the CAD)."""
         rest = self.mechanism.rest
         q, states = np.zeros(len(self._active)), []
         for joint in self.mechanism.tree:
@@ -241,7 +241,7 @@ class Equations:
 
 
 def _turned(quat: ca.SX, v: ca.SX) -> ca.SX:
-    """Return v (3,) turned by a unit quaternion."""
+    """Return v (3,) rotated by a unit quaternion (4,), w first."""
     w, x, y, z = ca.vertsplit(quat)
     R = ca.vertcat(
         ca.horzcat(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -257,7 +257,7 @@ def _moved(T: Array, v: ca.SX, point: bool) -> ca.SX:
 
 
 def _off(error: _Error, v: ca.SX, point: bool) -> ca.SX:
-    """Return v (3,) moved by the error of a frame, or by its inverse."""
+    """Return the point or direction v (3,) moved by the error of a frame, or by the inverse error."""
     shift, turn = error.e[:3], error.e[3:]
     if error.back:
         turn = -turn

@@ -3,6 +3,8 @@
 Blocks of equations are solved in sequence (see `structure`): planar loops first, then the blocks that depend on
 them. Every solution is checked: loops closed, no joint inverted, and the determinant of each block has the same sign as
 in the rest poses (as drawn in the CAD). If a check fails, the state is solved again in small steps from the rest poses.
+
+`numbers` in array shapes is the total count of state values of all passive joints: (numbers,) holds all unknowns.
 """
 
 from __future__ import annotations
@@ -71,7 +73,7 @@ class LoopSolver:
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
-        """Find the structure and close the loops in the rest poses; kernels are compiled when first used.
+        """Find the blocks of equations and close the loops in the rest poses; kernels are compiled when first used.
 
         Raises:
             AssemblyError: the loops do not close in the rest poses.
