@@ -37,7 +37,7 @@ Part = str | Line | Table | Finding
 class Result(ABC):
     """Base class of the results of commands and API functions.
 
-    `twin <command> --json` prints `as_dict`. `twin.cli.show.finish` prints the text and sets the exit code of every
+    `twin <command> --json` prints `as_dict`. `twin.cli.show.finish` prints the text and returns the exit code of a
     command; `twin.ui.report.files.write_result` writes its JSON file.
 
     Attributes:
