@@ -1,4 +1,4 @@
-"""A workspace as a cloud of points for other programs: PLY (MeshLab, CloudCompare, Blender) and USD."""
+"""Write a workspace as a point cloud for other programs: PLY (MeshLab, CloudCompare, Blender) and USD."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from twin.analysis.workspace import COLUMNS, Workspace
 from twin.core.spatial import Array
 
 MOST = 400_000
-"""Maximum number of points of a cloud; larger sets are thinned evenly."""
+"""Maximum number of points in a cloud; larger clouds are thinned evenly."""
 
 
 def points(found: Workspace) -> tuple[Array, np.ndarray, np.ndarray]:
-    """Return positions (k, 3) in m, their values (k, 4) and colours (k, 3) uint8 by inverse condition number."""
+    """Return positions (k, 3) in m, values (k, 4), and colours (k, 3) uint8 that show the inverse condition number."""
     from matplotlib import colormaps
 
     at = np.flatnonzero(found.reached)
     at = at[:: max(1, -(-len(at) // MOST))]
     values = found.values[at]
-    known = values[:, 1] if values[:, 1].any() else values[:, 2]  # a mechanism alone: by margin to the limits
+    known = values[:, 1] if values[:, 1].any() else values[:, 2]  # without equations: by margin to the limits
     most = float(np.quantile(known, 0.99)) if len(known) else 1.0
     rgba = colormaps["viridis"](np.clip(known / max(most, 1e-12), 0, 1), bytes=True)
     return found.grid.position(at), values, np.asarray(rgba)[:, :3]
 
 
 def write_ply(found: Workspace, path: Path) -> None:
-    """Write a binary PLY: x y z in m, red green blue, and the columns of the workspace."""
+    """Write a binary PLY with x y z in m, red green blue, and the columns of the workspace."""
     p, values, rgb = points(found)
     kinds = [
         *((n, "<f4") for n in "xyz"),
@@ -45,7 +45,7 @@ def write_ply(found: Workspace, path: Path) -> None:
 
 
 def write_usd(found: Workspace, path: Path) -> None:
-    """Write a USD layer with one Points prim: to be referenced next to the robot; both use the robot's base frame."""
+    """Write a USD layer with one Points prim in the robot's base frame, to be referenced next to the robot."""
     from pxr import Sdf, Usd, UsdGeom, Vt
 
     from twin.usd.write.layers import describe, new_layer, save
@@ -62,7 +62,7 @@ def write_usd(found: Workspace, path: Path) -> None:
     half = np.array([[-0.5], [0.5]], np.float32) * np.float32(found.grid.step)
     prim.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([p32.min(axis=0), p32.max(axis=0)]) + half))
     color = prim.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
-    color.Set(Vt.Vec3fArray.FromNumpy((rgb / 255.0).astype(np.float32) ** np.float32(2.2)))  # linear
+    color.Set(Vt.Vec3fArray.FromNumpy((rgb / 255.0).astype(np.float32) ** np.float32(2.2)))  # sRGB to linear
     primvars = UsdGeom.PrimvarsAPI(prim)
     for i, name in enumerate(COLUMNS):
         made = primvars.CreatePrimvar(name, Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex)

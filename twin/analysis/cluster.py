@@ -1,6 +1,6 @@
-"""Run tasks on other processors by a Dask scheduler: a running one, by its address, or a local one on this machine.
+"""Run tasks on other processors through a Dask scheduler: an existing one, by address, or a local one.
 
-Results are fetched as soon as a task is done. If a worker dies, its unfinished tasks are rerun by another.
+Each result is returned when its task is finished. If a worker dies, another worker reruns its unfinished tasks.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ HERE = "local"
 
 
 PATIENCE = "10s"
-"""Seconds to wait for a scheduler."""
+"""Maximum time to wait for a scheduler, as text for Dask."""
 
 
 @contextlib.contextmanager
 def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]:
-    """Yield a client of the scheduler at an address such as tcp://10.0.0.1:8786, or of workers on this machine.
+    """Yield a client of the scheduler at an address such as tcp://10.0.0.1:8786, or of local workers.
 
     Raises:
-        TwinError: there is no scheduler, or `distributed` is not installed.
+        TwinError: no scheduler answers at the address, it has no workers, or `distributed` is not installed.
     """
     require("distributed", "work on several processors or machines")
     import dask
@@ -39,10 +39,10 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
 
     logging.getLogger("distributed").setLevel(logging.ERROR)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # ports of dashboards, slow starts: nothing that concerns a result
+        warnings.simplefilter("ignore")  # warnings about dashboard ports and slow starts do not affect results
         if address == HERE:
             count = workers or len(os.sched_getaffinity(0))
-            # Workers stay on this machine's own address, and no page is served.
+            # Workers listen on the loopback address only, and no dashboard is served.
             with (
                 dask.config.set({"distributed.worker.daemon": False}),
                 LocalCluster(count, threads_per_worker=1, host="127.0.0.1", dashboard_address="") as own,
@@ -61,11 +61,12 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
 
 
 def each(client: Client, function: Callable[..., Any], tasks: Iterable[tuple]) -> Iterator[tuple[int, Any]]:
-    """Yield the number and the result of each finished task, in any order.
+    """Yield (task index, result) of each finished task, in any order.
 
     Args:
         client: client of a scheduler.
-        function: at the top level of a module that the workers have too; the same arguments must give the same result.
+        function: function at the top level of a module that the workers can import; the same arguments must give the
+            same result.
         tasks: arguments of each task.
 
     Raises:

@@ -1,8 +1,8 @@
-"""Design variants: parameters and distances are varied, each design is evaluated by workspace and accuracy.
+"""Design variants: parameters and distances are varied, and each design is evaluated by workspace and accuracy.
 
 A factor is a parameter of the equations, or a distance between two joints on one body of the mechanism, written
-`body:joint-joint`; the second joint moves along the line between them. Each design is evaluated independently, so that
-work can be distributed, stopped and resumed.
+`body:joint-joint`; changing the distance moves the second joint along the line between them. Each design is evaluated
+independently, so that the work can be distributed, stopped and resumed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ OBJECTIVES = {
     "margin": ("", +1, "mean margin to the nearest joint limit, 1 in the middle of the range"),
     "tolerance": ("µm", -1, "95th-percentile position error at home, 10 µm of each joint frame, 1 µm of encoders"),
 }
-"""Objectives: unit, whether larger (+1) or smaller (-1) is better, and description."""
+"""Objectives: unit, whether larger (+1) or smaller (-1) values are better, and description."""
 
 POSITIONS = 27_000
 """Number of tool positions at which every design is evaluated."""
@@ -41,13 +41,13 @@ _UNITS = {"m": 1.0, "mm": MM, "um": UM, "µm": UM, "rad": 1.0, "deg": DEG, "": 1
 
 @dataclass(frozen=True)
 class Factor:
-    """A quantity that is varied.
+    """A quantity that is varied over a range.
 
     Attributes:
         name: name of a parameter, or `body:joint-joint`.
-        low, high: range in SI.
-        unit: unit in which it is shown.
-        drawn: its value in the CAD's design, in SI.
+        low, high: range in SI units.
+        unit: display unit.
+        drawn: value in the design of the CAD, in SI units.
     """
 
     name: str
@@ -58,20 +58,20 @@ class Factor:
 
     @property
     def scale(self) -> float:
-        """Factor from `unit` to SI."""
+        """Number that converts a value in `unit` to SI."""
         return _UNITS[self.unit]
 
 
 @dataclass(frozen=True)
 class Job:
-    """All that a worker needs to evaluate a design.
+    """All data that a worker needs to evaluate a design.
 
     Attributes:
         source: name or path of the robot.
-        protocol: the protocol that places its trocar, or None.
+        protocol: name of the protocol that sets the trocar position, or None.
         factors: the factors to vary.
-        objectives: the objectives to evaluate.
-        low, step, shape, R: grid of positions and the orientation; see `Grid`.
+        objectives: names of the objectives to evaluate.
+        low, step, shape, R: grid of positions in m, and the orientation; see `Grid`.
     """
 
     source: str
@@ -85,10 +85,10 @@ class Job:
 
 
 def factor(robot: api.Robot, text: str) -> Factor:
-    """Return the factor that NAME=LOW..HIGH[unit] means; the default unit is that of the parameter, or mm.
+    """Return the factor for the text NAME=LOW..HIGH[unit]; default unit: the unit of the parameter, or mm.
 
     Raises:
-        TwinError: the text has another form, or names nothing that exists.
+        TwinError: the text has another form, or the name does not exist.
     """
     name, mark, range_ = text.partition("=")
     low, dots, high = range_.partition("..")
@@ -116,12 +116,12 @@ def factor(robot: api.Robot, text: str) -> Factor:
 
 
 def distance(mechanism: Mechanism, name: str) -> float:
-    """Return the distance in m of two joints `body:joint-joint`; between parallel pins it is perpendicular to them."""
+    """Return the distance in m between two joints, `body:joint-joint`, perpendicular to the axes of parallel pins."""
     return float(np.linalg.norm(_between(mechanism, name)[0]))
 
 
 def stretched(mechanism: Mechanism, name: str, value: float) -> Mechanism:
-    """Return the mechanism with this distance set in m; the second joint moves along the line from the first."""
+    """Return the mechanism with this distance set to `value` in m; the second joint moves along the connecting line."""
     line, joint, side = _between(mechanism, name)
     size = float(np.linalg.norm(line))
     if size < 1e-9:
@@ -133,7 +133,7 @@ def stretched(mechanism: Mechanism, name: str, value: float) -> Mechanism:
 
 
 def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
-    """Return (line (3,) in the body from the first joint to the second, second joint, its side on the body)."""
+    """Return (vector (3,) in the body from first to second joint in m, second joint, its frame attribute)."""
     body, _, pair = name.partition(":")
     first, mark, second = pair.partition("-")
     if not mark:
@@ -147,7 +147,7 @@ def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
     a, b = (getattr(joint, side) for joint, side in ends)
     line = b[:3, 3] - a[:3, 3]
     axes = [T[:3, 2] for T, (joint, _) in zip((a, b), ends, strict=True) if joint.type in ("revolute", "cylindrical")]
-    if axes and np.linalg.norm(np.cross(axes[0], axes[-1])) < 1e-6:  # where along its pin a part sits is not a length
+    if axes and np.linalg.norm(np.cross(axes[0], axes[-1])) < 1e-6:  # lengths along pins do not count
         line = line - (line @ axes[0]) * axes[0]
     return line, *ends[1]
 
@@ -155,7 +155,7 @@ def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
 def job(
     robot: api.Robot, source: str, protocol: str | None, factors: Sequence[Factor], objectives: Sequence[str]
 ) -> Job:
-    """Return the job: its positions cover the workspace of the CAD's design and a fifth more."""
+    """Return the job; its grid of positions is 20 % larger in each direction than the workspace of the CAD's design."""
     from twin.analysis.workspace import box
 
     for name in objectives:
@@ -185,7 +185,7 @@ def job(
 
 
 def values(factors: Sequence[Factor], samples: int, levels: int | None, seed: int) -> Array:
-    """Return designs (k, factors) in SI: the CAD's design, then a grid of levels or a Latin hypercube."""
+    """Return designs (k, factors) in SI units: the CAD's design, then a grid of levels or a Latin hypercube."""
     from scipy.stats import qmc
 
     low, high = np.array([f.low for f in factors]), np.array([f.high for f in factors])
@@ -204,7 +204,7 @@ def _robot(source: str, protocol: str | None) -> api.Robot:
 
 
 def judge(work: Job, design: Sequence[float]) -> dict[str, float]:
-    """Return the objectives of one design; NaN if it cannot be assembled."""
+    """Return the objectives of one design; NaN for a design that cannot be assembled."""
     robot = _robot(work.source, work.protocol)
     out: dict[str, float] = {}
     named = {f.name: float(v) for f, v in zip(work.factors, design, strict=True)}
@@ -223,14 +223,14 @@ def judge(work: Job, design: Sequence[float]) -> dict[str, float]:
 
 
 def grid_error(work: Job) -> float:
-    """Return the uncertainty in dm3 of the volume of the CAD's design, which is counted in cells."""
+    """Return the uncertainty in dm3 of the volume of the CAD's design, due to counting grid cells."""
     _, _, good = _good(work, _robot(work.source, work.protocol).kinematics())
     nx, ny, nz = work.shape
     return volume_error(good.reshape(nz, ny, nx), (work.step / 0.1) ** 3)
 
 
 def _good(work: Job, kin: Kinematics) -> tuple[Array, Array, np.ndarray]:
-    """Return (poses (k, 4, 4) of the grid, their joints (k, n), which are reached (k,))."""
+    """Return (poses (k, 4, 4) of the grid, joints (k, n) at these poses, whether each pose is reached (k,))."""
     robot = _robot(work.source, work.protocol)
     grid = Grid(np.array(work.low), work.step, work.shape, np.array(work.R))
     Ts = spatial.pose(np.array(work.R), grid.position(np.arange(grid.positions)))
@@ -265,7 +265,7 @@ def _reach(work: Job, robot: api.Robot, parameters: dict[str, float]) -> dict[st
 
 
 def pareto(rows: Array, directions: Sequence[int]) -> np.ndarray:
-    """Return which designs (k,) are Pareto-optimal."""
+    """Return whether each design (k,) is Pareto-optimal; designs with NaN are not."""
     better = rows * np.array(directions)
     known = np.isfinite(better).all(axis=1)
     out = np.zeros(len(rows), bool)
@@ -276,7 +276,7 @@ def pareto(rows: Array, directions: Sequence[int]) -> np.ndarray:
 
 
 def row(work: Job, number: int, design: Sequence[float], judged: dict[str, float]) -> dict[str, Any]:
-    """Return one line of the table, with the factors in their units."""
+    """Return one row of the table of designs, with the factors in their display units."""
     names = [f"{f.name} [{f.unit}]" if f.unit else f.name for f in work.factors]
     shown = {n: v / f.scale for n, f, v in zip(names, work.factors, design, strict=True)}
     named = {f"{n} [{OBJECTIVES[n][0]}]" if OBJECTIVES[n][0] else n: v for n, v in judged.items()}

@@ -1,8 +1,8 @@
-"""Workspace by sampling joint ranges: for robots whose equations have no closed-form inverse.
+"""Workspace from samples of the joint ranges, for robots whose equations have no closed-form inverse.
 
-Joints are spread evenly over their ranges, and the resulting tool positions are counted in cells. For a robot without
-equations, the mechanism with closed loops gives the positions; the margin to a singularity of the loops then replaces
-the singularity measure, and there is no condition number.
+Joint values are spread evenly over their ranges, and the resulting tool positions are counted in cells. For a robot
+without equations, the positions come from the mechanism with closed loops; the margin to a singularity of the loops
+then replaces the singularity measure, and there is no condition number.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from twin.core.errors import TwinError
 from twin.core.spatial import Array
 
 _FIRST = 50_000
-"""Number of samples used to find the size of the box."""
+"""Number of samples from which the size of the box is estimated."""
 
 _CELLS = 20_000_000
-"""Maximum number of cells."""
+"""Maximum number of grid cells."""
 
 
 def by_joints(
@@ -32,16 +32,16 @@ def by_joints(
     step: float | None = None,
     progress: Callable[[str, float], None] = lambda label, fraction: None,
 ) -> Workspace:
-    """Return the workspace of a robot over the ranges of its joints.
+    """Return the workspace of a robot from samples of its joint ranges.
 
     Args:
         robot: a robot with forward equations, or with a mechanism only.
         count: number of samples.
-        step: edge of a cell in m; default: a 64th of the largest extent.
-        progress: called with a description of the current step.
+        step: edge length of a cell in m; default: 1/64 of the largest extent.
+        progress: called with the current step and the fraction done.
 
     Raises:
-        TwinError: a sliding joint has no limits, or the cells are too many.
+        TwinError: a prismatic joint has no limits, there are too many cells, or no sample can be assembled.
     """
     ranges = _ranges(robot)
     sample = _sampler(robot, ranges)
@@ -99,7 +99,7 @@ def _ranges(robot: Robot) -> Array:
 
 
 def _root(n: int) -> float:
-    """Return the positive root of x^(n + 1) = x + 1: its powers spread points evenly in n dimensions."""
+    """Return the positive root of x^(n + 1) = x + 1, whose powers spread points evenly in n dimensions."""
     x = 2.0
     for _ in range(60):
         x = (1 + x) ** (1 / (n + 1))
@@ -107,7 +107,7 @@ def _root(n: int) -> float:
 
 
 def _sampler(robot: Robot, ranges: Array) -> Callable[[int, int], tuple[Array, Array]]:
-    """Return a function: (first, last sample) -> (values (k, 4), positions (k, 3) in m)."""
+    """Return a function (first, last sample index) -> (values (k, 4) as `measure.NAMES`, positions (k, 3) in m)."""
     n = len(ranges)
     steps = _root(n) ** -np.arange(1, n + 1)
 

@@ -1,7 +1,7 @@
-"""One compiled kernel that evaluates poses: reachability, distance to joint limits, conditioning.
+"""One compiled kernel that evaluates poses: reachability, margin to joint limits, conditioning.
 
-Condition numbers are those of singular values: eigenvalues of J J^T by Jacobi's rotations, sweep by sweep until the
-off-diagonal entries are rounding. The sweeps are unrolled code, so that many poses are computed at once.
+Condition numbers come from the eigenvalues of J J^T, computed by Jacobi rotations in sweeps until the off-diagonal
+entries are rounding errors. The sweeps are unrolled code, so that many poses are computed at once.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from twin.kinematics.closed_loops.dragging import Bound
 from twin.kinematics.compile import POSE_TOL
 
 NAMES = ("reached", "inverse_condition", "limit_margin", "singularity")
-"""Quantities at a pose.
+"""Names of the values at a pose.
 
 Reached (1 or 0); inverse condition number, 0..1; margin of the joint nearest to a limit (1 in the middle of its range,
-0 at its end); smallest singularity measure of the equations (NaN if they have none).
+0 at the limit); smallest singularity measure of the equations (NaN if they have none).
 """
 
 ROOT = 1.2207440846057596
-"""Root of x^4 = x + 1: the fractional parts of i / root^k cover three dimensions more evenly than random numbers."""
+"""Root of x^4 = x + 1; the fractional parts of i / root^k cover three dimensions more evenly than random numbers."""
 
 _SWEEPS, _BESIDE = 12, 1e-13
 
 
 def shared(bounds: Sequence[Bound]) -> tuple[Bound, ...]:
-    """Return the limits that involve several joints: of motors of transmissions, and of carriages on one rail."""
+    """Return the limits that involve several joints: limits of transmission motors, and minimum gaps on one rail."""
     return tuple(b for b in bounds if b.kind in ("motor", "gap"))
 
 
@@ -45,14 +45,14 @@ def kernel(
     from_joints: bool = False,
     size: int = 1,
 ) -> Kernel:
-    """Return a kernel from a sample (its number or its coordinates) to `NAMES` and the tool's position.
+    """Return a kernel that computes `NAMES` and the tool position from a sample (its number or its coordinates).
 
     Args:
-        kin: the equations.
-        limits: (n, 2) of the active joints, infinite where there is none.
-        pose: function from a sample (size,) to its pose (4, 4), or with `from_joints` to its joints (n,).
+        kin: compiled equations of the robot.
+        limits: (n, 2) limits of the active joints in m or rad, infinite where a joint has no limit.
+        pose: function from a sample (size,) to its pose (4, 4) or, with `from_joints`, to its joints (n,).
         bounds: limits that involve several joints, see `shared`.
-        from_joints: samples are joints; requires forward equations.
+        from_joints: whether samples are joints; requires forward equations.
         size: count of numbers in a sample.
     """
     program, n = kin.program, len(kin.joints)
@@ -68,7 +68,7 @@ def kernel(
         state = ca.reshape(T.T, 16, 1)
         out = program.inverse.function(state)
         q, reached = out[:-1], out[-1] <= POSE_TOL
-        if kin.closed_forward:  # the inverse of a redundant arm is one of many: its slope is less informative
+        if kin.closed_forward:  # a redundant arm has many inverse solutions, so use the forward Jacobian
             J = ca.reshape(program.forward_jacobian.function(q), n, 6).T
             J = ca.vertcat(J[:3, :], J[3:, :] * kin.characteristic_length)
         else:
@@ -76,7 +76,7 @@ def kernel(
             J = ca.horzcat(J[:, :3], J[:, 3:] / kin.characteristic_length)
     margin = ca.SX(1)
     for j, (low, high) in enumerate(limits):
-        reached = ca.logic_and(reached, q[j] == q[j])  # NaN is not an answer
+        reached = ca.logic_and(reached, q[j] == q[j])  # NaN: out of reach
         if np.isfinite(low) and np.isfinite(high):
             near = 2 * ca.fmin(q[j] - low, high - q[j]) / (high - low)
             margin = ca.if_else(near < margin, near, margin)
@@ -84,7 +84,7 @@ def kernel(
     for bound in bounds:
         reached = ca.logic_and(reached, ca.dot(ca.SX(ca.DM(bound.weights)), q) >= bound.least)
     aspects = program.group["aspect"]
-    if aspects.function.numel_out(0):  # another assembly is another machine
+    if aspects.function.numel_out(0):  # poses in another assembly do not count as reached
         for sign, aspect in zip(ca.vertsplit(aspects.function(state)), kin.formula.aspects, strict=True):
             reached = ca.logic_and(reached, sign * aspect.preferred > 0)
     measures = program.group["measure"]
@@ -116,9 +116,9 @@ def kernel(
 
 
 def _sweep(m: int) -> ca.Function:
-    """Return a function for one Jacobi sweep over a symmetric matrix; it also returns the off-diagonal size.
+    """Return a function for one Jacobi sweep over a symmetric matrix; it also returns the off-diagonal norm.
 
-    The matrix is its lower triangle by rows; off-diagonal entries are relative to the diagonal.
+    The matrix is stored as its lower triangle by rows; the off-diagonal norm is relative to the norm of the diagonal.
     """
     entries = ca.SX.sym("a", m * (m + 1) // 2)
     a = {(r, c): entries[r * (r + 1) // 2 + c] for r in range(m) for c in range(r + 1)}
@@ -130,7 +130,7 @@ def _sweep(m: int) -> ca.Function:
     along = sum((a[k, k] ** 2 for k in range(m)), ca.SX(0))
     for p, q in combinations(range(m), 2):
         x, y, z = a[p, p], a[q, q], a[q, p]
-        # the tangent of the rotation that takes z away, without dividing by it
+        # tangent of the rotation that makes z zero, without dividing by z
         d = y - x
         t = ca.if_else(z == 0, 0, 2 * z / (d + ca.copysign(ca.sqrt(d * d + 4 * z * z), d)))
         c = 1 / ca.sqrt(1 + t * t)
@@ -140,5 +140,5 @@ def _sweep(m: int) -> ca.Function:
             u, v = a[at(p, k)], a[at(q, k)]
             a[at(p, k)], a[at(q, k)] = c * u - s * v, s * u + c * v
     out = ca.vertcat(*[a[r, c] for r in range(m) for c in range(r + 1)])
-    # quadratic: with so much left before this sweep, what is left after it is its square
+    # Convergence is quadratic: the norm after this sweep is about the square of the returned norm before it.
     return ca.Function("sweep", [entries], [out, ca.sqrt(beside / (along + 1e-300))])

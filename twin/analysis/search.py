@@ -1,4 +1,4 @@
-"""Workspace of a robot, by poses or by joint positions, depending on its equations."""
+"""Workspace of a robot from a grid of poses or from joint samples, depending on its equations."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from twin.api.robot import silent
 from twin.core.errors import TwinError
 
 _POSITIONS = 50_000_000
-"""Maximum number of positions: each takes 16 bytes on disk and 16 bytes of memory."""
+"""Maximum number of positions; each takes 16 bytes on disk and 16 bytes in memory."""
 
 
 def workspace(
@@ -34,19 +34,19 @@ def workspace(
 ) -> Workspace:
     """Return the workspace of the tool.
 
-    With a closed-form inverse, positions on a grid are tried in one or more orientations; otherwise, or on request,
-    joint positions are sampled.
+    With a closed-form inverse, positions on a grid are evaluated in one or more orientations; otherwise, or if
+    `by_joint_positions`, joint values are sampled.
 
     Args:
-        robot: a robot with CAD, or of a stage.
-        count: approximate number of poses or joint positions.
-        step: distance between positions in m; default: from the count.
-        tilt: largest rotation about each axis of base in rad.
+        robot: a robot with CAD, or loaded from a stage.
+        count: approximate number of poses or joint samples.
+        step: distance between positions in m; default: computed from `count`.
+        tilt: maximum rotation about each axis of base in rad.
         turns: number of orientations at each position.
-        by_joint_positions: whether to sample joints although there is a closed-form inverse.
-        protocol: the protocol that places the trocars; default: the robot's default protocol.
+        by_joint_positions: whether to sample joints even if there is a closed-form inverse.
+        protocol: name of the protocol that sets the trocar positions; default: the robot's default protocol.
         store: folder for workspace.npy with the values of each position; default: memory only.
-        scheduler: address of a Dask cluster; its workers load the robot by `source`.
+        scheduler: address of a Dask scheduler; its workers load the robot by `source`.
         source: name or path by which workers load the robot.
         progress: see `twin.api.Progress`.
 
@@ -77,7 +77,7 @@ def workspace(
     def kept(shape: tuple[int, int]) -> np.ndarray:
         if store is None:
             return np.zeros(shape, np.float32)
-        # On disk: the system keeps in memory what there is room for.
+        # On disk: the operating system caches as much of the file as fits in memory.
         return np.lib.format.open_memmap(store / "workspace.npy", "w+", np.float32, shape)
 
     if scheduler:

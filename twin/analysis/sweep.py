@@ -1,4 +1,4 @@
-"""Evaluate designs, store each result at once, and report the Pareto-optimal ones."""
+"""Evaluate designs, store each result immediately, and report the Pareto-optimal designs."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 
 _SHOWN = 20
-"""Maximum number of printed Pareto-optimal designs."""
+"""Maximum number of Pareto-optimal designs in the text."""
 
 
 @dataclass(frozen=True)
 class Sweep(Result):
-    """Evaluated designs.
+    """Results of evaluated designs.
 
     Attributes:
-        robot: its name.
+        robot: name of the robot.
         work: the factors and the objectives.
-        designs: (k, factors) in SI, the CAD's design first.
-        judged: (k, objectives).
-        best: (k,) bool, Pareto-optimal designs.
+        designs: (k, factors) in SI units, the CAD's design first.
+        judged: (k, objectives) values, in the units of `design.OBJECTIVES`.
+        best: (k,) bool, whether a design is Pareto-optimal.
         before: number of designs whose results came from the cache.
     """
 
@@ -54,7 +54,7 @@ class Sweep(Result):
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        """Each design with its factors, its objectives and whether it is Pareto-optimal."""
+        """A row for each design: factors, objectives, and whether it is Pareto-optimal."""
         names = self.work.objectives
         return [
             {**design.row(self.work, i, d, dict(zip(names, j, strict=True))), "pareto": bool(b)}
@@ -64,7 +64,7 @@ class Sweep(Result):
     def content(self) -> dict[str, Any]:
         """Return plain data."""
         known = {n: design.OBJECTIVES[n] for n in self.work.objectives}
-        grid = None  # only volumes are counted in cells
+        grid = None  # only volumes are computed by counting cells
         if "volume" in known:
             grid = {"step_mm": self.work.step / MM, "volume_error_dm3": design.grid_error(self.work)}
         rows = self.rows
@@ -79,7 +79,7 @@ class Sweep(Result):
         }
 
     def text(self) -> Iterator[Part]:
-        """Yield the CAD's design and the Pareto-optimal ones."""
+        """Yield the CAD's design and the Pareto-optimal designs."""
         data = self.content()
         yield f"{self.robot} · {len(self.designs)} designs evaluated ({self.before} from cache)"
         yield from (f"  {name}: {meaning['meaning']}" for name, meaning in data["objectives"].items())
@@ -119,21 +119,21 @@ def sweep(
     fresh: bool = False,
     progress: Progress = silent,
 ) -> Sweep:
-    """Evaluate designs; results already stored in the same folder are reused.
+    """Evaluate designs; results that are already stored in the same folder are reused.
 
     Args:
-        robot: a robot with CAD, and with equations if an objective needs them.
+        robot: a robot with CAD, and with equations if an objective requires them.
         vary: factors, NAME=LOW..HIGH with a unit, see `twin.analysis.design.factor`.
-        folder: function of a key of the request; returns the folder in which each result is stored at once.
+        folder: function from a hash of the request to the folder in which each result is stored immediately.
         source: name or path by which workers load the robot.
         objectives: names in `twin.analysis.design.OBJECTIVES`; default: those that depend on the factors.
-        protocol: the protocol that places the trocars; default: the robot's default protocol.
-        samples: number of designs of a Latin hypercube; alternative: `grid`.
-        grid: number of levels of each factor.
+        protocol: name of the protocol that sets the trocar positions; default: the robot's default protocol.
+        samples: number of designs in a Latin hypercube; not used with `grid`.
+        grid: number of levels of each factor; None: Latin hypercube.
         seed: seed of the Latin hypercube.
         workers: number of processes; default: one for each processor.
-        scheduler: address of a Dask cluster to use instead.
-        fresh: whether to evaluate designs again that are in the cache.
+        scheduler: address of a Dask scheduler to use instead of local processes.
+        fresh: whether to evaluate again the designs that are in the cache.
         progress: see `twin.api.Progress`.
 
     Raises:
@@ -168,7 +168,7 @@ def _judge(
     workers: int | None,
     progress: Progress,
 ) -> None:
-    # Ctrl-C stops the sweep; evaluated designs are kept.
+    # Ctrl-C or SIGTERM stops the sweep; results of evaluated designs are kept.
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with cluster(scheduler, workers) as client:

@@ -1,4 +1,4 @@
-"""The table of a sweep on disk: a line for each evaluated design, so that a sweep can be stopped and resumed."""
+"""The results of a sweep on disk, one line for each evaluated design, so that a sweep can be stopped and resumed."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from twin.core.spatial import Array
 
 
 def key_of(work: Job, designs: Array) -> str:
-    """Return the hash of a job and its designs."""
+    """Return the SHA-256 hash of a job and its designs."""
     return hashlib.sha256(json.dumps([asdict(work), designs.tolist()], sort_keys=True).encode()).hexdigest()
 
 
 class Table:
-    """`rows.csv` and `job.json` in a folder; open it, then `add` each evaluated design.
+    """`rows.csv` and `job.json` in a folder; open it with `with`, then `add` the results of each design.
 
     Attributes:
-        done: objectives by number of the design, of the designs evaluated before.
+        done: objectives by design number, of designs evaluated so far.
     """
 
     def __init__(self, folder: Path, work: Job, designs: Array, *, fresh: bool = False) -> None:
-        """Open a folder, and read the results of an earlier sweep of the same job.
+        """Open a folder, and read stored results of the same job.
 
         Raises:
-            TwinError: the folder holds the results of another job.
+            TwinError: the folder contains results of another job.
         """
         self.folder, self._work = folder, work
         key = key_of(work, designs)
@@ -61,7 +61,7 @@ class Table:
         if not self._path.is_file():
             return out
         text = self._path.read_bytes()
-        whole = text[: text.rfind(b"\n") + 1]  # a truncated line is evaluated again
+        whole = text[: text.rfind(b"\n") + 1]  # a truncated line is dropped, and its design is evaluated again
         if whole != text:
             self._path.write_bytes(whole)
         for line in csv.reader(whole.decode("utf-8", "replace").splitlines()):
@@ -77,7 +77,7 @@ class Table:
         return self
 
     def add(self, number: int, judged: dict[str, float]) -> None:
-        """Store the objectives of a design; they are on disk when this returns."""
+        """Store the objectives of a design; they are written to disk before the function returns."""
         assert self._file is not None
         self.done[number] = judged
         csv.writer(self._file, lineterminator="\n").writerow([number, *(judged[n] for n in self._work.objectives)])
@@ -90,10 +90,10 @@ class Table:
 
 
 def write(rows: list[dict[str, Any]], folder: Path, *, parquet: bool = False) -> list[Path]:
-    """Write sweep.csv, and sweep.parquet if asked.
+    """Write sweep.csv, and sweep.parquet if requested; return their paths.
 
     Raises:
-        TwinError: Parquet needs pyarrow.
+        TwinError: Parquet is requested, but pyarrow is not installed.
     """
     path = folder / "sweep.csv"
     with path.open("w", encoding="utf-8", newline="") as file:

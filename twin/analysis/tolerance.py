@@ -1,9 +1,9 @@
-"""Tool error caused by manufacturing and encoder errors: first order through the loops, and Monte Carlo.
+"""Tool error caused by manufacturing and encoder errors: first-order propagation through the loops, and Monte Carlo.
 
-Every joint has two frames, one on each body; each has a small error in position and rotation. The loops are closed
-again, in the least-squares sense where they are overconstrained (pins of a planar loop that are no longer parallel: the
-gaps are distributed, as by clearances). The derivative follows from linear algebra (implicit functions); a Monte Carlo
-simulation with compiled Newton steps checks it.
+Every joint has two frames, one on each body; each frame has a small error in position and rotation. The loops are then
+closed again, by least squares if they are overconstrained (for example pins of a planar loop that are not parallel: the
+gaps are distributed, as by clearances). The first-order result is the derivative of the implicit equations; a Monte
+Carlo simulation with compiled Newton steps checks it.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ from twin.kinematics.closed_loops.equations import Equations
 from twin.model.mechanism import Mechanism
 
 _CHUNK = 8192
-"""Number of Monte Carlo samples per batch; a sample is a few hundred errors."""
+"""Number of Monte Carlo samples in a batch; each sample has a few hundred errors."""
 
 _NEWTON, _LAST = 12, 1e-10
 
 _ALONG = 12
-"""Number of states along a protocol."""
+"""Number of states evaluated along a protocol."""
 
 SHARE = 0.95
-"""Share of machines that must be within the requirement."""
+"""Fraction of machines that must meet the requirement."""
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Standard deviations of the errors, for each axis of each frame.
+    """Standard deviations of the errors along and about each axis of each frame.
 
     Attributes:
-        shift: of the position of a joint frame on its body, in m.
-        turn: of the rotation of a joint frame, in rad.
-        slide, angle: of the encoders of prismatic and revolute active joints, in m and rad.
+        shift: standard deviation of a joint frame's position on its body, in m.
+        turn: standard deviation of a joint frame's rotation, in rad.
+        slide, angle: standard deviations of the encoders of prismatic and revolute active joints, in m and rad.
     """
 
     shift: float
@@ -59,17 +59,17 @@ class Spread:
 
 @dataclass(frozen=True)
 class Budget:
-    """Tool error in one state.
+    """Tool error of a mechanism in one state.
 
     Attributes:
         name: name of the state.
-        q: (n,) active joints.
-        sensitivity: (6, errors) tool shift (m) and turn (rad), in base, per error.
-        labels: (errors,) joint of each error.
-        sigma: (errors,) standard deviations.
-        covariance: (6, 6) of the tool to first order.
-        within: (2,) error that `SHARE` of machines do not exceed, position in m and rotation in rad, to first order.
-        sampled: (6, 6) covariance, and sampled_within: (2,) the same by Monte Carlo; None if not requested.
+        q: (n,) active joints in m or rad.
+        sensitivity: (6, errors) tool shift (m) and rotation (rad), in base, per unit of each error.
+        labels: (errors,) joint or encoder of each error.
+        sigma: (errors,) standard deviations in m or rad.
+        covariance: (6, 6) covariance of the tool error, to first order.
+        within: (2,) error that the fraction `SHARE` of machines does not exceed, in m and rad, to first order.
+        sampled, sampled_within: `covariance` and `within` by Monte Carlo; None if not requested.
         samples: number of Monte Carlo samples.
     """
 
@@ -86,7 +86,7 @@ class Budget:
 
     @property
     def contributors(self) -> list[tuple[str, float, float]]:
-        """Joints with their share of the variance of position and of rotation, the worst first."""
+        """(joint, share of position variance, share of rotation variance), largest position share first."""
         effect = (self.sensitivity * self.sigma) ** 2
         whole = np.array([effect[:3].sum(), effect[3:].sum()])
         out = []
@@ -98,7 +98,7 @@ class Budget:
 
     @property
     def difference(self) -> float | None:
-        """Maximum relative difference between the standard deviations of both methods."""
+        """Maximum relative difference between first-order and Monte Carlo standard deviations; None if not sampled."""
         if self.sampled is None:
             return None
         a, b = (np.sqrt(np.diag(c)) for c in (self.covariance, self.sampled))
@@ -107,13 +107,13 @@ class Budget:
 
 
 class Tolerances:
-    """Error propagation of one mechanism; `budget` evaluates one state."""
+    """Error propagation in one mechanism; `budget` evaluates one state."""
 
     def __init__(self, mechanism: Mechanism, spread: Spread) -> None:
-        """Set up the equations with their errors.
+        """Set up the loop equations with frame errors.
 
         Raises:
-            TwinError: a spread is negative or all are zero.
+            TwinError: a standard deviation is negative or not finite, or all are zero.
             AssemblyError: the loops do not close in the rest poses.
         """
         parts = (spread.shift, spread.turn, spread.slide, spread.angle)
@@ -145,7 +145,7 @@ class Tolerances:
             AssemblyError: the loops cannot be closed at q.
         """
         found = self.solver.forward_many(np.asarray(q, float)[None])
-        self.solver.forward(q)  # raises a clear error if it cannot
+        self.solver.forward(q)  # raises a clear error if the loops cannot be closed
         state = found.states[:, 0]
         S = self._sensitivity(np.asarray(q, float), state)
         covariance = (S * self.sigma**2) @ S.T
@@ -161,7 +161,7 @@ class Tolerances:
         )
 
     def _derivatives(self, T: ca.SX) -> ca.Function:
-        """Return derivatives of residual and tool pose by the unknowns, by the errors and by the active joints."""
+        """Return derivatives of residual and tool pose with respect to unknowns, frame errors and active joints."""
         e = self.equations
         zero = [(self.error, 0), (e.steps, 0)]
 
@@ -188,7 +188,7 @@ class Tolerances:
         return ca.Function("slopes", [e.q, e.states], [ca.densify(x) for x in outs], {"cse": True})
 
     def _sensitivity(self, q: Array, state: Array) -> Array:
-        """Return the tool's twist (6, errors) in base per error: frames first, then encoders."""
+        """Return the tool twist (6, errors) in base per unit error: frame errors first, then encoder errors."""
         Jx, Je, Jq, Tx, Te, Tq = (x.full() for x in self._slopes(q, state))
         direct = np.hstack([Te, Tq])
         if not Jx.size:
@@ -196,7 +196,7 @@ class Tolerances:
         return direct - Tx @ np.linalg.pinv(Jx, rcond=1e-9) @ np.hstack([Je, Jq])
 
     def _chance(self, q: Array, state: Array, samples: int, rng: np.random.Generator) -> Array:
-        """Return the tool's shift and turn (samples, 6) in base for errors drawn at random."""
+        """Return the tool shift (m) and rotation (rad), (samples, 6) in base, for random errors."""
         kernel, T0 = self._kernel, self.solver.forward(q)
         out = np.zeros((samples, 6))
         frames = self.error.numel()
@@ -211,7 +211,7 @@ class Tolerances:
 
     @property
     def _kernel(self) -> Kernel:
-        """Compiled function that closes the loops for given errors, by Gauss-Newton from the state without errors."""
+        """Compiled function that closes the loops with given errors, by Gauss-Newton from the state without errors."""
         e = self.equations
         names = [p.name for p in e.passive]
         seed = ca.SX.sym("seed", e.states.numel())
@@ -240,7 +240,7 @@ class Tolerances:
 
 
 def _within(covariance: Array) -> tuple[float, float]:
-    """Return the radii in m and rad that contain the fraction `SHARE` of normal errors with covariance (6, 6)."""
+    """Return the radii in m and rad within which the fraction `SHARE` of normal errors with covariance (6, 6) is."""
     draw = np.random.default_rng(0).normal(size=(200_000, 3))
     out = []
     for block in (covariance[:3, :3], covariance[3:, 3:]):
@@ -250,7 +250,7 @@ def _within(covariance: Array) -> tuple[float, float]:
 
 
 def as_dict(budget: Budget) -> dict[str, Any]:
-    """Return plain data in SI."""
+    """Return plain data in SI units."""
     sd = np.sqrt(np.diag(budget.covariance))
     out: dict[str, Any] = {
         "state": budget.name,
@@ -281,9 +281,9 @@ class ToleranceBudget(Result):
     Attributes:
         robot: name of the robot.
         spread: standard deviations of the errors.
-        budgets: one for each state; Monte Carlo checks the worst state.
-        required: position error in m that `SHARE` of machines must not exceed, or None.
-        requirement: source of the requirement.
+        budgets: one budget for each state; Monte Carlo checks only the state with the largest error.
+        required: position error in m that the fraction `SHARE` of machines must not exceed, or None.
+        requirement: provenance and note of the requirement.
     """
 
     robot: str
@@ -296,12 +296,12 @@ class ToleranceBudget(Result):
 
     @property
     def worst(self) -> Budget:
-        """The state with the largest position error."""
+        """Budget of the state with the largest position error."""
         return max(self.budgets, key=lambda b: b.within[0])
 
     @property
     def factor(self) -> float | None:
-        """Required position error divided by the computed one in the worst state; below 1 it is not met."""
+        """Required position error divided by the computed error in the worst state; below 1: requirement not met."""
         return None if self.required is None else self.required / self.worst.within[0]
 
     @property
@@ -319,22 +319,22 @@ class ToleranceBudget(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """Return "unchecked" if nothing is required, else "agree" if the requirement is met, "disagree" if not."""
+        """The verdict: "unchecked" without a requirement, "agree" if it is met, else "disagree"."""
         return "unchecked" if self.required is None else super().verdict
 
     @property
     def word(self) -> str:
-        """Whether the requirement is met."""
+        """Text that states whether the requirement is met."""
         met = {"agree": "The requirement is met", "disagree": "The requirement is not met"}
         return met.get(self.verdict, "Nothing is required")
 
     @property
     def exit_code(self) -> int:
-        """Return 1 if a requirement is not met, else 0."""
+        """Exit code: 1 if a requirement is not met, else 0."""
         return 1 if self.findings else 0
 
     def content(self) -> dict[str, Any]:
-        """Return plain data, SI where no unit is named."""
+        """Return plain data, in SI units unless the key names a unit."""
         s = self.spread
         return {
             "robot": self.robot,
@@ -393,11 +393,11 @@ def tolerance(
     """Return the tool error caused by errors of parts and encoders.
 
     Args:
-        robot: a robot with CAD, or of a stage.
+        robot: a robot with CAD, or loaded from a stage.
         spread: standard deviations of the errors.
-        protocol: use states along this protocol; default: the robot's postures.
-        required: maximum position error in m; default: that of the description.
-        samples: number of random machines in the worst state, to check the first-order result; 0: no check.
+        protocol: name of a protocol whose states are used; default: the robot's postures.
+        required: maximum position error in m; default: the requirement of the description.
+        samples: number of random machines that check the first-order result in the worst state; 0: no check.
         seed: seed of the random machines.
         progress: see `twin.api.Progress`.
 

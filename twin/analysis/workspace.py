@@ -1,6 +1,6 @@
-"""Workspace: positions on a grid, in several orientations around a given one, evaluated by a compiled kernel.
+"""Workspace: a grid of positions, in several orientations around a central one, evaluated by a compiled kernel.
 
-Poses are not stored: the kernel computes each from its index, chunk by chunk, and stores a few numbers for each
+Poses are not stored: the kernel computes each pose from its index, in chunks, and only a few values are stored for each
 position. Collisions are not checked; passive joints are limited only by the equations.
 """
 
@@ -30,33 +30,33 @@ if TYPE_CHECKING:
     from distributed import Client
 
 CHUNK = 1 << 18
-"""Number of poses in a chunk: tens of milliseconds of work, a few MB."""
+"""Number of poses in a chunk, which takes tens of milliseconds and a few MB."""
 
 COLUMNS = ("reached", "inverse_condition", "limit_margin", "singularity")
-"""Columns for a position.
+"""Columns of values for each position.
 
-Share of its orientations that are reached; over the reached ones the mean inverse condition number, the largest margin
-to a joint limit, the smallest singularity measure.
+Fraction of its orientations that are reached; and over the reached orientations: mean inverse condition number, largest
+margin to a joint limit, smallest singularity measure.
 """
 
 _START, _FARTHEST = 0.1, 12.8
-"""Half the edge in m of the first and of the last box that is searched."""
+"""Half edge length in m of the first and of the last box that is searched."""
 
 _COARSE, _GROWN = 32, 5
-"""(positions along an edge while the box is searched, maximum number of repetitions)."""
+"""(number of positions along an edge while searching the box, maximum number of refinements)."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Positions and orientations to try.
+    """Positions and orientations to evaluate.
 
     Attributes:
         low: (3,) first position in m, in base.
         step: distance between positions in m.
-        shape: (nx, ny, nz).
+        shape: number of positions (nx, ny, nz).
         R_base_tool: (3, 3) the central orientation.
-        tilt: largest rotation about each axis of base in rad.
-        turns: number of orientations at each position; the first is the central one.
+        tilt: maximum rotation about each axis of base in rad.
+        turns: number of orientations at each position; the first is the central orientation.
     """
 
     low: Array
@@ -73,17 +73,17 @@ class Grid:
 
     @property
     def poses(self) -> int:
-        """Number of poses."""
+        """Number of poses: positions times orientations."""
         return self.positions * self.turns
 
     def position(self, number: np.ndarray) -> Array:
-        """Return the positions (k, 3) in m with numbers (k,); x varies first."""
+        """Return the positions (k, 3) in m with indices (k,); x varies fastest."""
         nx, ny, _ = self.shape
         index = np.stack([number % nx, number // nx % ny, number // (nx * ny)], axis=1)
         return self.low + self.step * index
 
     def pose(self, i: ca.SX) -> ca.SX:
-        """Return the pose (4, 4) with a number; the orientations of one position have consecutive numbers."""
+        """Return the pose (4, 4) with index i; the orientations at one position have consecutive indices."""
         nx, ny, _ = self.shape
         place = ca.floor((i + 0.5) / self.turns)
         row = ca.floor((place + 0.5) / nx)
@@ -100,7 +100,7 @@ class Grid:
 
 
 def _turned(w: ca.SX) -> ca.SX:
-    """Return the rotation (3, 3) by a rotation vector, exact and smooth at 0."""
+    """Return the rotation (3, 3) for a rotation vector (3) in rad, exact and smooth at 0."""
     square = ca.sumsqr(w)
     safe = ca.if_else(square > 1e-24, square, 1)
     angle = ca.sqrt(safe)
@@ -115,10 +115,10 @@ class Workspace(Result):
     """The workspace of a robot.
 
     Attributes:
-        robot: name.
-        grid: the positions and orientations that were tried.
-        values: (positions, 4), see `COLUMNS`.
-        facts: further results.
+        robot: name of the robot.
+        grid: the evaluated positions and orientations.
+        values: (positions, 4) values, see `COLUMNS`.
+        facts: further results, by key of the JSON output.
     """
 
     robot: str
@@ -136,17 +136,17 @@ class Workspace(Result):
 
     @property
     def reached(self) -> np.ndarray:
-        """(k,) bool: positions that are reached in at least one orientation."""
+        """(k,) bool: whether a position is reached in at least one orientation."""
         return self.values[:, 0] > 0
 
     @property
     def cube(self) -> np.ndarray:
-        """The values as (nx, ny, nz, 4)."""
+        """The values as an array (nx, ny, nz, 4)."""
         nx, ny, nz = self.grid.shape
         return self.values.reshape(nz, ny, nx, len(COLUMNS)).transpose(2, 1, 0, 3)
 
     def content(self) -> dict[str, Any]:
-        """Return volumes in dm3, shares and condition in numbers."""
+        """Return volumes in dm3, fractions, condition numbers and limits of the workspace as plain data."""
         cell = (self.grid.step / 0.1) ** 3
         good = self.values[self.reached]
         share, inverse = good[:, 0].astype(float), good[:, 1].astype(float)
@@ -175,7 +175,7 @@ class Workspace(Result):
         }
 
     def text(self) -> Iterator[Part]:
-        """Yield volumes, condition, margins and the best position."""
+        """Yield volumes, condition numbers, margins and the best position."""
         s = self.content()
         yield f"{s['robot']} · {_what(s)} · cells of {s['step_mm']:.3g} mm"
         yield ""
@@ -206,14 +206,14 @@ def _what(s: Mapping[str, Any]) -> str:
 
 
 def volume_error(cube: np.ndarray, cell: float) -> float:
-    """Return the uncertainty of a volume that is counted in cells, about two standard deviations.
+    """Return the uncertainty of a volume computed by counting cells, about two standard deviations.
 
-    It is the standard deviation of the volumes from the eight interleaved grids with twice the step. That is about
-    twice the grid's own standard deviation, as measured on SILS at 6 to 32 mm with shifted grids.
+    It is the standard deviation of the volumes from the eight interleaved grids with twice the step. This is about
+    twice the standard deviation of the full grid, as measured on SILS at 6 to 32 mm with shifted grids.
 
     Args:
-        cube: (nx, ny, nz) which positions are reached.
-        cell: volume of one cell.
+        cube: (nx, ny, nz) bool, whether a position is reached.
+        cell: volume of one cell; the result has its unit.
     """
     parts = [cube[i::2, j::2, k::2].sum() for i in (0, 1) for j in (0, 1) for k in (0, 1)]
     return float(8 * cell * np.std(parts))
@@ -231,19 +231,19 @@ def _least(x: np.ndarray) -> float | None:
 
 
 def shared_bounds(robot: Robot) -> tuple[Bound, ...]:
-    """Return the limits that involve several joints of a robot."""
+    """Return the limits of a robot that involve several joints."""
     return measure.shared(bounds_of(robot.mechanism, robot.cad.gaps if robot.files is not None else ()))
 
 
 def gaps_of(robot: Robot) -> list[tuple[int, int, float]]:
-    """Return (joint index, joint index, minimum distance in m) of each pair of carriages on one rail."""
+    """Return (lower joint index, upper joint index, minimum distance in m) of each pair of joints on one rail."""
     order = [j.name for j in robot.mechanism.active]
     pairs = robot.cad.gaps if robot.files is not None else ()
     return [(order.index(lower), order.index(upper), least) for lower, upper, least in pairs]
 
 
 def judge(robot: Robot, grid: Grid) -> Kernel:
-    """Return the kernel for a robot and a grid.
+    """Return the kernel that evaluates the poses of a grid for a robot.
 
     Raises:
         KinematicsError: the equations have no closed-form inverse.
@@ -257,14 +257,14 @@ def judge(robot: Robot, grid: Grid) -> Kernel:
 
 
 def chunks(grid: Grid, size: int = CHUNK) -> Iterator[tuple[int, int]]:
-    """Yield the first and last position of each chunk of about `size` poses."""
+    """Yield (first, last + 1) position index of each chunk of about `size` poses."""
     many = max(1, size // grid.turns)
     for first in range(0, grid.positions, many):
         yield first, min(first + many, grid.positions)
 
 
 def evaluate(kernel: Kernel, grid: Grid, first: int, last: int) -> np.ndarray:
-    """Return `COLUMNS` (last - first, 4) float32 of positions."""
+    """Return `COLUMNS`, (last - first, 4) float32, of positions first to last - 1."""
     number = np.arange(first * grid.turns, last * grid.turns, dtype=np.float64)[None]
     reached, inverse, margin, singularity, _ = (x.reshape(-1, last - first, grid.turns) for x in kernel(number))
     count = reached[0].sum(axis=1)
@@ -277,7 +277,7 @@ def evaluate(kernel: Kernel, grid: Grid, first: int, last: int) -> np.ndarray:
 
 
 def centre(robot: Robot) -> Array:
-    """Return T_base_tool (4, 4) of the robot's first posture; without postures, of the rest poses."""
+    """Return T_base_tool (4, 4) in the posture home or the first posture; without postures, in the rest poses."""
     names = [n for n in ("home", *robot.mechanism.postures) if n in robot.mechanism.postures]
     if names:
         return robot.loops.forward(robot.mechanism.posture(names[0]))
@@ -285,10 +285,10 @@ def centre(robot: Robot) -> Array:
 
 
 def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Array, Array]:
-    """Return two corners (3,) in m of a box that contains all positions reached around a pose.
+    """Return the two corners (3,) in m of a box that contains all reached positions around a pose.
 
     Raises:
-        TwinError: no position is reached near the pose in its orientation.
+        TwinError: no position near the pose is reached in its orientation.
     """
     half, middle = _START, T[:3, 3]
     while True:
@@ -302,7 +302,7 @@ def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Arra
             f"{len(robot.joints)} joints not every orientation can be held: give --tilt-deg, or --joints"
         )
     low, high = p.min(axis=0) - 2 * step, p.max(axis=0) + 2 * step
-    for _ in range(_GROWN):  # a finer look: what is thin lies between the positions of a coarse one
+    for _ in range(_GROWN):  # repeat on a finer grid: a coarse grid misses thin regions
         p, step = _reached(robot, low, high, T, tilt, turns)
         touched = (p.min(axis=0) < low + step) | (p.max(axis=0) > high - step)
         low, high = p.min(axis=0) - 2 * step, p.max(axis=0) + 2 * step
@@ -330,7 +330,7 @@ def _judge_of(source: str, protocol: str | None, packed: bytes) -> tuple[Kernel,
 
 
 def _remote(source: str, protocol: str | None, packed: bytes, first: int, last: int) -> np.ndarray:
-    """Evaluate a chunk in another process, which keeps the kernel for the next chunk."""
+    """Evaluate a chunk in another process, which caches the kernel for the next chunk."""
     return evaluate(*_judge_of(source, protocol, packed), first, last)
 
 
@@ -344,16 +344,16 @@ def workspace(
     source: str = "",
     protocol: str | None = None,
 ) -> Workspace:
-    """Return the workspace of a robot on a grid, computed on all processors of this machine or of a cluster.
+    """Return the workspace of a robot on a grid, computed with all processors of this machine or by a cluster.
 
     Args:
         robot: a robot with a closed-form inverse.
-        grid: the positions and orientations to try.
-        store: function that makes the array (positions, 4) for the results; on disk, if they are many.
-        progress: called with a description of the current step.
-        client: client of a cluster whose workers find the robot by the same name or path.
-        source: the name or path by which workers find the robot.
-        protocol: the protocol that places the robot's trocar, if it has one.
+        grid: the positions and orientations to evaluate.
+        store: function from a shape (positions, 4) to the array for the results, in memory or on disk.
+        progress: called with the current step and the fraction done.
+        client: client of a cluster; None: this machine.
+        source: name or path by which the cluster's workers load the robot.
+        protocol: name of the protocol that sets the trocar positions, or None.
     """
     values = store((grid.positions, len(COLUMNS)))
     if client is not None:

@@ -1,4 +1,4 @@
-"""The API for scripts and the command line: robots, and functions on robots."""
+"""The Python API, also used by the command line: robots and scenes, and functions on them."""
 
 from twin.api.about import SCENE_COMMANDS, info, info_of_scene, listing
 from twin.api.act import load_scene, operate, play, world

@@ -1,4 +1,4 @@
-"""What is known of a robot or a scene, and which of them are built in."""
+"""Facts about a robot or a scene, and the list of built-in robots and scenes."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from twin.model.scene import Scene
 
 SCENE_COMMANDS = ("info", "run", "view", "serve", "export")
-"""Commands that accept a scene."""
+"""Commands that accept a scene in which every robot has a protocol."""
 
 
 def scene_commands(scene: Scene) -> tuple[str, ...]:
-    """Return the commands that take this scene: without protocols only what plays none."""
+    """Return the commands that accept a scene; without protocols only "info" and "serve"."""
     return SCENE_COMMANDS if scene.plays else ("info", "serve")
 
 
@@ -31,9 +31,9 @@ class Info(Result):
     """Joints, limits, frames, degrees of freedom, variants and parameters of a robot.
 
     Attributes:
-        data: plain data, SI.
-        bodies: how many.
-        findings: of the CAD, and whether the mechanism is singular as drawn.
+        data: plain data, in SI units.
+        bodies: number of bodies.
+        findings: findings of the CAD, and a warning if the mechanism is singular as drawn.
     """
 
     kind: ClassVar[str] = "info"
@@ -42,7 +42,7 @@ class Info(Result):
     findings: tuple[Finding, ...]
 
     def content(self) -> Mapping[str, Any]:
-        """Return the data."""
+        """Return plain data."""
         return self.data
 
     def text(self) -> Iterator[Part]:
@@ -69,7 +69,7 @@ class Info(Result):
             yield "  no equations"
         if data["parameters"]:
             yield "\n  parameters (* assumed: not published)"
-            # What was only drawn comes last: there is much of it.
+            # Drawing dimensions come last because there are many.
             yield _parameters(
                 sorted(data["parameters"], key=lambda p: (p["name"].startswith("drawing."), p["provenance"]))
             )
@@ -78,11 +78,11 @@ class Info(Result):
 
 @dataclass(frozen=True)
 class SceneInfo(Result):
-    """Robots and props of a scene, and its assumed numbers.
+    """Robots and props of a scene, and its numbers with provenance.
 
     Attributes:
         data: plain data.
-        findings: none.
+        findings: always empty.
     """
 
     kind: ClassVar[str] = "info"
@@ -90,7 +90,7 @@ class SceneInfo(Result):
     findings: tuple[Finding, ...] = ()
 
     def content(self) -> Mapping[str, Any]:
-        """Return the data."""
+        """Return plain data."""
         return self.data
 
     def text(self) -> Iterator[Part]:
@@ -123,7 +123,7 @@ class Listing(Result):
     Attributes:
         robots: name, kind, title, equations, stage and protocols of each.
         scenes: name, kind, title and robots of each.
-        findings: none.
+        findings: always empty.
     """
 
     kind: ClassVar[str] = "list"
@@ -132,11 +132,11 @@ class Listing(Result):
     findings: tuple[Finding, ...] = ()
 
     def content(self) -> Mapping[str, Any]:
-        """Return both lists."""
+        """Return both lists as plain data."""
         return {"robots": self.robots, "scenes": self.scenes}
 
     def text(self) -> Iterator[Part]:
-        """Yield two tables."""
+        """Yield a table of the robots and a table of the scenes."""
         yes = {True: "yes", False: "-"}
         yield Table(
             ("robot", "title", "equations", "stage", "protocols"),
@@ -152,10 +152,10 @@ class Listing(Result):
 
 
 def info(robot: Robot, progress: Progress = silent) -> Info:
-    """Return what is known of a robot.
+    """Return the joints, limits, frames, variants and parameters of a robot.
 
     Raises:
-        TwinError: its description, CAD, stage or equations are wrong.
+        TwinError: the robot's description, CAD, stage or equations are malformed.
     """
     from twin.reference.regular import singular_home
 
@@ -198,7 +198,7 @@ def info(robot: Robot, progress: Progress = silent) -> Info:
 
 
 def info_of_scene(scene: Scene, word: str) -> SceneInfo:
-    """Return what is known of a scene; `word` names it in commands."""
+    """Return the robots, props and parameters of a scene; `word` is the scene's name in the listed commands."""
     parameters: Sequence[Parameter] = scene.parameters
     return SceneInfo(
         {
@@ -230,7 +230,7 @@ def listing() -> Listing:
     """Return the built-in robots and scenes.
 
     Raises:
-        DescriptionError: a file of theirs is wrong.
+        DescriptionError: a file of a built-in robot or scene is malformed.
     """
     from twin.cad.description import load
     from twin.model.scene import load_scene
@@ -278,7 +278,7 @@ def _range(limits: Sequence[float] | None, angle: bool) -> str:
 
 
 def _motors(actuators: Sequence[Mapping[str, Any]], transmissions: Sequence[Mapping[str, Any]]) -> Iterator[Part]:
-    """Yield the motors and what leads them to joints; nothing if every driven joint is driven directly."""
+    """Yield a table of the motors and a line for each transmission; nothing if there are no transmissions."""
     if not transmissions:
         return
     rows = []
@@ -306,7 +306,7 @@ def _parameters(parameters: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def _kind(r: Mapping[str, Any]) -> str:
-    """Return the name of a robot in a scene, with the robot that it is where that has another name."""
+    """Return the name of a robot in a scene, with its built-in robot in parentheses if the names differ."""
     return r["name"] if r["name"] == r["robot"] else f"{r['name']} ({r['robot']})"
 
 

@@ -32,7 +32,7 @@ def operate(
     solver: Solver = "damped",
     progress: Progress = silent,
 ) -> Operated:
-    """Simulate an operator (handle, clutch pedal) doing a protocol, and measure the result; hand and gains ASSUMED.
+    """Simulate an operator (handle, clutch pedal) who performs a protocol; hand motion and gains are ASSUMED.
 
     Args:
         robot: a robot with equations.
@@ -40,7 +40,7 @@ def operate(
         trials: number of trials, with the seeds seed, seed + 1, ...
         seed: seed of the first trial; the same seed gives the same hand motion.
         clutch: eq. (7) of the SHER paper, "printed" or "corrected".
-        scale: tool motion for each handle motion; rotations are not scaled.
+        scale: ratio of tool translation to handle translation; rotations are not scaled.
         solver: solver of the joint step, "damped" or "slsqp".
         progress: see `Progress`.
 
@@ -62,14 +62,14 @@ def operate(
 
 
 def load_scene(scene: str | Path) -> Scene:
-    """Return a scene.
+    """Return the scene with a name or path.
 
     Args:
-        scene: the name of a built-in scene, the path of a scene.toml or of its folder.
+        scene: the name of a built-in scene, or the path of a scene.toml or of its folder.
 
     Raises:
         TwinError: there is no such scene.
-        DescriptionError: its file is malformed.
+        DescriptionError: the scene file is malformed.
     """
     from twin.model.scene import load_scene as read
 
@@ -79,7 +79,7 @@ def load_scene(scene: str | Path) -> Scene:
 
 
 def world(scene: Scene, dt: float = 1e-3, progress: Progress = silent) -> World:
-    """Return a World in which every robot of a scene plays its protocol, with the props.
+    """Return a World in which every robot of a scene plays its protocol, with the props; `dt`: time step in s.
 
     Raises:
         TwinError: a protocol cannot be planned.
@@ -90,10 +90,10 @@ def world(scene: Scene, dt: float = 1e-3, progress: Progress = silent) -> World:
 
 
 def play(scene: Scene, progress: Progress = silent) -> Played:
-    """Play the protocols of all robots of a scene at once; judge their clearances and their ports.
+    """Play the protocols of all robots of a scene together, and check clearances and trocar errors at the ports.
 
     Raises:
-        TwinError: a protocol cannot be planned, or a robot lacks a trocar for which its place gives a port.
+        TwinError: a protocol cannot be planned, or a place assigns a port to a trocar that its robot lacks.
     """
     from twin.simulation import scene_play
 

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from twin.simulation.dynamics.track import PlantName
 
 _SEEDS = (0, 1)
-"""Number of runs with random signs of the errors of masses and frictions."""
+"""Random seeds of the runs in which the errors of masses and frictions have random signs."""
 
 _CURVE = tuple(p / 100 for p in range(-20, 21, 5))
-"""Relative errors of the inertias, for the curve of the tip error."""
+"""Relative errors of the inertias at which the curve of the tip error is computed."""
 
 
 def track(
@@ -38,15 +38,15 @@ def track(
     Args:
         robot: a robot with masses in its description, inertia.toml or stage.
         protocol: a protocol, its name or its path; default: the robot's default protocol.
-        mismatch: fraction, 0 to below 1, by which masses and inertia tensors of the wrong models differ.
-        plant: simulator of the robot, "mujoco" or "pinocchio"; the controller's model is always Pinocchio's.
-        inertia: masses as inertia.toml cites them, or as computed from the CAD; default: those of inertia.toml if the
-            file exists.
+        mismatch: relative error, 0 to below 1, of the masses and inertia tensors in the wrong models.
+        plant: simulator of the robot, "mujoco" or "pinocchio"; the controller's model always uses Pinocchio.
+        inertia: source of the masses, "cited" (inertia.toml) or "cad" (computed from the CAD); default: "cited" if
+            inertia.toml exists, else "cad".
         curve: whether to also compute the error for inertias that are wrong by -20..20 %.
         progress: see `Progress`.
 
     Raises:
-        TwinError: a mass is not known, the protocol cannot be planned, or the robot departs from the motion.
+        TwinError: a mass is unknown, the protocol cannot be planned, or the simulated robot leaves the planned motion.
     """
     from twin.planning.protocol import Protocol
     from twin.simulation.dynamics import inertia as masses

@@ -1,4 +1,4 @@
-"""Whether the USD stage of a robot is what its CAD and protocols give today."""
+"""Check whether the USD stage of a robot equals a new build from its CAD and protocols."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from twin.core.result import Part, Result
 
 @dataclass(frozen=True)
 class StageCheck(Result):
-    """A stage compared with a fresh one.
+    """Comparison of a USD stage with a new build.
 
     Attributes:
-        folder: of the stage.
-        fresh: number of files of the fresh one.
-        differing: files that differ, or are missing.
-        unexpected: files that a fresh one has not.
-        command: the command line that writes it anew.
+        folder: folder of the stage.
+        fresh: number of files in the new build.
+        differing: files that differ from the new build, or are missing.
+        unexpected: files that are not in the new build.
+        command: command line that rebuilds the stage.
     """
 
     kind: ClassVar[str] = "build"
@@ -37,7 +37,7 @@ class StageCheck(Result):
 
     @property
     def findings(self) -> list[Finding]:
-        """One for each file."""
+        """One finding for each file that differs or is unexpected."""
         way = f"rebuild the stage with: {self.command}"
         told = {"differs": "differs from a new build", "unexpected": "is not part of a new build"}
         return [
@@ -61,16 +61,16 @@ class StageCheck(Result):
 
 
 def check_build(robot: Robot, folder: Path | None = None, word: str = "", progress: Progress = silent) -> StageCheck:
-    """Compare a robot's USD stage with one that is built now in a temporary folder.
+    """Compare a robot's USD stage with a new build in a temporary folder.
 
     Args:
-        robot: with CAD.
-        folder: of the stage; default the robot's own.
-        word: names the robot in the command that rebuilds it; default its name.
+        robot: a robot with CAD.
+        folder: folder of the stage; default: the robot's own stage.
+        word: name of the robot in the rebuild command; default: the robot's name.
         progress: see `Progress`.
 
     Raises:
-        TwinError: the robot is a stage, or cannot be built.
+        TwinError: the robot was loaded from a stage, or cannot be built.
     """
     if robot.files is None:
         raise TwinError(f"{robot.name} is already a stage")
@@ -85,7 +85,7 @@ def check_build(robot: Robot, folder: Path | None = None, word: str = "", progre
 
 
 def _same(a: Path, b: Path) -> bool:
-    """Return whether two layers are equal: by bytes, or (another processor rounds differently) by content."""
+    """Return whether two layers are equal: in bytes or, because processors round differently, in content."""
     if not b.is_file():
         return False
     if filecmp.cmp(a, b, shallow=False):
@@ -96,5 +96,5 @@ def _same(a: Path, b: Path) -> bool:
 
     try:
         return same_layer(a, b)
-    except Tf.ErrorException:  # not a layer at all
+    except Tf.ErrorException:  # not a USD layer
         return False

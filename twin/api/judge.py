@@ -1,4 +1,4 @@
-"""Plan a protocol, validate a robot along it, and find edits that make it agree."""
+"""Plan protocols, validate robots along them, and find corrections of wrong equations."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def plan(robot: Robot, protocol: str | Path | Protocol | None = None, progress: 
     """Return the timed trajectory of a protocol, checked at 1 kHz.
 
     Raises:
-        ProtocolError: it cannot be carried out; the message names the phase, the place on its path and the amount.
-        TimingError: no timing keeps the limits.
+        ProtocolError: the protocol cannot be carried out; the message names phase, path position and amount.
+        TimingError: no timing satisfies the limits.
     """
     from twin.planning.plan import plan as plan_
     from twin.planning.protocol import Protocol
@@ -52,13 +52,13 @@ def validate(
 
     Args:
         robot: a robot with CAD and equations.
-        trajectory: the planned trajectory, or None to plan it now.
+        trajectory: the planned trajectory; None: it is planned now.
         protocol: the protocol of the trajectory; default: the robot's default protocol.
-        variants: the variants to judge; the motion is always planned with the robot's own variants.
+        variants: variants of the equations to judge; the motion is always planned with the robot's own variants.
         tolerances: maximum deviations; default: those of exact geometry, increased by the placement precision of the
             CAD.
-        stage: root layer to judge; default: the robot's own stage, or a fresh one if that is missing or stale.
-        baked: whether the motion in that stage was made from this trajectory; if not, a difference is only a warning.
+        stage: root layer to judge; default: the robot's own stage, or a new build if it is missing or outdated.
+        baked: whether the motion in `stage` was baked from this trajectory; if not, a difference is only a warning.
         progress: see `Progress`.
 
     Raises:
@@ -73,14 +73,14 @@ def validate(
     progress("read CAD", 0.0)
     used = tolerances or Tolerances().widened(10 * robot.cad.placement_loss)
     chosen = robot.protocol(protocol or (trajectory.protocol if trajectory is not None else None))
-    said = None if robot.parameters else protocol or chosen.name  # no command line gives other parameters
+    said = None if robot.parameters else protocol or chosen.name  # the printed command line cannot set parameters
     robot = robot.bound(chosen)
     kin = robot.kinematics(variants) if variants is not None or not robot.unwritten else None
     if kin is not None:
         check_parameters(kin, robot.cad.description)
     if trajectory is None:
         trajectory = plan(robot, chosen, progress)
-    assert robot.files is not None  # it has CAD
+    assert robot.files is not None  # the robot has CAD
     with contextlib.nullcontext(stage) if stage is not None else robot.source.fresh_stage() as root:
         sides = (kin, robot.cad, chosen, trajectory, root, used)
         report = judge(Case(*sides, robot.path_kinematics(), baked), progress)
@@ -95,11 +95,11 @@ def explain(
     seconds: float = 8.0,
     progress: Progress = silent,
 ) -> Explanation:
-    """Find the row (assignment) of an equation that disagrees with the mechanism, the reason and the correction.
+    """Find the row (assignment) of an equation that disagrees with the mechanism, the cause and the correction.
 
     Args:
         robot: a robot with CAD (or a stage) and equations.
-        variants: the variants to explain; default the robot's own.
+        variants: variants of the equations to explain; default: the robot's own.
         tolerance: accuracy of the CAD in m; default: ten times the placement precision of the CAD.
         seconds: time limit of the search for two edits in one row.
         progress: see `Progress`.
@@ -141,7 +141,7 @@ def strokes(
     Args:
         robot: a robot with equations.
         joints: active joints to sweep; default: all.
-        standins: simplified loop models to compare with; of "serial", "mimic".
+        standins: simplified loop models to compare with: "serial", "mimic".
         variants: variants of the equations; default: the robot's own.
         progress: see `Progress`.
 

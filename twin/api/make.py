@@ -1,4 +1,4 @@
-"""Write a robot's USD stage, export it with its motions, and audit files of robots."""
+"""Write a robot's USD stage, export a robot with its motions, and audit exported files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def build(
     """Write the robot's USD stage: meshes, masses, joints, and one baked motion for each protocol.
 
     Args:
-        robot: a robot with CAD; if it has no equations yet, motions that the mechanism cannot follow are left out.
+        robot: a robot with CAD; if it has no equations yet, motions that the mechanism cannot follow are skipped.
         folder: folder to write; default: usd/<robot>/ in a checkout, usd/ in the folder of a user's robot.
         protocols: protocols whose motions are baked; default: all.
         progress: see `Progress`.
@@ -40,7 +40,7 @@ def build(
         The files written, root layer first.
 
     Raises:
-        OutputError: the folder cannot be written; nothing half-written is left.
+        OutputError: the folder cannot be written; it is then unchanged.
     """
     from twin.exchange.write.usd import bake, write_usd
 
@@ -82,10 +82,10 @@ def export(
     budget: Budget | None = None,
     progress: Progress = silent,
 ) -> Bundle:
-    """Write the robot with its motions for headsets, engines and simulators, and let the audit read it again.
+    """Write the robot with its motions for headsets, engines and simulators, and audit the written files.
 
     Args:
-        robot: a robot with CAD, or of a USD stage (with the motion baked in it, if any).
+        robot: a robot with CAD, or loaded from a USD stage (with the motion baked in the stage, if any).
         trajectory: a planned trajectory as the only motion; None: the motions of the protocols.
         folder: folder to write; default: ./twin-out/<robot>/export/.
         formats: any of "usd", "usdz", "glb", "unity", "tracks", "mjcf", "urdf"; default: all.
@@ -106,15 +106,15 @@ def export(
 
 
 def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: Progress = silent) -> AuditReport:
-    """Read files that describe a moving robot with readers that share no code with a writer, and compare them.
+    """Compare files of a moving robot with each other; the readers share no code with the writers.
 
     Args:
         path: a folder, or one .glb, .gltf, USD, .usdz, track, MJCF or URDF file.
-        robot: also compare with the poses of this robot's mechanism; a clip is compared with the protocol of its name.
+        robot: if given, each clip is also compared with this robot's poses in the protocol of the same name.
         progress: see `Progress`.
 
     Raises:
-        TwinError: there is no such file, or no clip has the name of a protocol of the robot.
+        TwinError: the file does not exist, or no clip has the name of a protocol of the robot.
     """
     from twin.exchange.audit import audit as audit_
 
@@ -126,7 +126,7 @@ def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: P
 
 
 def _truth(robot: Robot, path: Path, progress: Progress) -> dict[str, tuple[Array, dict[str, Array]]]:
-    """Return the poses of the reference model at the key times of the files, by protocol."""
+    """Return {protocol: (key times (k,) in s, {link: poses (k, 4, 4)})}, computed by the reference model."""
     from twin.exchange.audit import key_times
     from twin.reference import ReferenceModel
 

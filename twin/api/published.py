@@ -1,4 +1,4 @@
-"""Checks of published material: tables from their printed rows, stated masses, the equations of a console."""
+"""Checks of published material: tables from their printed rows, stated masses, equations of a surgeon's console."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _NEXT = "compare the numbers above with the document; if it prints the same, cit
 
 @dataclass(frozen=True)
 class Study(Result):
-    """Published tables, recomputed from their own rows.
+    """Published tables, recomputed from their printed rows.
 
     Attributes:
         what: description of the printed values, for messages.
-        titles: title and source of each document.
-        tables: tables of the documents; an empty title means that the table belongs to the table before.
+        titles: (title, source) of the document of each table; ("", "") for a further table of the same document.
+        tables: tables of the documents.
         data: the tables as plain data.
-        findings: values that do not follow.
+        findings: values that do not follow from the printed rows.
     """
 
     what: str
@@ -72,10 +72,10 @@ class Study(Result):
 
 
 def study(source: Robot | str | Path) -> Result:
-    """Recompute the published tables of a robot or a console, or of one study file; or compare groups of users.
+    """Recompute the published tables of a robot, a console or a study file, or compare groups of users.
 
     Args:
-        source: a robot, its name or folder; the name of a study; the path of a study file (.toml), or of a table of
+        source: a robot, its name or folder; the name of a study; or the path of a study file (.toml) or of a table of
             users (.csv with a column `group`).
 
     Raises:
@@ -167,7 +167,7 @@ class Masses(Result):
     """All sources that state masses of a robot (CAD, stage, tables), and whether the masses are physically possible.
 
     Attributes:
-        robot: its name.
+        robot: name of the robot.
         sources: the sources, each with its bodies and findings.
     """
 
@@ -178,7 +178,7 @@ class Masses(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Impossible and implausible masses."""
+        """Findings on physically impossible and implausible masses."""
         return tuple(f for s in self.sources for f in s.all_findings)
 
     def content(self) -> dict[str, Any]:
@@ -219,7 +219,7 @@ class Masses(Result):
 
 
 def masses(robot: Robot, progress: Progress = silent) -> Masses:
-    """Check the masses and inertias of a robot: of its CAD, its stage and its tables.
+    """Check the masses and inertias stated in a robot's CAD, stage and tables.
 
     Raises:
         TwinError: no mass is stated anywhere.
@@ -254,7 +254,7 @@ def console(
 
     Args:
         name: name of the console.
-        variants: one reading for all equations ("paper", "conjugate", "decoupled"), or a reading by equation.
+        variants: one reading for all equations ("paper", "conjugate", "decoupled"), or {equation: reading}.
         progress: see `Progress`.
 
     Raises:

@@ -1,4 +1,4 @@
-"""A robot by name, by folder or by stage: its mechanism, its equations, its protocols."""
+"""A robot, loaded by name, folder or USD stage: its mechanism, equations and protocols."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from twin.reference.dynamics import Dynamics
 
 Progress = Callable[[str, float], None]
-"""Progress callback: current step and fraction done."""
+"""Progress callback: (current step, fraction done, 0 to 1)."""
 
 STAGE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
@@ -53,17 +53,17 @@ class Source:
 
     @cached_property
     def cad(self) -> CadModel:
-        """The robot as measured from the CAD, without masses."""
+        """The robot measured on the CAD, without masses."""
         return self._read(with_mass=False)
 
     @cached_property
     def weighed(self) -> CadModel:
-        """The robot as measured from the CAD, with the masses of the parts."""
+        """The robot measured on the CAD, with the masses of the parts."""
         return self._read(with_mass=True)
 
     @cached_property
     def description(self) -> Description:
-        """The description of the CAD, as written."""
+        """The content of the robot's TOML file."""
         from twin.cad.description import load
 
         return load(self._files.description, self._files.read)
@@ -92,27 +92,27 @@ class Source:
         """Yield the robot's own USD stage if it is up to date with the CAD, else one rebuilt in a temporary folder."""
         from twin.exchange.write.usd import fresh_stage
 
-        cad = vars(self).get("weighed") or self.cad  # both have the same source
+        cad = vars(self).get("weighed") or self.cad  # both have the same file hash
         with fresh_stage(self._files.stage, cad.mechanism.source, lambda: self.weighed.mechanism) as root:
             yield root
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot:
-    """A robot: its mechanism from the CAD (or a USD stage) and its equations. Made by `load`; never changed.
+    """A robot: its mechanism from the CAD (or a USD stage) and its equations. Created by `load`; immutable.
 
-    Arrays are SI; poses are T_base_tool (4, 4); q holds the active joints in the order of `joints`. Heavy parts are
-    loaded when first used. `bound`, `weighed` and `with_...` return new robots that share the source.
+    Arrays are SI; poses are T_base_tool (4, 4); q holds the active joints in the order of `joints`. CAD and
+    equations are loaded when first used. `bound`, `weighed` and `with_...` return new robots that share the source.
 
     Attributes:
-        source: the CAD or stage that it is read from.
-        files: its files; None for a robot of a stage.
-        chosen_variants: requested variants: by equation, one name for all, or None (the default of each equation).
-        parameters: values (SI) by name that replace published ones in the equations.
+        source: the CAD or stage from which the robot is read.
+        files: files of the robot; None if it was loaded from a stage.
+        chosen_variants: {equation: variant}, one name for all equations, or None (the default of each equation).
+        parameters: values (SI) by name that replace published values in the equations.
         trocars: positions (3,) in base in m, by name, that replace those of the description.
         is_weighed: whether the masses of the bodies are computed.
-        changed: a mechanism instead of the one of the source (a design, a seeded fault).
-        equations: a formula instead of the one of the source.
+        changed: mechanism that replaces the mechanism of the source (a design, a seeded fault), or None.
+        equations: formula that replaces the formula of the source, or None.
     """
 
     source: Source
@@ -134,7 +134,7 @@ class Robot:
 
     @cached_property
     def cad(self) -> CadModel:
-        """The mechanism as measured from the CAD, with findings.
+        """The mechanism measured on the CAD, with findings.
 
         Raises:
             TwinError: the robot was loaded from a stage, or its description or CAD is malformed.
@@ -168,7 +168,7 @@ class Robot:
         CAD.
 
         Raises:
-            KinematicsError: no equations, or no such variant or parameter.
+            KinematicsError: there are no equations, or a variant or parameter does not exist.
         """
         if variants is None and parameters is None:
             return self._kinematics
@@ -181,10 +181,10 @@ class Robot:
     def _extra_joints(self, names: Sequence[str]) -> Sequence[ExtraJoint]:
         """Return the driven joints that are not in `names`, the joints of the equations.
 
-        The mechanism is read only if the robot has such joints, so that equations alone do not wait for the CAD.
+        The CAD is read only if the description has such joints, so that equations alone load fast.
         """
         if self.files is not None:
-            with contextlib.suppress(TwinError):  # errors are raised by the mechanism
+            with contextlib.suppress(TwinError):  # reading the mechanism raises these errors
                 if all(j.name in names for j in self.source.description.joint if j.active):
                     return ()
         return self.mechanism.extra_joints(names)
@@ -195,7 +195,7 @@ class Robot:
 
     @cached_property
     def formula(self) -> Formula:
-        """The equations, not compiled yet (`KinematicsError`: none, or malformed). Reading a `formula.py` runs it."""
+        """The equations before compilation; `KinematicsError` if missing or malformed. A `formula.py` is executed."""
         from twin.robots import load_formula
 
         if self.equations is not None:
@@ -206,7 +206,7 @@ class Robot:
 
     @cached_property
     def loops(self) -> LoopSolver:
-        """The mechanism's own forward kinematics, loops closed by compiled code: `forward(q)`, `forward_many(qs)`."""
+        """Compiled loop-closure solver of the mechanism, without equations: `forward(q)`, `forward_many(qs)`."""
         from twin.kinematics.closed_loops import LoopSolver
 
         return LoopSolver(self.mechanism)
@@ -223,12 +223,12 @@ class Robot:
 
     @property
     def variants(self) -> dict[str, tuple[str, ...]]:
-        """The existing variants of each equation."""
+        """Names of the existing variants, by equation."""
         return dict(self._kinematics.choices)
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """The named frames."""
+        """Names of the frames."""
         return tuple(f.name for f in self.mechanism.frames)
 
     def inverse(
@@ -236,7 +236,7 @@ class Robot:
     ) -> Array:
         """Return q (n,) for a pose (4, 4), or (k, n) for poses (k, 4, 4).
 
-        Without an inverse equation, each pose is solved from the answer before it, the first from the seed.
+        Without an inverse equation, each pose is solved from the previous solution, the first pose from the seed.
 
         Raises:
             KinematicsError: a pose is out of reach; the message names the index of the pose.
@@ -245,7 +245,7 @@ class Robot:
         return kin.inverse(T, seed) if T.ndim == 2 else kin.inverse_of_all(T, seed)
 
     def forward(self, q: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None) -> Array:
-        """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for (k, n), on the assembly branch of the seed pose.
+        """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for q (k, n), on the branch of the seed pose (4, 4).
 
         Raises:
             KinematicsError: there is no assembly, or none on that branch.
@@ -254,7 +254,7 @@ class Robot:
         return kin.forward(q, seed) if q.ndim == 1 else kin.forward_many(q, seed)
 
     def jacobian(self, q: Array, seed: Array | None = None) -> Array:
-        """Return (6, n): the tool's twist in base, linear rows first, per rate of the active joints."""
+        """Return the Jacobian (6, n): tool twist in base, linear rows first, per rate of the active joints."""
         kin = self._kinematics
         return kin.jacobian(kin.forward(np.asarray(q, float), seed), q)
 
@@ -262,20 +262,20 @@ class Robot:
         """Solve a task (a pose, a masked pose, tip and trocar, ...) by Levenberg-Marquardt within the joint limits.
 
         Raises:
-            KinematicsError: no solution; the best iterate is attached.
+            KinematicsError: there is no solution; its attribute `best` is the best iterate.
         """
         from twin.kinematics import solve
 
         return solve(self._kinematics, task, seed, self.mechanism.limits)
 
     def reference(self) -> ReferenceModel:
-        """Return the independent model: Pinocchio and loop closures, built from the mechanism alone."""
+        """Return the independent reference model: Pinocchio and loop closures, built from the mechanism alone."""
         from twin.reference import ReferenceModel
 
         return ReferenceModel(self.mechanism)
 
     def dynamics(self) -> Dynamics:
-        """Return the equations of motion, with the masses of the parts and the rotors of the motors; no friction.
+        """Return the equations of motion, with the masses of the parts and the motor rotors, without friction.
 
         Raises:
             TwinError: the description or CAD is malformed.
@@ -285,10 +285,10 @@ class Robot:
         return Dynamics(self.mechanism if self.files is None else self.weighed().mechanism)
 
     def protocol(self, name: str | Path | None = None) -> Protocol:
-        """Return a protocol by name or by path; without one, the robot's default.
+        """Return the protocol with a name or path; default: the robot's default protocol.
 
         Raises:
-            TwinError: no such protocol, or the file is malformed.
+            TwinError: the protocol does not exist, or its file is malformed.
         """
         from twin.planning.protocol import load_protocol
         from twin.schema import error_at
@@ -308,7 +308,7 @@ class Robot:
         return protocol
 
     def bound(self, protocol: Protocol) -> Robot:
-        """Return the robot with its trocars at the positions of the protocol; itself if the protocol places none.
+        """Return the robot with its trocars at the positions of the protocol; the same robot if the protocol sets none.
 
         The equations have parameters trocar_x, trocar_y, trocar_z for a single trocar, trocar_NAME_x, ... for each of
         several.
@@ -328,19 +328,19 @@ class Robot:
         return replace(self, parameters={**self.parameters, **at}, trocars={**self.trocars, **places})
 
     def with_parameters(self, values: Mapping[str, float]) -> Robot:
-        """Return the robot with other values (SI) of these parameters in its equations."""
+        """Return the robot with these parameter values (SI) in its equations."""
         return replace(self, parameters={**self.parameters, **values})
 
     def with_mechanism(self, mechanism: Mechanism) -> Robot:
-        """Return the robot with another mechanism, which has its own masses."""
+        """Return the robot with another mechanism; masses are those of this mechanism."""
         return replace(self, changed=mechanism)
 
     def with_formula(self, formula: Formula) -> Robot:
-        """Return the robot with these equations instead of those of its files."""
+        """Return the robot with these equations instead of the equations of its files."""
         return replace(self, equations=formula)
 
     def weighed(self) -> Robot:
-        """Return the robot with the masses of its parts; positions of trocars are kept.
+        """Return the robot with the masses of its parts; trocar positions are kept.
 
         Raises:
             TwinError: the robot was loaded from a stage, or its description or CAD is malformed.
@@ -356,7 +356,7 @@ class Robot:
         return out
 
     def path_kinematics(self) -> PathKinematics:
-        """Return what planning needs: limits, equations, and the mechanism, which is used alone if there are none."""
+        """Return limits, equations and mechanism for planning; without equations, the mechanism alone is used."""
         from twin.api.standing import standing
         from twin.planning.trajectory import without_equations
         from twin.reference.following import Follower
@@ -401,8 +401,8 @@ def load(
 
     Args:
         robot: the name of a built-in robot, or the path of a robot folder or of a USD stage (mechanism only).
-        variants: variant by equation, or one name for all; default: the default of each equation.
-        parameters: values in SI that replace published ones in the equations.
+        variants: {equation: variant}, or one name for all equations; default: the default of each equation.
+        parameters: {name: value in SI} that replace published values in the equations.
         tool: frame or body of a stage to use as tool; default: the tool named in the stage, else the end of its longest
             chain.
 

@@ -1,7 +1,7 @@
-"""`twin export` of a scene: one checked bundle and place for each robot, and one USD stage with all of them.
+"""Export of a scene: a checked bundle for each robot with its base pose, and one USD stage with all robots.
 
-Formats other than USD hold one robot with its motion. `scene.json` gives the place of each robot: a player puts the
-robot's base there and starts all motions at once.
+Formats other than USD contain one robot with its motion. `scene.json` contains the pose of each robot's base; a player
+places the bases and starts all motions at the same time.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from twin.exchange.write.clip import Budget
 from twin.model.scene import Scene, load_scene
 
 _TOLERANCE = 1 * UM
-"""Maximum difference in m between a link in the scene's stage and in its robot's bundle (moved to its place)."""
+"""Maximum difference in m between a link in the scene's stage and in its robot's bundle, both in world."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class SceneBundle(Result):
         scene: the scene.
         formats: the formats written.
         bundles: bundle of each robot, by name.
-        checks: results of the checks of the scene's stage.
+        checks: results of the checks of the scene's stage; empty without USD.
     """
 
     scene: Scene
@@ -103,7 +103,7 @@ def export_scene(
     budget: Budget | None = None,
     progress: Progress = silent,
 ) -> SceneBundle:
-    """Write a bundle for each robot of a scene, and one USD stage with all of them; read each again.
+    """Write a bundle for each robot of a scene and one USD stage with all robots, and check the written files.
 
     Args:
         file: scene.toml.
@@ -152,7 +152,7 @@ def _duration(bundles: Mapping[str, Bundle]) -> float:
 
 
 def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> dict[str, Any]:
-    """Return the maximum deviation, in the stage as composed by OpenUSD, of points 0.1 m from each link's origin."""
+    """Return the maximum deviation of the links in the composed USD stage, at points up to 0.1 m from their origins."""
     from pxr import Usd, UsdGeom
 
     opened = Usd.Stage.Open(str(stage))

@@ -1,4 +1,4 @@
-"""Obstacles of a robot in a scene: props and the other robots, as drawn."""
+"""Obstacles around a robot in a scene: props and the other robots, as drawn."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ if TYPE_CHECKING:
 
 
 def standing(scene: str, robot: str, load: Callable[[str], Any]) -> list[Still]:
-    """Return the bodies of a scene that are not a robot's own, in its base.
+    """Return the bodies of the props and of the other robots of a scene, with poses in one robot's base frame.
 
     Args:
         scene: name of a built-in scene, path of a scene.toml or of its folder.
         robot: name of the robot.
-        load: gives the others, with their trocars where their protocols in the scene have them.
+        load: function that returns the robot with a name.
 
     Raises:
         TwinError: there is no such scene, or the robot is not in it.

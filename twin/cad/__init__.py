@@ -1,1 +1,1 @@
-"""Reading CAD: STEP and meshes become a `Mechanism` whose joint frames are measured on exact faces."""
+"""Read CAD: convert STEP files and meshes to a `Mechanism` whose joint frames are measured on exact faces."""

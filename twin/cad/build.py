@@ -1,4 +1,4 @@
-"""From a description and its CAD to a `Mechanism`: measure every joint frame on the faces of its own body."""
+"""Build a `Mechanism` from a description and its CAD: measure each joint frame on the faces of its own body."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ class CadModel:
     Attributes:
         mechanism: bodies, joints and loops, rest poses as in the CAD.
         findings: parts that do not meet, open meshes, single-precision placements.
-        description: the TOML file as read.
+        description: the content of the TOML file.
         measured: every feature by body and name, in drawn coordinates (those of the STEP file, in m).
-        dimensions: the lengths that the drawing was made from, with provenance.
-        gaps: pairs of joints on one rail and the minimum distance between them in m.
+        dimensions: the dimensions from which the drawing was made, with provenance.
+        gaps: (lower joint, upper joint, minimum distance in m) of each pair of joints on one rail.
     """
 
     mechanism: Mechanism
@@ -53,12 +53,12 @@ class CadModel:
 
     @property
     def placement_loss(self) -> float:
-        """Return the possible error in m of joint frames caused by single-precision placements; 0 if there are none."""
+        """Possible error in m of joint frames due to single-precision placements; 0 if there are none."""
         return max((f.size or 0.0 for f in self.findings if f.code == "cad.placement_precision"), default=0.0) * UM
 
 
 def inputs(description_path: Path, description: Description | None = None) -> list[Path]:
-    """Return the files of a robot: its TOML file and the CAD files that it names (`description`: the TOML as read)."""
+    """Return the files of a robot: its TOML file and the CAD files named there; `description`: the TOML content."""
     description = description or load(description_path)
     files = [description_path]
     files += [description_path.parent / description.step] if description.step else []
@@ -66,7 +66,7 @@ def inputs(description_path: Path, description: Description | None = None) -> li
 
 
 def fingerprint(description_path: Path, description: Description | None = None, read: Read | None = None) -> str:
-    """Return the hash of all `inputs`; `read` gives the bytes of description and STEP, by default from the disk."""
+    """Return the hash of all `inputs`; `read` returns the bytes of description and STEP, default: from disk."""
     read = read or Once()
     description = description or load(description_path, read)
     digest = hashlib.sha256()
@@ -76,7 +76,7 @@ def fingerprint(description_path: Path, description: Description | None = None, 
                 data = read(file, "TOML")
             elif description.step and file == description_path.parent / description.step:
                 data = read(file, "STEP")
-            else:  # meshes are not kept: their reader opens them by itself
+            else:  # mesh files are not cached; their reader opens them itself
                 data = file.read_bytes()
             digest.update(data)
         except OSError as error:
@@ -89,12 +89,12 @@ def read_mechanism(description_path: Path, *, with_mass: bool = True, read: Read
 
     Args:
         description_path: cad/<robot>/<robot>.toml.
-        with_mass: also weigh the bodies, on a finer mesh; about a second more.
-        read: gives the bytes of TOML files and STEP; default from the disk, each once.
+        with_mass: also compute the masses, on a finer mesh; takes about a second more.
+        read: function that returns the bytes of TOML and STEP files; default: from disk, each file once.
 
     Raises:
         DescriptionError: the TOML file is malformed.
-        CadError: a file or a named feature is missing, or a feature is off by more than the gross tolerance.
+        CadError: a file or a named feature is missing, or no face is within the gross tolerance of a feature.
         MechanismError: the bodies and joints do not form a mechanism.
     """
     read = read or Once()
@@ -142,7 +142,7 @@ def read_mechanism(description_path: Path, *, with_mass: bool = True, read: Read
 
 
 def _parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Part]]:
-    """Return the STEP's parts below the node of each body."""
+    """Return the parts of the STEP file below the node of each body, by body name."""
     parts: dict[str, list[Part]] = {name: [] for name in d.body}
     if step is None:
         return parts
@@ -166,9 +166,9 @@ def _shapes(
     with_mass: bool,
     found: list[Finding],
 ) -> tuple[dict[str, list[Mesh]], dict[str, Inertia]]:
-    """Return the meshes of each body and, on request, its inertia, both in the body frame.
+    """Return the meshes and, if requested, the inertia of each body, both in the body frame.
 
-    `fine` has for the `id` of a part the same part with finer triangles, to be weighed.
+    `fine` maps the `id` of a part to the same part with finer triangles, from which masses are computed.
     """
     meshes: dict[str, list[Mesh]] = {name: [] for name in d.body}
     masses: dict[str, list[Inertia]] = {name: [] for name in d.body}
@@ -197,12 +197,12 @@ def _shapes(
 
 
 def _exact(step: StepModel | None, fine: StepModel | None) -> dict[int, Part]:
-    """Return the finer part for the `id` of each; names need not be unique in a foreign file, the order is the same."""
+    """Return the finer part by `id` of each part, matched by order, because names may repeat in foreign files."""
     return {} if step is None or fine is None else {id(p): f for p, f in zip(step.parts, fine.parts, strict=True)}
 
 
 def _given(spec: MassSpec, T_drawn_body: Array) -> Inertia:
-    """Return the mass and inertia that the description gives, in the body frame."""
+    """Return the mass and inertia stated in the description, in the body frame."""
     xx, yy, zz, xy, xz, yz = spec.inertia_kg_m2
     R = T_drawn_body[:3, :3]
     I = R.T @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R  # noqa: E741
@@ -210,7 +210,7 @@ def _given(spec: MassSpec, T_drawn_body: Array) -> Inertia:
 
 
 def _material(d: Description, part: str) -> str | None:
-    """Return the name of the last material in the description whose patterns match the part, or None."""
+    """Return the name of the last material in the description with a pattern that matches the part, or None."""
     named = [name for name, m in d.material.items() if any(fnmatch.fnmatch(part, p) for p in m.parts)]
     return named[-1] if named else None
 
@@ -253,7 +253,7 @@ def _identifier(name: str) -> str:
 
 
 def _unique(name: str, taken: set[str]) -> str:
-    """Return the name as an identifier that no mesh has yet: the second `peg` becomes `peg_2`."""
+    """Return the name as an identifier that no other mesh has: the second `peg` becomes `peg_2`."""
     first = clean = _identifier(name)
     count = 1
     while clean in taken:
@@ -303,7 +303,7 @@ def _joint(
 
 
 def _names(spec: FrameSpec) -> list[str]:
-    """Return the features that define the joint: its axis or centre, and the feature that locates it along the axis."""
+    """Return the features that define a joint frame: its axis or centre, and the feature at its place on the axis."""
     out: list[str] = []
     for value in (spec.origin, spec.at, spec.z):
         out += value if isinstance(value, list) else [value] if value else []

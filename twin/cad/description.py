@@ -1,8 +1,8 @@
 """The robot's TOML file, `cad/<robot>/<robot>.toml`: the hand-written description of the CAD.
 
-It names the faces to measure, the joints between bodies, limits, drives, materials and postures. Lengths
-and placements belong to the STEP, not to this file: `near_mm` and `direction` only say which face is
-meant. Every number that is not measured has a provenance and a reason.
+It names the faces to measure, the joints between bodies, limits, drives, materials and postures. Lengths and placements
+come from the STEP file, not from this file: `near_mm` and `direction` only identify a face. Every number that is not
+measured has a provenance and a reason. "Drawn" coordinates are the coordinates of the STEP file.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from twin.schema import Identifier, Origin, Range, Table, Vector, at, error_at, 
 
 
 class Feature(Table):
-    """A face of the STEP: its kind, roughly where it is, and which of its two directions is meant.
+    """A face of the STEP file: its kind, a point near it, and its direction.
 
-    `near_mm` is a point near the face (for a cylinder: near its axis) in drawn coordinates; a face further away than
-    `tolerance.gross_mm`, or tilted more than `tolerance.gross_deg`, is ignored.
+    `near_mm` is a point near the face (for a cylinder: near its axis) in drawn coordinates. Faces at a distance of more
+    than `tolerance.gross_mm`, or tilted by more than `tolerance.gross_deg`, are ignored.
     """
 
     kind: Literal["cylinder", "plane", "sphere"]
@@ -45,15 +45,15 @@ class Feature(Table):
 
 
 class FrameSpec(Table):
-    """A frame on one body, measured from its features or, where there is no exact geometry, given.
+    """A frame on one body, measured on its features or, without exact geometry, given by numbers.
 
-    Measured: `origin` is a sphere centre, the centroid of several, or a point on a cylinder axis: where it meets the
-    plane, or comes nearest to the axis or centre, of feature `at`. z is along `z` (a feature's direction, or the normal
-    of three sphere centres taken counter-clockwise). x or y is turned towards a feature's point (`x_towards`,
-    `y_towards`; a list means its centroid) or along a direction (`x_along`). `offset_mm` moves the frame along its z by
-    a distance that no face gives. Given: `position_mm` and `angles_deg` (z, y, x angles: R = Rz Ry Rx) in drawn
-    coordinates. With `origin`, `angles_deg` gives the directions that no face shows: all three, or with `z` only that
-    of x.
+    Measured: `origin` is a sphere centre, the centroid of several, or a point on a cylinder axis: the intersection with
+    the plane `at`, or the point nearest to the axis or centre of feature `at`. z is along `z` (a feature's direction,
+    or the normal of three sphere centres in counter-clockwise order). x or y points towards a feature (`x_towards`,
+    `y_towards`; of a list, its centroid) or along a direction (`x_along`). `offset_mm` shifts the frame along its z by
+    a distance that no face defines. Given: `position_mm` and `angles_deg` (z, y, x angles: R = Rz Ry Rx) in drawn
+    coordinates. With `origin`, `angles_deg` gives the directions that no face defines: all three, or with `z` only the
+    direction of x.
     """
 
     origin: str | list[str] | None = None
@@ -88,7 +88,7 @@ class FrameSpec(Table):
 
 
 class MassSpec(Table):
-    """Mass, centre of mass and inertia about it (xx, yy, zz, xy, xz, yz) of a body, in drawn coordinates."""
+    """Mass, centre of mass, and inertia (xx, yy, zz, xy, xz, yz) about the centre of mass, in drawn coordinates."""
 
     mass_kg: float = Field(gt=0)
     com_mm: Vector
@@ -98,9 +98,9 @@ class MassSpec(Table):
 
 
 class BodySpec(Table):
-    """A rigid body: the STEP node of the same name (or `node`), or mesh files with a declared unit.
+    """A rigid body: the STEP node with the body's name (or `node`), or mesh files with a declared unit.
 
-    `mass` states its mass; without it, the densities of its materials and its volume give the mass.
+    `mass` states its mass; without `mass`, it is computed from the densities and volumes of the parts.
     """
 
     node: str | None = None
@@ -110,7 +110,7 @@ class BodySpec(Table):
 
 
 class MeshSpec(Table):
-    """A mesh file. Its unit must be given. `up` points up in the file; `color` is RGB, or with alpha."""
+    """A mesh file and its unit (required). `up` is the axis that points up in the file; `color` is RGB or RGBA."""
 
     file: str
     unit: Literal["m", "cm", "mm", "um", "in"]
@@ -119,9 +119,9 @@ class MeshSpec(Table):
 
 
 class Material(Table):
-    """A density, a finish, and the parts that have them, as shell patterns; the last match applies.
+    """Density and finish of a material, and shell patterns of the parts made of it; the last match applies.
 
-    `metallic` is 1 for bare metal, 0 for paint, plastic and glass; `roughness` goes from 0, mirror, to 1, chalk.
+    `metallic` is 1 for bare metal, 0 for paint, plastic and glass; `roughness` is 0 for a mirror, 1 for chalk.
     """
 
     density_kg_m3: float = Field(gt=0)
@@ -133,7 +133,7 @@ class Material(Table):
 
 
 class LimitSpec(Table):
-    """Limits shared by the named joints; mm and mm/s for prismatic, deg and deg/s for revolute."""
+    """Limits shared by the named joints: mm, mm/s, mm/s2 for prismatic, deg, deg/s, deg/s2 for revolute joints."""
 
     joints: list[Identifier]
     limits_mm: Range | None = None
@@ -154,7 +154,7 @@ class LimitSpec(Table):
             ("mm", self.limits_mm, self.soft_limits_mm),
             ("deg", self.limits_deg, self.soft_limits_deg),
         ):
-            # Limits that passed through single precision (a USD stage) may differ in the last digits.
+            # Limits that were stored in single precision (in a USD stage) may differ in the last digits.
             if hard and soft and max(hard[0] - soft[0], soft[1] - hard[1]) > 1e-6 * max(map(abs, hard)):
                 raise at(
                     f"soft_limits_{unit}",
@@ -167,7 +167,7 @@ class LimitSpec(Table):
 
 
 class DriveSpec(Table):
-    """A position drive shared by the named joints, in SI (N/m or N m/rad)."""
+    """A position drive shared by the named joints, in SI units (N/m or N m/rad)."""
 
     joints: list[Identifier]
     stiffness: float = Field(gt=0)
@@ -178,7 +178,7 @@ class DriveSpec(Table):
 
 
 class JointSpec(Table):
-    """A joint and its frame on both bodies; motion is along or about z."""
+    """A joint and its frame on both bodies; motion is along or about the z axis of the frames."""
 
     name: Identifier
     type: JointType
@@ -197,7 +197,7 @@ class NamedFrame(Table):
 
 
 class NamedPoint(Table):
-    """A named point: a sphere centre, a point on a cylinder axis (see `FrameSpec`), or given in drawn coordinates."""
+    """A named point: a sphere centre, a point on a cylinder axis (see `FrameSpec`), or a given point as drawn."""
 
     body: Identifier
     origin: str | None = None
@@ -212,7 +212,7 @@ class NamedPoint(Table):
 
 
 class CouplingSpec(Table):
-    """A belt, gear or cable: the sum of ratio times coordinate of the joints is `sum_deg` or `sum_mm`."""
+    """A belt, gear or cable: the sum of ratio times coordinate over the joints equals `sum_deg` or `sum_mm`."""
 
     name: Identifier
     joints: list[Identifier] = Field(min_length=2)
@@ -230,9 +230,10 @@ class CouplingSpec(Table):
 
 
 class ActuatorSpec(Table):
-    """A motor that moves joints by a [[transmission]]; all numbers are on its side; efforts, gains and inertia in SI.
+    """A motor that moves joints through a [[transmission]]; all numbers are on the motor's side.
 
-    SI of an angle: N m, N m/rad, N m s/rad, kg m2; of a length: N, N/m, N s/m, kg.
+    Efforts, gains and inertia are in SI units: N m, N m/rad, N m s/rad, kg m2 for an angle; N, N/m, N s/m, kg for a
+    length.
     """
 
     name: Identifier
@@ -260,7 +261,7 @@ class ActuatorSpec(Table):
 
 
 class TransmissionSpec(Table):
-    """Transmission from motors to active joints: q_joints = matrix @ m_actuators, a row for each joint, in rad or m."""
+    """Transmission from motors to active joints: q_joints = matrix @ m_actuators in rad or m, a row for each joint."""
 
     name: Identifier
     joints: list[Identifier] = Field(min_length=1)
@@ -282,7 +283,7 @@ class TransmissionSpec(Table):
 
 
 class PairGap(Table):
-    """Minimum distance along a common rail between two prismatic joints, `upper` minus `lower`."""
+    """Minimum distance between two prismatic joints on a common rail, coordinate `upper` minus `lower`."""
 
     lower: Identifier
     upper: Identifier
@@ -292,7 +293,7 @@ class PairGap(Table):
 
 
 class LengthSpec(Table):
-    """A length between two features of one body, `parameter` in the equations."""
+    """A length between two features of one body; `parameter` is its name in the equations."""
 
     body: Identifier
     between: tuple[Identifier, Identifier]
@@ -300,7 +301,7 @@ class LengthSpec(Table):
 
 
 class RequirementSpec(Table):
-    """Required accuracy of the tool; the tolerance sweeps compare with it."""
+    """Required accuracy of the tool, with which the tolerance analyses are compared."""
 
     tool_um: float = Field(gt=0)
     provenance: Origin
@@ -308,7 +309,7 @@ class RequirementSpec(Table):
 
 
 class Tolerance(Table):
-    """Tolerances of face positions and of meeting parts."""
+    """Tolerances of face positions (gross) and of the two sides of a joint (meeting)."""
 
     gross_mm: float = Field(gt=0)
     gross_deg: float = Field(gt=0)
@@ -317,7 +318,7 @@ class Tolerance(Table):
 
 
 class Description(Table):
-    """One robot."""
+    """The content of a robot's TOML file."""
 
     name: Identifier
     title: str
@@ -358,10 +359,10 @@ class Description(Table):
 
 
 def load(path: Path, read: Read = read_bytes) -> Description:
-    """Return a robot description; `read` gives the bytes of the file.
+    """Return a robot description; `read` returns the bytes of the file.
 
     Raises:
-        DescriptionError: with file, line, key, value and the allowed values.
+        DescriptionError: the file is malformed; the message gives file, line, key, value and allowed values.
     """
     description = load_toml(path, Description, read)
     if description.name != path.stem:

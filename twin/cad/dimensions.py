@@ -1,6 +1,6 @@
-"""The lengths that a drawing was made from, `cad/<robot>/dimensions.toml`: read for their provenance only.
+"""The dimensions from which a drawing was made, `cad/<robot>/dimensions.toml`; read only for their provenance.
 
-The mechanism never uses them (it is measured on the STEP); reports list the unpublished ones.
+The mechanism is measured on the STEP file and never uses them; reports list those that are not published.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SCALES = {"mm": MM, "deg": DEG}
 
 
 class Dimension(Table):
-    """One length or angle, or three of them."""
+    """One length or angle, or a vector of three."""
 
     value: float | Vector
     unit: Literal["mm", "deg"]
@@ -32,7 +32,7 @@ class Dimension(Table):
 
 
 def read_dimensions(path: Path, read: Read = read_bytes) -> tuple[Parameter, ...]:
-    """Return the dimensions in a file, as `read` gives it, as parameters named `drawing.<name>`; none if it is missing.
+    """Return the dimensions in a file as parameters named `drawing.<name>`; an empty tuple if the file is missing.
 
     Raises:
         DescriptionError: the file is not TOML, or an entry lacks value, unit, provenance or note.
@@ -45,7 +45,7 @@ def read_dimensions(path: Path, read: Read = read_bytes) -> tuple[Parameter, ...
         raise DescriptionError(f"{path}: {error}") from error
     out = []
     for name, entry in data.items():
-        if name == "part":  # manufacturing errors of single parts: they are no dimensions of the design
+        if name == "part":  # manufacturing errors of single parts are not dimensions of the design
             continue
         if isinstance(entry, dict) and isinstance(entry.get("value"), list):
             entry = {**entry, "value": tuple(entry["value"])}

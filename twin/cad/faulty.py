@@ -1,7 +1,8 @@
-"""Find the part that is wrong where two parts do not meet in the CAD.
+"""Find the wrong part if the two sides of a joint do not meet in the CAD.
 
 A feature of a part (a face that defines a joint) is a suspect if moving this feature alone makes both sides of all its
-joints meet. The CAD often distinguishes two suspects: by lengths that several parts share, and by identical parts.
+joints meet. Often the CAD contains evidence for one of two suspects: lengths that several parts share, and identical
+parts.
 """
 
 from __future__ import annotations
@@ -23,17 +24,17 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM, UM, decimals
 
 _LEVER = 0.1
-"""Length in m that converts angles to offsets."""
+"""Length in m by which angles are multiplied to compare them with offsets."""
 
 _STEPS = 5
-"""Number of Newton steps; the first is nearly exact."""
+"""Number of Newton steps; the first step is nearly exact."""
 
 _PARALLEL = 0.02
-"""Sine of the angle up to which two directions are compared as parallel."""
+"""Maximum sine of the angle between two directions that are compared as parallel."""
 
 
 _COAXIAL = 1e-7
-"""Distance in m, and sine of the angle, up to which two cylinders are on one axis."""
+"""Maximum distance in m, and maximum sine of the angle, of two cylinders that count as coaxial."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +42,13 @@ class Suspect:
     """A part that may be faulty.
 
     Attributes:
-        body: the part.
-        features: the faulty ones; empty if only the placement of the part is wrong.
-        joints: those that meet after the correction.
-        offset, tilt: errors of the features, m and rad.
-        faces: every feature of every part, with the faulty ones corrected.
+        body: name of the part.
+        features: names of the faulty features; empty if only the placement of the part is wrong.
+        joints: the joints that meet after the correction.
+        offset, tilt: errors of the features in m and rad.
+        faces: every feature of every part, with the faulty features corrected.
         given: the corrected frame of a joint on the part, by (joint, part), if the description gives it by numbers.
-        for_it, against_it: evidence in the drawing for and against this part.
+        for_it, against_it: evidence in the drawing for and against this suspect.
     """
 
     body: str
@@ -68,19 +69,19 @@ class Suspect:
 
 @dataclass(frozen=True)
 class Fault:
-    """Joints whose sides do not meet for one reason, and the suspects; none if no single part explains it."""
+    """Joints whose sides do not meet for one reason, and the suspects; empty if no single part explains the fault."""
 
     joints: tuple[str, ...]
     suspects: tuple[Suspect, ...]
 
 
 def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fault]:
-    """Return the faults of a CAD model, each with the parts that may cause it, the likeliest first.
+    """Return the faults of a CAD model, each with its suspects, the most likely first.
 
     Args:
         cad: the CAD model as read.
-        nominal: values in m of lengths that the description declares, by parameter, as far as another source gives
-            them.
+        nominal: lengths in m from another source, by the parameter name declared in the description; may be
+            incomplete.
     """
     d = cad.description
     bad = _apart(d, drawn(d, cad.measured))
@@ -101,10 +102,10 @@ def _apart(d: Description, at: Drawn) -> list[str]:
 
 
 def _plainest(suspects: list[Suspect], placed: set[tuple[str, str]]) -> list[Suspect]:
-    """For each part, keep the suspects with the fewest features: a single one, else those of one joint.
+    """Keep for each part the suspects with the fewest features: a single feature, else the features of one joint.
 
-    A suspect with more features is also kept if its additional features place a frame or a point: the rows of the
-    equations can then decide between the two.
+    A suspect with more features is also kept if its additional features place a frame or a point, because the rows of
+    the equations can then distinguish the two suspects.
     """
     few = {s.body: min(len(o.features) or 99 for o in suspects if o.body == s.body) for s in suspects}
     plain = [s for s in suspects if not s.features or len(s.features) == few[s.body]]
@@ -134,9 +135,9 @@ def _names(spec: FrameSpec) -> list[str]:
 
 
 def _candidates(cad: CadModel, bad: list[str]) -> Iterator[tuple[str, tuple[str, ...], str]]:
-    """Yield (part, features, joint): features that may be wrong together, or () and a typed joint.
+    """Yield (part, features, joint): features that may be wrong together, or () and a joint given by numbers.
 
-    Without features and joint ("") the placement of the whole part may be wrong.
+    With () and joint "", the placement of the whole part may be wrong.
     """
     d = cad.description
     seen: set[tuple[str, tuple[str, ...]]] = set()
@@ -154,7 +155,7 @@ def _candidates(cad: CadModel, bad: list[str]) -> Iterator[tuple[str, tuple[str,
 
 
 def _on_axis(own: Mapping[str, Measured], name: str) -> tuple[str, ...]:
-    """Return the cylinders of a part that share the axis of a feature: they may be off together."""
+    """Return the cylinders of a part that are coaxial with a feature and may be misplaced together."""
     a = own[name].face
     return tuple(
         n
@@ -166,14 +167,14 @@ def _on_axis(own: Mapping[str, Measured], name: str) -> tuple[str, ...]:
 
 
 def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, bad: list[str]) -> Suspect | None:
-    """Return the suspect whose features are moved so that its joints close, or None if no such move exists.
+    """Return the suspect, with features moved so that the joints on them meet; None if no such move exists.
 
     Args:
         cad: the CAD model.
         body: the part.
-        names: the features that may move; empty: all.
-        typed: the joint whose numeric frame on the part is moved instead; "" if features are moved.
-        bad: joints that do not close.
+        names: the features that may move; empty: all features of the part.
+        typed: joint whose frame on the part is given by numbers and is moved instead; "" if features are moved.
+        bad: joints whose sides do not meet.
     """
     d, still = cad.description, drawn(cad.description, cad.measured).on
     own = cad.measured.get(body, {})
@@ -227,7 +228,7 @@ def _moved(m: Measured, T: Array) -> Measured:
                    direction=R @ m.direction)  # fmt: skip
 
 
-# -- what the drawing tells ------------------------------------------------------------------------------------------
+# -- evidence in the drawing -----------------------------------------------------------------------------------------
 
 
 def _weighed(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Suspect:
@@ -241,11 +242,11 @@ def _weighed(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Suspect
 
 
 def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterator[tuple[bool, str]]:
-    """Yield (with, text) for a length that equals that of other parts only with, or only without, the correction."""
+    """Yield (True, text) for a length that the correction makes equal to other parts', (False, text) if unequal."""
     limit = cad.description.tolerance.meeting_um * UM
     try:
         before, after = measure(cad), measure(replace(cad, measured=s.faces))  # type: ignore[arg-type]
-    except CadError:  # a tilted axis has no distance
+    except CadError:  # the distance between tilted axes is undefined
         return
     for i, (a, b) in enumerate(zip(before, after, strict=True)):
         if a.body != s.body:
@@ -268,7 +269,7 @@ def _apart_mm(value: float, true: float) -> str:
 
 
 def _alike(cad: CadModel, s: Suspect) -> Iterator[tuple[bool, str]]:
-    """Yield (with, text) if the part matches its identical parts only with, or only without, the correction."""
+    """Yield (True, text) if the correction makes the part equal to its identical parts, (False, text) if unequal."""
     kinds = {b: {n: (m.face.kind, round(m.face.radius, 6)) for n, m in f.items()} for b, f in cad.measured.items()}
     twins = [b for b in kinds if b != s.body and kinds[b] == kinds[s.body]]
     if not twins or not s.features:
@@ -292,7 +293,7 @@ def _same(cad: CadModel, a: Mapping[str, Measured], b: Mapping[str, Measured], n
 
 
 def _pair(a: Measured, b: Measured) -> tuple[float, float]:
-    """Return the angle (rad) and the distance (m) between two faces; nan where there is none."""
+    """Return the angle (rad) and the distance (m) between two faces; NaN where undefined."""
     offset = b.face.point - a.face.point
     kinds = {a.face.kind, b.face.kind}
     if kinds == {"sphere"}:

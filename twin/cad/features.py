@@ -1,6 +1,6 @@
-"""Measure on the CAD: find the face that a feature names, and the frames that faces define.
+"""Measure on the CAD: find the face of each feature, and compute frames from faces.
 
-All results are in drawn coordinates (the STEP's own), metres.
+All results are in drawn coordinates (those of the STEP file), in m.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
 _RADIUS_TOLERANCE = 0.005 * MM
-"""Difference of radii in m above which two faces are different features."""
+"""Difference of radii in m above which a face does not match a feature's radius."""
 
 _ALIKE = 0.001 * MM
 """Difference of distances in m below which `near_mm` cannot distinguish two faces."""
@@ -27,7 +27,7 @@ _ALIKE = 0.001 * MM
 
 @dataclass(frozen=True)
 class Measured:
-    """A feature as measured: the face, its direction with the meant sign, and the part it is on."""
+    """A measured feature: its face, its unit direction with the sign from the description, and the part of the face."""
 
     name: str
     face: Face
@@ -36,9 +36,9 @@ class Measured:
 
 
 def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: Tolerance) -> Measured:
-    """Return the face that `spec` names on a body.
+    """Return the face of a body that `spec` identifies.
 
-    Of the faces of that kind and radius, the nearest to `near_mm` is taken.
+    Among the faces with this kind and radius, the face nearest to `near_mm` is used.
 
     Raises:
         CadError: the body has no such face, or none within the gross tolerance; the message gives the nearest face and
@@ -93,13 +93,13 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
 
 
 def _tilt(a: Sequence[float], b: Sequence[float]) -> float:
-    """Return the angle in rad between two axes (3,), ignoring their senses."""
+    """Return the angle in rad between two axes (3,), ignoring their signs."""
     across = math.hypot(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
     return math.atan2(across, abs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2]))
 
 
 def _same(a: Face, b: Face) -> bool:
-    """Return whether two faces of one kind measure the same: one plane, one axis or one centre."""
+    """Return whether two faces of one kind have the same plane, axis or centre."""
     if a.kind == "sphere":
         return float(np.linalg.norm(a.point - b.point)) < _ALIKE
     if float(np.linalg.norm(np.cross(a.direction, b.direction))) > 1e-6:
@@ -110,10 +110,10 @@ def _same(a: Face, b: Face) -> bool:
 
 
 def _distance(face: Face, near: Array) -> float:
-    """Return the distance in m from `near` to a sphere's centre, a cylinder's axis, or a plane and its middle.
+    """Return the distance in m from `near` to a sphere's centre, a cylinder's axis, or a plane.
 
-    The distance to the middle of the face along its plane or axis counts too, with a small weight: of two bores on one
-    axis, the nearer is taken.
+    The distance to the middle of the face along its plane or axis is added with weight 0.001, so that of two bores on
+    one axis the nearer one is chosen.
     """
     x, y, z = (near - face.point).tolist()
     if face.kind == "sphere":
@@ -127,9 +127,9 @@ def _distance(face: Face, near: Array) -> float:
 
 
 def centre(names: str | list[str], features: Mapping[str, Measured], at: str | None = None) -> Array:
-    """Return the point (3,) of a feature, or the centroid of several.
+    """Return the point (3,) in m of a feature, or the centroid of several features.
 
-    For a cylinder it is the point of its axis that meets, or is nearest to, feature `at`.
+    For a cylinder, it is the point of its axis on, or nearest to, feature `at`.
     """
     if isinstance(names, list):
         return np.mean([centre(n, features) for n in names], axis=0)
@@ -150,13 +150,13 @@ def centre(names: str | list[str], features: Mapping[str, Measured], at: str | N
     across = e - d * (d @ e)
     if np.linalg.norm(across) < 0.1:
         raise CadError(f"the axes of '{names}' and '{at}' are parallel: they have no nearest points")
-    # Nearest point to a second line: move along d until the rest is perpendicular to both.
+    # Nearest point to a second line: move along d until the connecting vector is perpendicular to both lines.
     w = other.point - face.point
     return face.point + d * ((w @ d) - (w @ e) * (d @ e)) / (1 - (d @ e) ** 2)
 
 
 def point(spec: NamedPoint, features: Mapping[str, Measured]) -> Array:
-    """Return a named point (3,)."""
+    """Return a named point (3,) in m."""
     if spec.position_mm is not None:
         return np.array(spec.position_mm) * MM
     assert spec.origin is not None
@@ -164,10 +164,10 @@ def point(spec: NamedPoint, features: Mapping[str, Measured]) -> Array:
 
 
 def frame(spec: FrameSpec, features: Mapping[str, Measured]) -> Array:
-    """Return the frame (4, 4) of a spec.
+    """Return the frame (4, 4) that a spec defines.
 
     Raises:
-        CadError: an unknown feature, or directions that do not span a frame.
+        CadError: a feature is unknown, or the directions do not define a frame.
     """
     psi, theta, phi = np.array(spec.angles_deg or (0.0, 0.0, 0.0)) * DEG
     ez, ey, ex = np.eye(3)[[2, 1, 0]]
@@ -182,7 +182,7 @@ def frame(spec: FrameSpec, features: Mapping[str, Measured]) -> Array:
 
 
 def _turned(spec: FrameSpec, along: str | list[str], p: Array, given: Array, features: Mapping[str, Measured]) -> Array:
-    """Return the rotation (3, 3) of a frame at p (3,) whose z is measured."""
+    """Return the rotation (3, 3) of a frame at p (3,) with z measured `along` features."""
     if isinstance(along, list):
         a, b, c = (centre(n, features) for n in along)
         z = np.cross(b - a, c - a)

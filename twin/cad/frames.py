@@ -1,4 +1,4 @@
-"""Poses of bodies, joints and named frames in drawn coordinates, from the faces that were measured on each body."""
+"""Poses of bodies, joints and named frames in drawn coordinates, computed from the measured faces of each body."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from twin.core.spatial import Array
 from twin.model.mechanism import Frame, Mechanism, Point
 
 Faces = Mapping[str, Mapping[str, Measured]]
-"""Every feature by body and name, in drawn coordinates."""
+"""Every measured feature by body and name, in drawn coordinates."""
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,9 @@ class Drawn:
 
     Attributes:
         on: two frames of each joint, on its parent and on its child.
-        named: frame of each named frame.
-        bodies: of each body: the named frame that the file asks for, else the first joint whose child it is.
+        named: the named frames, by name.
+        bodies: frame of each body: the named frame that the description selects, else that of the first joint whose
+            child is the body.
     """
 
     on: Mapping[str, tuple[Array, Array]]
@@ -34,23 +35,23 @@ class Drawn:
     bodies: Mapping[str, Array]
 
     def on_parent(self, joint: str, body: str) -> Array:
-        """Return T_body_joint (4, 4) of the side on the parent."""
+        """Return T_body_joint (4, 4) of a joint's frame on its parent."""
         return spatial.inverse(self.bodies[body]) @ self.on[joint][0]
 
     def on_child(self, joint: str, body: str) -> Array:
-        """Return T_body_joint (4, 4) of the side on the child."""
+        """Return T_body_joint (4, 4) of a joint's frame on its child."""
         return spatial.inverse(self.bodies[body]) @ self.on[joint][1]
 
 
 Given = Mapping[tuple[str, str], Array]
-"""Frames (4, 4) in drawn coordinates by joint and body, instead of those that the description gives by numbers."""
+"""Frames (4, 4) in drawn coordinates, by joint and body, that replace numeric frames of the description."""
 
 
 def drawn(d: Description, faces: Faces, given: Given | None = None) -> Drawn:
-    """Return the frames that the description defines on the measured faces.
+    """Return the frames that the description defines on measured faces.
 
     Raises:
-        CadError: a feature is unknown, or features span no frame.
+        CadError: a feature is unknown, or features do not define a frame.
     """
     on: dict[str, tuple[Array, Array]] = {}
     for j in d.joint:
@@ -63,12 +64,12 @@ def drawn(d: Description, faces: Faces, given: Given | None = None) -> Drawn:
 
 
 def frames(d: Description, at: Drawn) -> tuple[Frame, ...]:
-    """Return the named frames."""
+    """Return the named frames, each relative to its body."""
     return tuple(Frame(n, f.body, spatial.inverse(at.bodies[f.body]) @ at.named[n]) for n, f in d.frame.items())
 
 
 def points(d: Description, at: Drawn, faces: Faces) -> tuple[Point, ...]:
-    """Return the named points."""
+    """Return the named points, each in its body frame in m."""
     return tuple(
         Point(n, s.body, into(at.bodies[s.body], features.point(s, faces.get(s.body, {})))) for n, s in d.point.items()
     )
@@ -81,10 +82,10 @@ def rest(d: Description, at: Drawn) -> dict[str, Array]:
 
 
 def moved(mechanism: Mechanism, d: Description, faces: Faces, given: Given | None = None) -> Mechanism:
-    """Return the mechanism with joints, frames and points measured on other faces; without shapes and masses.
+    """Return the mechanism with joints, frames and points from other faces, without meshes and masses.
 
     Raises:
-        CadError: the faces span no frame.
+        CadError: the faces do not define a frame.
     """
     at = drawn(d, faces, given)
     joints = tuple(

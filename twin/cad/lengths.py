@@ -1,6 +1,6 @@
-"""Lengths of single parts that the equations know by name, measured between two faces of one body.
+"""Lengths of single parts that are parameters of the equations, measured between two faces of one body.
 
-If a pin is misplaced, the two sides of a joint do not meet; the lengths show which of the two bodies is wrong.
+If a pin is misplaced, the two sides of a joint do not meet; these lengths show which of the two bodies is wrong.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from twin.core import spatial
 from twin.core.errors import CadError
 
 _PARALLEL = 1e-3
-"""Sine of the maximum angle between two axes that are taken as parallel."""
+"""Maximum sine of the angle between two axes that count as parallel."""
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,9 @@ class Length:
     """A measured length.
 
     Attributes:
-        body: the body that both faces are on.
-        between: the two features.
-        parameter: the name that the equations give it.
+        body: name of the body with both faces.
+        between: names of the two features.
+        parameter: name of the length in the equations.
         value: length in m.
     """
 
@@ -39,7 +39,7 @@ def measure(cad: CadModel) -> tuple[Length, ...]:
     """Return the lengths that the description declares.
 
     Raises:
-        CadError: two axes are not parallel: their distance is undefined.
+        CadError: two axes are not parallel, so that their distance is undefined.
     """
     out = []
     for spec in cad.description.length:
@@ -49,12 +49,12 @@ def measure(cad: CadModel) -> tuple[Length, ...]:
 
 
 def _distance(body: str, a: Measured, b: Measured) -> float:
-    """Return the distance in m of two faces: of points (spheres), axes (cylinders) or planes."""
+    """Return the distance in m between two faces: points (spheres), axes (cylinders) or planes."""
     if b.face.kind == "plane" and a.face.kind != "plane":
         a, b = b, a
     offset = b.face.point - a.face.point
     if "sphere" not in (a.face.kind, b.face.kind):
-        aligned = a.face.kind == b.face.kind  # two axes, or two normals; an axis lies in its plane otherwise
+        aligned = a.face.kind == b.face.kind  # two axes, or two normals; otherwise an axis and a plane
         sine = float(np.linalg.norm(np.cross(a.direction, b.direction)))
         if (sine if aligned else abs(float(a.direction @ b.direction))) > _PARALLEL:
             raise CadError(f"length on '{body}': '{a.name}' and '{b.name}' are not parallel")

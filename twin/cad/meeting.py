@@ -14,7 +14,7 @@ from twin.core.units import UM
 
 
 def meetings(d: Description, at: Drawn) -> list[Finding]:
-    """Return a finding for each joint whose two sides do not meet in the CAD; its size is in the locked directions."""
+    """Return a finding for each joint whose two sides do not meet in the CAD, with the error in locked directions."""
     found = []
     for joint in d.joint:
         offset, tilt = locked_error(between(at, joint.name), joint.type)
@@ -39,14 +39,14 @@ def meetings(d: Description, at: Drawn) -> list[Finding]:
 
 
 def between(at: Drawn, joint: str) -> Array:
-    """Return the pose (4, 4) of the child's joint frame in the parent's, as in the CAD."""
+    """Return the pose (4, 4) of the child's joint frame in the parent's joint frame, as in the CAD."""
     return spatial.inverse(at.on[joint][0]) @ at.on[joint][1]
 
 
 def locked(T: Array, joint_type: str) -> tuple[Array, Array]:
-    """Return offset (m) and turn (rad) between a joint's two frames, (3,) each, zero in the free directions.
+    """Return offset (m) and rotation (rad) between a joint's two frames, (3,) each, zero in the free directions.
 
-    The rotation that remains is the one between the two axes.
+    For revolute and cylindrical joints, the rotation is the rotation between the two axes.
     """
     p, turn = T[:3, 3].copy(), np.zeros(3)
     if joint_type == "free":
@@ -64,6 +64,6 @@ def locked(T: Array, joint_type: str) -> tuple[Array, Array]:
 
 
 def locked_error(T: Array, joint_type: str) -> tuple[float, float]:
-    """Return the offset in m and the tilt in rad of a joint's two frames in the directions it locks."""
+    """Return the offset in m and the tilt in rad between a joint's two frames in the locked directions."""
     offset, turn = locked(T, joint_type)
     return float(np.linalg.norm(offset)), float(np.linalg.norm(turn))

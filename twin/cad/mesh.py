@@ -1,6 +1,6 @@
-"""Triangle meshes: files with a declared unit, watertightness, and mass properties from density.
+"""Triangle meshes: files with a declared unit, check for closed surfaces, and mass properties from the density.
 
-Mesh files carry no unit (3MF does, and must agree), so one is required, never guessed; an implausible size is a
+Mesh files do not state a unit (except 3MF, which must agree), so the unit must be declared; an implausible size is a
 finding.
 """
 
@@ -24,7 +24,7 @@ from twin.model.mechanism import Inertia, Mesh
 SUFFIXES = (".stl", ".obj", ".glb", ".gltf", ".3mf", ".ply")
 
 _PLAUSIBLE = (0.5 * MM, 20.0)
-"""Extents of a robot part in metres outside of which the declared unit is probably wrong."""
+"""Smallest and largest plausible extent of a robot part in m; outside, the declared unit is probably wrong."""
 
 _UP = {"z": np.eye(3), "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
 
@@ -35,17 +35,17 @@ def load_mesh(
     up: Literal["z", "y"] = "z",
     color: Sequence[float] = (0.6, 0.6, 0.6),
 ) -> tuple[Mesh, list[Finding]]:
-    """Read an STL, OBJ, GLB, 3MF or PLY file into metres, Z up.
+    """Read an STL, OBJ, GLB, 3MF or PLY file, converted to m and z up.
 
     Args:
         path: the file.
         unit: "m", "cm", "mm", "um" or "in"; required.
-        up: the axis that points up in the file.
+        up: axis that points up in the file.
         color: linear RGB, or RGB and alpha.
 
     Raises:
         CadError: the unit is missing, or the file is missing, unreadable or empty.
-        BudgetError: reading it would exceed the limits of its format.
+        BudgetError: reading the file would exceed the limits of its format.
     """
     import trimesh
 
@@ -67,7 +67,7 @@ def load_mesh(
             vertices, triangles = np.asarray(loaded.vertices, float), np.asarray(loaded.faces)
     except BudgetError:
         raise
-    except Exception as error:  # foreign readers raise anything on damaged input
+    except Exception as error:  # foreign readers raise any exception on damaged files
         raise CadError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({error})") from error
     if len(triangles) == 0:
         raise CadError(f"{path}: it has no triangles")
@@ -93,7 +93,7 @@ def load_mesh(
 
 
 def open_mesh(name: str) -> Finding:
-    """Return the warning that a mesh is not closed and therefore has no mass."""
+    """Return the warning that a mesh is not closed, so that its mass is undefined."""
     return warning(
         "cad.open_mesh",
         name,
@@ -103,7 +103,7 @@ def open_mesh(name: str) -> Finding:
 
 
 def weld(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
-    """Join vertices that coincide and drop triangles without area, so that closed solids become closed meshes."""
+    """Merge coincident vertices and remove triangles without area, so that closed solids become closed meshes."""
     import trimesh
 
     mesh = trimesh.Trimesh(vertices, triangles, process=False)
@@ -114,7 +114,7 @@ def weld(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
 
 
 def inertia(vertices: Array, triangles: np.ndarray, density: float) -> Inertia | None:
-    """Return mass, centre and inertia of a closed, welded mesh of uniform density in kg/m3; None if it is open."""
+    """Return mass, centre and inertia of a closed, welded mesh with uniform density in kg/m3; None if it is open."""
     import trimesh
 
     mesh = trimesh.Trimesh(vertices, triangles, process=False)

@@ -10,7 +10,7 @@ from twin.model.transmission import Actuator, Transmission
 
 
 def actuators(d: Description) -> tuple[Actuator, ...]:
-    """Return the motors of a description."""
+    """Return the motors of a description, with limits in SI units."""
     return tuple(map(_actuator, d.actuator))
 
 

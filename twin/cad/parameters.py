@@ -1,4 +1,4 @@
-"""The numbers that a description adds to a drawing (limits, drives, densities, gaps, motors ...), with provenance."""
+"""Numbers that a description adds to the drawing (limits, drives, densities, gaps, motors ...), with provenance."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from twin.core.provenance import Parameter
 from twin.core.units import DEG, MM
 
 SCALES = {"mm": MM, "deg": DEG, "mm/s": MM, "deg/s": DEG, "mm/s2": MM, "deg/s2": DEG, "kg/m3": 1.0}
-"""Factors from the units of the files to SI."""
+"""Factors that convert the units of the description to SI."""
 
 
 def parameters(d: Description) -> list[Parameter]:

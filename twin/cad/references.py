@@ -1,4 +1,4 @@
-"""Names and units in a description that must fit together: checked before any CAD is read, with file and line."""
+"""Check the names and units in a description before any CAD is read; errors have file and line."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from twin.model.transmission import faults
 from twin.schema import Keys, error_at
 
 UNITS = {"revolute": "deg", "prismatic": "mm"}
-"""The unit of the coordinate of a joint that has a single one."""
+"""Unit of the coordinate of each joint type with one coordinate."""
 
 
 def check(path: Path, d: Description) -> None:
-    """Raise `DescriptionError` for the first name that exists nowhere, or unit that does not fit its joint."""
+    """Raise `DescriptionError` for the first name that does not exist, or unit that does not fit its joint."""
     for keys, message in (*_bodies(d), *_features(d), *_limits(d), *_motors(d), *_postures(d)):
         raise error_at(path, keys, message)
 

@@ -1,8 +1,8 @@
 """STEP import by OpenCASCADE (cascadio): parts with triangles, linear colours and exact faces.
 
-The reader writes a GLB whose JSON carries the tree, the names and, per part, the analytic faces in double precision.
-Vertices and instance placements in it are float32: a STEP whose shapes carry their placement (ours do) keeps exact
-faces exact; for other files `StepModel.placement_error` states the loss.
+The reader writes a GLB whose JSON contains the tree, the names and, for each part, the analytic faces in double
+precision. Vertices and instance placements in the GLB are float32. If placements are part of the shapes, as in the
+built-in STEP files, the faces stay exact; for other files `StepModel.placement_error` states the error.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 
 VISUAL_TOLERANCE = 0.1 * MM
-"""Chord tolerance of the meshes that are shown, with 0.5 rad between normals."""
+"""Chord tolerance in m of the displayed meshes; their normals differ by at most 0.5 rad."""
 
 MASS_TOLERANCE = 0.005 * MM
-"""Chord tolerance of the meshes that are weighed; of a convex part they enclose slightly too little."""
+"""Chord tolerance in m of the meshes for mass computation; their volume is slightly too small for convex parts."""
 
 _CACHED = 32
 """Maximum number of files in the cache."""
@@ -44,13 +44,13 @@ _NAMED_UNIT = {"INCH": 0.0254, "FOOT": 0.3048, "MILLIMETRE": 1e-3, "CENTIMETRE":
 
 @dataclass(frozen=True)
 class Face:
-    """An analytic face in drawn coordinates, metres.
+    """An analytic face in drawn coordinates, in m.
 
     Attributes:
         kind: "plane", "cylinder" or "sphere".
-        point: (3,) a point of the plane, a point on the axis amid the face, or the centre.
-        direction: (3,) unit normal or axis, sign arbitrary; zeros for a sphere.
-        radius: of cylinder or sphere, else 0.
+        point: (3,) a point of the plane, the point on the axis in the middle of the face, or the sphere's centre.
+        direction: (3,) unit normal or axis with arbitrary sign; zeros for a sphere.
+        radius: radius of the cylinder or sphere, 0 for a plane.
     """
 
     kind: str
@@ -61,13 +61,13 @@ class Face:
 
 @dataclass(frozen=True)
 class Part:
-    """One solid of the STEP.
+    """One solid of a STEP file.
 
     Attributes:
-        name: its node name, repaired.
-        path: names of the assembly nodes above it, outermost first.
-        vertices, triangles: (n, 3) metres in drawn coordinates, (m, 3).
-        color_rgba: linear.
+        name: node name, with its encoding repaired.
+        path: names of the assembly nodes above the part, outermost first.
+        vertices, triangles: (n, 3) in m in drawn coordinates, (m, 3).
+        color_rgba: linear colour, 0..1.
         faces: analytic faces.
     """
 
@@ -81,7 +81,7 @@ class Part:
 
 @dataclass(frozen=True)
 class StepModel:
-    """The parts of a STEP file, its unit in metres, and error of instance placements in m."""
+    """The parts of a STEP file, its length unit in m, and the error of instance placements in m."""
 
     path: Path
     unit: float
@@ -90,10 +90,10 @@ class StepModel:
 
 
 def length_unit(path: Path, read: Read = read_bytes) -> float:
-    """Return the length unit of a STEP file, as `read` gives it, in metres.
+    """Return the length unit of a STEP file in m; `read` returns the bytes of the file.
 
     Raises:
-        CadError: the file is missing, is not a STEP file, is cut off, or states no length unit.
+        CadError: the file is missing, is not a STEP file, is truncated, or states no length unit.
     """
     try:
         data = read(path, "STEP")
@@ -115,7 +115,7 @@ def length_unit(path: Path, read: Read = read_bytes) -> float:
             found.add(unit)
         elif si and (si.group(1) or "") in _SI_PREFIX:
             found.add(_SI_PREFIX[si.group(1) or ""])
-    # A conversion based unit is defined through an SI unit, which then stands in the file as well.
+    # A conversion-based unit is defined through an SI unit, which is therefore also in the file.
     named_units = found & {0.0254, 0.3048}
     found = named_units or found
     if not found:
@@ -128,16 +128,16 @@ def length_unit(path: Path, read: Read = read_bytes) -> float:
 def read_step(
     path: Path, tolerance: float = VISUAL_TOLERANCE, angle: float = 0.5, read: Read | None = None
 ) -> StepModel:
-    """Read a STEP file.
+    """Read a STEP file, with triangles and exact faces.
 
     Args:
         path: the file.
-        tolerance: chord tolerance of the triangles in metres.
-        angle: largest angle between neighbouring normals in rad.
-        read: gives the bytes of the file; default from the disk.
+        tolerance: chord tolerance of the triangles in m.
+        angle: maximum angle between neighbouring normals in rad.
+        read: function that returns the bytes of the file; default: from disk.
 
     Raises:
-        CadError: the file is missing, is not a STEP file, is cut off, or has no unit or no solids.
+        CadError: the file is missing, is not a STEP file, is truncated, or has no unit or no solids.
     """
     read = read or Once()
     unit = length_unit(path, read)
@@ -149,11 +149,10 @@ def read_step(
 
 
 def _glb(path: Path, tolerance: float, angle: float, read: Read = read_bytes) -> bytes:
-    """Return the STEP as GLB with exact faces; from the user's cache if the same file was read before.
+    """Return the STEP as GLB with exact faces, from the user's cache if the same file was read before.
 
-    `tolerance` is in mm, to which OpenCASCADE converts whatever the file's unit is.
-    Reading takes seconds, and every command reads. The cache is keyed by content and reader version, and
-    may be deleted at any time.
+    `tolerance` is in mm, because OpenCASCADE converts every file to mm. Reading takes seconds in every command, so the
+    result is cached by file content and reader version. The cache may be deleted at any time.
     """
     step = read(path, "STEP")
     key = hashlib.sha256(step)
@@ -163,17 +162,17 @@ def _glb(path: Path, tolerance: float, angle: float, read: Read = read_bytes) ->
     with contextlib.suppress(OSError):
         data = cached.read_bytes()
         if data[:4] == b"glTF" and int.from_bytes(data[8:12], "little") == len(data):
-            return data  # complete; a truncated one is read again
+            return data  # complete; a truncated file is written again
     with Scratch() as work:
         glb, copy = Path(work) / "step.glb", Path(work) / "read.step"
         try:
             kind = "STEP" if tolerance * MM >= VISUAL_TOLERANCE else "fine STEP"
-            copy.write_bytes(step)  # what is cached under its hash must come from these bytes
+            copy.write_bytes(step)  # the cached result must come from the hashed bytes
             code = run(path, kind, str(glb), repr(tolerance), repr(angle), given=copy)
         except SourceError as error:
             raise CadError(str(error)) from error
         if code != 0 or not glb.is_file():
-            try:  # the error does not say whether reading or writing failed
+            try:  # the exit code does not distinguish a full disk from a reading error
                 (Path(work) / "room").write_bytes(bytes(path.stat().st_size))
             except OSError as e:
                 raise CadError(
@@ -241,11 +240,11 @@ def _part(gltf: dict, binary: bytes, mesh: dict, name: str, path: tuple[str, ...
 
 
 def _welded(points: np.ndarray, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
-    """Join the vertices that faces share and drop triangles without area: a closed solid becomes a closed mesh.
+    """Merge the vertices that faces share and remove triangles without area: a closed solid becomes a closed mesh.
 
-    The mesher gives both faces of an edge the same points, to the bit.
+    The mesher gives both faces of an edge bit-identical points.
     """
-    order = np.lexsort(points.T[::-1])  # as `np.unique` does along an axis, at a third of its cost
+    order = np.lexsort(points.T[::-1])  # as `np.unique` does along an axis, in a third of the time
     ordered = points[order]
     first = np.ones(len(points), bool)
     first[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
@@ -260,11 +259,11 @@ def _faces(records: Sequence[dict | None], T: Array) -> list[Face]:
     R, p = T[:3, :3], T[:3, 3]
     faces = []
     for record in records:
-        if record is None:  # a face of another kind (B-spline): it is shown, not measured
+        if record is None:  # a face of another kind (B-spline) is displayed, but not measured
             continue
         if record["type"] == "plane":
             point, direction = np.array(record["origin"]), np.array(record["normal"])
-            # The origin is a corner of the face's parameter range; its middle says where the face is.
+            # The origin is a corner of the face's parameter range; the middle of the range is on the face.
             (a, b, c), (i, j, k) = record["normal"], record["x_dir"]
             x, y = np.array(record["x_dir"]), np.array([b * k - c * j, c * i - a * k, a * j - b * i])
             point = point + x * _middle(record["extent_x"]) + y * _middle(record["extent_y"])
@@ -301,7 +300,7 @@ def _accessor(gltf: dict, binary: bytes, index: int) -> np.ndarray:
 
 
 def _repair(name: str) -> str:
-    """Undo the reader's double encoding of UTF-8 names; leave others alone."""
+    """Undo the reader's double encoding of UTF-8 names; other names are unchanged."""
     try:
         return name.encode("latin-1").decode("utf-8")
     except (UnicodeEncodeError, UnicodeDecodeError):

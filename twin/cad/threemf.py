@@ -15,15 +15,15 @@ from twin.core.spatial import Array
 _MODEL = "3D/3dmodel.model"
 
 UNITS = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
-"""Units a 3MF may state, in metres; millimeter if it states none."""
+"""Units that a 3MF file may state, in m; the default is millimeter."""
 
 
 def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:
-    """Return vertices (n, 3) in the file's unit, triangles (m, 3), and the unit that the file states.
+    """Return vertices (n, 3) in the file's unit, triangles (m, 3), and the name of the file's unit.
 
     Raises:
         ValueError, KeyError, zipfile.BadZipFile, ElementTree.ParseError: the file is not a 3MF file.
-        BudgetError: the file unpacks or expands beyond the limits of its format.
+        BudgetError: the unpacked or expanded file exceeds the limits of its format.
     """
     with zipfile.ZipFile(path) as archive:
         root = parse_xml(path, archive.read(_MODEL), "3MF")
@@ -57,11 +57,11 @@ def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:
 
 
 def _check_count(path: Path, root: ElementTree.Element, objects: dict[str | None, ElementTree.Element]) -> None:
-    """Count the parts of a file before they are built: objects may be nested and repeated.
+    """Check the number of parts before they are built, because objects may be nested and repeated.
 
     Raises:
-        ValueError: an object is missing, or holds itself.
-        BudgetError: the file expands beyond the limits of its format.
+        ValueError: an object is missing, or contains itself.
+        BudgetError: the expanded file exceeds the limits of its format.
     """
     limits = BUDGETS["3MF"]
     totals: dict[str | None, int] = {}

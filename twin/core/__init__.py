@@ -1,1 +1,1 @@
-"""Basics for all packages: errors, findings, units, provenance, rotations, files, processes, foreign data."""
+"""Modules for all packages: errors, findings, units, provenance, rotations, files, processes, foreign files."""

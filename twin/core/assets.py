@@ -1,7 +1,7 @@
-"""Where the data folders are: in a checkout beside pyproject.toml, in an installed wheel in twin/_data.
+"""Locations of data folders and robot files: next to pyproject.toml in a checkout, in twin/_data in a wheel.
 
-A user's robot is one folder with `cad/`, `trajectories/`, `usd/` and `formula.py` inside; a
-built-in robot is spread over three places. `RobotFiles` gives the same paths for both.
+A user's robot is one folder that contains `cad/`, `trajectories/`, `usd/` and `formula.py`; the files of a built-in
+robot are in several folders. `RobotFiles` has the same paths for both.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ _BESIDE = ("dimensions", "inertia", "exhibit", "scene")
 """Files allowed in a robot's cad/ folder besides the description."""
 
 NO_EQUATIONS = "FORMULA = None"
-"""The line that marks an empty template formula.py."""
+"""Line in formula.py that marks the empty template."""
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def data_folder() -> Path:
-    """Return the folder that holds cad/, usd/ and trajectories/."""
+    """Return the folder that contains cad/, usd/ and trajectories/."""
     installed = _PACKAGE / "_data"
     return installed if installed.is_dir() else _PACKAGE.parent
 
@@ -38,13 +38,13 @@ def is_checkout() -> bool:
 
 @dataclass(frozen=True)
 class RobotFiles:
-    """The paths of one robot; they need not all exist.
+    """The paths of one robot; the files need not exist.
 
     Attributes:
-        name: of the robot.
+        name: name of the robot.
         cad, usd, trajectories: folders.
-        formula: file of its equations.
-        read: the reader of these files, which opens each once.
+        formula: file of the equations.
+        read: reader that opens each of these files once.
     """
 
     name: str
@@ -61,7 +61,7 @@ class RobotFiles:
 
     @property
     def has_equations(self) -> bool:
-        """Whether there is a formula other than the empty template (`FORMULA = None`); nothing is run."""
+        """Whether there is a formula other than the empty template (`FORMULA = None`); the file is not executed."""
         try:
             return NO_EQUATIONS not in read_text(self.formula, "text", errors="replace", read=self.read).splitlines()
         except OSError:
@@ -73,14 +73,14 @@ class RobotFiles:
         return self.usd / f"{self.name}.usda"
 
     def protocols(self) -> dict[str, Path]:
-        """Return the protocol files by name."""
+        """Return the paths of the protocol files, by protocol name."""
         return {p.stem: p for p in sorted(self.trajectories.glob("*.toml"))}
 
     def protocol(self, name: str) -> Path:
         """Return the file of one protocol.
 
         Raises:
-            TwinError: no protocol has this name; the message lists the existing ones.
+            TwinError: the protocol does not exist; the message lists the existing protocols.
         """
         known = self.protocols()
         if name not in known:
@@ -89,7 +89,7 @@ class RobotFiles:
 
 
 def equations(files: RobotFiles | None, name: str) -> Path:
-    """Return the file of a robot's equations; `files` is None for a bare stage.
+    """Return the file of a robot's equations; `files` is None for a robot loaded from a USD stage.
 
     Raises:
         KinematicsError: the file is missing, or is still the empty template.
@@ -110,7 +110,7 @@ def scenes() -> list[str]:
 
 
 def scene_file(scene: str | Path) -> Path | None:
-    """Return the file of a built-in scene, or of a path to one or to its folder; None if it is not a scene."""
+    """Return the scene.toml of a built-in scene, a scene file, or a scene folder; None if it is not a scene."""
     if str(scene) in scenes():
         return data_folder() / "cad" / str(scene) / "scene.toml"
     path = Path(scene)
@@ -134,7 +134,7 @@ def files(robot: str | Path) -> RobotFiles:
     """Return the paths of a built-in robot (by name) or of a robot folder (by path).
 
     Raises:
-        TwinError: the argument is neither.
+        TwinError: the argument is neither a built-in robot nor a robot folder.
     """
     if str(robot) in names():
         root, name = data_folder(), str(robot)
@@ -170,17 +170,17 @@ def files(robot: str | Path) -> RobotFiles:
 
 
 def hidden(robot: str | Path) -> Path | None:
-    """Return the robot folder in the present folder that a built-in robot of the same name hides, if there is one."""
+    """Return the robot folder in the current folder that has the name of a built-in robot, or None."""
     there = str(robot) in names() and _descriptions(Path(robot))
     return Path(robot).resolve() if there else None
 
 
 def _descriptions(folder: Path) -> list[Path]:
-    """Return the files in a robot folder that may be its description."""
+    """Return the TOML files in a robot folder that may be its description."""
     return [p for p in (folder / "cad").glob("*.toml") if p.stem not in _BESIDE]
 
 
 def _settled(files: RobotFiles) -> None:
-    """Complete or remove files that a killed process was writing, and return the paths."""
+    """Complete or remove unfinished writes of killed processes in the folders of a robot."""
     for folder in (files.cad, files.usd, files.trajectories):
         settle(folder)

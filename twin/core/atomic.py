@@ -1,9 +1,9 @@
-"""Files that appear all at once or not at all, also when the process is killed, and self-removing temporary folders.
+"""Folders that are written completely or not at all, even if the process is killed, and temporary folders.
 
-`atomic_folder` writes into `.twin-XXXXXXXX.tmp/new` in the target. When all files are written, one rename puts a
-journal there: before this rename the target is unchanged, after it all files will be moved. The next process calls
-`settle`, which completes the moves of a killed process or removes its unfinished files. A folder in use is locked by
-its process, and the kernel releases the lock when it dies. There is no fsync: a power loss may still lose files.
+`atomic_folder` writes into `.twin-XXXXXXXX.tmp/new` in the target. When all files are written, one rename creates a
+journal there: before this rename the target is unchanged; after it, all files will be moved. The next process that
+calls `settle` completes the moves of a killed process, or removes its unfinished files. A process locks its folder, and
+the kernel releases the lock when the process ends. There is no fsync: a power failure may still lose files.
 """
 
 from __future__ import annotations
@@ -22,32 +22,32 @@ from pathlib import Path
 from twin.core.errors import OutputError
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Error numbers of a full disk."""
+"""System error numbers of a full disk, an exceeded quota and a too large file."""
 
 _PREFIX, _SUFFIX = ".twin-", ".tmp"
 _OWN = re.compile(r"\.twin-[a-z0-9_]{8}\.tmp")
-"""Names of the folders that are made here, beside a target and among the temporary files."""
+"""Names of the folders that this module creates, in a target or among the temporary files."""
 
 _ABOVE = 4
-"""Number of parent folders in which `settle` looks for the journal of an interrupted write. The journal lies in the
+"""Number of parent folders in which `settle` searches for the journal of an interrupted write. The journal is in the
 nearest parent folder that existed before the write began."""
 
 _COMMIT, _UNDO = "commit", "undo"
-"""File names of the journal: the first if its moves are to be completed, the second if they are to be undone."""
+"""File names of the journal: `_COMMIT` if its moves are to be completed, `_UNDO` if they are to be undone."""
 
 
 @contextlib.contextmanager
 def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Path]:
     """Yield a temporary folder; move its files into `target` when the block ends without an error.
 
-    Files that the block does not write stay as they are. On any error `target` is left untouched.
+    Files that the block does not write stay unchanged. On any error `target` stays unchanged.
 
     Args:
         target: an existing or new folder.
-        replacing: files below it that are removed in the same step, unless they are written again.
+        replacing: files in the target that are removed in the same step, unless they are written again.
 
     Raises:
-        OutputError: if the target cannot be written (read-only, full, a file in the way).
+        OutputError: the target cannot be written (read-only, full, a file with the name of a folder).
     """
     target = Path(target)
     try:
@@ -65,7 +65,7 @@ def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Pat
                 _commit(base, target, own, replacing)
         except OSError as error:
             raise OutputError(_unwritable(target, error)) from error
-        except OutputError as error:  # of a folder in this one: the reader knows only the target
+        except OutputError as error:  # from an inner atomic_folder: show the target, not the temporary folder
             raise OutputError(str(error).replace(str(own / "new"), str(target))) from error
     finally:
         _discard(own)
@@ -87,7 +87,7 @@ def require_writable(target: Path) -> None:
 
 
 class Scratch(tempfile.TemporaryDirectory):
-    """A temporary folder that the next start removes if this process is killed."""
+    """A temporary folder; if this process is killed, the next start removes the folder."""
 
     def __init__(self) -> None:
         def make() -> str:
@@ -104,12 +104,12 @@ class Scratch(tempfile.TemporaryDirectory):
 
 
 def cache_folder(name: str) -> Path:
-    """Return the folder in the user's cache for one kind of results; it may be deleted at any time."""
+    """Return the user's cache folder for one kind of results; it may be deleted at any time."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "twin" / name
 
 
 def settle(folder: Path) -> None:
-    """Complete or remove what killed processes left in a folder, or in its nearest parent folders."""
+    """Complete or remove unfinished writes of killed processes in a folder and its nearest parent folders."""
     place = folder.absolute()
     for where in (place, *list(place.parents)[:_ABOVE]):
         try:
@@ -126,7 +126,7 @@ def _settle(base: Path, own: Path) -> None:
     try:
         if os.fstat(lock).st_uid != os.geteuid():
             return
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # raises while its process lives
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # raises while the owner process is alive
         with _locked(base):
             if (own / _COMMIT).is_file():
                 _forward(base, own)
@@ -138,13 +138,13 @@ def _settle(base: Path, own: Path) -> None:
 
 
 def _discard(own: Path) -> None:
-    """Remove a folder, unless its journal still has to be carried out."""
+    """Remove a folder, unless its journal must still be completed or undone."""
     if not any((own / name).is_file() for name in (_COMMIT, _UNDO)):
         shutil.rmtree(own, ignore_errors=True)
 
 
 def _claim(make: Callable[[], str]) -> tuple[Path, int]:
-    """Make a folder and lock it; repeat if another process removed it before it was locked."""
+    """Create a folder and lock it; repeat if another process removed it before it was locked."""
     while True:
         own = Path(make())
         with contextlib.suppress(FileNotFoundError):
@@ -158,8 +158,8 @@ def _claim(make: Callable[[], str]) -> tuple[Path, int]:
 
 @contextlib.contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Let one process at a time move files in a folder."""
-    if _OWN.fullmatch(folder.name):  # only this process uses it, as its lock shows
+    """Allow only one process at a time to move files in a folder."""
+    if _OWN.fullmatch(folder.name):  # the folder is locked by this process already
         yield
         return
     lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
@@ -172,7 +172,7 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 def _commit(base: Path, target: Path, own: Path, replacing: Collection[str]) -> None:
-    """Move the files of `own`/new into the target, which is `base` or a folder inside it."""
+    """Move the files of `own`/new into the target, which is `base` or a folder in `base`."""
     below = Path(os.path.relpath(target.absolute(), base.absolute()))
     put = sorted(p.relative_to(own / "new") for p in (own / "new").rglob("*") if p.is_file())
     drop = sorted({Path(r) for r in replacing} - set(put))
@@ -187,11 +187,11 @@ def _commit(base: Path, target: Path, own: Path, replacing: Collection[str]) -> 
     data = {"put": [[f, p.as_posix()] for f, p in zip(files, put, strict=False)], "drop": files[len(put) :]}
     data["made"] = sorted(p.relative_to(base).as_posix() for p in made)
     (own / "journal").write_text(json.dumps(data), encoding="utf-8")
-    os.rename(own / "journal", own / _COMMIT)  # noqa: PTH104 - the names of the system's calls say what is atomic
+    os.rename(own / "journal", own / _COMMIT)  # noqa: PTH104 - os.rename names the atomic system call
     try:
         _forward(base, own)
     except BaseException:
-        if (own / _COMMIT).is_file():  # otherwise an interrupt came after the last move
+        if (own / _COMMIT).is_file():  # otherwise the last move was done before the interrupt
             os.rename(own / _COMMIT, own / _UNDO)  # noqa: PTH104
             _back(base, own)
         raise
@@ -211,7 +211,7 @@ def _forward(base: Path, own: Path) -> None:
 
 
 def _back(base: Path, own: Path) -> None:
-    """Undo the moves of a journal: restore the files that were there before."""
+    """Undo the moves of a journal: restore the previous files."""
     journal = json.loads((own / _UNDO).read_text(encoding="utf-8"))
     moves = [*journal["put"], *([name, None] for name in journal["drop"])]
     for number, (name, source) in enumerate(moves):
@@ -229,7 +229,7 @@ def _back(base: Path, own: Path) -> None:
 
 
 def _inside(base: Path, name: str) -> Path:
-    """Return the path of a file that a journal names. The name is untrusted: another user may have made the folder.
+    """Return the path of a file in a journal; the name is not trusted, because another user may have made the folder.
 
     Raises:
         ValueError: the path is outside the folder.
@@ -241,7 +241,7 @@ def _inside(base: Path, name: str) -> Path:
 
 
 def _drop(base: Path, file: Path) -> None:
-    """Remove a file, and the folders above it that are then empty."""
+    """Remove a file, and then its parent folders below `base` that are empty."""
     file.unlink(missing_ok=True)
     for parent in file.parents:
         if parent == base or not parent.is_relative_to(base):
@@ -253,7 +253,7 @@ def _drop(base: Path, file: Path) -> None:
 
 
 def _keep(file: Path, kept: Path) -> None:
-    """Keep a second copy of a file."""
+    """Create a second copy of a file, as a hard link if possible."""
     try:
         kept.hardlink_to(file)
     except OSError:  # a file system without links
@@ -261,7 +261,7 @@ def _keep(file: Path, kept: Path) -> None:
 
 
 def no_room(error: BaseException) -> str:
-    """Return the advice for a full disk, "" for any other error."""
+    """Return an error text with advice for a full disk; "" for any other error."""
     if not (isinstance(error, OSError) and error.errno in FULL):
         return ""
     place = Path(error.filename).parent if error.filename else "the disk"

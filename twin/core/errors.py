@@ -1,7 +1,7 @@
-"""Every exception that twin raises on purpose.
+"""All exceptions that twin raises on purpose.
 
-One base class, so that a caller who wraps twin needs to know one name. The command line turns a
-`TwinError` into one line and exit code 2 ("could not check").
+They have one base class, so that calling programs need to catch only `TwinError`. The command line prints a
+`TwinError` as one line and ends with exit code 2 ("could not check").
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 
 class TwinError(Exception):
-    """Base of all errors that twin raises on purpose; the message names the cause and the way out."""
+    """Base of all errors that twin raises on purpose; the message states the cause and a fix."""
 
 
 class DescriptionError(TwinError):
@@ -20,7 +20,7 @@ class DescriptionError(TwinError):
 
 
 class CadError(TwinError):
-    """A CAD file is missing, unreadable, without unit, not watertight, or lacks a named feature."""
+    """A CAD file is missing, unreadable, without unit or not watertight, or a named feature is missing."""
 
 
 class MechanismError(TwinError):
@@ -28,7 +28,7 @@ class MechanismError(TwinError):
 
 
 class SourceError(TwinError):
-    """A foreign description (URDF, MJCF, SDF, closure YAML) is malformed, or cannot be expressed as a mechanism."""
+    """A foreign description (URDF, MJCF, SDF, closure YAML) is malformed, or cannot be converted to a mechanism."""
 
 
 class BudgetError(TwinError):
@@ -40,14 +40,14 @@ class StageError(TwinError):
 
 
 class CodeRefusedError(TwinError):
-    """Equations are a Python file, and running it is forbidden."""
+    """The equations are in a Python file, and executing Python files is disabled."""
 
 
 class KinematicsError(TwinError):
-    """The equations cannot answer: out of reach, on a singularity, or the solver did not converge.
+    """The equations have no solution: out of reach, at a singularity, or the solver did not converge.
 
     Attributes:
-        best: the best iterate, in the form of the requested answer (or None if there is none).
+        best: the best iterate, in the form of the expected result; None if there is none.
         residual: its residual, dimensionless unless the message says otherwise.
     """
 
@@ -58,11 +58,11 @@ class KinematicsError(TwinError):
 
 
 class AssemblyError(TwinError):
-    """The independent model cannot close its loops.
+    """The loops of a mechanism cannot be closed.
 
     Attributes:
         best: the best assembly found.
-        gap: its largest loop gap in metres.
+        gap: largest loop gap of this assembly in m; NaN if unknown.
     """
 
     def __init__(self, message: str, best: Any = None, gap: float = float("nan")) -> None:
@@ -72,28 +72,28 @@ class AssemblyError(TwinError):
 
 
 class ProtocolError(TwinError):
-    """A protocol cannot be carried out; the message names the phase, the place on its path and the amount."""
+    """A protocol cannot be carried out; the message names the phase, the position on its path and the amount."""
 
 
 class TimingError(TwinError):
-    """No timing keeps the limits, or the timing that was found exceeds a limit between grid points."""
+    """No timing satisfies the limits, or the computed timing exceeds a limit between grid points."""
 
 
 class WorldError(TwinError):
-    """Blocks of a World do not fit together, a signal is not a finite number, or a recording is not of this World."""
+    """Blocks of a World do not fit together, a signal is not finite, or a recording is from another World."""
 
 
 class OutputError(TwinError):
-    """A result cannot be written; nothing half-written is left behind."""
+    """A result cannot be written; no partial result remains."""
 
 
 def unknown(kind: str, name: str, known: Iterable[str], unread: Iterable[str] = ()) -> str:
-    """Return a message for an unknown name: the most similar name, then all of them.
+    """Return a message for an unknown name: the most similar name, then all known names.
 
     Args:
         kind: kind of object, for instance "joint".
         name: the unknown name.
-        known: names that exist.
+        known: existing names.
         unread: known names that have a value but are never used; they are suggested first.
     """
     names, waiting = sorted(known), sorted(unread)
@@ -108,7 +108,7 @@ def unknown(kind: str, name: str, known: Iterable[str], unread: Iterable[str] = 
 
 
 def no_inverse(rows: int, columns: int) -> str:
-    """Return a message for the inverse of a matrix that is not square, with what to write instead."""
+    """Return a message for the inverse of a non-square matrix, with the pseudo-inverse to write instead."""
     way = "J.T @ inv(J @ J.T)" if rows < columns else "inv(J.T @ J) @ J.T"
     return (
         f"a {rows} × {columns} matrix has no inverse, only a square one has; write its least-squares inverse, "

@@ -1,4 +1,4 @@
-"""Optional packages of single commands; a missing one is named with its install command."""
+"""Optional packages of single commands; the error for a missing package contains the install command."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from types import ModuleType
 from twin.core.errors import TwinError
 
 EXTRAS = {"distributed": "cluster", "segno": "qr", "yaml": "yaml", "pyarrow": "parquet"}
-"""Extra of this package by module."""
+"""Name of the extra of this package that installs each module, by module name."""
 
 
 def require(module: str, purpose: str) -> ModuleType:
-    """Return a module of an extra; `purpose` is for the message.
+    """Return a module of an extra; `purpose` is the start of the error message.
 
     Raises:
         TwinError: the module is not installed; the message gives the install command.

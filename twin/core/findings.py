@@ -1,4 +1,4 @@
-"""Results of a check: findings, their severities, and the verdict that follows."""
+"""Results of a check: findings with severities, and the verdict computed from them."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ Verdict = Literal["agree", "disagree", "unchecked"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that a check found.
+    """One result of a check.
 
     Attributes:
-        code: dotted and stable, so that scripts can look for it ("rcm.missed", "cad.meeting", ...).
+        code: dotted, constant identifier for scripts ("rcm.missed", "cad.meeting", ...).
         severity: "info", "warning", "disagreement" (the two sides differ), "error" (could not check).
-        message: one sentence for a person: the subject, the value, the limit.
-        where: named point, joint, loop, prim or file.
+        message: one sentence with the subject, the value and the limit.
+        where: name of the point, joint, loop, prim or file.
         when: pose, phase or time.
-        size: the number, in `unit`; with `limit` in the same unit.
-        unit: "mm", "um", "deg", "s", ...
-        limit: the limit of the size.
+        size: the measured value, in `unit`; None if there is none.
+        unit: unit of `size` and `limit`: "mm", "um", "deg", "s", ...
+        limit: the limit of `size`; None if there is none.
         suggestion: how to fix it.
-        cause: the common cause, the same text in all findings that it explains ("eq1 (printed)"); "" for none.
+        cause: the cause that several findings share, the same text in each ("eq1 (printed)"); "" for none.
     """
 
     code: str
@@ -73,7 +73,7 @@ def finding(
         suggestion: how to fix it.
         when: see `Finding`.
         cause: see `Finding`.
-        word: the word before the limit in the message ("required", "CAD"); "" if `what` has all the numbers.
+        word: the word before the limit in the message ("required", "CAD"); "" if `what` contains all numbers.
     """
     if limit is not None and not isinstance(limit, Quantity):
         limit = Quantity(limit, size.unit if size is not None else "")
@@ -89,12 +89,12 @@ def finding(
 
 @dataclass(frozen=True)
 class Kind:
-    """Fields that all findings of one code share. A call adds the other fields and returns the finding.
+    """Fields that all findings with one code share. Calling it with the other fields returns the finding.
 
     Attributes:
         code: see `Finding`.
         severity: see `Finding`.
-        suggestion: how to fix it, unless the call gives another.
+        suggestion: how to fix it; an argument of the call replaces it.
         word: the word before the limit in the message.
     """
 
@@ -126,7 +126,7 @@ error = partial(finding, "error")
 
 
 def verdict(findings: Iterable[Finding]) -> Verdict:
-    """Return "unchecked" if anything could not be checked, else "disagree" if anything differs, else "agree"."""
+    """Return "unchecked" if any finding is an error, else "disagree" if any is a disagreement, else "agree"."""
     severities = {f.severity for f in findings}
     if "error" in severities:
         return "unchecked"
@@ -138,5 +138,5 @@ EXIT_CODES: dict[Verdict, int] = {"agree": 0, "disagree": 1, "unchecked": 2}
 
 
 def by_severity(findings: Iterable[Finding]) -> list[Finding]:
-    """Return the findings, the most severe first; findings of one severity keep their order."""
+    """Return the findings, most severe first; findings of the same severity keep their order."""
     return sorted(findings, key=lambda f: -SEVERITIES.index(f.severity))

@@ -1,4 +1,4 @@
-"""Numbers for people: SI values in, "12.3 nm", "45.78 mm", "0.05°" out. For page, plots and command line."""
+"""Format SI values for people, as "12.3 nm", "45.78 mm", "0.05°", in the viewer, plots and the command line."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from collections.abc import Iterable
 from twin.core.units import DEG
 
 NONE = "–"
-"""Shown instead of a missing number."""
+"""Text for a missing number."""
 
 _STEPS = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 _NOTHING_LENGTH, _NOTHING_ANGLE = 1e-12, 1e-9
-"""Metres and degrees below which a number is only rounding error."""
+"""Length in m and angle in degrees below which a value is only rounding error."""
 _LARGE = 10.0
-"""Metres from which on lengths are shown in m rather than mm."""
+"""Length in m from which lengths are shown in m instead of mm."""
 _SMALL_ANGLE = 1e-4
-"""Degrees below which angles are shown with a power of ten."""
+"""Angle in degrees below which angles are shown with a power of ten."""
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SIGNS = {"um": "µm", "deg": "°", "ohm": "Ω", "percent": "%"}
 
 
 def quantity(value: float | None, unit: str, digits: int | None = None) -> str:
-    """Return an SI value as text, in the unit that suits its size.
+    """Return an SI value as text, in a unit that suits its size.
 
-    Lengths, their speeds and accelerations go to m, mm, µm, nm or pm, angles to degrees; still smaller values are
-    shown as "< 1 pm". Anything else keeps its unit. Without `digits`, four significant digits from a millimetre or a
-    degree up, three below. None and NaN become a dash.
+    Lengths, speeds and accelerations are converted to m, mm, µm, nm or pm, angles to degrees; smaller lengths are shown
+    as "< 1 pm". Other units stay unchanged. Default number of significant digits: four from 1 mm or 1 degree up, three
+    below. None and NaN are shown as a dash.
     """
     missing = _missing(value)
     if missing is not None or value is None:
@@ -65,7 +65,7 @@ def pretty_unit(unit: str) -> str:
 
 
 def plain(value: float, digits: int) -> str:
-    """Return a number as text with this many significant digits, without exponent and trailing zeros."""
+    """Return a number as text with `digits` significant digits, without exponent and trailing zeros."""
     if value == 0:
         return "0"
     value = float(f"{value:.{digits}g}")
@@ -85,7 +85,7 @@ def power(value: float, digits: int = 3) -> str:
 
 
 def ratio(value: float, limit: float | None) -> str:
-    """Return a value divided by its limit as text: "1270×", "0.42×", "3×10⁻⁸"; a dash without limit."""
+    """Return a value divided by its limit as text: "1270×", "0.42×", "3×10⁻⁸"; a dash without a limit."""
     if not limit or not math.isfinite(value) or not math.isfinite(limit):
         return NONE
     r = value / limit
@@ -95,17 +95,17 @@ def ratio(value: float, limit: float | None) -> str:
 
 
 def seconds(t: float | None) -> str:
-    """Return a time or duration to the millisecond: "6.214 s", "75 s"."""
+    """Return a time or duration in s as text, to the millisecond: "6.214 s", "75 s"."""
     return shown(None if t is None else round(t, 3), "s", 7)
 
 
 def point(p: Iterable[float] | None) -> str:
-    """Return a position given in m: "(380.00, 280.00, 185.00) mm"."""
+    """Return a position in m as text in mm: "(380.00, 280.00, 185.00) mm"."""
     return NONE if p is None else "(" + ", ".join(f"{x * 1e3:.2f}" for x in p) + ") mm"
 
 
 def count(n: int, one: str, many: str = "") -> str:
-    """Return "1 warning", "3 warnings", "12 001 samples"."""
+    """Return a count with its noun: "1 warning", "3 warnings", "12 001 samples"."""
     return f"{n:,} {one if n == 1 else many or one + 's'}".replace(",", "\u2009")
 
 

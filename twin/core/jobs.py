@@ -1,6 +1,6 @@
-"""Work in another process: one call with one answer, or a stream of pieces that can be cancelled.
+"""Run work in another process: one call with one result, or a stream of pieces that can be cancelled.
 
-The process ends with its object or with this program; it ignores Ctrl-C.
+The process ends when its object is deleted or this program ends; it ignores Ctrl-C.
 """
 
 from __future__ import annotations
@@ -24,31 +24,31 @@ Piece = TypeVar("Piece")
 
 
 class Call:
-    """A function called in a separate process; leaving the `with` block, or `close`, ends it.
+    """A function call in a separate process; leaving the `with` block, or `close`, ends the process.
 
     Args:
-        function: defined at the top level of a module; it, its arguments and its answer are pickled.
+        function: function at the top level of a module; function, arguments and result are pickled.
         arguments: arguments of the function.
-        nice: reduction of its priority.
+        nice: increase of the process's nice value, which lowers its priority.
     """
 
     def __init__(self, function: Callable[..., Any], *arguments: Any, nice: int = 0) -> None:
         self._process = Apart(_answer, function.__module__, function.__qualname__, arguments, nice)
         self._outcome: tuple[Any, str | None] | None = None
-        # A pipe holds less than an answer: it is read as it comes.
+        # A result may be larger than the pipe's buffer, so a thread reads it as it arrives.
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
     @property
     def done(self) -> bool:
-        """Whether there is an answer, or an error."""
+        """Whether a result or an error has arrived."""
         return self._outcome is not None
 
     def result(self) -> Any:
-        """Wait for the answer and return it.
+        """Wait for the result and return it.
 
         Raises:
-            TwinError: the error that the function raised, or the process ended without an answer.
+            TwinError: the function raised an error, or the process ended without a result.
         """
         self._reader.join()
         assert self._outcome is not None
@@ -58,7 +58,7 @@ class Call:
         return answer
 
     def close(self) -> None:
-        """End the process."""
+        """Kill the process."""
         self._process.close()
         self._reader.join()
         self._process.line.close()
@@ -88,10 +88,10 @@ def _answer(line: Connection, module: str, name: str, arguments: tuple[Any, ...]
 
 
 class Stream(Generic[Piece]):
-    """Jobs one at a time, in a low-priority process that starts with the first job and is kept.
+    """Jobs run one at a time in a low-priority process, which starts with the first job and stays alive.
 
-    Each job is one call of `function`, which yields pieces. All methods return at once and may be called from any
-    thread. A job is cancelled after its current piece, so pieces should take less than half a second.
+    Each job is one call of `function`, which yields pieces. No method waits; all methods may be called from any
+    thread. A job is cancelled only after its current piece, so pieces should take less than half a second.
     """
 
     def __init__(self, function: Callable[[Any], Iterator[Piece]]) -> None:
@@ -101,7 +101,7 @@ class Stream(Generic[Piece]):
         self._number, self._running = 0, False
 
     def start(self, job: Any) -> None:
-        """Start a job; a running one is cancelled and its pieces are dropped."""
+        """Start a job; a running job is cancelled and its pieces are discarded."""
         with self._lock:
             if self._process is None or not self._process.alive:
                 self._close()
@@ -109,7 +109,7 @@ class Stream(Generic[Piece]):
             self._say(job)
 
     def poll(self) -> tuple[list[Piece], str | None]:
-        """Return (pieces, state): the new pieces; the state None (running), "" (done) or the text of the error."""
+        """Return (new pieces, state); the state is None (running), "" (done) or the text of the error."""
         with self._lock:
             new: list[Piece] = []
             with suppress(queue.Empty):
@@ -127,13 +127,13 @@ class Stream(Generic[Piece]):
             return new, None
 
     def cancel(self) -> None:
-        """Cancel the running job; the process is kept."""
+        """Cancel the running job; the process stays alive."""
         with self._lock:
             if self._process is not None:
                 self._say(None)
 
     def close(self) -> None:
-        """End the process; a later `start` begins another."""
+        """Kill the process; a later `start` creates a new one."""
         with self._lock:
             self._close()
 
@@ -148,7 +148,7 @@ class Stream(Generic[Piece]):
         f = self._function
         self._process = Apart(_stream, f.__module__, f.__qualname__)
         self._inbox: queue.SimpleQueue[tuple[int | None, Any, str | None]] = queue.SimpleQueue()
-        # A pipe holds less than a piece: read without a thread, poll would wait for a process of low priority.
+        # A piece may be larger than the pipe's buffer; without a thread, poll would wait for the low-priority process.
         threading.Thread(target=_read, args=(self._process.line, self._inbox), daemon=True).start()
 
     def _close(self) -> None:
@@ -182,12 +182,12 @@ def _stream(line: Connection, module: str, name: str) -> None:
                 line.send((number, None, ""))
         except (BrokenPipeError, ConnectionResetError):
             raise
-        except Exception as error:  # any error is reported; the calling program goes on
+        except Exception as error:  # any error is reported; the calling program continues
             line.send((number, None, _message(error)))
 
 
 def _message(error: Exception) -> str:
-    """Return the text of an error for the parent process; an unexpected error also gets its line of code."""
+    """Return the text of an error for the parent process; an unexpected error includes its code line."""
     if isinstance(error, TwinError):
         return str(error)
     if isinstance(error, OSError) and (full := no_room(error)):

@@ -1,8 +1,8 @@
-"""Starts Python processes so that they import nothing from the working directory.
+"""Start Python processes that import nothing from the working directory.
 
-`python -c` has the working directory first on its path: a `numpy.py` beside a downloaded robot would be run. And
-`multiprocessing` runs the user's own script once more. So children are isolated (`-I`), find twin and the packages
-where their parent has them, and receive the call over a pipe.
+`python -c` puts the working directory first on its path: a `numpy.py` next to a downloaded robot would be executed.
+`multiprocessing` executes the user's own script again. So child processes are isolated (`-I`), import twin and the
+packages from the same folders as their parent, and receive the call through a pipe.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ _SERVE = "from twin.core.processes import serve; serve()"
 
 
 def isolated(program: str, *arguments: object) -> list[str]:
-    """Return the command that runs a Python program, with `sys.argv[1:]` the arguments.
+    """Return the command line that runs a Python program with these arguments in `sys.argv[1:]`.
 
-    Its `sys.path` is the standard library, then the folder of twin and the folders of installed packages; PYTHONPATH
-    and the folder of a script are not on it.
+    Its `sys.path` is the standard library, then the folder of twin and the folders of installed packages; it does not
+    contain PYTHONPATH or the folder of a script.
     """
     places = [str(Path(__file__).resolve().parents[2])]
     places += [p for p in sys.path if Path(p).is_absolute() and Path(p).name in _PACKAGES]
@@ -37,13 +37,13 @@ def isolated(program: str, *arguments: object) -> list[str]:
 
 
 class Apart:
-    """A function in a separate process, which ends with this object or with this program.
+    """A function that runs in a separate process, which ends with this object or with this program.
 
-    It ignores Ctrl-C from the start, by an inherited signal mask.
+    The process ignores Ctrl-C from its start, through an inherited signal mask.
 
     Args:
-        function: at the top level of a module of twin; called with its end of the pipe, then the arguments. Function
-            and arguments are pickled.
+        function: function at the top level of a module of twin; it is called with its end of the pipe, then the
+            arguments. Function and arguments are pickled.
         arguments: arguments of the function.
 
     Attributes:
@@ -61,16 +61,16 @@ class Apart:
             finally:
                 signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         self._end = weakref.finalize(self, _end, self._process)
-        with contextlib.suppress(OSError):  # it has ended already: `line` reports it
+        with contextlib.suppress(OSError):  # the process has already ended: `line` reports it
             self.line.send((function.__module__, function.__qualname__, arguments))
 
     @property
     def alive(self) -> bool:
-        """Whether the process runs."""
+        """Whether the process is running."""
         return self._process.poll() is None
 
     def close(self) -> None:
-        """Kill the process; it must not hold resources that need cleaning up. `line` is left open."""
+        """Kill the process; it must not hold resources that need cleaning up. `line` stays open."""
         self._end()
 
 
@@ -80,7 +80,7 @@ def _end(process: subprocess.Popen) -> None:
 
 
 def serve() -> None:
-    """Run the requested call in the child."""
+    """Receive the function call and run it, in the child process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with Connection(int(sys.argv[1])) as line, contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):

@@ -1,4 +1,4 @@
-"""A number with its origin. Reports list every parameter, and name the assumed ones."""
+"""A number with its origin. Reports list every parameter, and mark assumed ones."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ from dataclasses import dataclass
 from typing import Literal
 
 Provenance = Literal["PUBLISHED", "CITED", "DERIVED", "ASSUMED"]
-"""PUBLISHED: printed in the paper that describes the robot. CITED: another source. DERIVED: computed from those.
-ASSUMED: no published value was found; the note says why this one."""
+"""PUBLISHED: printed in the paper that describes the robot. CITED: from another source. DERIVED: computed from
+published or cited values. ASSUMED: no published value was found; the note explains the chosen value."""
 
 EARLIER: dict[str, Provenance] = {"SEED": "PUBLISHED"}
-"""Old provenance words and their present names."""
+"""Former provenance names and their current names."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number: its value in SI, its unit for people, and its origin.
+    """One number: its SI value, its display unit, and its origin.
 
     Attributes:
         name: identifier.
         value: the number in SI units.
-        unit: unit it is shown in ("mm", "deg", "kg/m3", "mm/s", ...).
+        unit: display unit ("mm", "deg", "kg/m3", "mm/s", ...).
         shown: the number in `unit`.
         provenance: kind of its origin, see `Provenance`.
         note: source or reason; never empty.

@@ -1,4 +1,4 @@
-"""A number with its unit, in the unit of JSON and messages."""
+"""A number with its unit, as used in JSON and messages."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from twin.core import format
 from twin.core.units import DEG, MM, UM
 
 _LARGE = 1e4
-"""Millimetres from which on a length is shown in m."""
+"""Length in mm from which lengths are shown in m."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A value and its unit, as in JSON; `str` gives both in a unit that suits the size ("12.3 nm").
+    """A value and its unit, as in JSON; `str` returns both in a unit that suits the size ("12.3 nm").
 
-    `mm`, `um`, `deg` and `moved` make one from SI values.
+    `mm`, `um`, `deg` and `moved` create quantities from SI values.
     """
 
     value: float
@@ -31,26 +31,26 @@ class Quantity:
 
 
 def mm(metres: float) -> Quantity:
-    """Return a length in m as mm."""
+    """Return a length, given in m, as a quantity in mm."""
     return Quantity(metres / MM, "mm")
 
 
 def um(metres: float) -> Quantity:
-    """Return a length in m as µm."""
+    """Return a length, given in m, as a quantity in µm."""
     return Quantity(metres / UM, "um")
 
 
 def deg(radians: float) -> Quantity:
-    """Return an angle in rad as degrees."""
+    """Return an angle, given in rad, as a quantity in degrees."""
     return Quantity(radians / DEG, "deg")
 
 
 def moved(value: float, angle: bool, per: str = "") -> Quantity:
-    """Return a length (m) or an angle (rad) as mm or degrees; `per`: "/s", "/s2" for its rates."""
+    """Return a length (m) or an angle (rad) as a quantity in mm or degrees; `per`: "/s", "/s2" for rates."""
     return Quantity(value / (DEG if angle else MM), ("deg" if angle else "mm") + per)
 
 
 def si(value: float, unit: str) -> Quantity:
-    """Return a value in "m", "rad" or a rate of them ("m/s") as mm or degrees."""
+    """Return a value in "m", "rad" or a rate of these ("m/s") as a quantity in mm or degrees."""
     base, slash, per = unit.partition("/")
     return moved(value, base == "rad", slash + per)

@@ -1,4 +1,4 @@
-"""The common result of commands and API functions: verdict, findings, data, tables."""
+"""Common base of the results of commands and API functions: verdict, findings, data, tables."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from twin.core.findings import EXIT_CODES, Finding, Verdict, by_severity, verdic
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of text under a header; `fit`: a terminal may cut long lines."""
+    """Rows of text below a header; `fit`: long lines may be cut on a terminal."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -24,40 +24,40 @@ class Table:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of text with its style on a terminal, as rich names it."""
+    """A line of text and its terminal style, as a style name of rich."""
 
     text: str
     style: str = ""
 
 
 Part = str | Line | Table | Finding
-"""A part of a result's text."""
+"""One part of the text of a result."""
 
 
 class Result(ABC):
-    """Base of the answers of commands and API functions.
+    """Base class of the results of commands and API functions.
 
-     `twin <command> --json` prints `as_dict`; the text, the exit code and the JSON file of a command are made from it
-         in one place (`twin.cli.show.finish`, `twin.ui.report.files.write_result`).
+    `twin <command> --json` prints `as_dict`. `twin.cli.show.finish` prints the text and returns the exit code of a
+    command; `twin.ui.report.files.write_result` writes its JSON file.
 
     Attributes:
-        judges: whether it has a verdict; measurements and comparisons have none.
-        kind: the command; names the schema twin/<kind>/1 of the data, and its file <kind>.json.
+        judges: whether the result has a verdict; measurements and comparisons have none.
+        kind: name of the command; the data's schema is twin/<kind>/1, its file <kind>.json.
     """
 
     kind: ClassVar[str]
     judges: ClassVar[bool] = True
 
-    if TYPE_CHECKING:  # at run time a field of the dataclass, which an attribute here would give a default
+    if TYPE_CHECKING:  # at run time a dataclass field, which would get a default value from an attribute here
 
         @property
         def findings(self) -> Sequence[Finding]:
-            """The findings; they decide the verdict."""
+            """The findings, from which the verdict is computed."""
             ...
 
     @property
     def verdict(self) -> Verdict:
-        """Return "agree", "disagree", or "unchecked" if something could not be judged."""
+        """The verdict: "agree", "disagree", or "unchecked" if something could not be judged."""
         return verdict(self.findings)
 
     @property
@@ -67,7 +67,7 @@ class Result(ABC):
 
     @property
     def exit_code(self) -> int:
-        """Return the exit code of the command line: 0 agree, 1 disagree, 2 could not check."""
+        """Exit code of the command line: 0 agree, 1 disagree, 2 could not check."""
         return EXIT_CODES[self.verdict]
 
     @abstractmethod
@@ -76,10 +76,10 @@ class Result(ABC):
 
     @abstractmethod
     def text(self) -> Iterator[Part]:
-        """Yield the parts of the text, in order."""
+        """Yield the parts of the result's text, in order."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON; the most severe findings first."""
+        """Return plain data for JSON, with the most severe findings first."""
         return {
             "schema": f"twin/{self.kind}/1",
             "verdict": self.verdict,
@@ -96,7 +96,7 @@ class Result(ABC):
 
 
 def as_json(data: Any) -> str:
-    """Return plain data as JSON text; numbers that are not finite become null, because JSON has none."""
+    """Return plain data as JSON text; numbers that are not finite become null, because JSON cannot express them."""
 
     def plain(x: Any) -> Any:
         if isinstance(x, Mapping):

@@ -1,7 +1,7 @@
 """SE(3) and SO(3) in numpy, and the distance from a point to a line.
 
-Poses are float64 (..., 4, 4); `T_a_b` is the pose of b in a. Rotation vectors are axis times angle
-in rad. Twists are linear rows first. All functions take leading batch axes unless they say otherwise.
+Poses are float64 (..., 4, 4); `T_a_b` is the pose of b in a. Rotation vectors are axis times angle in rad. Twists have
+linear rows first. All functions accept leading batch axes unless their docstring says otherwise.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ Index = NDArray[np.intp]
 """Array of integer indices (of samples, joints, ...)."""
 
 _SMALL = 1e-8
-"""Angle in rad below which series replace quotients; their next term is below double precision."""
+"""Angle in rad below which series replace quotients; the first omitted term is below double precision."""
 
 
 def hat(w: ArrayLike) -> Array:
@@ -49,14 +49,14 @@ def log_so3(R: ArrayLike) -> Array:
 
 
 def rotation_angle(R: ArrayLike) -> Array:
-    """Return the angle (...) in rad of R (..., 3, 3), accurate for small angles."""
+    """Return the rotation angle (...) in rad of R (..., 3, 3), accurate for small angles."""
     return np.linalg.norm(log_so3(R), axis=-1)
 
 
 def quat_from_matrix_wxyz(R: ArrayLike) -> Array:
     """Return unit quaternions (..., 4), w first and w >= 0, of rotation matrices (..., 3, 3).
 
-    Shepperd's method: the division is by the largest of four candidates, so no case is ill conditioned.
+    Shepperd's method divides by the largest of four candidates, so that no rotation is ill-conditioned.
     """
     R = np.asarray(R, float)
     m = R.reshape(-1, 3, 3)
@@ -66,7 +66,7 @@ def quat_from_matrix_wxyz(R: ArrayLike) -> Array:
     for case in range(4):
         rows = k == case
         if not np.count_nonzero(rows):
-            continue  # of one matrix three cases are empty
+            continue  # with a single matrix, three cases are empty
         if case == 0:
             q[rows] = np.column_stack(
                 [
@@ -88,7 +88,7 @@ def quat_from_matrix_wxyz(R: ArrayLike) -> Array:
 
 
 def matrix_from_quat_wxyz(q: ArrayLike) -> Array:
-    """Return rotation matrices (..., 3, 3) of quaternions (..., 4), w first; they are normalised."""
+    """Return rotation matrices (..., 3, 3) of quaternions (..., 4), w first; the quaternions are normalised first."""
     raw = np.asarray(q, float)
     unit = raw / np.linalg.norm(raw, axis=-1, keepdims=True)
     w, v = unit[..., :1, None], unit[..., 1:]
@@ -100,9 +100,9 @@ def matrix_from_quat_wxyz(q: ArrayLike) -> Array:
 
 
 def continuous_signs(q: ArrayLike) -> Array:
-    """Return quaternions (k, 4) with signs chosen so that neighbours are less than a half turn apart.
+    """Return quaternions (k, 4) with signs chosen so that neighbours are less than half a turn apart.
 
-    Many players interpolate the four numbers without looking at their signs; a change of sign then shows as a 180
+    Many players interpolate the four numbers regardless of their signs; a change of sign is then visible as a 180
     degree glitch.
     """
     q = np.asarray(q, float)
@@ -111,10 +111,10 @@ def continuous_signs(q: ArrayLike) -> Array:
 
 
 def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
-    """Return poses (..., 4, 4) from rotations (..., 3, 3) and positions (..., 3) in metres."""
+    """Return poses (..., 4, 4) from rotations (..., 3, 3) and positions (..., 3) in m; default: identity, origin."""
     R = np.eye(3) if R is None else np.asarray(R, float)
     p = np.zeros(3) if p is None else np.asarray(p, float)
-    if R.ndim == 2 and p.ndim == 1:  # one pose: shapes cost more than all the rest
+    if R.ndim == 2 and p.ndim == 1:  # one pose: broadcasting shapes would take most of the time
         T = np.zeros((4, 4))
         T[:3, :3], T[:3, 3], T[3, 3] = R, p, 1.0
         return T
@@ -157,9 +157,9 @@ def angle_about_z(T: ArrayLike) -> Array:
 
 
 def euler_angles(R: ArrayLike, order: str, first: float = 0.0) -> Array:
-    """Return angles (..., 3) in rad with R = R_1 R_2 R_3, turns about the axes `order` ("zyx": R = Rz Ry Rx).
+    """Return angles (..., 3) in rad with R = R_1 R_2 R_3, rotations about the axes `order` ("zyx": R = Rz Ry Rx).
 
-    Exact to 1e-12 in every pose. In gimbal lock the first angle is `first`.
+    The product equals R to 1e-12 in every orientation. In gimbal lock the first angle is `first`.
     """
     R = np.asarray(R, float)
     i, j, last = ("xyz".index(axis) for axis in order)
@@ -173,7 +173,7 @@ def euler_angles(R: ArrayLike, order: str, first: float = 0.0) -> Array:
         a, b = np.arctan2(-sign * R[..., j, k], R[..., k, k]), np.arctan2(sign * R[..., i, k], level)
     a = np.where(level > 1e-12, a, first)
     axes = np.eye(3)
-    # The last from what the others leave: where the first is hardly determined, it takes up the error of that.
+    # The last angle is computed from R and the first two: near gimbal lock it compensates the error of the first.
     rest = np.swapaxes(exp_so3(a[..., None] * axes[i]) @ exp_so3(b[..., None] * axes[j]), -1, -2) @ R
     m, n = (last + 1) % 3, (last + 2) % 3
     c = np.arctan2(rest[..., n, m] - rest[..., m, n], rest[..., m, m] + rest[..., n, n])
@@ -181,15 +181,15 @@ def euler_angles(R: ArrayLike, order: str, first: float = 0.0) -> Array:
 
 
 def cubic(s: Array | float, a: Array, b: Array, slope_a: Array, slope_b: Array) -> Array:
-    """Return the cubic at s in 0..1 from a to b; its derivatives d/ds at the ends are slope_a and slope_b."""
+    """Return the cubic at s in 0..1 between a (s = 0) and b (s = 1), with end derivatives d/ds slope_a and slope_b."""
     return a + s * (slope_a + s * (3 * (b - a) - 2 * slope_a - slope_b + s * (2 * (a - b) + slope_a + slope_b)))
 
 
 def frame_from_axes(z: ArrayLike, x: ArrayLike) -> Array:
-    """Return the rotation (3, 3) whose z column is along z and whose x column is x made orthogonal to it.
+    """Return the rotation (3, 3) whose z column is along z and whose x column is x projected perpendicular to z.
 
     Raises:
-        ValueError: if z vanishes or x is parallel to it.
+        ValueError: z is zero, or x is parallel to z.
     """
     z, x = np.asarray(z, float), np.asarray(x, float)
     if not np.linalg.norm(z) > 0:
@@ -204,7 +204,7 @@ def frame_from_axes(z: ArrayLike, x: ArrayLike) -> Array:
 
 
 def point_to_line(point: ArrayLike, origin: ArrayLike, direction: ArrayLike) -> Array:
-    """Return the distance (...) in metres from point (..., 3) to the line origin + s direction (..., 3)."""
+    """Return the distance (...) in m from points (..., 3) to lines origin + s * direction (..., 3)."""
     d = np.asarray(direction, float)
     d = d / np.linalg.norm(d, axis=-1, keepdims=True)
     w = np.asarray(point, float) - np.asarray(origin, float)

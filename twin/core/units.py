@@ -1,4 +1,4 @@
-"""Unit factors: multiply to convert to SI, divide to convert back. All internal values are SI."""
+"""Unit factors: multiply by a factor to convert to SI, divide to convert back. All internal values are SI."""
 
 from math import floor, log10, pi
 
@@ -7,7 +7,7 @@ UM = 1e-6
 DEG = pi / 180
 
 LENGTH = {"m": 1.0, "cm": 1e-2, "mm": MM, "um": UM, "in": 0.0254}
-"""Length units that a CAD mesh may declare, in metres."""
+"""Length units that a CAD mesh may declare, in m."""
 
 
 def srgb(linear: float) -> float:
@@ -17,11 +17,11 @@ def srgb(linear: float) -> float:
 
 
 def linear(shown: float) -> float:
-    """Convert an sRGB colour component, 0..1, to linear, 0..1: the inverse of `srgb`."""
+    """Convert an sRGB colour component, 0..1, to a linear one, 0..1: the inverse of `srgb`."""
     part = min(max(shown, 0.0), 1.0)
     return part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4
 
 
 def decimals(difference: float) -> int:
-    """Return the number of decimals, 3 to 9, that show a difference with three significant digits."""
+    """Return the number of decimals, 3 to 9, that shows a difference with three significant digits."""
     return min(max(2 - floor(log10(abs(difference))), 3), 9) if difference else 3

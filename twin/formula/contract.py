@@ -1,9 +1,9 @@
-"""What a formula file provides: plain functions of symbols, and their names, units and sources.
+"""Contract of a formula file: plain functions of symbols, and the names, units and sources of the symbols.
 
 A formula is a flow of named symbols. It starts with the parameters and the pose coordinates (or the joints, for a
-forward formula). Every equation is a Python function: its argument names are the symbols that it needs, and it returns
-its outputs in order. All other entries of `Formula` only name symbols of the flow. A file in `twin/robots/` and a
-user's `formula.py` obey this contract alike: both hold a module-level `FORMULA = Formula(...)`.
+forward formula). Every equation is a Python function: its argument names are its input symbols, and it returns its
+output symbols in order. All other entries of `Formula` only name symbols of the flow. Files in `twin/robots/` and a
+user's `formula.py` follow the same contract: both define a module-level `FORMULA = Formula(...)`.
 """
 
 from __future__ import annotations
@@ -23,33 +23,33 @@ from twin.core.provenance import Parameter
 Stage = Literal["inverse", "forward", "helper"]
 """Stage of an equation: the direction in which it is used.
 
-inverse: from the pose to the joints. forward: from the joints to the pose. helper: quantities that no printed equation
-names (angles, margins, measures), computed after all others.
+inverse: from the pose to the joints. forward: from the joints to the pose. helper: quantities that the published
+equations do not name (angles, margins, measures), computed after all other equations.
 """
 
 POSE_SYMBOL = "T_base_tool"
-"""Symbol of the pose (4, 4). A forward flow yields this symbol, or all the coordinates."""
+"""Symbol of the pose (4, 4). A forward flow computes this symbol, or all coordinates."""
 
 Rows = Callable[..., Any]
-"""A function whose arguments are symbols by name; it returns one SX, or a tuple of SX in the order of the outputs."""
+"""A function whose argument names are symbols; it returns one SX, or a tuple of SX in the order of the outputs."""
 
 
 @dataclass(frozen=True)
 class Equation:
     """One published equation, or one helper, in all its variants.
 
-    An output that is also an argument is implicit (q1 = ... q2 - q1 ...): such rows (one assignment each) are written
-    as printed and solved by the compiler, which refuses them unless they are linear.
+    An output that is also an argument is implicit (q1 = ... q2 - q1 ...). Such rows (one assignment each) are written
+    as printed; the compiler solves them, and raises an error unless they are linear.
 
     Attributes:
         name: identifier, "eq1".
-        title: its input and its output, "ball centres -> carriages".
+        title: inputs and outputs in words, "ball centres -> carriages".
         source: document and equation number.
         stage: see `Stage`.
         outputs: symbols that the function returns, in order.
-        variants: readings of the equation by name ("printed", "corrected", ...).
+        variants: functions of the readings of the equation, by name ("printed", "corrected", ...).
         reasons: for each variant, its difference from the printed rows, and why.
-        default: the default variant.
+        default: name of the default variant.
     """
 
     name: str
@@ -64,13 +64,14 @@ class Equation:
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Pose coordinates of the paper.
+    """Pose coordinates of the published equations.
 
     Attributes:
         names: symbols, in the order of the paper.
-        units: "m" or "rad" for each.
-        to_pose: coordinates (in order) -> pose SX (4, 4).
-        from_pose: pose SX (4, 4) -> tuple of coordinates; a left inverse when there are fewer than six.
+        units: "m" or "rad" for each symbol.
+        to_pose: function from the coordinates (in order) to the pose SX (4, 4).
+        from_pose: function from the pose SX (4, 4) to the tuple of coordinates; if there are fewer than six, only
+            poses that the coordinates describe are reproduced by `to_pose`.
 
     """
 
@@ -82,7 +83,7 @@ class Coordinates:
 
 @dataclass(frozen=True)
 class ActiveJoint:
-    """An actuated joint; its name is its symbol. Coordinates are in m or rad."""
+    """An active joint; its name is its symbol. Its coordinate is in m or rad."""
 
     name: str
     kind: Literal["prismatic", "revolute"]
@@ -90,14 +91,14 @@ class ActiveJoint:
 
 @dataclass(frozen=True)
 class Measure:
-    """A number that vanishes at a singularity.
+    """A dimensionless number that is 0 at a singularity.
 
     Attributes:
-        name: identifier under which reports show it.
-        symbol: symbol of the flow.
-        kind: "type1" (the tool is at rest while joints move) or "type2" (the tool moves while they are at rest).
-        alarm: magnitude below which the alarm is raised; dimensionless.
-        note: what happens at the singularity; source of the alarm.
+        name: identifier in reports.
+        symbol: symbol of the measure in the flow.
+        kind: "type1" (joints move while the tool is at rest) or "type2" (the tool moves while the joints are at rest).
+        alarm: absolute value below which an alarm is raised; dimensionless.
+        note: what happens at the singularity; source of the alarm value.
     """
 
     name: str
@@ -109,7 +110,7 @@ class Measure:
 
 @dataclass(frozen=True)
 class Aspect:
-    """A sign that distinguishes assemblies; `preferred` is +1 or -1."""
+    """A symbol whose sign distinguishes assemblies; `preferred` is the sign of the preferred assembly, +1 or -1."""
 
     symbol: str
     preferred: int
@@ -121,20 +122,20 @@ class Formula:
     """The equations of one robot.
 
     Attributes:
-        name, title, source: identifier, one line for people, and the source document.
+        name, title, source: identifier, one-line title, and source document.
         parameters: numbers with provenance; each name is a symbol.
         joints: active joints, in the order of q.
-        coordinates: pose coordinates of the paper.
-        equations: in the order in which they apply, helpers last.
-        characteristic_length: function of parameters, in m; makes rotations and translations comparable.
-        points: named points in base: one symbol of three rows each, or three symbols.
+        coordinates: pose coordinates of the published equations.
+        equations: in the order of evaluation, helpers last.
+        characteristic_length: function of parameters, in m; a rotation by 1 rad counts as a translation by this length.
+        points: named points in base in m: each is one symbol with three rows, or three symbols.
         passive: symbols of the passive joints, in rad or m, zero and sign as in the CAD description.
-        reach: symbol of each margin in m, by name (>= 0: within reach).
-        measures: distances from singularities.
-        aspects: signs of the preferred assembly.
-        branches: numeric enumeration of all assemblies, (q, parameters, variants) -> list of poses, or None.
-        seeds: starting values for solvers in SI: coordinates, or joints for a formula that is only forward.
-        numbers: (pose, parameters) -> the line of the file at which the inverse has no value there, and why; or "".
+        reach: symbol of each reach margin in m, by name (>= 0: within reach).
+        measures: numbers that are 0 at singularities.
+        aspects: signs that distinguish assemblies.
+        branches: function that enumerates all assemblies, (q, parameters, variants) -> list of poses (4, 4), or None.
+        seeds: starting values for solvers in SI: coordinates, or joints for a formula without inverse equations.
+        numbers: function (pose, parameters) -> the line of the file that has no value at this pose, and why; or "".
     """
 
     name: str
@@ -155,7 +156,7 @@ class Formula:
     numbers: Callable[[np.ndarray, Mapping[str, float]], str] | None = None
 
     def has(self, stage: Stage) -> bool:
-        """Return whether the formula has an equation of that stage."""
+        """Return whether the formula has an equation of a stage."""
         return any(e.stage == stage for e in self.equations)
 
 
@@ -164,10 +165,10 @@ _JOINT_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
 def check_formula(formula: Any) -> None:
-    """Check a formula, as far as this is possible without evaluating its equations.
+    """Check a formula as far as possible without evaluating its equations.
 
     Raises:
-        KinematicsError: for the first fault; the message names it and says what is expected.
+        KinematicsError: for the first fault; the message states the fault and the requirement.
     """
     if not isinstance(formula, Formula):
         raise KinematicsError(f"FORMULA must be a twin.kinematics.Formula, not {type(formula).__name__}.")
@@ -206,7 +207,7 @@ def check_formula(formula: Any) -> None:
 
 
 def arguments(function: Rows) -> tuple[list[str], list[str]]:
-    """Return (required, optional): names of the arguments of a function of symbols."""
+    """Return (required, optional): argument names of a function of symbols."""
     required, optional = [], []
     for p in inspect.signature(function).parameters.values():
         (required if p.default is inspect.Parameter.empty else optional).append(p.name)

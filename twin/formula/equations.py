@@ -1,4 +1,4 @@
-"""Decorators that note, for each equation function, its outputs, its source, and the changes of a variant."""
+"""Decorators that register equation functions with their outputs, sources and variants."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from twin.formula.loader import text_of
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 _CHANGES = "_changes"
-"""Attribute of the function of a variant: (the function that it changes, the function that holds the changed rows)."""
+"""Attribute of a variant's function: (the function that it changes, the function with the changed rows)."""
 
 
 class Equations:
-    """The equations of one file, each noted by a decorator of its function; `Formula` takes all of them.
+    """The equations of one file, each registered by a decorator of its function; pass it to `Formula` as `equations`.
 
-    They are in the order of the file, inverse before forward, helpers last. In a formula file:
+    Iteration yields inverse equations, then forward equations, then helpers, each in file order. In a formula file:
 
         equation = Equations()
 
@@ -41,8 +41,8 @@ class Equations:
             return q1
 
     Attributes:
-        source: default document and equation number.
-        variant: default name of the reading that holds; for a helper always "corrected".
+        source: default source (document and equation number).
+        variant_name: default name of the first-registered reading; for a helper always "corrected".
     """
 
     def __init__(self, source: str = "DERIVED", variant: str = "corrected") -> None:
@@ -59,16 +59,16 @@ class Equations:
         name: str = "",
         why: str = "",
     ) -> Callable[[_Function], _Function]:
-        """Return a decorator that registers a function as an equation, in the reading that holds.
+        """Return a decorator that registers a function as an equation, in its default reading.
 
         Args:
             stage: "inverse", "forward" or "helper"; see `Stage`.
-            title: its input and its output, "ball -> carriages".
+            title: inputs and outputs in words, "ball -> carriages".
             gives: symbols that the function returns, in order; one text, separated by spaces, or a sequence.
             source: document and equation number.
             variant: name of this reading.
             name: name of the equation; default: the name of the function.
-            why: why this reading holds, if there are other readings.
+            why: why this reading is correct, if there are other readings.
         """
         outputs = tuple(gives.split() if isinstance(gives, str) else gives)
 
@@ -85,21 +85,21 @@ class Equations:
         return note
 
     def variant(self, name: str, of: Callable[..., Any], why: str) -> Callable[[Callable[..., Any]], Variant]:
-        """Return a decorator that registers another reading of an equation: a function of the rows that differ.
+        """Return a decorator that registers another reading of an equation: a function with only the rows that differ.
 
-        A row is one assignment. Each row replaces the row of `of` that assigns the same symbols; if these are arguments
-        of `of`, it comes first. Other assignments of the function come just before its next row. Its arguments are
-        symbols of the flow, or names that `of` assigns; it returns the symbols that it changes.
+        A row is one assignment. Each row replaces the row of `of` that assigns the same symbols; if the symbols are
+        arguments of `of`, the row is put first. Any other assignment is put before the next changed row.
+        Arguments of the function are symbols of the flow, or names that `of` assigns; it returns the changed symbols.
 
         Args:
             name: name of the reading.
-            of: the function that is changed, of the equation or of another variant.
-            why: the change of this reading, and its reason.
+            of: the function to change, of the equation or of another variant.
+            why: the change in this reading, and its reason.
 
         Raises:
-            KinematicsError: `of` is not an equation of this file. A variant whose row does not exist in `of` is
-                reported, with file and line, only when the variant is first used: other readings then need not parse
-                the file.
+            KinematicsError: `of` is not an equation of this file. A variant whose row does not exist in `of` raises
+                an error, with file and line, only when the variant is first used, so that the file is not parsed for
+                other readings.
         """
         found = [i for i, e in enumerate(self._made) if any(f is of for f in e.variants.values())]
         if not found:
@@ -118,7 +118,7 @@ class Equations:
 
 
 class Variant:
-    """A function of the rows of `base`, some of them changed by `change`."""
+    """The function `base` with the rows changed by the function `change`."""
 
     def __init__(self, base: Callable[..., Any], change: Callable[..., Any]) -> None:
         self.base, self.change = base, change
@@ -138,8 +138,8 @@ class Row:
 
     Attributes:
         node: the statement.
-        home: the function definition that contains the statement: of the variant, or of the function it changes.
-        new: whether a variant assigns it in addition to the rows that it changes.
+        home: the definition of the function that contains the statement: the variant, or the function it changes.
+        new: whether the row is an additional assignment of a variant, not a changed row.
     """
 
     node: ast.stmt
@@ -148,7 +148,7 @@ class Row:
 
 
 def rows(function: Callable[..., Any]) -> tuple[Row, ...]:
-    """Return the statements of a function without its docstring; for a variant, the rows after its changes.
+    """Return the statements of a function without its docstring; for a variant, the rows after the changes.
 
     Raises:
         KinematicsError: the function has no source (a lambda, a built-in, a decorated wrapper).
@@ -164,7 +164,7 @@ def rows(function: Callable[..., Any]) -> tuple[Row, ...]:
 
 
 def definition(function: Callable[..., Any]) -> ast.FunctionDef:
-    """Return the definition of a function in its file; for a variant, the definition with the changed rows.
+    """Return the syntax tree of a function in its file; for a variant, of the function with the changed rows.
 
     Raises:
         KinematicsError: the function has no source (a lambda, a built-in, a decorated wrapper).
@@ -183,10 +183,10 @@ def definition(function: Callable[..., Any]) -> ast.FunctionDef:
 
 @lru_cache(maxsize=64)
 def _definitions(path: Path, data: bytes) -> dict[tuple[str, int], ast.FunctionDef]:
-    """Return the definitions in the text of a file by name and first line, that of the first decorator."""
+    """Return the function definitions in a file's text, by name and line of the first decorator or `def`."""
     found = {}
     waiting: list[ast.AST] = [ast.parse(data, path)]
-    while waiting:  # not ast.walk: no expression holds a definition, and there are many
+    while waiting:  # not ast.walk: it would also visit the many expressions, which contain no definitions
         for node in ast.iter_child_nodes(waiting.pop()):
             if isinstance(node, ast.stmt | ast.excepthandler | ast.match_case):
                 waiting.append(node)
@@ -199,7 +199,7 @@ def _merged(base: Callable[..., Any], change: Callable[..., Any]) -> tuple[Row, 
     """Return the rows of a function after the changes of a variant.
 
     Raises:
-        KinematicsError: a statement is not an assignment, changes only a part of a row, or its symbol is not returned.
+        KinematicsError: a statement is not an assignment, changes only part of a row, or its symbol is not returned.
     """
     path = inspect.unwrap(change).__code__.co_filename
 
@@ -234,7 +234,7 @@ def _merged(base: Callable[..., Any], change: Callable[..., Any]) -> tuple[Row, 
 
 
 def assigned(node: ast.stmt) -> tuple[str, ...]:
-    """Return the names that a plain assignment gives a value; an empty result for any other statement."""
+    """Return the names that a plain assignment assigns; an empty result for any other statement."""
     if not isinstance(node, ast.Assign) or len(node.targets) != 1:
         return ()
     target = node.targets[0]

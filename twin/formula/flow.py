@@ -1,4 +1,4 @@
-"""Run the symbols of a formula through its equations, and evaluate the result fast in numpy."""
+"""Evaluate the equations of a formula on symbols, and the resulting expressions fast in numpy."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ if TYPE_CHECKING:
     from twin.codegen import Kernel
 
 _SQUARE = re.compile(r"not square but (\d+)x(\d+)")
-"""Text of CasADi's error for a matrix that is not square."""
+"""Pattern in CasADi's error message for a matrix that is not square."""
 
 _MANY = 20_000
-"""Number of rows from which on a compiled kernel is used."""
+"""Number of rows above which a compiled kernel is used."""
 
 _REGULAR, _ROUNDING = 1e8, 1e-15
-"""(condition number below which numeric matrices are inverted, size of entries that are rounded zeros)."""
+"""(condition number below which numeric matrices are inverted, size below which entries are rounded to zero)."""
 
 _BLOCK = 32
-"""Samples that one mapped call evaluates; larger blocks are no faster, and evaluate as many for a small batch."""
+"""Samples in one mapped call; larger blocks are no faster, and waste time on small batches."""
 
 
 def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[str, str]:
-    """Return the chosen variant of every equation that has several.
+    """Return the chosen variant of every equation, {equation: variant}.
 
     Args:
         formula: the formula.
-        variants: equation -> variant; or one name for all equations that have a variant of that name.
+        variants: {equation: variant}; or one name for all equations that have a variant with this name.
 
     Raises:
-        KinematicsError: if an equation or a variant is unknown; the message lists those that exist.
+        KinematicsError: an equation or a variant is unknown; the message lists the existing names.
     """
     known = {e.name: e for e in formula.equations if e.stage != "helper"}
     chosen = {name: e.default for name, e in known.items()}
@@ -64,10 +64,10 @@ def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[s
 
 
 def call(function: Rows, symbols: Mapping[str, Any], what: str, unread: Sequence[str] = ()) -> Any:
-    """Call a function of symbols by name; `unread`: names to suggest if a symbol is missing.
+    """Call a function of symbols with arguments by name; `unread`: names to suggest if a symbol is missing.
 
     Raises:
-        KinematicsError: if it needs a missing symbol, or fails; the message gives file and line.
+        KinematicsError: a symbol is missing, or the function fails; the message gives file and line.
     """
     required, optional = arguments(function)
     for name in required:
@@ -90,11 +90,11 @@ def _message(error: Exception) -> str:
 def run(formula: Formula, chosen: Mapping[str, str], symbols: Mapping[str, Any], stage: Stage) -> dict[str, Any]:
     """Return the symbols together with the outputs of the equations of one stage.
 
-    Equations whose outputs all exist are skipped, so a flow can start in the middle: with the
-    named points instead of the pose.
+    Equations whose outputs all exist are skipped, so a flow can start in the middle, for example from the named points
+    instead of the pose.
 
     Raises:
-        KinematicsError: if a symbol is missing, or an equation returns the wrong number or shape.
+        KinematicsError: a symbol is missing, or an equation returns the wrong number of values or a wrong shape.
     """
     out = dict(symbols)
     for equation in formula.equations:
@@ -107,7 +107,7 @@ def run(formula: Formula, chosen: Mapping[str, str], symbols: Mapping[str, Any],
 
 
 def from_pose(formula: Formula, T: Any) -> dict[str, Any]:
-    """Return the symbols of a pose: the pose itself and its coordinates."""
+    """Return {symbol: value} of a pose (4, 4): the pose itself and its coordinates."""
     what = f"formula '{formula.name}', coordinates.from_pose"
     try:
         values = formula.coordinates.from_pose(T)
@@ -120,7 +120,7 @@ def from_pose(formula: Formula, T: Any) -> dict[str, Any]:
 
 
 def to_pose(formula: Formula, symbols: Mapping[str, Any]) -> ca.SX:
-    """Return the pose (4, 4) of the coordinates among the symbols."""
+    """Return the pose (4, 4) from the coordinates among the symbols."""
     what = f"formula '{formula.name}', coordinates.to_pose"
     for name in formula.coordinates.names:
         if name not in symbols:
@@ -135,10 +135,10 @@ def to_pose(formula: Formula, symbols: Mapping[str, Any]) -> ca.SX:
 
 
 def gather(formula: Formula, symbols: Mapping[str, Any], names: tuple[str, ...], what: str) -> ca.SX:
-    """Return scalar symbols by name as one column.
+    """Return scalar symbols as one column, in the order of `names`.
 
     Raises:
-        KinematicsError: if one is missing or not a scalar.
+        KinematicsError: a symbol is missing or not a scalar.
 
     """
     column = []
@@ -183,7 +183,7 @@ def _outputs(formula: Formula, equation: Equation, function: Rows, symbols: Mapp
 
 
 def _solved(A: ca.SX, b: ca.SX) -> ca.SX:
-    """Return the solution of A x = b; a matrix of plain numbers is inverted once, here, and not at every call."""
+    """Return the solution of A x = b; a matrix of plain numbers is inverted once, not at every evaluation."""
     if not ca.symvar(A):
         numbers = ca.DM(ca.densify(A)).full()
         if np.linalg.cond(numbers) < _REGULAR:
@@ -204,13 +204,13 @@ def _where(error: BaseException, function: Rows) -> str:
 
 
 class Evaluator:
-    """A compiled function of one vector, called on single vectors by buffer, on batches in blocks or by a kernel.
+    """A compiled function of one vector: fast for a single vector, for batches in blocks or by a compiled kernel.
 
-    `Function.buffer()` leaves out CasADi's argument handling, some 30 times the cost of a small function.
-    A lock guards the buffers: a viewer calls from several threads.
+    `Function.buffer()` avoids CasADi's argument handling, which costs about 30 times as much as a small function.
+    A lock protects the buffers, because a viewer calls from several threads.
 
     Attributes:
-        one: returns the value, of the declared shape, at one vector z.
+        one: function that returns the value, in the declared shape, at one vector z.
     """
 
     def __init__(self, name: str, z: Any, out: Any, shape: tuple[int, ...] = ()) -> None:
@@ -227,7 +227,7 @@ class Evaluator:
         self.one = self._caller()
 
     def _caller(self) -> Callable[[Array], Array]:
-        # Names of its own, no `with`, no `[:]`: they would cost as much as the function itself.
+        # Local names, no `with`, no `[:]`: these would cost as much as the function itself.
         acquire, release, given, trigger = self._lock.acquire, self._lock.release, self._in, self._trigger
         copy = self._out.reshape(self.shape).copy
 
@@ -249,7 +249,7 @@ class Evaluator:
         stage = codegen.Stage(self.function, ("z",), ("out",))
         try:
             return codegen.Kernel([stage], {"z": self._in.size}, ["out"])
-        except ValueError:  # a rootfinder, or an operation without a kernel: CasADi evaluates it
+        except ValueError:  # a rootfinder, or an operation that kernels do not support: CasADi evaluates it
             return None
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Functions of a plain formula that NumPy lacks or that need a condition, on numbers and on symbols alike."""
+"""Functions for plain formulas that NumPy lacks or that depend on a condition, for numbers and symbols."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from twin.formula.scalar import Scalar
 
 
 def if_else(condition: Any, yes: Any, no: Any) -> Any:
-    """Return `yes` where the condition holds, else `no`; both are computed. Arrays are handled entry by entry."""
+    """Return `yes` where the condition is true, else `no`; both are computed. Arrays are handled entry by entry."""
     if any(isinstance(x, np.ndarray | list | tuple) for x in (condition, yes, no)):
         parts = np.broadcast_arrays(*(np.asarray(x, dtype=object) for x in (condition, yes, no)))
         out = np.array([if_else(*p) for p in zip(*(p.ravel() for p in parts), strict=True)], dtype=object)
@@ -39,7 +39,7 @@ def rotation_z(angle: Any) -> Any:
 
 
 def pose(R: Any, p: Any) -> Any:
-    """Return the pose (4, 4) of a rotation (3, 3) and a position (3) in m."""
+    """Return the pose (4, 4) with a rotation (3, 3) and a position (3,) in m."""
     R, p = np.asarray(R), np.asarray(p)
     if R.shape != (3, 3) or p.shape != (3,):
         raise ValueError(f"pose(R, p) takes a rotation (3, 3) and a position (3,), not {R.shape} and {p.shape}")
@@ -47,7 +47,7 @@ def pose(R: Any, p: Any) -> Any:
 
 
 def plain(array: np.ndarray) -> np.ndarray:
-    """Return an array of objects as numbers if it contains only numbers."""
+    """Return an array of objects as an array of floats if it contains only numbers, else unchanged."""
     if array.dtype == object and not any(isinstance(x, Scalar) for x in array.ravel()):
         return array.astype(float)
     return array

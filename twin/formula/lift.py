@@ -1,7 +1,7 @@
-"""NumPy and math for symbols: runs a plain function with globals that understand `Scalar`.
+"""NumPy and math for symbols: run a plain function with globals that accept `Scalar`.
 
-The user imports NumPy. Most of its functions work on arrays of objects; this file adds the rest: numbers beside symbols
-in one array, arrays of zeros that are filled, conditions, `math.sin`, small inverses.
+The user imports NumPy. Most of its functions accept arrays of objects; this module adds the rest: numbers and symbols
+in one array, arrays of zeros to fill with symbols, conditions, `math.sin`, inverses of small matrices.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _MATH = {
     "fabs": np.absolute,
     "pow": np.power,
 }
-"""Names of functions of `math` -> their names in NumPy."""
+"""NumPy's names of functions of `math`, by their names in `math`."""
 
 _COMPARE = (np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal)
 
@@ -32,9 +32,9 @@ _MAKE = ("zeros", "ones", "eye", "identity", "empty", "full", "zeros_like", "one
 
 
 def scope(home: dict[str, Any]) -> dict[str, Any]:
-    """Return the globals of a plain formula, with NumPy and math that understand symbols.
+    """Return the globals of a plain formula, with versions of NumPy and math that accept symbols.
 
-    Functions of the same file are rebuilt with these globals.
+    Functions of the same file are recreated with these globals.
     """
     out: dict[str, Any] = {}
     for name, value in home.items():
@@ -48,7 +48,7 @@ def scope(home: dict[str, Any]) -> dict[str, Any]:
 
 
 def lifted(value: Any) -> Any:
-    """Return the counterpart of NumPy, math, or one of their functions, for symbols; other values unchanged."""
+    """Return the version for symbols of NumPy, math, or one of their functions; other values unchanged."""
     if isinstance(value, ModuleType):
         return _MODULES.get(value.__name__, value)
     if isinstance(value, np.ufunc) or getattr(value, "__module__", "") in ("numpy", "numpy.linalg"):
@@ -60,7 +60,7 @@ def lifted(value: Any) -> Any:
 
 
 class _Space:
-    """A module whose functions are replaced by their counterparts for symbols when first used."""
+    """A module whose functions are replaced by versions for symbols when first used."""
 
     def __init__(self, module: Any, **special: Any) -> None:
         self._module = module
@@ -77,7 +77,7 @@ class _Space:
 
 
 def _kind(*values: Any) -> type[Scalar] | None:
-    """Return the class of the first symbol found among values, lists and arrays."""
+    """Return the class of the first symbol in values, lists and arrays; None if there is no symbol."""
     for v in values:
         if isinstance(v, Scalar):
             return type(v)
@@ -89,7 +89,7 @@ def _kind(*values: Any) -> type[Scalar] | None:
 
 
 def _boxed(x: Any, kind: type[Scalar]) -> Any:
-    """Convert a number or an array: every entry becomes a symbol."""
+    """Convert a number or an array so that every entry is a symbol."""
     if isinstance(x, Scalar):
         return x
     if isinstance(x, np.ndarray | list | tuple):
@@ -111,7 +111,7 @@ def _elementwise(f: Any) -> Callable[..., Any]:
         if kind is None:
             return f(*map(_numbers, args), **kwargs)
         if f in _COMPARE:
-            kwargs["dtype"] = object  # otherwise the answer would have to be True or False
+            kwargs["dtype"] = object  # otherwise the result would have to be True or False
         return f(*(_boxed(a, kind) for a in args), **kwargs)
 
     call.__name__ = f.__name__
@@ -123,7 +123,7 @@ def _whole(f: Callable[..., Any]) -> Callable[..., Any]:
         kind = _kind(*args)
         if kind is None:
             return f(*map(_numbers, args), **kwargs)
-        if kwargs.get("dtype") is float:  # symbols are as good
+        if kwargs.get("dtype") is float:  # dtype float is dropped: the array may hold symbols
             del kwargs["dtype"]
         if f in (np.array, np.asarray) and len(args) == 2 and args[1] is float:
             args = args[:1]

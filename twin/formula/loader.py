@@ -1,4 +1,4 @@
-"""The text of a file of equations: what runs, what is hashed and what is explained are the bytes that were read."""
+"""The source of formula files: the bytes that were read once are executed, hashed and explained."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from typing import Any
 
 
 class Loader(SourceFileLoader):
-    """Loads a module from bytes that were read before; it leaves no byte code beside a user's file."""
+    """Loader of a module from bytes read earlier; it writes no byte code next to a user's file."""
 
     def __init__(self, name: str, path: Path, data: bytes) -> None:
         super().__init__(name, str(path))
         self.data = data
 
     def get_data(self, path: str) -> bytes:
-        """Return the bytes, whatever the file holds by now."""
+        """Return the bytes read earlier, even if the file has changed since."""
         return self.data
 
     def get_code(self, fullname: str) -> CodeType:
-        """Return the compiled bytes."""
+        """Return the code object compiled from the bytes."""
         return self.source_to_code(self.data, self.path)
 
 
 def text_of(path: Path, names: Mapping[str, Any]) -> bytes:
-    """Return the bytes of a file, given its global names: as they ran if a `Loader` loaded it, else from the disk."""
+    """Return the bytes of a file with these globals: the executed bytes if a `Loader` loaded it, else from disk."""
     loader = names.get("__loader__")
     if isinstance(loader, Loader) and Path(loader.path) == path:
         return loader.data

@@ -1,6 +1,6 @@
-"""A plain formula file as a `Formula`: `inverse(pose)`, `forward(q)` or both, in NumPy or CasADi.
+"""Convert a plain formula file, `inverse(pose)`, `forward(q)` or both in NumPy or CasADi, to a `Formula`.
 
-The functions are run once on symbols when the file is loaded, so that errors are reported then, with file and line.
+The functions are run once on symbols when the file is loaded, so that errors with file and line are reported early.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from twin.formula.scalar import METHODS, Scalar
 FUNCTIONS = ("inverse", "forward", "points")
 
 _LENGTH = 0.1
-"""Characteristic length in m of a formula without a length among its parameters."""
+"""Characteristic length in m of a formula whose parameters include no length."""
 
 
 class Symbol(Scalar):
-    """A scalar that is a CasADi SX."""
+    """A scalar whose value is a CasADi SX."""
 
     __slots__ = ()
     functions = {**{n: getattr(ca, n) for n in METHODS}, "if_else": ca.if_else}  # noqa: RUF012
 
 
 def is_plain(module: ModuleType) -> bool:
-    """Return whether a module holds a plain formula (functions `inverse` or `forward`, without FORMULA)."""
+    """Return whether a module is a plain formula (has functions `inverse` or `forward`, no FORMULA)."""
     return any(hasattr(module, n) for n in ("inverse", "forward"))
 
 
@@ -56,13 +56,13 @@ def plain_formula(
 
     Args:
         module: the imported module.
-        path: its file.
+        path: file of the module.
         name: name of the robot.
-        joints: active joints in order, as in the robot's TOML file, and whether each is an angle.
-        home: a tool pose (4, 4) that the robot can take, and its q: where solvers begin.
+        joints: (name, whether an angle) of each active joint, in the order of the robot's TOML file.
+        home: a tool pose (4, 4) that the robot can reach, and its q (n,) or None: where solvers start.
 
     Raises:
-        KinematicsError: the first fault, with file and line.
+        KinematicsError: at the first fault, with file and line.
     """
     text = (inspect.getdoc(module) or name).strip()
     values = vars(module)
@@ -122,13 +122,13 @@ def plain_formula(
 
 
 class _Rows(PlainRows):
-    """A plain function that runs on CasADi symbols."""
+    """A plain function that can be called with CasADi symbols."""
 
     def __call__(self, **symbols: Any) -> tuple[Any, ...]:
-        """Return the outputs, (n,) of SX.
+        """Return the outputs as a tuple of SX.
 
         Raises:
-            KinematicsError: the function fails, or its outputs have another shape; the message gives file and line.
+            KinematicsError: the function fails, or an output has a wrong shape; the message gives file and line.
         """
         join = (lambda *q: ca.vertcat(*q)) if self.casadi else (lambda *q: np.array([_enter(x) for x in q], object))
         arguments = self.arguments(symbols, (lambda x: x) if self.casadi else _enter, join)
@@ -137,10 +137,10 @@ class _Rows(PlainRows):
         return tuple(self._leave(p, n) for p, n in zip(parts, self.outputs, strict=True))
 
     def run(self, arguments: Mapping[str, Any]) -> Any:
-        """Call the function and return its result; a number that becomes NaN is an error at its line."""
+        """Call the function and return its result; an operation that gives NaN or infinity raises an error."""
         try:
             with warnings.catch_warnings(), np.errstate(invalid="raise", divide="raise"):
-                warnings.simplefilter("error", FutureWarning)  # CasADi's about NumPy's functions
+                warnings.simplefilter("error", FutureWarning)  # CasADi warns about NumPy functions
                 return self.function(**arguments)
         except KinematicsError:
             raise
@@ -164,7 +164,7 @@ class _Rows(PlainRows):
 
 
 def _enter(x: Any) -> Any:
-    """Convert a symbol of CasADi to NumPy: a scalar, an array (n,) or (m, n)."""
+    """Convert a CasADi symbol to a NumPy scalar, or array (n,) or (m, n), of symbols."""
     if not isinstance(x, ca.SX):
         return x
     rows, columns = x.shape
@@ -208,9 +208,9 @@ def _arguments(function: FunctionType) -> tuple[str, ...]:
 
 
 def _coordinates(taken: set[str], asked: set[str]) -> Coordinates:
-    """Return the coordinates: position, and angles of Rz Ry Rx if a function asks for them, else a rotation vector.
+    """Return the coordinates: position, and Rz Ry Rx angles if a function has these arguments, else a rotation vector.
 
-    A rotation vector describes every attitude; the angles fail where theta is a right angle.
+    A rotation vector describes every orientation; the angles are singular at theta = ±90 deg.
     """
     angles = ("psi", "theta", "phi")
     if set(angles) & asked - taken:
@@ -273,7 +273,7 @@ def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) 
 
 
 def _length_scale(parameters: Sequence[Parameter]) -> Any:
-    """Return the median of the lengths among the parameters: it only scales rotations against translations."""
+    """Return a function that returns the median length of the parameters; it only scales rotations to translations."""
     lengths = sorted(abs(p.value) for p in parameters if p.unit in ("mm", "m") and p.value)
     scale = lengths[len(lengths) // 2] if lengths else _LENGTH
     return lambda: scale
@@ -315,7 +315,7 @@ def _point_names(
 
 
 def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Any:
-    """Return a function: (pose (4, 4), parameters) -> the first line without a value, and why; or ""."""
+    """Return a function (pose (4, 4), parameters) -> first line without a value, and why, or ""; None without rows."""
 
     def first(T: Array, parameters: Mapping[str, float]) -> str:
         symbols: dict[str, Any] = {**parameters, POSE_SYMBOL: T}
@@ -323,7 +323,7 @@ def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Any:
         try:
             for row in rows:
                 if row.casadi:
-                    return ""  # its functions return NaN without an error
+                    return ""  # CasADi functions return NaN without an error
                 value = row.run(row.arguments(symbols, lambda x: x, lambda *q: np.array(q)))
                 symbols |= zip(row.outputs, row.spread(value, entries), strict=True)
         except KinematicsError as error:
@@ -349,7 +349,7 @@ def _try(formula: Formula, rows: Sequence[_Rows]) -> None:
 
 
 def _has_nan(value: ca.SX) -> bool:
-    """Return whether a constant of an expression is NaN: then its value is always NaN."""
+    """Return whether an expression contains a NaN constant, so that its value is always NaN."""
     f = ca.Function("f", ca.symvar(value), [value])
     constants = (i for i in range(f.n_instructions()) if f.instruction_id(i) == ca.OP_CONST)
     return any(np.isnan(f.instruction_constant(i)) for i in constants)

@@ -1,4 +1,4 @@
-"""The compiled functions of one formula and their input symbols; each is made when first used."""
+"""The compiled functions of one formula and their input symbols; each function is compiled when first used."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from twin.formula.contract import POSE_SYMBOL, Formula
 from twin.formula.flow import Evaluator
 
 POSE_TOL = 1e-6
-"""Maximum norm of the difference between a pose and the one of its coordinates."""
+"""Maximum norm of the difference between a pose and the pose rebuilt from its coordinates."""
 
 
 class Program:
-    """Functions of the state: the pose (16 numbers, row by row) if there is a closed inverse, else q (n).
+    """Compiled functions of the state: the pose (16 numbers, row by row) if there is a closed inverse, else q (n).
 
     Attributes:
-        order: symbol of each joint of the robot.
-        extra_values: values (m, rad) of the joints that are not in the equations; see `Compiled.auxiliary`.
+        order: symbols of all joints, in the order of q.
+        extra_values: values (m, rad) of the joints that are not in the equations, by name; see `Compiled.auxiliary`.
         length: characteristic length in m.
-        scalars: names of "passive", "reach", "measure" and "aspect", the rows of `group`.
+        scalars: names of the rows of `group` for "passive", "reach", "measure" and "aspect".
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class Program:
             "measure": tuple(m.symbol for m in formula.measures),
             "aspect": tuple(a.symbol for a in formula.aspects),
         }
-        # All made here, so that a formula that lacks a point or a measure fails when it is compiled.
+        # All are compiled here, so that a formula without a required point or measure fails when it is compiled.
         self.group = {
             kind: Evaluator(kind, self._z, flow.gather(formula, self._symbols, names, kind))
             for kind, names in groups.items()
@@ -78,7 +78,7 @@ class Program:
 
     @cached_property
     def judged_inverse(self) -> Evaluator:
-        """Pose -> q (n); NaN in all of it if the pose is not rigid within `POSE_TOL`, or out of reach."""
+        """Pose -> q (n); all NaN if the pose is not rigid within `POSE_TOL`, or out of reach."""
         pose = self.inverse.function(self._z)
         q, misfit = pose[:-1], pose[-1]
         good = ca.logic_and(misfit <= POSE_TOL, ca.sumsqr(q) < np.inf)
@@ -89,7 +89,7 @@ class Program:
         """Pose -> dq/dtwist (n, 6)."""
         xi = ca.SX.sym("xi", 6)
         J = ca.jacobian(self.joints_at(symbolic.retract(symbolic.unflat(self._z, 4, 4), xi)), xi)
-        J = ca.cse(ca.substitute(J, xi, ca.SX.zeros(6)))  # a third faster, and more: derivatives repeat themselves
+        J = ca.cse(ca.substitute(J, xi, ca.SX.zeros(6)))  # a third faster or more: derivatives repeat terms
         return Evaluator("inverse_jacobian", self._z, J, (len(self.order), 6))
 
     @cached_property
@@ -112,14 +112,14 @@ class Program:
 
     @cached_property
     def pose_of_coordinates(self) -> Evaluator:
-        """Coordinates of the paper -> pose (4, 4)."""
+        """Coordinates of the published equations -> pose (4, 4)."""
         x = ca.SX.sym("x", len(self.formula.coordinates.names))
         T = flow.to_pose(self.formula, dict(zip(self.formula.coordinates.names, ca.vertsplit(x), strict=True)))
         return Evaluator("pose_of_coordinates", x, T, (4, 4))
 
     @cached_property
     def coordinates_of_pose(self) -> Evaluator:
-        """Pose (16 numbers) -> coordinates of the paper."""
+        """Pose (16 numbers) -> coordinates of the published equations."""
         z = ca.SX.sym("z", 16)
         values = self.formula.coordinates.from_pose(symbolic.unflat(z, 4, 4))
         return Evaluator("coordinates_of_pose", z, ca.vertcat(*values))
@@ -128,9 +128,9 @@ class Program:
     def newton(self) -> Evaluator:
         """(q, start pose) -> pose (16), joint error, travel, aspects: Newton's method from the start pose.
 
-        The joint error is a norm in m or rad; the travel is the norm of the translation (divided by the characteristic
-        length) and the rotation in rad. Everything is one call, because Python around it would cost ten times as much
-        as the solution.
+        The joint error is a norm in m or rad. The travel is the norm of the translation (divided by the characteristic
+        length) and the rotation in rad. All results come from one call, because Python calls would cost ten times as
+        much as the solution.
         """
         n = len(self.order)
         xi, p = ca.SX.sym("xi", 6), ca.SX.sym("p", n + 16)
@@ -151,7 +151,7 @@ class Program:
         return Evaluator("newton", z, out, (out.shape[0],))
 
     def from_points(self, names: tuple[str, ...]) -> Evaluator:
-        """Named points (3 numbers each, in that order) -> q (n)."""
+        """Named points (3 numbers each, in the order of `names`) -> q (n)."""
         if names not in self._partial:
             z = ca.SX.sym("z", 3 * len(names))
             symbols: dict[str, Any] = dict(self.parameters)
@@ -163,10 +163,10 @@ class Program:
         return self._partial[names]
 
     def margins_at(self, passive: tuple[str, ...], points: tuple[str, ...]) -> Evaluator:
-        """State of a mechanism -> reach, measures, aspects: each number (row) is computed from the mechanism's values.
+        """State of a mechanism -> reach margins, measures, aspects, each computed from the mechanism's values.
 
-        Takes parameters in the order of `parameters`, pose (16), joints (n), the passive joints and the named points
-        (3 numbers each) that are given, in that order. Equations compute only the remaining symbols.
+        Inputs: parameters in the order of `parameters`, pose (16), joints (n), then passive joints and named points
+        (3 numbers each), in the given order. Equations compute only the remaining symbols.
         """
         key = ("margins", *passive, "", *points)
         if key not in self._partial:
@@ -193,7 +193,7 @@ class Program:
         return self._partial[key]
 
     def around(self, state: ca.SX, step: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return pose and joints as expressions of a state and a step from it.
+        """Return pose (4, 4) and joints (n) as expressions of a state and a step from the state.
 
         With a forward equation, the state is q (n) and the step is added to q; otherwise the state is a pose (16
         numbers) and the step a twist (6).
@@ -246,5 +246,5 @@ class Program:
 
 
 def _length(v: ca.SX) -> ca.SX:
-    """Return the length of v; it is NaN if an entry is NaN (the maximum norm by fmax would lose the NaN)."""
+    """Return the Euclidean norm of v; NaN if an entry is NaN (a maximum norm with fmax would hide it)."""
     return ca.sqrt(ca.sumsqr(v))

@@ -1,4 +1,4 @@
-"""Parameters of a plain formula: a number, its unit, and where it comes from."""
+"""Parameters of a plain formula: a number, its unit, and its provenance."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from twin.core.units import DEG, MM
 
 
 def mm(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Parameter:
-    """Return a length given in mm; equations get it in m."""
+    """Return a length given in mm; equations use it in m."""
     return _parameter(value, MM, "mm", provenance, note)
 
 
@@ -19,7 +19,7 @@ def m(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Param
 
 
 def deg(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Parameter:
-    """Return an angle given in degrees; equations get it in rad."""
+    """Return an angle given in degrees; equations use it in rad."""
     return _parameter(value, DEG, "deg", provenance, note)
 
 
@@ -29,7 +29,7 @@ def rad(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Par
 
 
 def number(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Parameter:
-    """Return a number without a unit: a ratio, a count."""
+    """Return a dimensionless number: a ratio, a count."""
     return _parameter(value, 1.0, "1", provenance, note)
 
 

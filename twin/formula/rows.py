@@ -18,21 +18,21 @@ from twin.formula.loader import text_of
 from twin.formula.scalar import NeedsNumberError
 
 POSE, JOINTS = "pose", "q"
-"""Names of arguments that take the whole pose (4, 4), and all active joints (n,)."""
+"""Argument names for the whole pose (4, 4), and for all active joints (n,)."""
 
 
 class PlainRows(ABC):
-    """A plain function as a flow of symbols calls it: it takes symbols by name and returns a tuple of outputs.
+    """Wrapper that calls a plain function with symbols by name and returns a tuple of outputs.
 
     Attributes:
         name: "inverse", "forward" or "points".
-        path: the file.
+        path: file of the function.
         line: line of its `def`.
         end: line of its last `return`.
-        function: the function, run with globals that understand symbols.
-        casadi: whether it takes CasADi matrices, because its file imports CasADi; else NumPy arrays.
+        function: the function, with globals that accept symbols.
+        casadi: whether its arguments are CasADi matrices, because its file imports CasADi; else NumPy arrays.
         joints: names of the active joints, in order.
-        pose: name of the symbol of the pose.
+        pose: symbol of the pose.
         outputs: names of its outputs, in order.
     """
 
@@ -49,10 +49,10 @@ class PlainRows(ABC):
     ) -> None:
         """Check the arguments of a function against the available symbols.
 
-        `unread` are symbols with a value that no function uses: an error suggests them for a missing argument.
+        `unread` are symbols that no function uses; an error about an unknown argument suggests these symbols.
 
         Raises:
-            KinematicsError: an argument is not known; the message gives file and line.
+            KinematicsError: an argument is unknown; the message gives file and line.
         """
         self.name, self.path, self.joints, self.pose, self.casadi = name, path, tuple(joints), pose, casadi
         self.function = self.__wrapped__ = function
@@ -79,10 +79,10 @@ class PlainRows(ABC):
 
     @abstractmethod
     def __call__(self, **symbols: Any) -> Any:
-        """Return the outputs for CasADi symbols."""
+        """Return the outputs for the values of the symbols."""
 
     def arguments(self, symbols: Mapping[str, Any], convert: Callable[[Any], Any], join: Callable[..., Any]) -> dict:
-        """Return the arguments from the symbols; `convert` converts one symbol, `join` joins several into an array."""
+        """Return the arguments from the symbols; `convert` converts one symbol, `join` makes an array of several."""
         out = {}
         for n in self.argument_names:
             if n == POSE:
@@ -94,14 +94,14 @@ class PlainRows(ABC):
         return out
 
     def spread(self, value: Any, split: Callable[[Any], list[Any] | None]) -> list[Any]:
-        """Return one value for each output.
+        """Return the function's result as a list with one value for each output.
 
         Args:
             value: the function's result: values in order, one column, or a dictionary by name.
             split: a function that returns the entries of a one-dimensional array or column, else None.
 
         Raises:
-            KinematicsError: the outputs are too many, too few, or have other names; the message gives file and line.
+            KinematicsError: there are too many or too few outputs, or wrong names; the message gives file and line.
         """
         names = self.outputs
         if isinstance(value, Mapping):
@@ -125,17 +125,17 @@ class PlainRows(ABC):
         return parts
 
     def error(self, text: str, line: int | None = None) -> KinematicsError:
-        """Return an error at a line of the file; default: the last return."""
+        """Return an error at a line of the file; default: the line of the last return."""
         return KinematicsError(f"{self.path}:{line or self.end}: {text}.")
 
     def located(self, error: BaseException) -> KinematicsError:
-        """Return an error that names the innermost line of this file at which `error` was raised."""
+        """Return an error with the innermost line of this file at which `error` was raised."""
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(self.path)]
         return self.error(f"{self.name}(): {reason(error)}", lines[-1] if lines else self.line)
 
 
 def reason(error: BaseException) -> str:
-    """Return the message to the author for an error in a plain formula."""
+    """Return the message for the author of a plain formula about an error in it."""
     text = " ".join(str(error).split()).rstrip(".")
     if isinstance(error, NeedsNumberError) or "truth value of a CasADi" in text:
         return text if isinstance(error, NeedsNumberError) else _CASADI_IF

@@ -1,7 +1,7 @@
-"""A scalar in NumPy's arrays that is not a plain number: a symbol, or many samples at once.
+"""A scalar in NumPy arrays that is not a plain number: a symbol, or many samples at once.
 
-NumPy's functions work on arrays of such objects: arithmetic calls the operators below, `np.sin` the method `sin`,
-and so on. A subclass says what these do. Operations that need a plain number (`if`, `math.sin`) raise.
+NumPy functions work on arrays of such objects: arithmetic calls the operators below, `np.sin` calls the method `sin`,
+and so on. A subclass defines the operations. Operations that require a plain number (`if`, `math.sin`) raise an error.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ METHODS = (
 
 
 class NeedsNumberError(TypeError):
-    """A plain number is needed, but the value is a symbol; the message suggests a fix."""
+    """A plain number is required, but the value is a symbol; the message suggests a fix."""
 
 
 class Scalar:
-    """One scalar; subclasses compute with `x`.
+    """One scalar; subclasses define the operations on `x`.
 
     Attributes:
         x: the value.
-        functions: by name of `METHODS`, and `if_else`: functions of values.
+        functions: functions of values, by the names in `METHODS` and "if_else".
     """
 
     __slots__ = ("x",)
@@ -102,21 +102,21 @@ class Scalar:
         return self._of("fabs")
 
     def conjugate(self) -> Any:
-        """Return itself (it is real); `np.linalg.norm` along an axis needs this."""
+        """Return self, because the value is real; `np.linalg.norm` along an axis requires this method."""
         return self
 
     def radians(self) -> Any:
-        """Return degrees as radians."""
+        """Return this angle, in degrees, converted to radians."""
         return self * (np.pi / 180)
 
     def degrees(self) -> Any:
-        """Return radians as degrees."""
+        """Return this angle, in radians, converted to degrees."""
         return self * (180 / np.pi)
 
     deg2rad, rad2deg = radians, degrees
 
     def if_else(self, yes: Any, no: Any) -> Any:
-        """Return `yes` where this condition holds, else `no`."""
+        """Return `yes` where this condition is true, else `no`."""
         return self._of("if_else", yes, no)
 
     def __bool__(self) -> bool:
@@ -143,7 +143,7 @@ def _value(other: Any) -> Any:
         return other.x
     if isinstance(other, bool | int | float | np.number | np.bool_):
         return float(other)
-    return NotImplemented  # an array: NumPy goes through its entries
+    return NotImplemented  # an array: NumPy handles its entries one by one
 
 
 def _method(name: str) -> Callable[..., Any]:

@@ -1,9 +1,9 @@
 """Rotations, poses and guarded roots in CasADi SX.
 
-Every function takes and returns SX (or what SX accepts) and can be differentiated at the points where
-the naive form gives NaN: the derivative of a norm at the zero vector, of the logarithm at the identity.
-These guards are only here. Frames follow `twin.core.spatial`: T_a_b is the pose of b in a,
-twists are linear rows first, angles are in rad.
+Every function takes and returns SX (or types convertible to SX). Derivatives are finite at the points where
+the plain expression gives NaN: for a norm at the zero vector, for the logarithm at the identity.
+Only this module has such guards. Frames follow `twin.core.spatial`: T_a_b is the pose of b in a,
+twists have linear rows first, angles are in rad.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ SX = Any
 """A CasADi SX scalar, vector or matrix, or a number."""
 
 _SERIES = 1e-6
-"""Squared angle in rad^2 below which series replace quotients; their next term is below 1e-20."""
+"""Squared angle in rad^2 below which series replace quotients; the first omitted term is below 1e-20."""
 
 
 def sqrt(x: SX) -> SX:
-    """Return the root of x, 0 for x <= 0, with derivative 0 there instead of infinity or NaN.
+    """Return the square root of x; 0 with derivative 0 for x <= 0 (instead of NaN or an infinite derivative).
 
-    For lengths that may vanish. Do not use it for the radical of a reach condition: NaN must say "out of reach" there.
+    For lengths that may be zero. Do not use it for a reach condition, in which NaN means "out of reach".
     """
     positive = x > 0
-    # Both branches of a conditional are evaluated and differentiated, so the argument is made safe first.
+    # Both branches of a conditional are evaluated and differentiated, so the argument is made positive first.
     return ca.if_else(positive, ca.sqrt(ca.if_else(positive, x, 1)), 0)
 
 
@@ -71,7 +71,7 @@ def rotation_zyx(psi: SX, theta: SX, phi: SX) -> SX:
 def angles_zyx(R: SX) -> tuple[SX, SX, SX]:
     """Return (psi, theta, phi) in rad with R = Rz(psi) Ry(theta) Rx(phi); theta within +-pi/2.
 
-    By atan2 only, so that theta keeps full precision near +-pi/2; psi and phi are undefined exactly there.
+    Only atan2 is used, so that theta has full precision near +-pi/2; psi and phi are undefined at exactly +-pi/2.
     """
     return (
         ca.atan2(R[1, 0], R[0, 0]),
@@ -81,7 +81,7 @@ def angles_zyx(R: SX) -> tuple[SX, SX, SX]:
 
 
 def pose(R: SX, p: SX) -> SX:
-    """Return the pose (4, 4) of a rotation (3, 3) and a position (3) in m."""
+    """Return the pose (4, 4) with a rotation (3, 3) and a position (3) in m."""
     return ca.vertcat(ca.horzcat(R, ca.vertcat(p)), _matrix([[0, 0, 0, 1]]))
 
 
@@ -103,7 +103,7 @@ def exp_so3(w: SX) -> SX:
     angle = ca.sqrt(safe)
     half = ca.sin(angle / 2)
     a = ca.if_else(small, 1 - s / 6 + s**2 / 120, ca.sin(angle) / angle)
-    # 2 sin(x/2)^2 does not cancel where 1 - cos(x) does.
+    # 2 sin(x/2)^2 avoids the cancellation in 1 - cos(x).
     b = ca.if_else(small, 0.5 - s / 24 + s**2 / 720, 2 * half**2 / safe)
     K = hat(w)
     return ca.SX.eye(3) + a * K + b * K @ K
@@ -141,18 +141,18 @@ def log_so3(R: SX) -> SX:
 
 
 def retract(T: SX, xi: SX) -> SX:
-    """Return the pose (4, 4) after the small twist xi (6): p + v, exp(w) R.
+    """Return the pose (4, 4) after the small twist xi = (v, w): position p + v, rotation exp(w) R.
 
-    The twist is in base axes, at the tool origin, linear rows first: the convention of all Jacobians in this package.
+    The twist (6) is in base axes, at the tool origin, linear rows first, as in all Jacobians of this package.
     """
     return pose(exp_so3(xi[3:6]) @ T[0:3, 0:3], T[0:3, 3] + xi[0:3])
 
 
 def pose_residual(T: SX, T_target: SX) -> SX:
-    """Return the 6 errors of T against T_target, in the axes of the target: position in m, rotation in rad.
+    """Return the 6 errors of T relative to T_target, in the axes of the target: position in m, rotation vector in rad.
 
-    Zero only where the poses are equal. A task may omit single rows: the rotation rows x and y both vanish exactly when
-    the z axes agree.
+    They are all 0 only if the poses are equal. A task may omit single rows: the rotation rows x and y are both
+    0 exactly if the z axes agree.
     """
     R = T_target[0:3, 0:3].T
     return ca.vertcat(R @ (T[0:3, 3] - T_target[0:3, 3]), log_so3(R @ T[0:3, 0:3]))

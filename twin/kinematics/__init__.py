@@ -1,4 +1,4 @@
-"""Solvers on a compiled formula, and the names that an author of CasADi equations imports.
+"""Solvers for compiled formulas, and the names that authors of CasADi equations import.
 
 Importing this package imports CasADi; import it only where equations are needed.
 """

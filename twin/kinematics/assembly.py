@@ -1,8 +1,8 @@
-"""Forward solutions without a forward equation, and inverse solutions without an inverse equation.
+"""Solve forward kinematics without a forward equation, and inverse kinematics without an inverse equation.
 
-A parallel robot's forward kinematics is the root of q(T) - q: Newton from a seed pose, then
-Levenberg-Marquardt, then every assembly that the formula can enumerate. The branch label of the answer is
-checked: a Newton step can jump to another assembly that has the same joints.
+The forward kinematics of a parallel robot is the root of q(T) - q. It is found by Newton's method from a seed pose,
+then by Levenberg-Marquardt, then among all assemblies that the formula can enumerate. The branch label of the solution
+is checked, because a Newton step can jump to another assembly with the same joint values.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ FORWARD_TOL = 1e-11
 """Norm of the joint error, in m or rad, below which a forward solution is accepted."""
 
 _SAME_POSE = 1e-6
-"""Poses that differ by less than this, in m and rad, are one assembly."""
+"""Difference in m and rad below which two poses count as one assembly."""
 
 _TRAVEL = 0.5
-"""Maximum distance of Newton's answer from its seed: rad, or translation divided by the characteristic length.
+"""Maximum distance of Newton's solution from its seed: rad, or translation divided by the characteristic length.
 
-A farther answer might be on another branch; the solver then goes there in small steps.
+A farther solution might be on another branch; the solver then approaches q in small steps.
 """
 
 
@@ -73,7 +73,7 @@ def branches(kin: Compiled, q: Array) -> list[Array]:
     if kin.formula.branches is None:
         raise KinematicsError(f"{kin.formula.name}: the formula has no enumeration of its assemblies.")
     ordered = q[~kin.auxiliary]
-    if kin.closed_forward:  # both answers are closed: nothing to polish, and the formula names its preferred one first
+    if kin.closed_forward:  # closed-form solutions need no refinement; the formula lists its preferred one first
         return kin.formula.branches(ordered, kin.parameters, kin.variants)
     found: list[Array] = []
     for T in kin.formula.branches(ordered, kin.parameters, kin.variants):
@@ -92,7 +92,7 @@ def inverse_by_solver(kin: Compiled, T: Array, seed: object) -> Array:
 
 
 def inverse_by_solver_many(kin: Compiled, Ts: Array, seed: object = None) -> Array:
-    """Return q (k, n) at poses (k, 4, 4), each started from the one before it; NaN rows where no solution is found."""
+    """Return q (k, n) at poses (k, 4, 4), each solved from the previous solution; NaN rows without a solution."""
     out = np.full((len(Ts), len(kin.joints)), np.nan)
     for i, T in enumerate(Ts):
         try:
@@ -107,7 +107,7 @@ def _from_seed(kin: Compiled, q: Array, seed: Array) -> Array:
     T, error, travel, signs = _newton(kin, q, seed)
     if error <= FORWARD_TOL and travel < _TRAVEL and (signs == label).all():
         return T
-    # Far from the seed Newton may jump; walking there in steps of q keeps to the branch.
+    # Far from the seed, Newton's method may jump to another branch; small steps of q prevent this.
     q_seed = kin.program.inverse.one(seed.ravel())[:-1]
     T = seed
     if np.isfinite(q_seed).all():
@@ -121,7 +121,7 @@ def _from_seed(kin: Compiled, q: Array, seed: Array) -> Array:
     best, error, _, signs = _newton(kin, q, result.T)
     if error <= FORWARD_TOL and (signs == label).all():
         return best
-    if kin.formula.branches is not None:  # no way was found: the path of q may leave the workspace
+    if kin.formula.branches is not None:  # no path was found: the path of q may leave the workspace
         others = [T for T in branches(kin, q) if _signs(kin, T, label)]
         if others:
             return min(others, key=lambda T: _distance(T, seed, kin.characteristic_length))
@@ -156,13 +156,13 @@ def _cold(kin: Compiled, q: Array) -> Array:
 
 
 def _newton(kin: Compiled, q: Array, T: Array) -> tuple[Array, float, float, Array]:
-    """Return (pose, joint error, travel, aspect signs) reached by Newton from T; the error is NaN if it fails."""
+    """Return (pose (4, 4), joint error, travel, aspect signs) after Newton's method from T; error NaN if it fails."""
     out = kin.program.newton.one(np.concatenate([q, T.ravel()]))
     return out[:16].reshape(4, 4), out[16], out[17], np.sign(out[18:])
 
 
 def _newton_many(kin: Compiled, qs: Array, seeds: Array) -> Array:
-    """Return the poses (k, 4, 4) that Newton reaches from seeds (k, 4, 4); NaN where it did not converge."""
+    """Return the poses (k, 4, 4) found by Newton's method from seeds (k, 4, 4); NaN where it did not converge."""
     flat = seeds.reshape(-1, 16)
     out = kin.program.newton.many(np.hstack([qs, flat]))
     same = (np.sign(out[:, 18:]) == np.sign(kin.program.group["aspect"].many(flat))).all(axis=1)
@@ -171,7 +171,7 @@ def _newton_many(kin: Compiled, qs: Array, seeds: Array) -> Array:
 
 
 def _score(kin: Compiled, Ts: Array) -> Array:
-    """Return a score for each pose: its number of preferred aspect signs; ties go to the pose nearest to a seed."""
+    """Return a score (k,): number of preferred aspect signs; ties are decided by the distance to a seed."""
     preferred = np.array([a.preferred for a in kin.formula.aspects])
     agree = (kin.aspect_signs(Ts) == preferred).sum(axis=1).astype(float)
     home = list(seeds(kin, rng=0, starts=1))

@@ -1,4 +1,4 @@
-"""Compile a formula to `Kinematics`: compiled functions, and solvers for a direction that has no equation."""
+"""Compile a formula to `Kinematics`: compiled functions, and solvers where an equation is missing."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def compile_formula(
     parameters: Mapping[str, float] | None = None,
     extra_joints: Sequence[ExtraJoint] = (),
 ) -> Kinematics:
-    """Compile a formula.
+    """Compile the equations of a formula to functions.
 
     Args:
         formula: the equations.
-        variants: equation -> variant, or one name for all equations that have it; default: the default of each
-            equation.
-        parameters: parameter -> value in SI, to replace published values.
+        variants: {equation: variant}, or one name for all equations that have this variant; default: the default of
+            each equation.
+        parameters: {parameter: value in SI}; the values replace published values.
         extra_joints: auxiliary joints, which are not in the equations, in the order of q.
 
     Raises:
@@ -48,17 +48,17 @@ def compile_formula(
 
 
 class Kinematics(Compiled):
-    """A compiled formula with inverse and forward kinematics; made by `compile_formula`."""
+    """A compiled formula with inverse and forward kinematics; created by `compile_formula`."""
 
     def inverse(self, T_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
         """Return q (n,) in m or rad at a pose (4, 4).
 
         Args:
             T_base_tool: the pose.
-            seed: q to start from, used only without a closed inverse; auxiliary joints keep its values.
+            seed: q (n,) to start from, used only without a closed inverse; auxiliary joints keep its values.
 
         Raises:
-            KinematicsError: if the pose is not rigid, or out of reach; the message names the chain and the distance.
+            KinematicsError: the pose is not rigid, or out of reach; the message names the chain and the distance.
         """
         T = poses(T_base_tool, batch=False)
         if not self.closed_inverse:
@@ -78,9 +78,9 @@ class Kinematics(Compiled):
         return q
 
     def inverse_near(self, T_base_tool: Array, q: Array) -> Array | None:
-        """Return joints (n,) at a pose (4, 4) by the closed inverse, each angle the turn nearest to q (n,).
+        """Return q (n,) at a pose (4, 4) from the closed inverse, with angles at most half a turn from q (n,).
 
-        For control loops: nothing is looked at twice. Auxiliary joints keep the values of q. None where there is no
+        A fast version for control loops. Auxiliary joints keep the values of q. None if there is no
         closed inverse, or the pose is out of reach or not rigid.
         """
         if not self.closed_inverse:
@@ -96,7 +96,7 @@ class Kinematics(Compiled):
 
     @cached_property
     def _turns(self) -> Array:
-        """1 / (2 pi) for a joint that turns, 0 for one that slides."""
+        """(n,) 1 / (2 pi) for a revolute joint, 0 for a prismatic joint."""
         return np.where(self.revolute, 1 / (2 * np.pi), 0.0)
 
     def inverse_many(self, Ts_base_tool: ArrayLike) -> Array:
@@ -107,15 +107,15 @@ class Kinematics(Compiled):
         return self.program.judged_inverse.many(Ts.reshape(-1, 16))
 
     def inverse_of_all(self, Ts_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
-        """Return q (k, n) at poses (k, 4, 4); each must have a solution.
+        """Return q (k, n) at poses (k, 4, 4); raise if any pose has no solution.
 
         Args:
             Ts_base_tool: the poses.
-            seed: q of the first pose to start from, without a closed inverse; each other pose starts from the answer
-                before it.
+            seed: q (n,) to start from at the first pose, without a closed inverse; each other pose starts from the
+                previous solution.
 
         Raises:
-            KinematicsError: as `inverse`, for the first pose without an answer, with its index and the number of such
+            KinematicsError: as `inverse`, for the first pose without a solution, with its index and the number of such
                 poses.
         """
         Ts = poses(Ts_base_tool)
@@ -139,19 +139,19 @@ class Kinematics(Compiled):
 
         Args:
             q: active joints in m or rad.
-            seed: pose to start from; the answer has its branch label. Without a seed: the preferred branch.
+            seed: pose (4, 4) to start from; the solution has its branch label. Without a seed: the preferred branch.
 
         Raises:
-            KinematicsError: if no assembly is found; `best` is the best pose.
+            KinematicsError: no assembly is found; `best` is the best pose.
         """
         return assembly.forward(self, self._joints(q, batch=False), self._seed(seed))
 
     def forward_many(self, qs: ArrayLike, seed: ArrayLike | None = None) -> Array:
-        """Return poses (k, 4, 4) at qs (k, n), each solved from the one before it; NaN where no solution is found.
+        """Return poses (k, 4, 4) at qs (k, n), each solved from the previous one; NaN where no solution is found.
 
         Args:
-            qs: active joints, usually along a path.
-            seed: pose (4, 4) to begin from; or poses (k, 4, 4), one for each row; then all rows are solved at once.
+            qs: active joints (k, n), usually along a path.
+            seed: pose (4, 4) to start from; or poses (k, 4, 4), one for each row; then all rows are solved at once.
         """
         qs = self._joints(qs)
         if seed is not None and np.ndim(seed) == 3:
@@ -162,10 +162,10 @@ class Kinematics(Compiled):
         return assembly.forward_many(self, qs, self._seed(seed))
 
     def branches(self, q: ArrayLike) -> list[Array]:
-        """Return all assemblies at q (n,) as poses, the preferred branch first; an empty list if there is none.
+        """Return all assemblies at q (n,) as poses (4, 4), the preferred branch first; an empty list if there is none.
 
         Raises:
-            KinematicsError: if the formula can neither enumerate them nor has forward equations.
+            KinematicsError: the formula has neither an enumeration of assemblies nor forward equations.
         """
         return assembly.branches(self, self._joints(q, batch=False))
 

@@ -1,8 +1,8 @@
-"""The compiled functions of a formula: points, Jacobians, measures, branch labels, one pose or many.
+"""The compiled functions of a formula: points, Jacobians, measures, branch labels, for one pose or many.
 
-Everything is SI. Poses are T_base_tool (4, 4); batches carry the time axis first. Twists and Jacobian rows are linear
-first, in base axes, at the tool origin. The solvers (`solve`, `assembly`) work on this; `compile.Kinematics` adds the
-solved directions.
+All values are SI. Poses are T_base_tool (4, 4); the first axis of a batch is time. Twists and Jacobian rows are linear
+first, in base axes, at the tool origin. The solvers (`solve`, `assembly`) use these functions; `compile.Kinematics`
+adds inverse and forward kinematics.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ ExtraJoint = tuple[int, str, bool, float]
 
 
 class Compiled(ABC):
-    """The compiled functions of a formula; solving is left to `Kinematics`.
+    """The compiled functions of a formula; `Kinematics` adds the solvers.
 
-    Methods that take `Ts` and `qs` need the poses (k, 4, 4) if the formula has a closed inverse, else the joints (k,
-    n); if only the others are given, they are solved for.
+    Methods with arguments `Ts` and `qs` require poses (k, 4, 4) if the formula has a closed inverse, else joints
+    (k, n). If only the other argument is given, the required one is solved for.
 
     Attributes:
-        formula: the formula that was compiled.
+        formula: the formula from which the functions are compiled.
         joints: active joints, in the order of q.
-        auxiliary: (n,) bool, the joints that are not in the equations and cannot move the tool. The inverse returns the
-            value given when compiling; the forward equations ignore them.
+        auxiliary: (n,) bool, whether a joint is not in the equations and cannot move the tool. The inverse returns the
+            value given when compiling; the forward equations ignore the joint.
         variants: the variant in use, by equation.
-        choices: the variants that exist, by equation.
-        parameters: the values in use, in SI.
-        closed_inverse, closed_forward: whether equations give q from the pose, the pose from q.
+        choices: names of the existing variants, by equation.
+        parameters: the values in use, in SI, by name.
+        closed_inverse, closed_forward: whether the formula has equations for q from the pose, for the pose from q.
         characteristic_length: length in m; a rotation by 1 rad counts as much as a translation by this length.
-        revolute: (n,) bool, which joints are angles.
+        revolute: (n,) bool, whether a joint is an angle.
         program: the compiled functions.
     """
 
@@ -72,7 +72,7 @@ class Compiled(ABC):
             {name: value for _, name, _, value in extra_joints},
         )
         if self.closed_inverse:
-            self.program.inverse  # noqa: B018 - made now, so that a bad to_pose fails when compiled
+            self.program.inverse  # noqa: B018 - compiled now, so that a faulty to_pose fails here
 
     @abstractmethod
     def inverse(self, T_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
@@ -91,10 +91,10 @@ class Compiled(ABC):
         """Return poses (k, 4, 4) at qs (k, n); NaN where no solution exists."""
 
     def joints_from_points(self, points: Mapping[str, ArrayLike]) -> Array:
-        """Return q (k, n) from named points {name: (k, 3)} in m: uses only the equations after the points.
+        """Return q (k, n) from named points {name: (k, 3)} in m, by the equations after the points alone.
 
         Raises:
-            KinematicsError: if a point is unknown or missing, or the equations also need the pose.
+            KinematicsError: a point is unknown or missing, or the equations also require the pose.
         """
         for name in points:
             if name not in self.formula.points:
@@ -118,13 +118,13 @@ class Compiled(ABC):
         return self._named("passive", Ts, qs)
 
     def inverse_jacobian(self, T: ArrayLike | None = None, q: ArrayLike | None = None) -> Array:
-        """Return dq/dtwist (n, 6) at a pose (or at q, for a formula that is only forward)."""
+        """Return dq/dtwist (n, 6) at a pose, or at q for a formula without inverse equations."""
         return self.inverse_jacobian_many(_one(T), _one(q))[0]
 
     def inverse_jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return dq/dtwist (k, n, 6), NaN where it does not exist.
+        """Return dq/dtwist (k, n, 6); NaN where it does not exist.
 
-        Without an inverse: the pseudo-inverse of `jacobian`.
+        Without inverse equations: the pseudo-inverse of `jacobian`.
         """
         if self.closed_inverse:
             return self.program.inverse_jacobian.many(self._states(Ts, qs))
@@ -134,7 +134,7 @@ class Compiled(ABC):
         """Return dtwist/dq (6, n) at a pose, or at q.
 
         Raises:
-            KinematicsError: it does not exist (singular, or out of reach).
+            KinematicsError: the Jacobian does not exist (singular, or out of reach).
         """
         J = self.jacobian_many(_one(T), _one(q))[0]
         if not np.isfinite(J).all():
@@ -142,7 +142,7 @@ class Compiled(ABC):
         return J
 
     def jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return dtwist/dq (k, 6, n); NaN where it does not exist."""
+        """Return dtwist/dq (k, 6, n); NaN where the Jacobian does not exist."""
         if self.closed_forward:
             return self.program.forward_jacobian.many(
                 self._joints(qs) if qs is not None else self.inverse_many(_need(Ts, "poses"))
@@ -150,16 +150,16 @@ class Compiled(ABC):
         return singularity.invert_many(self.program.inverse_jacobian.many(self._states(Ts, qs)))
 
     def singularity(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> dict[str, Array]:
-        """Return the singularity measures {name: (k,)}, dimensionless; each vanishes at its singularity."""
+        """Return the singularity measures {name: (k,)}, dimensionless; each is 0 at its singularity."""
         return self._named("measure", Ts, qs)
 
     def singularity_alarm(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> dict[str, np.ndarray]:
-        """Return {name: (k,) bool}: whether a measure is below its alarm, or has no value."""
+        """Return {name: (k,) bool}: whether the absolute measure is below its alarm value, or NaN."""
         values = self.singularity(Ts, qs)
         return {m.name: ~(np.abs(values[m.name]) >= m.alarm) for m in self.formula.measures}
 
     def reach(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> dict[str, Array]:
-        """Return the reach margins {name: (k,)} in m; >= 0 where the chain reaches."""
+        """Return the reach margins {name: (k,)} in m; negative where the chain cannot reach."""
         return self._named("reach", Ts, qs)
 
     def aspect_signs(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
@@ -167,14 +167,14 @@ class Compiled(ABC):
         return np.nan_to_num(np.sign(self.program.group["aspect"].many(self._states(Ts, qs))))
 
     def branch(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> np.ndarray:
-        """Return labels (k,) of the assembly, made of the signs of the formula's aspects: "X_E+ z_up+ D-"."""
+        """Return labels (k,) of the assemblies, composed of the signs of the formula's aspects: "X_E+ z_up+ D-"."""
         names, marks = self.program.scalars["aspect"], {1: "+", -1: "-", 0: "0"}
         rows = self.aspect_signs(Ts, qs)
         return np.array([" ".join(f"{n}{marks[int(s)]}" for n, s in zip(names, r, strict=True)) for r in rows])
 
     @property
     def preferred_branch(self) -> str:
-        """The label that `branch` gives to the preferred assembly."""
+        """Label that `branch` returns for the preferred assembly."""
         return " ".join(f"{a.symbol}{'+' if a.preferred > 0 else '-'}" for a in self.formula.aspects)
 
     def condition(self, T: ArrayLike | None = None, q: ArrayLike | None = None) -> float:
@@ -184,7 +184,7 @@ class Compiled(ABC):
         return singularity.condition_inverse(self.inverse_jacobian(T, q), self.characteristic_length)
 
     def condition_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return the condition numbers (k,), as `condition`; infinite where the Jacobian is singular or missing."""
+        """Return the condition numbers (k,), as `condition`; infinite where the Jacobian is singular or NaN."""
         if self.closed_forward:
             J = self.jacobian_many(Ts, qs)
             J[:, 3:] *= self.characteristic_length
@@ -194,14 +194,14 @@ class Compiled(ABC):
         return singularity.condition_many(J)
 
     def why(self, T: Array) -> str:
-        """Return the line at which a plain formula has no value at a pose (4, 4), and why; "" if unknown."""
+        """Return which line of a plain formula has no value at a pose (4, 4), and why; "" if unknown."""
         return self.formula.numbers(T, self.parameters) if self.formula.numbers is not None else ""
 
     def takes(self, Ts: ArrayLike) -> bool:
-        """Return whether the equations prove that poses (k, 4, 4) are within the robot's freedoms.
+        """Return whether the equations prove that poses (k, 4, 4) are within the robot's degrees of freedom.
 
-        This is so if the robot has six freedoms, if the formula has fewer than six coordinates (other poses then have
-        no joint values), or if the forward equations return the pose. False: not so, or unknown.
+        This is proved if the robot has six degrees of freedom, if the formula has fewer than six coordinates (other
+        poses then have no joint values), or if the forward equations return the pose. False: not within, or unknown.
         """
         Ts = poses(Ts)
         if len(self.formula.joints) >= 6:
@@ -211,14 +211,14 @@ class Compiled(ABC):
         if not np.isfinite(q).all():
             return False
         if not self.closed_inverse or (len(self.formula.coordinates.names) < 6 and not self.closed_forward):
-            return True  # solved for to the last digit, or measured by `inverse_many`
+            return True  # the solver converged, or `inverse_many` checked the pose
         if not self.closed_forward:
             return False
         back = self.program.forward.many(q)
         return bool(np.abs(back - Ts).max() <= POSE_TOL)
 
     def need_six_joints(self) -> None:
-        """Raise `KinematicsError` if a pose cannot be solved for: fewer than six joints and no forward equation."""
+        """Raise `KinematicsError` if a pose cannot be solved for: not six joints, and no forward equation."""
         if not self.closed_forward and len(self.formula.joints) != 6:
             raise KinematicsError(
                 f"{self.formula.name}: {len(self.formula.joints)} joints do not fix the 6 freedoms of a pose; "
@@ -264,7 +264,7 @@ def _one(value: ArrayLike | None) -> Array | None:
 
 
 def poses(Ts: ArrayLike, batch: bool = True) -> Array:
-    """Return poses (k, 4, 4), or one (4, 4), as contiguous floats; `KinematicsError` for any other shape."""
+    """Return poses (k, 4, 4), or one (4, 4), as contiguous floats; raise `KinematicsError` for any other shape."""
     Ts = np.ascontiguousarray(Ts, float)
     if Ts.ndim != 2 + batch or Ts.shape[-2:] != (4, 4):
         raise KinematicsError(f"poses must have shape {'(k, 4, 4)' if batch else '(4, 4)'}, not {Ts.shape}.")

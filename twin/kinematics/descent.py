@@ -1,8 +1,8 @@
-"""One compiled iteration of Levenberg-Marquardt for a robot and a kind of task, and the loop around it.
+"""One compiled Levenberg-Marquardt iteration for a robot and a kind of task, and the loop that runs it.
 
-Nielsen's damping: the step minimises |J dx + r|^2 + mu |dx|^2; mu falls when the model predicts the
-decrease well and doubles faster and faster when it does not. Residual, Jacobian, the step and the damping
-are one CasADi function, because separate numpy calls would take five times as long.
+Nielsen's damping: the step minimises |J dx + r|^2 + mu |dx|^2. mu decreases when the linear model predicts the decrease
+well, and doubles at an increasing rate when it does not. Residual, Jacobian, step and damping are one CasADi function,
+because separate numpy calls would take five times as long.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from twin.kinematics import tasks
 MAX_ITERATIONS = 120
 
 _MU_FLOOR = 1e-11
-"""Smallest damping, relative to the largest squared column norm of the first Jacobian."""
+"""Minimum damping, relative to the largest squared column norm of the first Jacobian."""
 
 Kinds = tuple[tuple[str, tuple[int, ...]], ...]
-"""Kind and rows of each term of a task."""
+"""(kind, rows) of each term of a task."""
 
 
 class Iteration:
-    """Compiled steps for a robot and tasks of given kinds; the state is q (n) or, without a forward equation, T (16).
+    """Compiled iteration for a robot and kinds of terms; the state is q (n) or, without a forward equation, T (16).
 
-    Joint unknowns are held within their limits by projection; pose unknowns by a residual that grows with the excess;
-    it is zero within the limits.
+    Joint unknowns are kept within their limits by projection; pose unknowns by a residual that is zero within the
+    limits and grows with the excess.
     """
 
     def __init__(self, program: Program, kinds: Kinds) -> None:
@@ -54,7 +54,7 @@ class Iteration:
             new = ca.fmin(ca.fmax(x + step * column, low), high)
         else:
             new = symbolic.flat(symbolic.retract(symbolic.unflat(x, 4, 4), step * column))
-        # Residual and Jacobian at the new state, from symbols so that the step is not differentiated.
+        # Residual and Jacobian at the new state, from new symbols so that the step is not differentiated.
         at, by = ca.SX.sym("at", self.state), ca.SX.sym("by", d)
         T, q = program.around(at, by * column)
         terms = ca.vertsplit(numbers, [0, *np.cumsum(counts)])
@@ -69,9 +69,9 @@ class Iteration:
         predicted = ca.dot(step, mu * step - g * free)
         ratio = (cost - cost_new) / ca.fmax(predicted, 1e-300)
         first = size == 0
-        better = (cost_new < cost) * (ca.sumsqr(J) + length < np.inf)  # false where one of them is not a number
+        better = (cost_new < cost) * (ca.sumsqr(J) + length < np.inf)  # false if one of them is NaN
         size_new = ca.if_else(first, ca.fmax(ca.mmax(ca.sum1(J * J)), 1e-12), size)
-        # Not below the floor: what a task leaves free would be moved by rounding divided by mu.
+        # Not below the floor: otherwise rounding errors divided by mu would move directions that the task leaves free.
         shrunk = ca.fmax(mu * ca.fmax(1 / 30, 1 - (2 * ratio - 1) ** 3), _MU_FLOOR * size)
         accepted = [
             new,
@@ -91,17 +91,17 @@ class Iteration:
         self._evaluator = Evaluator("iteration", z, ca.cse(ca.vertcat(after, ca.sum1(free))))
 
     def run(self, start: Array, inputs: Array, goal: float) -> tuple[Array, float, int]:
-        """Descend until the cost is at most goal**2; return (state, norm of the task's residual, steps tried).
+        """Iterate until the cost is at most goal**2; return (state, norm of the task's residual, steps tried).
 
         Args:
             start: initial state.
-            inputs: arguments of the terms, weights of the residuals, unit size of each unknown, and for joints: scale,
-                lower and upper limits.
+            inputs: arguments of the terms, weights of the residuals, unit size of each unknown, then scale, lower and
+                upper limit of each joint.
             goal: norm of the residual at which to stop.
         """
         k, z = self.state, np.zeros(self.memory + len(inputs))
         z[:k], z[self.memory :] = start, inputs
-        z[k], z[k + 2] = np.inf, 1.0  # no cost yet, and a system that gives no step: the first call only evaluates
+        z[k], z[k + 2] = np.inf, 1.0  # no cost yet, and a system with a zero step: the first call only evaluates
         out = self._evaluator.one(z)
         if not np.isfinite(out[k]):
             return start, np.inf, 0
@@ -119,7 +119,7 @@ _ITERATIONS: WeakKeyDictionary[Program, dict[Kinds, Iteration]] = WeakKeyDiction
 
 
 def iteration(program: Program, kinds: Kinds) -> Iteration:
-    """Return the iteration of a robot and a kind of task, compiled at its first use."""
+    """Return the iteration for a robot and kinds of terms, compiled at first use."""
     of_program = _ITERATIONS.setdefault(program, {})
     if kinds not in of_program:
         of_program[kinds] = Iteration(program, kinds)
@@ -127,6 +127,6 @@ def iteration(program: Program, kinds: Kinds) -> Iteration:
 
 
 def _solve(A: ca.SX, b: ca.SX) -> ca.SX:
-    """Return A^-1 b of a positive definite matrix, without branches."""
+    """Return A^-1 b for a positive definite matrix A, without branches."""
     D, LT, permutation = ca.ldl(A, False)
     return ca.ldl_solve(b, D, LT, permutation)

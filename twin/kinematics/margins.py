@@ -1,4 +1,4 @@
-"""Reach margins, singularity measures and aspects of a formula, computed from states of a mechanism."""
+"""Reach margins, singularity measures and aspects of a formula, evaluated at states of a mechanism."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from twin.core.spatial import Array
 from twin.kinematics.compile import Kinematics, compile_formula
 
 _CLOSE = 1e-6
-"""Difference (m, rad) up to which the equations reproduce a given state."""
+"""Maximum difference (m, rad) at which the equations count as reproducing a given state."""
 
 _LENGTHS = ("mm", "m", "cm", "um")
 
@@ -22,38 +22,38 @@ class States(Protocol):
 
     @property
     def Ts_base_tool(self) -> Array:  # noqa: N802 - T_a_b is a pose everywhere
-        """Tool poses."""
+        """Tool poses (k, 4, 4)."""
         ...
 
     @property
     def q(self) -> Array:
-        """Active joints."""
+        """Active joints (k, n) in m or rad."""
         ...
 
     @property
     def q_passive(self) -> Mapping[str, Array]:
-        """Passive joints by name."""
+        """Passive joints (k,) in m or rad, by name."""
         ...
 
     @property
     def points(self) -> Mapping[str, Array]:
-        """Named points in base."""
+        """Named points (k, 3) in base in m, by name."""
         ...
 
 
 class Margins:
-    """The numbers (rows) of a formula that cannot be compared with a pose, point or joint: reach, measures, aspects.
+    """Values of a formula that are not poses, points or joints (rows): reach margins, singularity measures, aspects.
 
     Attributes:
-        names: names of the rows: reach, then measures, then aspects.
-        symbols: symbol of the flow for each row.
-        equations: name of the equation that yields each row, or "".
-        kinds: "reach", "type1", "type2" or "aspect".
-        preferred: sign of an aspect, else 0.
+        names: names of the rows: reach margins, then measures, then aspects.
+        symbols: symbol of each row in the equations.
+        equations: name of the equation that computes each row, or "".
+        kinds: "reach", "type1", "type2" or "aspect" for each row.
+        preferred: preferred sign of an aspect, 0 for other rows.
     """
 
     def __init__(self, kin: Kinematics, passive: Mapping[str, bool], points: tuple[str, ...]) -> None:
-        """Set up from the equations, the mechanism's passive joints (name -> is an angle) and its named points."""
+        """Set up from equations, passive joints of the mechanism {name: whether an angle}, and its named points."""
         f = kin.formula
         self._kin = kin
         self._passive = {p: passive[p] for p in f.passive if p in passive}
@@ -66,7 +66,7 @@ class Margins:
         self.preferred = (*(0 for _ in f.reach), *(0 for _ in f.measures), *(a.preferred for a in f.aspects))
 
     def values(self, s: States, larger: float = 1.0) -> Array:
-        """Return the rows (k, names) at states; `larger`: of a robot that is that many times as large."""
+        """Return the rows (k, names) at states; `larger` scales all lengths of the robot by this factor."""
         kin = self._kin
         numbers = {**kin.parameters, **self._lengths(larger)}
         z = [
@@ -80,9 +80,9 @@ class Margins:
             return kin.program.margins_at(tuple(self._passive), self._points).many(np.ascontiguousarray(np.hstack(z)))
 
     def valid(self, s: States, passive: bool) -> NDArray[np.bool_]:
-        """Return (k,) bool: whether the equations reproduce the states, with `passive` also the passive joints.
+        """Return (k,) bool: whether the equations reproduce each state; `passive`: also the passive joints.
 
-        Other states are on another branch.
+        Where they do not, the equations are on another branch.
         """
         kin = self._kin
         with np.errstate(all="ignore"):
@@ -101,13 +101,13 @@ class Margins:
         return np.asarray(good, bool)
 
     def refuses(self, Ts_base_tool: Array) -> Array:
-        """Return the reach margins (k, reach) at poses that the mechanism cannot reach, from the equations alone."""
+        """Return the reach margins (k, reach) in m from the equations, at poses that the mechanism cannot reach."""
         with np.errstate(all="ignore"):
             found = self._kin.reach(Ts_base_tool)
         return np.stack([found[n] for n in self._kin.formula.reach], axis=1)
 
     def fails(self, s: States) -> Array:
-        """Return the rate (k,) of the formula's joints with respect to the pose; infinite without a solution."""
+        """Return the largest entry (k,) of the formula's dq/dtwist; infinite without a solution, 0 without inverse."""
         kin = self._kin
         if not kin.closed_inverse:
             return np.zeros(len(s.q))
@@ -117,7 +117,7 @@ class Margins:
         return np.where(np.isfinite(size), size, np.inf)
 
     def homogeneous(self, s: States, by: float) -> bool:
-        """Return whether all lengths of the equations are parameters: a scaled robot then has the same angles."""
+        """Return whether all lengths in the equations are parameters, so that a scaled robot has the same angles."""
         kin = self._kin
         lengths = self._lengths(by)
         if not lengths:

@@ -1,4 +1,4 @@
-"""Condition numbers and safe inverses of Jacobians, in numpy."""
+"""Condition numbers and inverses of Jacobians, safe for singular matrices, in numpy."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ import numpy as np
 from twin.core.spatial import Array
 
 _WELL = 1e-8
-"""Squared inverse condition number above which the eigenvalues of J J^T give it with eight digits."""
+"""Squared inverse condition number above which the eigenvalues of J J^T give it to eight digits."""
 
 
 def condition(J: Array, length: float) -> float:
-    """Return the condition number of dtwist/dq (6, n), its rotation rows multiplied by a length in m."""
+    """Return the condition number of dtwist/dq (6, n), rotation rows multiplied by `length` in m."""
     return float(np.linalg.cond(np.vstack([J[:3], J[3:] * length])))
 
 
 def condition_inverse(J: Array, length: float) -> float:
-    """Return the condition number of dq/dtwist (n, 6), its rotation columns divided by a length in m."""
+    """Return the condition number of dq/dtwist (n, 6), rotation columns divided by `length` in m."""
     return float(np.linalg.cond(np.hstack([J[:, :3], J[:, 3:] / length])))
 
 
 def condition_many(Js: Array) -> Array:
-    """Return the condition numbers (k,) of Js (k, m, n); infinite where singular or not finite.
+    """Return the condition numbers (k,) of Js (k, m, n); infinite for matrices that are singular or not finite.
 
-    Eigenvalues of J J^T take half the time of a singular value decomposition but lose twice the digits: the few
+    Eigenvalues of J J^T take half the time of a singular value decomposition but lose twice the digits. The few
     matrices that lose too many digits are decomposed.
     """
     out = np.full(len(Js), np.inf)
@@ -40,7 +40,7 @@ def condition_many(Js: Array) -> Array:
 
 
 def invert_many(Js: Array) -> Array:
-    """Return the inverses (pseudo-inverses if not square) of Js (k, m, n); NaN where singular."""
+    """Return the inverses (pseudo-inverses if not square) of Js (k, m, n); NaN for singular matrices."""
     out = np.full((len(Js), Js.shape[2], Js.shape[1]), np.nan)
     good = np.isfinite(Js).all(axis=(1, 2))
     if not good.any():
@@ -50,7 +50,7 @@ def invert_many(Js: Array) -> Array:
         return out
     try:
         out[good] = np.linalg.inv(Js[good])
-    except np.linalg.LinAlgError:  # one exactly singular matrix must not take the others with it
+    except np.linalg.LinAlgError:  # an exactly singular matrix raises for the whole batch
         for i in np.flatnonzero(good):
             if np.linalg.matrix_rank(Js[i]) == Js.shape[1]:
                 out[i] = np.linalg.inv(Js[i])

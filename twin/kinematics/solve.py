@@ -1,6 +1,6 @@
 """Levenberg-Marquardt for every robot: the unknowns are the joints if there is a forward equation, else the pose.
 
-Residuals are dimensionless through `length_scale`: 1 rad counts as much as an error of `length_scale`.
+Residuals are made dimensionless by `length_scale`: 1 rad counts as much as an error of `length_scale`.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from twin.kinematics.tasks import Joints, Pose, Task, Tip, Trocar, is_length
 __all__ = ["Joints", "Pose", "Solution", "Task", "Tip", "Trocar", "descend", "seeds", "solve"]
 
 TOLERANCE = 1e-10
-"""Norm of the dimensionless residual below which a task counts as solved: 8e-12 m for SILS."""
+"""Norm of the dimensionless residual below which a task counts as solved; 8e-12 m for SILS."""
 
 _LIMIT_TOL = 1e-9
-"""Excess over a joint limit in m or rad that is ignored as rounding."""
+"""Excess over a joint limit in m or rad that is ignored as rounding error."""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Answer of `solve`.
+    """Solution of a task.
 
     Attributes:
         q: active joints (n,) in m or rad.
@@ -49,7 +49,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Descent:
-    """The end of one descent: state `T` (4, 4) and `q` (n,), residual of the task, steps tried."""
+    """Result of one descent: pose `T` (4, 4), joints `q` (n,), residual of the task, number of steps tried."""
 
     T: Array
     q: Array
@@ -69,24 +69,24 @@ def solve(
     length_scale: float | None = None,
     tolerance: float = TOLERANCE,
 ) -> Solution:
-    """Solve a task.
+    """Solve a task, from several starting states.
 
     Args:
-        kin: the robot.
+        kin: compiled equations of the robot.
         task: the task; tasks are combined with `+` and weighted with `*`.
         seed: q (n,) or pose (4, 4) to start from.
-        limits: (n, 2) lower and upper limit of each joint, in m or rad; infinite where there is none.
-        starts: number of starting values: the seed, the formula's seeds, then random ones.
-        rng: seed of the random ones; the same number gives the same answer.
-        any_branch: accept any assembly or configuration, not only the seed's or the preferred one.
+        limits: (n, 2) lower and upper limit of each joint, in m or rad; infinite where a joint has no limit.
+        starts: number of starting states: the seed, the formula's seeds, then random states.
+        rng: seed of the random states; the same number gives the same solution.
+        any_branch: accept any branch, not only the branch of the seed or the preferred branch.
         length_scale: length in m that counts as 1 rad; default: the robot's characteristic length.
-        tolerance: norm of the dimensionless residual that counts as solved.
+        tolerance: norm of the dimensionless residual below which the task counts as solved.
 
     Returns:
-        The first solution on the seed's branch (without a seed: the preferred one) within the limits.
+        The first solution within the limits on the seed's branch (without a seed: the preferred branch).
 
     Raises:
-        KinematicsError: if no start leads to a solution; `best` is the best `Solution`.
+        KinematicsError: no start leads to a solution; `best` is the best `Solution`.
     """
     kin.need_six_joints()
     bounds = _bounds(kin, limits)
@@ -125,8 +125,8 @@ def solve(
 def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> Iterator[Array]:
     """Yield starting states: q (n,) if there is a forward equation, else poses (4, 4).
 
-    First the seeds of the formula, then random ones: near these for poses; for joints within the limits (without limits
-    a full turn, or 1 m).
+    First the seeds of the formula, then random states: poses near the seeds; joints within their limits (without
+    limits: within ±180 deg or ±1 m).
     """
     homes: list[Array] = []
     for seed in kin.formula.seeds[:starts]:
@@ -136,7 +136,7 @@ def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> 
     if not kin.closed_forward:
         for i in range(len(homes), starts if homes else 0):
             T, xi = homes[generator.integers(len(homes))], generator.uniform(-1, 1, 6)
-            spread = 0.2 + 0.8 * i / starts  # wider and wider, so that near starts come first
+            spread = 0.2 + 0.8 * i / starts  # increasing, so that near starts come first
             R = spatial.exp_so3(spread * xi[3:]) @ T[:3, :3]
             yield spatial.pose(R, T[:3, 3] + 2 * spread * kin.characteristic_length * xi[:3])
         return
@@ -155,7 +155,7 @@ def descend(
     length_scale: float | None = None,
     tolerance: float = TOLERANCE,
 ) -> Descent:
-    """Return where one descent from a state ends (converged or not); the start must be within reach."""
+    """Return the result of one descent from a state, converged or not; the start must be within reach."""
     scale = kin.characteristic_length if length_scale is None else float(length_scale)
     if not scale > 0:
         raise KinematicsError(f"length_scale {length_scale} m must be positive.")
@@ -164,7 +164,7 @@ def descend(
     for term in task.terms:
         if term.kind == "joints" and len(term.numbers) != len(kin.joints):
             raise KinematicsError(f"task Joints: {len(term.numbers)} values for {len(kin.joints)} joints.")
-    # The equations do not know auxiliary joints: no pose decides their values.
+    # Auxiliary joints are not in the equations, so no pose determines their values.
     asked = np.where(kin.auxiliary, 0.0, joint_scale) if not kin.closed_forward else joint_scale
     weights = (t.weight * (asked if t.kind == "joints" else np.where(is_length(t), 1 / scale, 1.0)) for t in task.terms)
     low, high = (_bounds(kin, None) if bounds is None else bounds).T
@@ -178,7 +178,7 @@ def descend(
 
 
 def _from_formula(kin: Compiled, seed: Array) -> Array:
-    """Return the state of a seed of the formula: coordinates, or q for a formula that is only forward."""
+    """Return the state of a formula's seed: its coordinates, or q for a formula without inverse equations."""
     if not kin.closed_inverse:
         q = np.zeros(len(kin.joints))
         q[~kin.auxiliary], q[kin.auxiliary] = seed, [value for *_, value in kin.extra_joints]
@@ -200,7 +200,7 @@ def _state(kin: Compiled, seed: ArrayLike) -> Array:
 
 
 def _label(kin: Compiled, state: Array) -> str:
-    """Return the branch of a state, q (n,) or pose (4, 4)."""
+    """Return the branch label of a state, q (n,) or pose (4, 4)."""
     return str((kin.branch(qs=state[None]) if state.ndim == 1 else kin.branch(Ts=state[None]))[0])
 
 

@@ -1,7 +1,7 @@
 """Solver tasks: residuals of the tool pose that can be weighted and added.
 
 The residual of a task is zero exactly where the task is fulfilled. Its rows are in m or rad; the solver divides lengths
-by a named length scale, so that residuals and weights have no dimension.
+by a length scale, so that residuals and weights are dimensionless.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from twin.formula import symbolic
 
 @dataclass(frozen=True)
 class Term:
-    """One weighted residual: `kind` names its function, `numbers` are its arguments."""
+    """One weighted residual: `kind` names its function, `numbers` are the arguments, `rows` the rows that count."""
 
     kind: str
     numbers: Array
@@ -31,7 +31,7 @@ class Term:
 
 @dataclass(frozen=True)
 class Task:
-    """A sum of terms. `a + b` combines both; `w * a` weights a."""
+    """A sum of weighted residuals (terms). `a + b` combines two tasks; `w * a` weights a task."""
 
     terms: tuple[Term, ...] = field(default=())
 
@@ -47,12 +47,12 @@ class Task:
 
 
 def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  # noqa: N802 - reads as a type
-    """Return the task to bring the tool to a pose (4, 4).
+    """Return the task of bringing the tool to a pose (4, 4).
 
     Args:
-        T_base_tool: the pose.
-        mask: flags of the errors that count, in the axes of the target: x, y, z, and the rotation vector's x, y, z.
-            (1, 1, 1, 1, 1, 0) leaves the roll about the target's z axis free.
+        T_base_tool: target pose.
+        mask: flags of the six errors that count, in the axes of the target: x, y, z, and x, y, z of the rotation
+            vector. (1, 1, 1, 1, 1, 0) leaves the roll about the target's z axis free.
 
     """
     T = np.asarray(T_base_tool, float)
@@ -64,7 +64,7 @@ def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  #
 
 
 def Tip(p_base: ArrayLike, p_tool_tip: ArrayLike = (0.0, 0.0, 0.0)) -> Task:  # noqa: N802
-    """Return the task to bring a point of the tool, p_tool_tip (3,), to the point p_base (3,), in m."""
+    """Return the task of bringing the point p_tool_tip (3,) of the tool frame to p_base (3,), both in m."""
     return _task("tip", np.concatenate([_vector("Tip", p_base), _vector("Tip", p_tool_tip)]), (0, 1, 2))
 
 
@@ -74,11 +74,11 @@ def Trocar(  # noqa: N802
     p_tool_tip: ArrayLike = (0.0, 0.0, 0.0),
     depth: float | None = None,
 ) -> Task:
-    """Return the task to guide a shaft through a trocar, the tip beyond it.
+    """Return the task of guiding a shaft through a trocar, with the tip beyond the trocar.
 
     With w = p - tip and the shaft direction a (towards the tip), the residual is w + |w| a. For a small error it is the
-    distance from trocar to shaft in m; with the tip on the wrong side of the trocar it is 2 |w|, so that side is not a
-    solution (the usual residual a x w vanishes on both sides).
+    distance from trocar to shaft axis in m. With the tip on the wrong side of the trocar it is 2 |w|, so that this side
+    is not a solution (the usual residual a x w is zero on both sides).
 
     Args:
         p_base: trocar (3,) in m.
@@ -98,7 +98,7 @@ def Trocar(  # noqa: N802
 
 
 def Joints(q: ArrayLike) -> Task:  # noqa: N802
-    """Return the task to bring the active joints to q (n,); with a small weight, the task to stay near q."""
+    """Return the task of bringing the active joints to q (n,); with a small weight, of staying near q."""
     q = np.asarray(q, float)
     if q.ndim != 1 or not np.isfinite(q).all():
         raise KinematicsError(f"task Joints: q must be a finite vector (n,), found shape {q.shape}.")
@@ -106,17 +106,17 @@ def Joints(q: ArrayLike) -> Task:  # noqa: N802
 
 
 def is_length(term: Term) -> np.ndarray:
-    """Return which rows of a term are lengths; not for "joints", whose rows have the kinds of the joints."""
+    """Return whether each row of a term is a length; not for "joints", whose rows depend on the joints."""
     return np.array(_KINDS[term.kind][2])[list(term.rows)]
 
 
 def count(kind: str, joints: int) -> int:
-    """Return the count of numbers in a term of a kind, for a robot with n joints."""
+    """Return how many numbers a term of a kind has, for a robot with `joints` joints."""
     return joints if kind == "joints" else _KINDS[kind][1]
 
 
 def residual(kind: str, rows: tuple[int, ...], T: ca.SX, q: ca.SX, numbers: ca.SX) -> ca.SX:
-    """Return the unweighted residual of a term as an expression of pose (4, 4), joints (n,) and its numbers."""
+    """Return the unweighted residual of a term as an expression of pose (4, 4), joints (n,) and the term's numbers."""
     r = q - numbers if kind == "joints" else _KINDS[kind][0](T, numbers)
     return r[list(rows)]
 
@@ -146,7 +146,7 @@ _KINDS: dict[str, tuple[Callable[[ca.SX, ca.SX], ca.SX], int, tuple[bool, ...]]]
     "trocar": (_trocar, 9, (True, True, True)),
     "trocar_depth": (_trocar_depth, 10, (True, True, True)),
 }
-"""Kind -> (residual of pose and numbers, count of numbers, which rows are lengths)."""
+"""Kind -> (residual function of pose and numbers, count of numbers, whether each row is a length)."""
 
 
 def _task(kind: str, numbers: Array, rows: tuple[int, ...]) -> Task:

@@ -1,4 +1,4 @@
-"""A deformable: a mesh whose vertices move, pinned to a body or to the world."""
+"""A deformable: a mesh with moving vertices, pinned to a body or to the world."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from twin.model.mechanism import Mesh
 
 @dataclass(frozen=True)
 class Deformable:
-    """A mesh at rest, in m, in the frame of the body that it is pinned to.
+    """A mesh at rest, in m, in the frame of the body to which it is pinned.
 
     Attributes:
-        name: identifier, unique among robots and props too.
-        mesh: triangles, which stay, and vertices (n, 3) at rest.
-        owner, body: the robot or prop and its body that carry it; "": it is pinned to the world.
+        name: identifier, unique among deformables, robots and props.
+        mesh: triangles (constant) and vertices (n, 3) at rest.
+        owner, body: the robot or prop, and its body, to which the mesh is pinned; "": pinned to the world.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Mass, mass centre and inertia tensor of a body."""
+"""Mass, centre of mass and inertia tensor of a body."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from twin.core.spatial import Array
 
 @dataclass(frozen=True)
 class Inertia:
-    """Mass in kg, centre of mass (3,) in m, and inertia (3, 3) in kg m^2 about it, all in the body frame."""
+    """Mass in kg, centre of mass (3,) in m, and inertia (3, 3) in kg m^2 about that centre, in the body frame."""
 
     mass: float
     p_body_com: Array
     I_com: Array
 
     def __add__(self, other: Inertia) -> Inertia:
-        """Return the inertia of two bodies fixed to each other, both in one frame (parallel axes)."""
+        """Return the inertia of two bodies fixed to each other, both in the same frame (parallel axis theorem)."""
         mass = self.mass + other.mass
         centre = (self.mass * self.p_body_com + other.mass * other.p_body_com) / mass
         tensor = np.zeros((3, 3))
@@ -29,15 +29,15 @@ class Inertia:
         return Inertia(mass, centre, tensor)
 
     def seen_from(self, T: Array) -> Inertia:
-        """Return this inertia in another frame; T (4, 4) is the pose of the present frame in the other one."""
+        """Return this inertia in another frame; T (4, 4) is the pose of the current frame in the other frame."""
         R = T[:3, :3]
         return Inertia(self.mass, R @ self.p_body_com + T[:3, 3], R @ self.I_com @ R.T)
 
     def principal(self) -> tuple[Array, Array]:
         """Return principal moments (3,) and the rotation (3, 3) of their axes, chosen nearest to identity.
 
-        The order of eigenvectors is arbitrary; the choice nearest to identity keeps a part that is already
-        aligned readable, and stable when a length changes a little.
+        Eigenvectors have no defined order. The order nearest to identity gives readable axes for aligned parts, and
+        does not jump when a length changes slightly.
         """
         moments, axes = np.linalg.eigh(0.5 * (self.I_com + self.I_com.T))
         best = max(permutations(range(3)), key=lambda p: np.sum(np.abs(np.diag(axes[:, p]))))
@@ -50,8 +50,8 @@ class Inertia:
     def pseudo(self) -> Array:
         """Return the pseudo-inertia (4, 4) about the origin of the frame: [[Sigma, h], [h', m]].
 
-        Sigma (kg m2) are the second moments of the mass, tr(I) / 2 - I about the origin; h (kg m) is the first moment.
-        It is positive definite exactly for physically possible mass distributions.
+        Sigma (kg m2) holds the second moments of mass, tr(I) / 2 - I about the origin; h (kg m) is the first moment.
+        The matrix is positive definite exactly for physically possible mass distributions.
 
         Source: P. M. Wensing, S. Kim, J.-J. E. Slotine, Linear matrix inequalities for physically consistent inertial
         parameter identification, IEEE Robotics and Automation Letters 3 (2018) 60-67.
@@ -64,7 +64,7 @@ class Inertia:
         return out
 
     def violations(self) -> list[str]:
-        """Return the reasons why no rigid body has this tensor; empty if there are none."""
+        """Return the reasons why no rigid body can have this mass and tensor; empty if it is possible."""
         bad = []
         if not (np.isfinite(self.mass) and self.mass > 0):
             bad.append(f"mass {self.mass:g} kg is not positive")

@@ -1,11 +1,11 @@
 """The format-neutral model: bodies, joints and loops.
 
-A joint ties a frame on its parent body to one on its child body; its motion is along or about their common z axis:
+A joint connects a frame on its parent body with a frame on its child body. It moves along or about their common z axis:
 
     T_parent_child = T_parent_joint @ motion(q) @ inverse(T_child_joint)
 
-A joint that leads to a body already reached closes a loop: it has the same two frames, but no coordinate in the tree.
-Everything is SI and frozen.
+A joint between two bodies that the tree already contains closes a loop: it also has two frames, but no coordinate in
+the tree. All values are in SI units; all objects are immutable.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ FREE_AXES: dict[str, tuple[int, ...]] = {
     "spherical": (3, 4, 5),
     "free": (0, 1, 2, 3, 4, 5),
 }
-"""Free directions of each joint type in its own frame: x y z translation 0..2, rotation 3..5."""
+"""Free directions of each joint type in the joint frame: 0..2 translation along x y z, 3..5 rotation about x y z."""
 
 _IDENTIFIER = re.compile(r"[a-z][a-z0-9_]*")
 
@@ -50,8 +50,8 @@ class Finish:
 
     Attributes:
         material: name of the part's material, or "" if unknown.
-        metallic: 0 paint, plastic, glass .. 1 bare metal.
-        roughness: 0 mirror .. 1 chalk.
+        metallic: 0 for paint, plastic and glass, 1 for bare metal.
+        roughness: 0 for a mirror, 1 for chalk.
     """
 
     material: str = ""
@@ -61,7 +61,7 @@ class Finish:
 
 @dataclass(frozen=True)
 class Material:
-    """A material of a scene: a name that is unique in the robot, a linear colour 0..1, and a finish."""
+    """A material: a name that is unique in the robot, a linear RGBA colour 0..1, and a finish."""
 
     name: str
     color_rgba: tuple[float, float, float, float]
@@ -74,7 +74,7 @@ class Mesh:
 
     Attributes:
         name: identifier, unique in the mechanism.
-        vertices: (n, 3) float64, metres.
+        vertices: (n, 3) float64, in m.
         triangles: (m, 3) int32, counter-clockwise seen from outside.
         color_rgba: linear, 0..1.
         finish: finish of its surface.
@@ -89,7 +89,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Body:
-    """A rigid body; `meshes` are shown and collided with, `inertia` may be unknown (None)."""
+    """A rigid body; `meshes` are displayed and checked for collisions, `inertia` is None if unknown."""
 
     name: str
     meshes: tuple[Mesh, ...] = ()
@@ -98,7 +98,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Drive:
-    """A position drive: stiffness in N/m or N m/rad, damping in N s/m or N m s/rad, largest effort in N or N m."""
+    """A position drive: stiffness in N/m or N m/rad, damping in N s/m or N m s/rad, maximum effort in N or N m."""
 
     stiffness: float
     damping: float
@@ -112,13 +112,13 @@ class Joint:
     Attributes:
         name, type, parent, child: identifiers; see `FREE_AXES` for the types.
         T_parent_joint, T_child_joint: (4, 4) joint frame in the parent and in the child body.
-        active: driven by an actuator.
+        active: whether a motor drives the joint.
         limits: hard range of the coordinate in m or rad, or None.
-        soft_limits: range whose breach is a warning only, or None.
-        cone: largest angle in rad between the two z axes of a spherical joint, or None.
-        max_speed, max_acceleration: limits of the coordinate, or None.
+        soft_limits: range outside which a warning is reported, in m or rad, or None.
+        cone: maximum angle in rad between the two z axes of a spherical joint, or None.
+        max_speed, max_acceleration: limits of the coordinate in m/s, m/s2 or rad/s, rad/s2, or None.
         drive: the position drive of an active joint that is driven directly, or None; see `Actuator`.
-        mating: names of the two meshes that touch in this joint (pin and bore), not checked for contact.
+        mating: names of the two meshes that touch in this joint (pin and bore); they are not checked for contact.
     """
 
     name: str
@@ -147,11 +147,11 @@ class Joint:
         return self.type == "revolute"
 
     def relative(self, T_base_parent: Array, T_base_child: Array) -> Array:
-        """Return the pose (..., 4, 4) of the child's joint frame in the parent's; identity means q = 0 and no gap."""
+        """Return the child's joint frame (..., 4, 4) in the parent's joint frame; identity means q = 0 and no gap."""
         return spatial.inverse(T_base_parent @ self.T_parent_joint) @ T_base_child @ self.T_child_joint
 
     def coordinate(self, T_base_parent: Array, T_base_child: Array) -> Array:
-        """Return the coordinate between two body poses (..., 4, 4): rad about z in -pi..pi, else m along z."""
+        """Return the coordinate (...) at two body poses (..., 4, 4): rad about z in -pi..pi, or m along z."""
         T = self.relative(T_base_parent, T_base_child)
         return spatial.angle_about_z(T) if self.is_angle else T[..., 2, 3]
 
@@ -176,15 +176,15 @@ class Point:
 
 @dataclass(frozen=True)
 class Coupling:
-    """A belt, gear or cable: the sum of ratio times coordinate of some joints of the tree is constant.
+    """A belt, gear or cable: the sum of ratio times coordinate over its joints is constant.
 
-    It is a constraint among joints and has no motor; motors move joints by a `Transmission`.
+    A coupling is a constraint between joints and has no motor; motors move joints through a `Transmission`.
 
     Attributes:
         name: identifier.
-        joints: names of joints with one coordinate, all angles or all lengths.
-        ratios: one for each.
-        total: the sum, in rad or m.
+        joints: names of tree joints with one coordinate, all angles or all lengths.
+        ratios: one ratio for each joint.
+        total: the constant sum, in rad or m.
     """
 
     name: str
@@ -200,16 +200,16 @@ class Mechanism:
     Attributes:
         name: identifier.
         base: name of the fixed body; its frame is the base frame.
-        bodies, joints, frames, points: in file order; order decides which joint of a loop closes it.
-        rest: T_base_body (4, 4) of every body as in the CAD or in the file; closing the loops starts there.
+        bodies, joints, frames, points: in file order; the order decides which joint of a loop closes the loop.
+        rest: T_base_body (4, 4) of every body as in the CAD or in the file; loop closure starts from these poses.
         postures: named values of the active joints in m or rad.
         tool: name of the tool frame of inverse and forward kinematics.
         parameters: numbers with provenance that the description adds (limits, drives, densities).
         actuators, transmissions: motors, and their transmissions to active joints; other active joints are driven
             directly.
-        couplings: belts and gears between joints.
-        trocars: names of the joints that hold a trocar to the base; a trocar has the name of its joint.
-        source: the file it came from, for messages.
+        couplings: belts, gears and cables between joints.
+        trocars: names of the joints between the base and a trocar; a trocar has the name of its joint.
+        source: the file of the mechanism, for messages.
     """
 
     name: str
@@ -233,10 +233,10 @@ class Mechanism:
 
     @cached_property
     def tree(self) -> tuple[Joint, ...]:
-        """Joints that span the bodies from the base, parents first; the joint's child is the outer body.
+        """Joints that connect all bodies to the base without loops, parents first; a joint's child is the outer body.
 
-        The file order is kept as far as possible: of two joints that could reach a body, the earlier one does. A joint
-        that is reached from its child's side is reversed.
+        File order is kept as far as possible: if two joints could reach a body, the earlier joint is used. A joint
+        that is reached from its child is reversed.
         """
         reached, tree, pending = {self.base}, [], list(self.joints)
         while pending:
@@ -271,9 +271,9 @@ class Mechanism:
     def auxiliary(self) -> tuple[Joint, ...]:
         """Active joints that cannot move the tool: the jaw of an instrument, another arm on the same base.
 
-        A joint moves the tool if it is on the tree's path to the tool, or shares a loop or a coupling with a joint that
-        moves the tool. The loop of a closing joint is its fundamental cycle in the tree: a joint that only carries a
-        loop is not part of it.
+        A joint moves the tool if it is on the tree's path from the base to the tool, or shares a loop or a coupling
+        with a joint that moves the tool. The loop of a closing joint is its fundamental cycle in the tree; joints
+        between the base and that cycle are not part of the loop.
         """
         tool = next((f.body for f in self.frames if f.name == self.tool), None)
         if tool is None:
@@ -287,13 +287,13 @@ class Mechanism:
         return tuple(j for j in self.active if j not in driven) if driven else ()
 
     def extra_joints(self, names: Iterable[str]) -> tuple[tuple[int, str, bool, float], ...]:
-        """Return (index in q, name, is an angle, value of `_drawn`) of each auxiliary joint not in `names`."""
+        """Return (index in q, name, whether an angle, value of `_drawn`) of each auxiliary joint not in `names`."""
         known = set(names)
         left = [j for j in self.auxiliary if j.name not in known]
         return tuple((self.active.index(j), j.name, j.is_angle, self._drawn(j)) for j in left)
 
     def _drawn(self, joint: Joint) -> float:
-        """Return the coordinate of a joint in m or rad: in the first posture, or without postures in the CAD."""
+        """Return the coordinate of a joint in m or rad in the first posture or, without postures, in the CAD."""
         if self.postures:
             return float(next(iter(self.postures.values()))[joint.name])
         at = (self.rest.get(body, np.eye(4)) for body in (joint.parent, joint.child))
@@ -301,23 +301,23 @@ class Mechanism:
 
     @cached_property
     def limits(self) -> Array:
-        """Hard limits (n, 2) of the active joints in m or rad, infinite where there is none."""
+        """Hard limits (n, 2) of the active joints in m or rad, infinite where a joint has no limit."""
         return np.array([j.limits or (-np.inf, np.inf) for j in self.active], float).reshape(-1, 2)
 
     @cached_property
     def motor_names(self) -> tuple[str, ...]:
-        """Names of the motors (n,) of the active joints: actuator k for joint k of a transmission, else the joint."""
+        """Motor names (n,) in the order of q: actuator k for joint k of a transmission, else the name of the joint."""
         names = {j: a for t in self.transmissions for j, a in zip(t.joints, t.actuators, strict=True)}
         return tuple(names.get(j.name, j.name) for j in self.active)
 
     @cached_property
     def motor_matrix(self) -> Array:
-        """The matrix (n, n) of all active joints, q = motor_matrix @ m: identity without transmissions."""
+        """Matrix (n, n) from motor to joint coordinates, q = motor_matrix @ m; identity without transmissions."""
         return self._blocks({t.name: t.matrix for t in self.transmissions})
 
     @cached_property
     def _motor_rows(self) -> Array:
-        """The inverse (n, n) of `motor_matrix`, block by block: rows of joints driven directly stay exact."""
+        """Inverse (n, n) of `motor_matrix`, block by block, so that rows of directly driven joints stay exact."""
         return self._blocks({t.name: t.inverse for t in self.transmissions})
 
     def _blocks(self, blocks: Mapping[str, Array]) -> Array:
@@ -329,11 +329,11 @@ class Mechanism:
         return out
 
     def motors(self, q: Array) -> Array:
-        """Return values or rates (..., n) of the motors, as `motor_names`, for those of the joints (..., n)."""
+        """Return motor values or rates (..., n) for joint values or rates (..., n); motors as in `motor_names`."""
         return np.asarray(q, float) @ self._motor_rows.T
 
     def from_motors(self, m: Array) -> Array:
-        """Return values or rates (..., n) of the joints for those of the motors (..., n), as `motor_names`."""
+        """Return joint values or rates (..., n) for motor values or rates (..., n); motors as in `motor_names`."""
         return np.asarray(m, float) @ self.motor_matrix.T
 
     def motor_efforts(self, efforts: Array) -> Array:
@@ -342,12 +342,12 @@ class Mechanism:
 
     @cached_property
     def passive(self) -> tuple[Joint, ...]:
-        """Passive joints with one coordinate, tree and loop alike, in file order."""
+        """Passive joints with one coordinate, of the tree and of the loops, in file order."""
         return tuple(j for j in self.joints if not j.active and len(j.free_axes) == 1)
 
     @property
     def driven(self) -> tuple[list[tuple[str, bool]], Array, Array | None]:
-        """Return (joints, T_base_tool, q): (name, is an angle) of each joint that moves the tool; (4, 4); (n,) or None.
+        """(joints, T_base_tool, q): (name, whether an angle) of each joint that moves the tool; (4, 4); (n,) or None.
 
         q is None if the mechanism has no posture.
         """
@@ -357,10 +357,10 @@ class Mechanism:
 
     @cached_property
     def materials(self) -> dict[str, Material]:
-        """Material of every mesh, by mesh name; all formats that are written take names and finish from here.
+        """Material of every mesh, by mesh name; all written formats use these names and finishes.
 
-        A name is the material of the part and its colour, `steel_8a8f96`: the same for all robots and after every
-        change of the drawing, so that a user's replacement in another program is kept.
+        A name consists of the part's material and its colour, `steel_8a8f96`. It is the same for all robots and does
+        not change with the drawing, so that a user's replacement material in another program stays assigned.
         """
         known: dict[tuple[tuple[float, ...], Finish], Material] = {}
         taken: set[str] = set()
@@ -370,7 +370,7 @@ class Mechanism:
             if key not in known:
                 color = _hex(mesh.color_rgba)
                 made_of = mesh.finish.material.removesuffix(f"_{color}") or "color"
-                # numbered: another finish, or colours that 8 bits do not tell apart
+                # numbered: another finish, or colours that are equal in 8 bits
                 names = (f"{made_of}_{color}", *(f"{made_of}_{n}_{color}" for n in range(2, len(taken) + 3)))
                 name = next(n for n in names if n not in taken)
                 taken.add(name)
@@ -379,19 +379,19 @@ class Mechanism:
         return out
 
     def body(self, name: str) -> Body:
-        """Return the body of that name, or raise `MechanismError` with the names that exist."""
+        """Return the body with a name, or raise `MechanismError` that lists the existing names."""
         return _find("body", self.bodies, name)
 
     def joint(self, name: str) -> Joint:
-        """Return the joint of that name, or raise `MechanismError` with the names that exist."""
+        """Return the joint with a name, or raise `MechanismError` that lists the existing names."""
         return _find("joint", self.joints, name)
 
     def frame(self, name: str) -> Frame:
-        """Return the frame of that name, or raise `MechanismError` with the names that exist."""
+        """Return the frame with a name, or raise `MechanismError` that lists the existing names."""
         return _find("frame", self.frames, name)
 
     def frame_in_tool(self, name: str) -> Array:
-        """Return the pose (4, 4) in the tool of a frame that moves with it, or raise `MechanismError`."""
+        """Return the pose (4, 4) in the tool frame of a frame on the tool's body, or raise `MechanismError`."""
         tool, it = self.frame(self.tool), self.frame(name)
         if tool.body != it.body:
             raise MechanismError(
@@ -400,24 +400,24 @@ class Mechanism:
         return spatial.inverse(tool.T_body_frame) @ it.T_body_frame
 
     def actuator(self, name: str) -> Actuator:
-        """Return the actuator of that name, or raise `MechanismError` with the names that exist."""
+        """Return the actuator with a name, or raise `MechanismError` that lists the existing names."""
         return _find("actuator", self.actuators, name)
 
     def transmission_of(self, joint: str) -> Transmission | None:
-        """Return the transmission that moves a joint; None if it is driven directly, or passive."""
+        """Return the transmission that moves a joint; None if the joint is driven directly, or passive."""
         return next((t for t in self.transmissions if joint in t.joints), None)
 
     def point(self, name: str) -> Point:
-        """Return the point of that name, or raise `MechanismError` with the names that exist."""
+        """Return the point with a name, or raise `MechanismError` that lists the existing names."""
         return _find("point", self.points, name)
 
     @property
     def home(self) -> Array | None:
-        """The posture "home" (n,), if there is one."""
+        """Joint values (n,) of the posture "home"; None if there is no such posture."""
         return self.posture("home") if "home" in self.postures else None
 
     def path(self, body: str) -> tuple[Joint, ...]:
-        """Return the joints of the tree from the base out to a body."""
+        """Return the joints of the tree from the base to a body, base first."""
         out = []
         while body != self.base:
             out.append(self._inward[body])
@@ -426,11 +426,11 @@ class Mechanism:
 
     @cached_property
     def _inward(self) -> dict[str, Joint]:
-        """The joint of the tree that leads to each body."""
+        """Tree joint whose child is the body, by body name."""
         return {j.child: j for j in self.tree}
 
     def posture(self, name: str) -> Array:
-        """Return q (n,) of a named posture, or raise `MechanismError` with the names that exist."""
+        """Return q (n,) of a named posture, or raise `MechanismError` that lists the existing names."""
         if name not in self.postures:
             raise MechanismError(f"{self.name}: {unknown('posture', name, self.postures)}")
         return np.array([self.postures[name][j.name] for j in self.active])
@@ -441,7 +441,7 @@ class Mechanism:
 
     @property
     def trocar_places(self) -> dict[str, Array]:
-        """Position of each trocar, (3,) in base in m, by name; empty if the mechanism has no trocar."""
+        """Position (3,) of each trocar in base in m, by name; empty if the mechanism has no trocar."""
         return {n: self.joint(n).T_parent_joint[:3, 3] for n in self.trocars}
 
     def trocar_at(self, name: str = "") -> Array:
@@ -452,7 +452,7 @@ class Mechanism:
         """Return the name of a trocar; "" means the only one.
 
         Raises:
-            MechanismError: there is no such trocar, or "" is given and there are several; names the existing ones.
+            MechanismError: the trocar does not exist, or "" is given and there are several; the message names them.
         """
         if name in self.trocars:
             return name
@@ -473,16 +473,16 @@ class Mechanism:
         return replace(self, joints=tuple(replace(j, T_parent_joint=T) if j.name == name else j for j in self.joints))
 
     def with_trocars(self, places: Mapping[str, Array]) -> Mechanism:
-        """Return the same mechanism with each named trocar at its place (3,) in m; the others are unchanged."""
+        """Return the same mechanism with each named trocar at its position (3,) in base in m; others are unchanged."""
         out = self
         for name, p_base in places.items():
             out = out.with_trocar(p_base, name)
         return out
 
     def shaft_through(self, name: str = "") -> Frame | None:
-        """Return the instrument's frame whose z axis is the shaft in a trocar; None if nothing slides in the trocar.
+        """Return the instrument frame whose z axis is the shaft axis; None if nothing slides in the trocar.
 
-        The sliding joint is on the trocar's body, or on one that only turns about it (the rings of a gimbal).
+        The sliding joint is on the trocar's body, or on a body that revolute joints connect to it (a gimbal ring).
         """
         bodies = [self.joint(self.trocar_named(name)).child]
         for body in bodies:
@@ -498,7 +498,7 @@ class Mechanism:
 
 
 def _hex(color_rgba: tuple[float, ...]) -> str:
-    """Return a linear colour in sRGB as hexadecimal digits, as web pages and drawing programs write it."""
+    """Return a linear colour as sRGB hexadecimal digits, as on web pages."""
     parts = [*map(units.srgb, color_rgba[:3]), *(a for a in color_rgba[3:] if a < 1)]
     return "".join(f"{round(255 * min(max(part, 0.0), 1.0)):02x}" for part in parts)
 
@@ -511,7 +511,7 @@ def _find(kind: str, items, name: str):
 
 
 def reversed_joint(joint: Joint) -> Joint:
-    """Return the joint with parent and child swapped; half a turn about x keeps the sign of q.
+    """Return the joint with parent and child swapped; turning both frames by 180 deg about x keeps the sign of q.
 
     T_child_parent = T_child_joint @ inverse(motion(q)) @ inverse(T_parent_joint), and a half turn H about x
     gives H @ motion(q) @ H = inverse(motion(q)) for motion along or about z.

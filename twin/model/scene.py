@@ -1,4 +1,4 @@
-"""The scene file: places of robots, their ports, and props."""
+"""The scene file: positions of robots, their ports, cameras, a console and props."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_to
 
 
 class PortTable(Table):
-    """A trocar in the patient, in world."""
+    """A port: the position in mm of a trocar in the patient, in the world frame."""
 
     position_mm: Vector
     provenance: Origin
@@ -26,11 +26,11 @@ class PortTable(Table):
 
 
 class RobotTable(Table):
-    """A robot: its base frame in world, upright, turned by `yaw_deg` about z; the port of its trocar, or of each.
+    """A robot in the scene: base position in the world frame, yaw about the vertical z axis, and ports of its trocars.
 
-    `protocol` may be left out where the scene has a console. `robot` says which one it is, if that is not its name: a
-    scene may have two of a kind. `start` are joints in deg or mm from which a console begins; the others are as in the
-    posture home.
+    `protocol` is optional if the scene has a console. `robot` is the name of the built-in robot if `name` differs: a
+    scene may have two robots of one kind. `start` holds joint values in deg or mm at which console control starts;
+    other joints start as in the posture home.
     """
 
     name: Identifier
@@ -52,7 +52,7 @@ class RobotTable(Table):
 
 
 class CameraTable(Table):
-    """A camera on a frame of a robot, looking along the frame's z with its -y up, then turned by `roll_deg` about z."""
+    """A camera on a robot frame: it looks along the frame's z axis with -y up, then turned by `roll_deg` about z."""
 
     robot: Identifier
     frame: Identifier
@@ -63,12 +63,12 @@ class CameraTable(Table):
 
     @property
     def in_frame(self) -> Array:
-        """The camera (4, 4) in its frame: turned by the roll."""
+        """Pose (4, 4) of the camera in its frame: a rotation by the roll angle about z."""
         return spatial.pose(spatial.rotation_z(self.roll_deg * DEG))
 
 
 class ConsoleTable(Table):
-    """A surgeon's console: the robots that each hand leads, in the order of taps, and the camera that both drag."""
+    """A surgeon's console: the robots of each hand, in the order in which taps select them, and the shared camera."""
 
     right: list[Identifier] = Field(min_length=1)
     left: list[Identifier] = Field(min_length=1)
@@ -95,10 +95,10 @@ class SceneTable(Table):
 
 @dataclass(frozen=True)
 class Place:
-    """A robot in a scene: T_world_base (4, 4), and its ports by trocar, each (3,) in m in world.
+    """A robot in a scene: T_world_base (4, 4), and its ports by trocar, each (3,) in m in the world frame.
 
-    The trocar "" is the only one, or the first RCM of the protocol, "" if there is none. `robot` is which robot it
-    is; `start` are joints in deg or mm for a console.
+    The trocar name "" means the robot's only trocar or, without trocars, the first RCM of the protocol. `robot` is the
+    name of the built-in robot; `start` holds joint values in deg or mm at which console control starts.
     """
 
     name: str
@@ -111,7 +111,7 @@ class Place:
 
     @property
     def port(self) -> str:
-        """The name of its port; several names are separated by commas."""
+        """Names of the ports, separated by commas."""
         return ", ".join(self.ports.values())
 
 
@@ -122,12 +122,12 @@ class Scene:
     Attributes:
         name, title, source: name, title and source document.
         file: the scene file.
-        props: description of the props, or None.
-        places: the robots.
-        clearance: minimum clearance in m that must be kept.
+        props: description file of the props, or None.
+        places: the robots with their positions and ports.
+        clearance: required minimum clearance in m.
         touching: pairs of "owner/body" that touch by design.
-        cameras: by name.
-        console: of a surgeon, or None.
+        cameras: cameras by name.
+        console: the surgeon's console, or None.
         parameters: every number with its provenance.
     """
 
@@ -152,7 +152,7 @@ class Scene:
         """Raise if a robot has no protocol to play.
 
         Raises:
-            TwinError: it has none; the scene is led from its console.
+            TwinError: a robot has no protocol; the scene is controlled from its console.
         """
         if not self.plays:
             lacking = ", ".join(p.name for p in self.places if not p.protocol)
@@ -163,10 +163,10 @@ class Scene:
 
 
 def load_scene(path: Path) -> Scene:
-    """Return the scene in a TOML file.
+    """Return the checked scene from a TOML file.
 
     Raises:
-        DescriptionError: with file, line, key, value and the allowed values.
+        DescriptionError: the file is malformed; the message gives file, line, key, value and allowed values.
     """
     table = load_toml(path, SceneTable)
     names = [r.name for r in table.robot]

@@ -1,7 +1,7 @@
 """Motors, and linear maps from motors to joints: gears, belts, cables, lead screws, differentials.
 
-Joint values q and motor values m of a transmission are related by one matrix, q = matrix @ m, both zero together. By
-the balance of power the efforts follow from its transpose: tau_m = matrix.T @ tau_q.
+Joint values q and motor values m of a transmission are related by one matrix, q = matrix @ m; both are zero together.
+Power balance gives the efforts from the transpose: tau_m = matrix.T @ tau_q.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from twin.core.spatial import Array
 Coordinate = Literal["angle", "length"]
 
 CONDITION = 1e6
-"""Condition number above which a matrix, its rows and columns scaled to the same size, counts as singular."""
+"""Condition number above which a matrix counts as singular, after rows and columns are scaled to the same size."""
 
 
 @dataclass(frozen=True)
 class Actuator:
-    """A motor that moves joints by a transmission.
+    """A motor that moves joints through a transmission.
 
     All numbers are on the motor's side, in the units of `kind`: rad, N m and kg m2 for an angle; m, N and kg for a
     length.
 
     Attributes:
-        name: identifier; no joint has it.
+        name: identifier; differs from all joint names.
         kind: kind of its coordinate, "angle" or "length".
         limits: hard range of the coordinate, or None.
-        max_speed, max_effort: largest absolute values, or None if unknown.
+        max_speed, max_effort: maximum absolute values, or None if unknown.
         rotor_inertia: inertia or mass of the parts that move with the motor, or None.
-        stiffness, damping: gains of a position drive on the motor; stiffness None: it has no such drive.
+        stiffness, damping: gains of a position drive on the motor; stiffness None: the motor has no such drive.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Actuator:
 
 @dataclass(frozen=True)
 class Transmission:
-    """A linear map from the coordinates of some actuators to those of as many active joints.
+    """A linear map from the coordinates of n actuators to the coordinates of n active joints.
 
     A `Coupling`, by contrast, constrains joints among themselves and has no motor.
 
@@ -86,7 +86,7 @@ class Transmission:
         return "; ".join(f"{joint} = {row}" for joint, row in zip(self.joints, rows, strict=True))
 
     def single(self, joint: str) -> tuple[str, float] | None:
-        """Return the actuator that moves this joint and no other, with its entry of the matrix; None if several act."""
+        """Return (actuator, matrix entry) if one actuator moves this joint and no other joint; else None."""
         row = self.joints.index(joint)
         (columns,) = np.nonzero(self.matrix[row])
         if len(columns) != 1 or np.count_nonzero(self.matrix[:, columns[0]]) != 1:
@@ -95,9 +95,9 @@ class Transmission:
 
 
 def joint_gains(transmission: Transmission, actuators: Sequence[Actuator]) -> tuple[Array, Array] | None:
-    """Return stiffness (n,) and damping (n,) of the motors' drives at each joint, the other joints held.
+    """Return joint stiffness (n,) and damping (n,) of the motors' drives, each with the other joints held fixed.
 
-    They are the diagonals of inverse.T @ diag(k) @ inverse: for formats that only have drives of joints.
+    They are the diagonals of inverse.T @ diag(k) @ inverse, for formats in which drives act on joints only.
     None if a motor has no drive.
     """
     known = {a.name: a for a in actuators}
@@ -110,7 +110,7 @@ def joint_gains(transmission: Transmission, actuators: Sequence[Actuator]) -> tu
 
 
 def condition(matrix: Array) -> float:
-    """Return the condition number after rows, then columns are divided by their largest entry: free of units.
+    """Return the condition number after rows, then columns are divided by their largest entry, which removes units.
 
     Infinite if a row or column is zero.
     """
@@ -132,13 +132,13 @@ def faults(
     joints: Sequence[str],
     own_drive: Collection[str],
 ) -> Iterator[Fault]:
-    """Yield the faults of actuators and transmissions; later ones may be caused by earlier ones.
+    """Yield the faults of actuators and transmissions; later faults may be caused by earlier ones.
 
     Args:
         actuators: actuators of the mechanism.
         transmissions: transmissions of the mechanism.
-        active: names of its active joints.
-        joints: names of all its joints.
+        active: names of the active joints of the mechanism.
+        joints: names of all joints of the mechanism.
         own_drive: names of the joints that have a position drive of their own.
     """
     for a in actuators:

@@ -1,4 +1,4 @@
-"""Strict pydantic tables for hand-written TOML, with helpful errors."""
+"""Strict pydantic models for hand-written TOML, with errors that name line and fix."""
 
 from twin.schema.lines import Key as Key
 from twin.schema.lines import Keys as Keys

@@ -1,4 +1,4 @@
-"""Convert errors of tomllib and pydantic to one line for each mistake, with the way to correct it."""
+"""Convert errors of tomllib and pydantic to one line for each mistake, with a correction."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ UNITS = (
     *("mm", "um", "cm", "m", "in", "deg", "rad", "s", "ms", "min", "kg", "g", "n", "nm", "hz", "percent"),
     *("mm_s", "mm_s2", "m_s", "m_s2", "deg_s", "deg_s2", "rad_s", "rad_s2", "kg_m2", "kg_m3", "g_cm3"),
 )
-"""Suffixes of key names that state a unit."""
+"""Suffixes of key names that are units."""
 
 _SHOWN = 60
-"""Maximum length in characters of a value that a message repeats in full."""
+"""Maximum length in characters of a value in a message; longer values are cut."""
 
 
 def explain_syntax(text: str, name: str, error: Exception) -> str:
-    """Return the message for text that is not valid TOML: file, line, reason, and the text of the line."""
+    """Return the message for invalid TOML: file, line, reason, and the text of the line."""
     message = str(error)
     found = re.search(r"\(at line (\d+), column (\d+)\)", message)
     line = int(found[1]) if found else text.count("\n") + 1
@@ -35,15 +35,15 @@ def explain_syntax(text: str, name: str, error: Exception) -> str:
 
 
 def explain(error: ValidationError, data: dict, lines: dict[Keys, int], model: type[BaseModel], name: str) -> str:
-    """Return one line per mistake, in the order of the file."""
+    """Return one line for each mistake, in the order of the file."""
     schema = _schema(model)
     found: dict[Keys, tuple[int, str]] = {}
     kinds: dict[Keys, str] = {}
-    replaced: set[Keys] = set()  # missing keys that a misspelt one explains
+    replaced: set[Keys] = set()  # missing keys that a misspelt key explains
     for item in error.errors(include_url=False):
         keys, value = _raw_keys(item, data)
         if keys in found:
-            continue  # another branch of a union: reported with the first, `allowed` covers all
+            continue  # another branch of a union at the same keys; the first one's message covers all branches
         if item["type"] == "extra_forbidden":
             text, meant = _unknown_key(keys, _nodes(schema, data, keys[:-1]))
             if meant:
@@ -52,7 +52,7 @@ def explain(error: ValidationError, data: dict, lines: dict[Keys, int], model: t
             text = _problem(item, keys, value, _nodes(schema, data, keys), data)
         kinds[keys] = item["type"]
         found[keys] = (nearest_line(lines, keys), f"{spell(keys)}{_shown(item, value)}: {text}")
-    for keys in list(found):  # the branch of a union that matches deepest explains the error best
+    for keys in list(found):  # the deepest matching branch of a union explains the error best
         for depth in range(len(keys)):
             if kinds.get(keys[:depth]) in _KINDS:
                 replaced.add(keys[:depth])
@@ -62,12 +62,12 @@ def explain(error: ValidationError, data: dict, lines: dict[Keys, int], model: t
 
 @cache
 def _schema(model: type[BaseModel]) -> dict[str, Any]:
-    """Return the JSON schema of a model, cached because building it takes longer than reading a file."""
+    """Return the JSON Schema of a model, cached because building it takes longer than reading a file."""
     return model.model_json_schema()
 
 
 def _raw_keys(item: Any, data: Any) -> tuple[Keys, Any]:
-    """Return the keys to the error in the file, without the union branches that pydantic adds."""
+    """Return (keys of the error in the file, its value), without the union branches that pydantic adds to the keys."""
     loc, keys, here = [*item["loc"], *item.get("ctx", {}).get("keys", ())], [], data
     for i, key in enumerate(loc):
         if _inside(here, key):
@@ -98,9 +98,9 @@ def _shown(item: Any, value: Any) -> str:
 
 
 def _unknown_key(keys: Keys, nodes: list[dict]) -> tuple[str, str | None]:
-    """Return the message for an unknown key, with the most similar key."""
+    """Return (message for an unknown key, most similar known key or None)."""
     key, known = str(keys[-1]), sorted({p for node in nodes for p in node.get("properties", {})})
-    bare, other = [], []  # known keys that are this one with a unit, or with another unit
+    bare, other = [], []  # known keys that are this key plus a unit, or with another unit
     for name in known:
         for unit in sorted(UNITS, key=len, reverse=True):
             if not name.endswith("_" + unit):
@@ -188,7 +188,7 @@ def _as_number(value: Any, kind: str) -> str:
 
 
 def _nodes(schema: dict, data: Any, keys: Keys) -> list[dict]:
-    """Return the parts of the JSON Schema that describe the value at `keys`; union branches are chosen by their tag."""
+    """Return the JSON Schema nodes of the value at `keys`; union branches are chosen by their tag."""
 
     def expand(node: dict, value: Any) -> Iterator[dict]:
         if "$ref" in node:

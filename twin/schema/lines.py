@@ -1,6 +1,6 @@
 """Find the line of each table, key and list element in TOML text.
 
-tomllib gives no positions. The scanner parses only the part of the grammar that determines positions.
+tomllib does not report positions. The scanner parses only the grammar needed for positions.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ import tomllib
 
 Key = str | int
 Keys = tuple[Key, ...]
-"""Type of the path to a value: table keys and list indices."""
+"""Path to a value: table keys and list indices."""
 
 
 def spell(keys: Keys) -> str:
-    """Return keys in the usual notation, such as phases[2].depth_mm."""
+    """Return keys in TOML-like notation, such as phases[2].depth_mm."""
     text = ""
     for key in keys:
         text += f"[{key}]" if isinstance(key, int) else "." * bool(text) + key
@@ -24,18 +24,18 @@ def spell(keys: Keys) -> str:
 
 
 def nearest_line(lines: dict[Keys, int], keys: Keys) -> int:
-    """Return the line of the value at `keys`, or of the nearest table or list that contains it."""
+    """Return the line number of the value at `keys`, or of the nearest table or list that contains it."""
     while keys and keys not in lines:
         keys = keys[:-1]
     return lines.get(keys, 1)
 
 
 def key_lines(text: str) -> dict[Keys, int]:
-    """Return, by path, the line (from 1) at which each table, key and list element of valid TOML text begins."""
+    """Return {keys: line number, from 1} of each table, key and list element in valid TOML text."""
     return _Scanner(text).lines
 
 
-class _Lost(Exception):  # noqa: N818 - never leaves this file
+class _Lost(Exception):  # noqa: N818 - not used outside this file
     pass
 
 
@@ -48,7 +48,7 @@ class _Scanner:
     def __init__(self, text: str) -> None:
         self.text, self.i, self.lines = text, 0, dict[Keys, int]()
         self.ends = [found.start() for found in re.finditer("\n", text)]
-        self.sizes: dict[Keys, int] = {}  # elements seen of each [[list of tables]]
+        self.sizes: dict[Keys, int] = {}  # number of elements found in each [[list of tables]]
         table: Keys = ()
         with contextlib.suppress(_Lost):
             while self.skip() < len(text):
@@ -63,7 +63,7 @@ class _Scanner:
 
     def match(self, pattern: re.Pattern[str]) -> re.Match[str]:
         found = pattern.match(self.text, self.i)
-        if found is None:  # not reached for text that tomllib accepts; the caller keeps the positions found so far
+        if found is None:  # cannot happen for valid TOML; the positions found so far are used
             raise _Lost
         return found
 

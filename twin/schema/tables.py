@@ -1,7 +1,7 @@
 """Read hand-written TOML into pydantic models, with precise errors.
 
-The message has one line for each mistake: file, line, key, value, allowed values, and a suggestion. Models
-derive from `Table`: unknown keys, strings for numbers, NaN and infinity are errors.
+Messages have one line for each mistake: file, line, key, value, allowed values, and a suggestion. Models derive from
+`Table`: unknown keys, strings instead of numbers, NaN and infinity are errors.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ M = TypeVar("M", bound=BaseModel)
 
 
 Origin = Annotated[Provenance, BeforeValidator(lambda said: EARLIER.get(said, said) if isinstance(said, str) else said)]
-"""Provenance of a number in a table; former names are also accepted."""
+"""Provenance of a number in a table; former provenance names are also accepted."""
 
 
 class Table(BaseModel):
-    """Base of every table: strict types, immutable, no unknown keys; `lower_x` must not be above `upper_x`."""
+    """Base class of all tables: strict types, immutable, no unknown keys; `lower_x` must not exceed `upper_x`."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -76,13 +76,13 @@ Range = Annotated[tuple[float, float], AfterValidator(_in_order)]
 
 
 def at(key: Key | Keys, message: str) -> PydanticCustomError:
-    """Return an error for a model validator to raise; it points at `key` in the table that is validated."""
+    """Return an error for a model validator to raise; it points at `key` in the table being validated."""
     keys = key if isinstance(key, tuple) else (key,)
     return PydanticCustomError("at_key", "{text}", {"text": message, "keys": keys})
 
 
 def load_toml(path: str | Path, model: type[M], read: Read = read_bytes) -> M:
-    """Return the content of a TOML file, as returned by `read`, as a validated model.
+    """Return the content of a TOML file, read by `read`, as a validated model.
 
     Raises:
         DescriptionError: the file is missing, not TOML, or does not match the model; one line for each mistake.
@@ -105,14 +105,14 @@ def parse_toml(text: str, model: type[M], name: str = "<text>") -> M:
         line = nearest_line(key_lines(text), keys)
         raise DescriptionError(f"{name}:{line}: {spell(keys)}: dates are not supported; put text in quotes")
     try:
-        # JSON mode: arrays become tuples, while numbers, text and booleans stay what they are
+        # JSON mode converts arrays to tuples, but not numbers, text and booleans
         return model.model_validate_json(json.dumps(data))
     except ValidationError as error:
         raise DescriptionError(explain(error, data, key_lines(text), model, name)) from error
 
 
 def error_at(path: str | Path, keys: Keys, message: str) -> DescriptionError:
-    """Return an error that points at one key of a file, for checks that the model itself cannot make."""
+    """Return an error that points at one key of a file, for checks outside the model."""
     try:
         line = nearest_line(key_lines(Path(path).read_text(encoding="utf-8")), keys)
     except (OSError, UnicodeDecodeError):
@@ -121,7 +121,7 @@ def error_at(path: str | Path, keys: Keys, message: str) -> DescriptionError:
 
 
 def json_schema(model: type[BaseModel]) -> dict[str, Any]:
-    """Return the JSON Schema (2020-12) of a model, with which editors complete and check files."""
+    """Return the JSON Schema (2020-12) of a model, which editors use to complete and check files."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema()}
 
 
@@ -140,7 +140,7 @@ def _text(path: Path, read: Read) -> str:
 
 
 def _dates(value: Any, keys: Keys = ()) -> Iterator[Keys]:
-    """Yield the keys of TOML dates: JSON has no dates, and they would be accepted as text."""
+    """Yield the keys of TOML dates: JSON has no dates, so dates would be accepted as text."""
     if isinstance(value, datetime.date | datetime.time):
         yield keys
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()

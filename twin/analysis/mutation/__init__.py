@@ -1,1 +1,1 @@
-"""Mutation testing of the validator: seed faults into a correct robot, and count those that validation finds."""
+"""Mutation testing of the validator: seed faults into a correct robot, and count the faults that it finds."""

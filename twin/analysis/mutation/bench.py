@@ -1,7 +1,7 @@
-"""The correct robot, and the check of one fault in it: fast parts of the validator first.
+"""The correct robot, and the check of single seeded faults: fast parts of the validator run first.
 
-A fault is caught as soon as one part of the validator gives a finding that is not given for the correct robot. A fault
-that the fast parts do not find is checked by all parts before it counts as missed.
+A fault counts as caught if a part of the validator reports a finding that it does not report for the correct robot. A
+fault that the fast parts do not catch is checked by all parts before it counts as missed.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from twin.validation.result import Report
 from twin.validation.rows import Clock, Tolerances
 
 STEP = 0.04
-"""Seconds between samples of the motion: fine enough for every check, coarse enough for many runs."""
+"""Time in s between samples of the motion: small enough for all checks, large enough for many runs."""
 
 _FIRST: frozenset[Part] = frozenset(("protocol",))
 _EQUATIONS: frozenset[Part] = frozenset(("equations",))
@@ -49,7 +49,7 @@ _MOTION: frozenset[Part] = frozenset(("motion",))
 
 
 class Bench:
-    """A robot, its protocol planned in coarse steps, and its stage with that motion, in a separate folder."""
+    """A robot, its protocol planned with coarse samples, and its stage with that motion, in a separate folder."""
 
     def __init__(self, robot: api.Robot, protocol: str | None, folder: Path) -> None:
         """Prepare the robot without a fault: plan its motion, compute its masses, build its stage and validate it.
@@ -68,7 +68,7 @@ class Bench:
         weighed = read_mechanism(robot.files.description)
         self.weighed = weighed.mechanism
         self.stage = self.written(weighed.mechanism, self.robot.mechanism, folder / "stage")
-        # Without the motion: it would show a difference for every changed motion.
+        # Stage without motion: a stage with motion would cause a finding for every changed motion.
         (folder / "still").mkdir()
         self.still = write_usd(weighed.mechanism, (), folder / "still")[0]
         self.cad: CadModel = replace(self.robot.cad, mechanism=self.robot.mechanism)
@@ -82,13 +82,13 @@ class Bench:
         return robot.files.protocol(self.chosen.name)
 
     def planned(self, protocol: Protocol, robot: api.Robot | None = None) -> Trajectory:
-        """Return a protocol planned in the steps of the bench."""
+        """Return the trajectory of a protocol, planned with the sample time of the bench."""
         paths = self.paths if robot is None else robot.path_kinematics()
         mechanism = (robot or self.robot).mechanism
         return plan(protocol, paths, T_tool_frame=mechanism.frame_in_tool(protocol.frame), dt=STEP)
 
     def written(self, mechanism: Mechanism, bound: Mechanism, folder: Path) -> Path:
-        """Write the stage of a mechanism with the motion of the bench; return its root layer."""
+        """Write the stage of a mechanism with the motion of the bench; return the path of its root layer."""
         folder.mkdir(parents=True, exist_ok=True)
         root = write_usd(mechanism, (), folder)[0]
         bake(mechanism, bound, self.trajectory, folder)
@@ -97,7 +97,7 @@ class Bench:
     # -- the correct robot -------------------------------------------------------------------------------
 
     def case(self, **changes) -> Case:
-        """Return the correct robot as a case for the validator, with changes."""
+        """Return the correct robot as a case for the validator, with `changes` to its fields."""
         case = Case(
             self.kin, self.cad, self.chosen, self.trajectory, self.stage, self.tolerances, self.paths, baked_for_it=True
         )
@@ -105,41 +105,41 @@ class Bench:
 
     @cached_property
     def correct(self) -> Report:
-        """The findings on the correct robot, from every part of the validator."""
+        """Report on the correct robot from all parts of the validator."""
         return judge(self.case(), known=Known(measured=self.measured), parts=PARTS)
 
     @cached_property
     def measured(self) -> Measured:
-        """The measurements on the correct mechanism along the motion."""
+        """Measurements of the correct mechanism along the motion."""
         return measure(self.robot.mechanism, samples(self.trajectory), self.case().written)
 
     @cached_property
     def compared(self) -> Comparison:
-        """The comparison of the equations with the correct mechanism."""
+        """Comparison of the equations with the correct mechanism."""
         clock = Clock(self.trajectory.t, summaries(self.trajectory))
         model = ReferenceModel(self.robot.mechanism)
         return compare(self.kin, model, self.trajectory, clock, self.tolerances, lambda label, fraction: None)
 
     @cached_property
     def links(self) -> tuple[Array, dict[str, Array]]:
-        """(key times, link poses at these times) of the correct motion."""
+        """(key times in s, poses of the links at these times) of the correct motion."""
         looked = samples(self.trajectory)
         model = ReferenceModel(self.robot.mechanism)
         return looked.keys, model.link_poses(self.trajectory.on(model, looked.keys).x)
 
     @cached_property
     def usual(self) -> set[tuple[str, str]]:
-        """(code, place) of each finding on the correct robot."""
+        """(code, place) of each finding on the correct robot, except infos."""
         return {(f.code, f.where) for f in self.correct.findings if f.severity != "info"}
 
     # -- one fault ---------------------------------------------------------------------------------------
 
     def outcome(self, fault: Fault) -> Outcome:
-        """Seed a fault, validate, and return the result."""
+        """Seed a fault, run the validator, and return the result."""
         began = time.monotonic()
         same = ""
         with tempfile.TemporaryDirectory(dir=self.folder) as name, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # NumPy and Python warn at many faults; only findings count
+            warnings.simplefilter("ignore")  # NumPy and Python warn about many faults; only findings count
             try:
                 found, same = self._heard(fault, Path(name))
             except TwinError as error:
@@ -156,10 +156,12 @@ class Bench:
         )
 
     def _heard(self, fault: Fault, folder: Path) -> tuple[Finding | None, str]:
-        """Return the first new finding that changes the verdict, or the reason why the fault has no effect.
+        """Return (new finding or None, reason why the fault has no effect or "").
 
-        After a warning one more part is run. If the first part finds nothing, the fault is first checked for any
-        effect at all.
+        The finding is the first one that changes the verdict; if there is none, a warning.
+
+        After a warning, only one more part of the validator is run. If the first part finds nothing, the fault is first
+        checked for any effect.
         """
         warned, same = None, None
         for found in self._found(fault, folder):
@@ -173,7 +175,7 @@ class Bench:
         return warned, same or ""
 
     def _found(self, fault: Fault, folder: Path) -> Iterator[Finding | None]:
-        """Yield, for each part of the validator, its most severe new finding or None; fast parts first."""
+        """Yield the most severe new finding, or None, of each part of the validator; fast parts first."""
         if fault.robot is not None:
             robot = fault.robot(folder)
             case = self.case(kinematics=robot.kinematics(parameters={}), paths=robot.path_kinematics())
@@ -187,7 +189,7 @@ class Bench:
             protocol = fault.protocol(folder)
             yield self._gravest(protocol.findings)
             if fault.kind in ("speed", "turning") and protocol.findings:
-                return  # at that speed this would take hours
+                return  # a motion at such a low speed would take hours to check
             robot = self.robot.bound(protocol)
             trajectory = self.planned(protocol, robot)
             cad = replace(self.cad, mechanism=robot.mechanism)
@@ -208,7 +210,7 @@ class Bench:
         robot = self.robot.with_mechanism(mechanism)
         case = self.case(cad=robot.cad, paths=robot.path_kinematics())
         yield self._new(judge(case, parts=_FIRST | _EQUATIONS))
-        # masses as weighed: the parts are the same, only their places are not
+        # masses of the correct robot: the parts are the same, only their positions differ
         inertias = {b.name: b.inertia for b in self.weighed.bodies}
         bodies = tuple(replace(b, inertia=inertias.get(b.name)) for b in mechanism.bodies)
         root = self.written(replace(mechanism, bodies=bodies), mechanism, folder / "stage")

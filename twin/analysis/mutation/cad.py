@@ -1,6 +1,6 @@
-"""Faults of the CAD: frames moved and turned, axes, bodies, limits, shapes.
+"""Seeded faults of the CAD: joint frames moved or rotated, exchanged axes and bodies, limits, meshes.
 
-The faulty mechanism is assembled again, so that its parts meet.
+The faulty mechanism is assembled again, so that its parts meet as far as possible.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ KINDS = (
     "scale",
     "inside out",
 )
-"""Kinds of faults in this order; small placement errors are most frequent."""
+"""Kinds of faults in the order of seeding; small errors of joint frames are the most frequent."""
 
 
 def faults(mechanism: Mechanism, rng: np.random.Generator, count: int) -> Iterator[Fault]:
-    """Yield faults of a mechanism."""
+    """Yield `count` faults of a mechanism, in the order of `KINDS`."""
     for i in range(count):
         kind = KINDS[i % len(KINDS)]
         what, make = _MAKERS[kind](mechanism, rng)
@@ -53,7 +53,7 @@ def _changed(m: Mechanism, joint: Joint, **values: object) -> Mechanism:
 
 
 def drawn_anew(mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism as if the CAD were drawn with the fault: assembled in the least-squares sense."""
+    """Return the mechanism with rest poses assembled by least squares, as if the CAD were drawn with the fault."""
     from twin.reference import ReferenceModel
 
     return mechanism.with_rest(ReferenceModel(mechanism).home().link_poses)
@@ -80,7 +80,7 @@ def _turned(m: Mechanism, rng: np.random.Generator) -> Made:
 
 def _axis(m: Mechanism, rng: np.random.Generator) -> Made:
     joint = _some([j for j in m.joints if len(j.free_axes) == 1], rng)
-    R = spatial.pose(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]))  # x takes the place of z
+    R = spatial.pose(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]))  # the old x axis becomes the z axis
 
     def make() -> Mechanism:
         both = {"T_parent_joint": joint.T_parent_joint @ R, "T_child_joint": joint.T_child_joint @ R}
@@ -121,7 +121,7 @@ def _limit(m: Mechanism, rng: np.random.Generator) -> Made:
         ),
         rng,
     )
-    if np.allclose(limits, joint.limits):  # symmetric ones turned round are the same
+    if np.allclose(limits, joint.limits):  # reversing symmetric limits has no effect
         name, limits = "shifted by their range", (high, 2 * high - low)
     soft = None if joint.soft_limits is None else limits
     return f"limits of {joint.name} {name}", lambda: _changed(m, joint, limits=limits, soft_limits=soft)

@@ -1,8 +1,7 @@
-"""Decide without the validator whether a missed fault has any effect.
+"""Decide, independently of the validator, whether a missed fault has any effect.
 
-It compares: for equations, all their numbers over poses around the motion and well beyond it; for mechanisms, the pose
-of every body that is visible or used, computed by plain matrices whose loops scipy closes; for stages, the text of all
-layers.
+Two formulas are compared by all their values at poses around the motion and beyond it; two mechanisms by the pose of
+every body with meshes and of the tool, with matrices whose loops scipy closes; two stages by the text of all layers.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ from twin.planning.trajectory import Trajectory
 _POSES = 200
 _AROUND = (30 * MM, 15 * DEG)
 _SAME = 1e-12
-"""Difference (m, rad or dimensionless) below which two formulas are equal."""
+"""Relative difference below which values of two formulas count as equal."""
 
 _PLACE = 1e-9
-"""Distance in m below which two places are equal."""
+"""Difference of pose entries (m for positions) below which two body poses count as equal."""
 
 
 def same_equations(a: Kinematics, b: Kinematics, trajectory: Trajectory, rng: np.random.Generator) -> str:
@@ -61,7 +60,7 @@ def _answers(kin: Kinematics, Ts: Array, q: Array):
 
 
 class Chain:
-    """A mechanism as plain matrices: bodies along its tree, loops closed by least squares on their gaps."""
+    """A mechanism computed with plain matrices: bodies along its tree, loops closed by least squares."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
@@ -89,7 +88,7 @@ class Chain:
         return float(spatial.angle_about_z(T))
 
     def bodies(self, q: Array, x: Array) -> dict[str, Array]:
-        """Return T_base_body of every body for active joints q (n,) and the other coordinates x."""
+        """Return T_base_body (4, 4) of every body at active joints q (n,) and all other tree coordinates x."""
         out = {self.mechanism.base: np.eye(4)}
         for joint in self.mechanism.tree:
             p, w = np.zeros(3), np.zeros(3)
@@ -104,13 +103,13 @@ class Chain:
         return out
 
     def gaps(self, q: Array, x: Array) -> Array:
-        """Return the loop gaps in m; angles are multiplied by 0.1 m."""
+        """Return the loop gaps in m; rotations in rad are multiplied by 0.1 m."""
         T = self.bodies(q, x)
         out = []
         for joint in self.mechanism.loops:
             M = joint.relative(T[joint.parent], T[joint.child])
             locked = set(range(6)) - set(FREE_AXES[joint.type])
-            if joint.type in ("revolute", "cylindrical"):  # only the axis must agree
+            if joint.type in ("revolute", "cylindrical"):  # only the axes must be parallel
                 turn = np.cross(M[:3, 2], [0, 0, 1])
             else:
                 turn = spatial.log_so3(M[:3, :3])
@@ -126,7 +125,7 @@ class Chain:
         return np.array(out)
 
     def close(self, q: Array, x: Array) -> Array:
-        """Return the coordinates that close the loops best, starting from x."""
+        """Return the tree coordinates with the smallest loop gaps, found by least squares from x."""
         from scipy.optimize import least_squares
 
         if not len(x) or not len(self.gaps(q, x)):
@@ -135,7 +134,7 @@ class Chain:
 
 
 def same_motion(a: Mechanism, b: Mechanism, trajectory: Trajectory, places: int = 5) -> str:
-    """Return the reason why two mechanisms are equivalent (motion, limits, shapes, marks); "" if they are not."""
+    """Return the reason why two mechanisms are equivalent (limits, meshes, body poses); "" if they are not."""
     for one, two in zip(a.joints, b.joints, strict=True):
         if (one.limits, one.cone, one.max_speed, one.max_acceleration) != (
             two.limits,

@@ -25,7 +25,7 @@ MEANING: dict[Family, str] = {
 }
 
 State = Literal["caught", "warned", "missed", "equivalent"]
-"""caught: the verdict changes; warned: there is a new warning; equivalent: the fault has no effect; else missed."""
+"""caught: the verdict changes; warned: there is a new warning; equivalent: the fault has no effect; missed: else."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class Fault:
     None.
 
     Attributes:
-        family, kind: the class of the fault.
+        family, kind: family and kind of the fault.
         what: the change, in one phrase.
-        robot: returns the robot with faulty equations or parameters, given a folder to write to.
-        mechanism: returns the faulty mechanism.
-        stage: edits a copy of the stage in a folder.
-        protocol: writes a faulty protocol to a given folder, and returns what is read from it.
-        trajectory: returns faulty samples.
+        robot: function that returns the robot with faulty equations or parameters; its argument is a folder for files.
+        mechanism: function that returns the faulty mechanism.
+        stage: function that edits a copy of the stage in a folder.
+        protocol: function that writes a faulty protocol to a folder, reads it and returns it.
+        trajectory: function that returns a faulty trajectory.
     """
 
     family: Family
@@ -57,15 +57,15 @@ class Fault:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of a seeded fault.
+    """Result of the validator for a seeded fault.
 
     Attributes:
         family, kind, what: see `Fault`.
         state: see `State`.
-        code: code of the most severe new finding or of the error raised; "" if missed.
+        code: code of the most severe new finding, or of the raised error; "" if there is none.
         where: place of the finding.
-        message: its text, or why the fault is equivalent.
-        seconds: duration of the check.
+        message: text of the finding, or the reason why the fault is equivalent.
+        seconds: duration of the check in s.
     """
 
     family: Family

@@ -1,4 +1,4 @@
-"""Faults of the equations: one edit of their source, of a kind that occurs in misprints."""
+"""Seeded faults of the equations: one edit of their source, of a kind that occurs in misprints."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ KINDS: dict[str, tuple[str, ...]] = {
     "operator": ("operator", "order", "transpose"),
     "added term": ("missing",),
 }
-"""Kinds of faults, drawn equally often, and the edits that make each."""
+"""Kinds of faults, drawn equally often, and the kinds of edits for each."""
 
 _TRIES = 40
 
 
 def functions(formula: Formula) -> list[FunctionType]:
-    """Return the functions in a formula's own file that its printed equations use; helpers only if they are used."""
+    """Return the functions in a formula's own file that its published equations use, including helpers they call."""
     todo: list[Any] = [inspect.unwrap(e.variants[e.default]) for e in formula.equations if e.stage != "helper"]
     found: list[FunctionType] = []
     home = todo[0].__globals__
@@ -53,7 +53,7 @@ def functions(formula: Formula) -> list[FunctionType]:
 
 
 def faults(robot: api.Robot, rng: np.random.Generator, count: int) -> Iterator[Fault]:
-    """Yield faults of the equations of a robot; no fault is drawn twice."""
+    """Yield different faults of the equations of a robot."""
     assert robot.files is not None
     formula = robot.formula
     sources = []
@@ -61,7 +61,7 @@ def faults(robot: api.Robot, rng: np.random.Generator, count: int) -> Iterator[F
     for f in made_of:
         try:
             sources.append(Source(f))
-        except TwinError:  # a wrapper: it has no text of its own
+        except TwinError:  # a wrapper has no source text of its own
             continue
     parameters = {p.name for p in formula.parameters}
     seen: set[str] = set()
@@ -97,7 +97,7 @@ def _draw(
 
 
 def _compiles(text: str, robot: api.Robot) -> bool:
-    """Return whether the equations run; a fault that makes them fail is not used, because it reports itself."""
+    """Return whether the equations run; a fault that raises an error when compiled is not used."""
     with Scratch() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         path = Path(folder) / "formula.py"
@@ -113,7 +113,7 @@ def _maker(robot: api.Robot, edit: Edit):
     def make(folder: Path) -> api.Robot:
         assert robot.files is not None
         text = patched([edit])
-        # its own name: modules are kept by path
+        # a file name for each text, because modules are cached by path
         path = folder / f"formula_{hashlib.sha256(text.encode()).hexdigest()[:8]}.py"
         path.write_text(text, encoding="utf-8")
         return with_formula(robot, path)

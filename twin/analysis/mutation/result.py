@@ -1,4 +1,4 @@
-"""The score of the validator on one robot: plain data."""
+"""The score of the validator on one robot."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
 
 BAR = 0.95
-"""Required share of faults that are caught."""
+"""Required fraction of faults that are caught."""
 
 
 @dataclass(frozen=True)
 class Score(Result):
-    """Results of all seeded faults.
+    """Results of all seeded faults on one robot.
 
     Attributes:
-        robot, protocol, source: the robot with the faults, its protocol and its path.
-        seed: seed of the random draw.
-        seconds: total duration.
-        outcomes: one for each fault.
-        false_alarms: findings on the correct robot.
-        bar: required share of faults that are caught.
+        robot, protocol, source: name of the robot, name of its protocol, and source of its mechanism.
+        seed: seed of the random faults.
+        seconds: total duration in s.
+        outcomes: one result for each fault.
+        false_alarms: disagreements and errors reported for the correct robot.
+        bar: required fraction of faults that are caught.
     """
 
     robot: str
@@ -42,7 +42,7 @@ class Score(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """A finding if the score is below `bar`, and one for every false alarm."""
+        """A finding if `share` is below `bar`, and all false alarms."""
         if self.share >= self.bar:
             return self.false_alarms
         low = disagreement(
@@ -56,17 +56,17 @@ class Score(Result):
         return (low, *self.false_alarms)
 
     def of(self, family: Family) -> list[Outcome]:
-        """Return the outcomes of a family."""
+        """Return the results of one family of faults."""
         return [o for o in self.outcomes if o.family == family]
 
     @property
     def counted(self) -> int:
-        """Faults that have an effect."""
+        """Number of faults that have an effect."""
         return sum(o.state != "equivalent" for o in self.outcomes)
 
     @property
     def caught(self) -> int:
-        """Faults that were caught or caused a warning."""
+        """Number of faults that were caught or caused a warning."""
         return sum(o.state in ("caught", "warned") for o in self.outcomes)
 
     @property
@@ -76,16 +76,16 @@ class Score(Result):
 
     @property
     def passed(self) -> bool:
-        """Whether the share reaches `bar` and the correct robot has no finding."""
+        """Whether `share` is at least `bar` and there are no false alarms."""
         return self.share >= self.bar and not self.false_alarms
 
     @property
     def verdict(self) -> Verdict:
-        """Return "agree" if the share reaches `bar` and the correct robot has no finding, else "disagree"."""
+        """The verdict: "agree" if `share` is at least `bar` and there are no false alarms, else "disagree"."""
         return "agree" if self.passed else "disagree"
 
     def families(self) -> list[dict[str, Any]]:
-        """Return one table row for each family of faults that was seeded."""
+        """Return one table row for each family with seeded faults."""
         rows = []
         for family in FAMILIES:
             some = self.of(family)
@@ -125,7 +125,7 @@ class Score(Result):
         }
 
     def text(self) -> Iterator[Part]:
-        """Yield the score, a row for each family, the missed faults and those without effect."""
+        """Yield the score, a row for each family, the missed faults, the faults without effect, and false alarms."""
         yield f"{self.robot} · {self.protocol} · seed {self.seed} · {self.seconds:.0f} s"
         yield ""
         bar = f"{100 * self.bar:.0f} %"

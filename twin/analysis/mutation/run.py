@@ -1,4 +1,4 @@
-"""Draw the faults, check them in two processes, and count the results."""
+"""Draw random faults, check them in two processes, and count the results."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from twin.core.errors import TwinError
 from twin.core.jobs import Call
 
 SHARES: dict[Family, int] = {"formula": 32, "cad": 24, "usd": 28, "units": 14, "timing": 20}
-"""Number of faults of each family among 118; any other count is divided in the same proportion."""
+"""Number of faults of each family among 118; any other total is divided in the same proportion."""
 
 Progress = Callable[[str, float], None]
 
@@ -37,14 +37,14 @@ def selftest(
 
     Args:
         robot: name or folder of a robot with equations, CAD and a protocol.
-        protocol: the protocol to validate along; default: the robot's default protocol.
+        protocol: name of the protocol to validate along; default: the robot's default protocol.
         families: the families of faults to seed.
         count: total number of faults.
-        seed: seed of the draw; the same seed draws the same faults.
-        progress: called with a description of the current step.
+        seed: seed of the random faults; the same seed draws the same faults.
+        progress: called with the current step and the fraction done.
 
     Raises:
-        TwinError: the robot cannot be judged at all.
+        TwinError: the robot has no equations, or its protocol cannot be planned.
     """
     began = time.monotonic()
     task = (str(robot), protocol, tuple(families), count, seed)
@@ -69,7 +69,7 @@ def selftest(
 
 @contextlib.contextmanager
 def bench_of(robot: str, protocol: str | None) -> Iterator[Bench]:
-    """Yield the bench of a robot in a temporary folder."""
+    """Yield the bench (robot, protocol, stage) for seeding faults, in a temporary folder."""
     loaded = api.load(robot)
     if loaded.files is None or not loaded.files.formula.is_file():
         raise TwinError(f"{loaded.name} has no equations to check")
@@ -78,7 +78,7 @@ def bench_of(robot: str, protocol: str | None) -> Iterator[Bench]:
 
 
 def drawn(bench: Bench, families: Sequence[Family], count: int, seed: int) -> list[Fault]:
-    """Return the faults of a draw; each family has its own random stream, independent of the others."""
+    """Return the random faults; each family has its own random stream, independent of the other families."""
     out: list[Fault] = []
     asked: dict[Family, int] = {f: SHARES[f] for f in FAMILIES if f in families}
     for family, n in shared_out(count, asked).items():
@@ -88,9 +88,9 @@ def drawn(bench: Bench, families: Sequence[Family], count: int, seed: int) -> li
 
 
 def shared_out(count: int, shares: Mapping[Family, int]) -> dict[Family, int]:
-    """Return whole numbers in proportion to shares that sum to `count`: the largest remainders are rounded up.
+    """Return whole numbers with sum `count` in proportion to shares, by rounding up the largest remainders.
 
-    A family gets none only if `count` is below the number of families.
+    A family gets 0, and is omitted, only if `count` is below the number of families.
     """
     whole = sum(shares.values())
     least = 1 if count >= len(shares) else 0
@@ -134,6 +134,6 @@ def _judged(
 def _share(
     robot: str, protocol: str | None, families: tuple[Family, ...], count: int, seed: int, share: int
 ) -> dict[int, Outcome]:
-    """Check one half of the faults, in the second process."""
+    """Check half of the faults, in the second process."""
     with bench_of(robot, protocol) as bench:
         return _judged(bench, families, count, seed, share, lambda label, fraction: None)

@@ -1,4 +1,4 @@
-"""Faults of the samples: too fast, too slow, late, displaced, off the RCM, planned for another drive."""
+"""Seeded faults of trajectories: too fast, too slow, late, displaced, off the RCM, planned with other limits."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Planner = Callable[[Protocol], Trajectory]
 def faults(
     trajectory: Trajectory, protocol: Protocol, planner: Planner, rng: np.random.Generator, count: int
 ) -> Iterator[Fault]:
-    """Yield faults of a trajectory; `planner` plans a protocol in the steps of the trajectory."""
+    """Yield faults of a trajectory; `planner` plans a protocol with the sample time of the trajectory."""
     about = any(s.rcm is not None for s in trajectory.phases)
     kinds = [k for k in KINDS if about or k not in ("RCM", "shaft")]
     for i in range(count):
@@ -98,7 +98,7 @@ def _moved_rcm(t: Trajectory, rng: np.random.Generator) -> Made:
     size, direction = rng.uniform(0.3, 2.0) * MM, rng.normal(size=3)
     span = next(s for s in t.phases if s.rcm is not None)
     shaft = t.Ts_base_frame[span.stop, :3, :3] @ t.shaft_axis
-    direction -= (direction @ shaft) * shaft  # along the shaft it would still be on it
+    direction -= (direction @ shaft) * shaft  # a shift along the shaft would have no effect
     step = size * direction / np.linalg.norm(direction)
     spans = tuple(s if s.rcm is None else replace(s, rcm=s.rcm + step) for s in t.phases)
     return f"RCM moved by {size / MM:.2f} mm", lambda: replace(t, phases=spans)
@@ -139,7 +139,7 @@ def _planned(protocol: Protocol, planner: Planner, rng: np.random.Generator) -> 
 
 
 def _shaft(t: Trajectory, rng: np.random.Generator) -> Made:
-    """Bend the shaft: rotate the frames about their origins while the RCM is registered, with smooth begin and end."""
+    """Rotate the frames about their origins in phases with RCM, smoothly, so that the shaft misses the RCM."""
     size = rng.uniform(0.3, 1.0) * DEG
     inside = [s for s in t.phases if s.rcm is not None]
     first, last = inside[0].start, inside[-1].stop

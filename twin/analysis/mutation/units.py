@@ -1,4 +1,4 @@
-"""Faults of units: a parameter of the equations, or numbers of the protocol, written in another unit."""
+"""Seeded faults of units: a parameter of the equations, or numbers of the protocol, written in another unit."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ KINDS = (
     "turning",
     "trocar",
 )
-"""Kinds of faults, drawn in this order, as far as they apply to the robot."""
+"""Kinds of faults in the order of seeding; kinds that do not apply to the robot are skipped."""
 
 
 def faults(robot: api.Robot, protocol: Path, rng: np.random.Generator, count: int) -> Iterator[Fault]:
-    """Yield faults of units in a robot and in a protocol file."""
+    """Yield unit faults of a robot's parameters and of a protocol file."""
     text = protocol.read_text(encoding="utf-8")
     seen: set[str] = set()
     for i in range(10 * count):
@@ -79,7 +79,7 @@ def _parameter(robot: api.Robot, rng: np.random.Generator) -> Fault:
 
 
 def _scaled(values: Any, factor: float) -> list[float]:
-    # the digits that a person would write
+    # five significant digits, as in a hand-written file
     return [float(f"{factor * float(v):.5g}") for v in values]
 
 

@@ -1,4 +1,4 @@
-"""Faults of the written stage and of the motion on it: each changes one attribute, on the layer that holds it."""
+"""Seeded faults of a written stage and its motion: each changes one attribute, on the layer with its value."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ KINDS = (
     "time codes",
     "axis",
 )
-"""Kinds of faults, drawn in this order."""
+"""Kinds of faults in the order of seeding."""
 
 Edit = Callable[[Usd.Stage], None]
 Made = tuple[str, Edit]
 
 
 def faults(root: Path, rng: np.random.Generator, count: int) -> Iterator[Fault]:
-    """Yield faults of a stage; `root` is the layer with the motion, or without motion the robot's root layer."""
+    """Yield faults of a stage; `root` is the layer with the motion or, without motion, the robot's root layer."""
     stage = Usd.Stage.Open(str(root))
     for i in range(count):
         kind = KINDS[i % len(KINDS)]
@@ -54,7 +54,7 @@ def _spoiler(name: str, edit: Edit) -> Callable[[Path], None]:
 
 
 def _set(stage: Usd.Stage, path: str, value: object, code: float | None = None) -> None:
-    """Set an attribute on the layer that holds it now."""
+    """Set an attribute on the layer that currently defines its value."""
     attribute = stage.GetAttributeAtPath(path)
     stage.SetEditTarget(Usd.EditTarget(attribute.GetPropertyStack(Usd.TimeCode.Default())[0].layer))
     attribute.Set(value, Usd.TimeCode.Default() if code is None else code)
@@ -111,7 +111,7 @@ def _drive(stage: Usd.Stage, rng: np.random.Generator) -> Made:
 
 
 def _sampled(stage: Usd.Stage) -> list[Usd.Attribute]:
-    """Return sampled attributes of bodies that move."""
+    """Return the attributes of moving bodies that have time samples."""
     found = []
     for body in _bodies(stage):
         for a in body.GetAuthoredAttributes():
@@ -181,7 +181,7 @@ def _units(stage: Usd.Stage, rng: np.random.Generator) -> Made:
     )
 
     def spoil(s: Usd.Stage) -> None:
-        # the robot's own layers: what a converter would have written
+        # on all layers of the robot, as a faulty converter would write them
         for layer in s.GetUsedLayers():
             if not layer.anonymous and layer.pseudoRoot.HasInfo(name):
                 layer.pseudoRoot.SetInfo(name, value)

@@ -1,4 +1,4 @@
-"""Checks of an untrusted file before it is read: cheap counts first, then its native parser in a separate process."""
+"""Check an untrusted file before it is read: fast counts first, then its native parser in a separate process."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _USD = (".usd", ".usda", ".usdc", ".usdz")
 _OTHER = {".csv": "CSV", ".obj": "OBJ", ".stl": "STL", ".step": "STEP", ".stp": "STEP", ".urdf": "XML", ".sdf": "XML"}
 
 _MOST_TEXT = 50_000_000
-"""Maximum bytes of a text layer whose depth is checked; for a larger one the limits of the parser apply."""
+"""Maximum bytes of a text layer whose depth is checked; larger layers are limited only by the parser's limits."""
 
 
 def admit(path: Path) -> None:
-    """Raise if reading a file would exceed the limits of its format, which its suffix gives.
+    """Raise an error if reading a file would exceed the limits of its format; the suffix determines the format.
 
     Raises:
         BudgetError: a limit is exceeded; the message names the file and the limit.
@@ -49,9 +49,9 @@ def admit(path: Path) -> None:
 
 
 def admit_together(paths: Iterable[Path]) -> set[Path]:
-    """Return the stages that passed when tried together in one process: all likely ones or none.
+    """Return the stages that pass the checks together in one process: all stages with acceptable counts, or none.
 
-    The other stages need `admit`.
+    Stages that are not returned must be checked with `admit`.
     """
     likely = []
     for path in paths:
@@ -70,7 +70,7 @@ def _look_at_usd(path: Path) -> None:
 
 
 def _check_ply(path: Path) -> None:
-    """Raise for a header that states more rows (vertices, faces) than the limit."""
+    """Raise an error if the header states more rows (vertices, faces) than the limit."""
     check_size(path, "PLY")
     with path.open("rb") as file:
         head = file.read(65536).partition(b"end_header")[0]

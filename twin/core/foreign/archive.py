@@ -1,4 +1,4 @@
-"""Zip archives whose content is counted before it is unpacked."""
+"""Limits of zip archives, checked before unpacking."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from twin.core.foreign.budget import BUDGETS, check_size, over
 
 
 def check_zip(path: Path, kind: str) -> None:
-    """Raise if the files of an archive together exceed the limits; a file that is not an archive is left to its reader.
+    """Raise an error if the files of an archive together exceed the limits; a file that is not an archive passes.
 
-    The stated sizes are used: no more than that is unpacked.
+    The sizes stated in the archive are used; no more bytes are unpacked.
 
     Raises:
         BudgetError: the archive has too many files, or they are too large.

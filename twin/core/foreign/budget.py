@@ -1,4 +1,4 @@
-"""Limits for reading one file, by format; they grow with the size of the file."""
+"""Limits for reading one file, by format; time and memory limits grow with the size of the file."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ class Budget:
     """Limits of one format; 0 means no limit.
 
     Attributes:
-        bytes: size of the file.
-        unpacked: bytes of all files of an archive.
+        bytes: maximum size of the file.
+        unpacked: maximum bytes of all files of an archive together.
         depth: maximum nesting of its parts.
-        count: number of its parts: elements of XML, objects and lists of JSON, nodes of glTF, prims of USD, rows of
-            PLY.
-        numbers: total numbers or vertices, counting repeated parts.
-        seconds: processor time of its native parser, and `seconds_per_mb` more for each MB it is given.
-        memory: bytes that its native parser may use, and `memory_per_byte` more for each byte it is given.
+        count: maximum number of its parts: elements of XML, objects and lists of JSON, nodes of glTF, prims of USD,
+            rows of PLY.
+        numbers: maximum count of numbers or vertices, counting repeated parts.
+        seconds, seconds_per_mb: processor time of the native parser in s, plus the time for each MB of the file.
+        memory, memory_per_byte: memory of the native parser in bytes, plus the memory for each byte of the file.
     """
 
     bytes: int
@@ -39,7 +39,7 @@ class Budget:
 
 BUDGETS = {
     "TOML": Budget(500_000, depth=20),
-    "YAML": Budget(100_000),  # its parser takes 40 µs for a byte
+    "YAML": Budget(100_000),  # its parser takes 40 µs for each byte
     "XML": Budget(16 * MB, depth=300, count=200_000),
     "JSON": Budget(48 * MB, count=3_000_000),
     "CSV": Budget(24 * MB),
@@ -55,19 +55,19 @@ BUDGETS = {
     ),
     "MJCF": Budget(50 * MB, seconds=6, seconds_per_mb=2, memory=600 * MB, memory_per_byte=40),
     "STEP": Budget(500 * MB, seconds=6, seconds_per_mb=10, memory=600 * MB, memory_per_byte=100),
-    # Triangles for masses, 5 µm from the faces, of a file within the limits above: a patient takes 1.6 GB and a minute.
+    # Triangles for masses, 5 µm from the faces, within the limits above: a patient model takes 1.6 GB and a minute.
     "fine STEP": Budget(500 * MB, seconds=150, seconds_per_mb=30, memory=3000 * MB, memory_per_byte=200),
 }
-"""Limits by format. Normal files need at most a tenth of them; the error suggests how to reduce a file."""
+"""Limits by format. Normal files need at most a tenth of a limit; the error suggests how to reduce a file."""
 
 BODIES = 1000
-"""Maximum number of bodies, of joints and of shapes of one mechanism."""
+"""Maximum number of bodies, of joints and of shapes in one mechanism."""
 
 INCLUDES = 300
-"""Maximum number of included files, all levels together."""
+"""Maximum number of included files on all levels."""
 
 FREEDOMS = 200
-"""Maximum degrees of freedom of one mechanism, all joints: the memory of its dynamics grows with their cube."""
+"""Maximum total degrees of freedom of all joints; the memory of the dynamics grows with the cube of this number."""
 
 _WAYS = {
     "TOML": "remove unused parts",
@@ -83,17 +83,17 @@ _WAYS = {
 
 
 def over(path: Path, kind: str, what: str, value: float, limit: float) -> NoReturn:
-    """Raise `BudgetError`: a file exceeds a limit of its format."""
+    """Raise a `BudgetError` that states the value and the limit of a file."""
     raise BudgetError(f"{path}: {what}: {value:,.0f}; the limit for {kind} is {limit:,.0f}. {way(kind)}")
 
 
 def way(kind: str) -> str:
-    """Return the advice for a file that exceeds a limit."""
+    """Return advice for reducing a file that exceeds a limit."""
     return f"If this is intended, {_WAYS.get(kind, 'make it smaller')}."
 
 
 def read_bytes(path: Path, kind: str) -> bytes:
-    """Return a whole file.
+    """Return the bytes of a file that is within the size limit of its format.
 
     Raises:
         BudgetError: the file is too large.
@@ -104,7 +104,7 @@ def read_bytes(path: Path, kind: str) -> bytes:
 
 
 def check_size(path: Path, kind: str) -> None:
-    """Raise `BudgetError` for a file that is too large, and `OSError` for a path that is not a file."""
+    """Raise `BudgetError` for a file that is too large, and `OSError` if the file does not exist."""
     size, most = path.stat().st_size, BUDGETS[kind].bytes
     if size > most:
         over(path, kind, "bytes", size, most)

@@ -1,4 +1,4 @@
-"""glTF counted before it is read: nodes as instanced, their depth, and the numbers in them."""
+"""Limits of glTF, checked before reading: number and depth of nodes, counting instances, and count of numbers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "M
 
 
 def check_gltf(path: Path) -> None:
-    """Raise if a .glb or .gltf file exceeds the limits of its format; malformed files are left to their reader.
+    """Raise an error if a .glb or .gltf file exceeds the limits of its format; a malformed file passes.
 
     Raises:
         BudgetError: a limit is exceeded; the message gives the limit and the value.
@@ -46,7 +46,7 @@ def check_gltf(path: Path) -> None:
     below = [[c for c in _list(n, "children") if isinstance(c, int) and 0 <= c < len(nodes)] for n in nodes]
     level = sorted(set(range(len(nodes))) - {c for children in below for c in children})
     depth = placed = numbers = 0
-    while level:  # a node below several is placed several times
+    while level:  # a node with several parents is counted several times
         depth, placed = depth + 1, placed + len(level)
         if depth > limits.depth:
             over(path, "GLTF", "depth of its nodes, at least", depth, limits.depth)
@@ -68,7 +68,7 @@ def _json_of(path: Path) -> bytes:
 
 
 def _numbers(accessor: dict[str, Any], views: list[int]) -> int:
-    """Return the count of numbers in an accessor; every reader rejects an accessor that exceeds its buffer view."""
+    """Return the count of numbers in an accessor, limited by its buffer view, because readers reject larger ones."""
     size = _whole(accessor.get("count")) * _WIDTH.get(str(accessor.get("type")), 1)
     view = accessor.get("bufferView")
     return min(size, views[view]) if isinstance(view, int) and 0 <= view < len(views) else size

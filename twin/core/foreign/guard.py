@@ -1,6 +1,6 @@
-"""Native parsers tried in a separate process: a file that makes one crash, hang or grow must not affect twin.
+"""Run native parsers first in a separate process: a file that makes a parser crash or hang must not affect twin.
 
-The system limits processor time and memory of the process (`Budget`), which grow with the size of all files.
+The operating system limits processor time and memory of this process (`Budget`); the limits grow with the file sizes.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ for path in sys.argv[3:]:
         if prim.IsA("Mesh"):
             prim.GetAttribute("points").Get(), prim.GetAttribute("faceVertexIndices").Get()
 """,
-    # trimesh, which cascadio would register itself with, takes longer to import than most files to read.
+    # cascadio imports trimesh to register itself; the import takes longer than reading most files.
     "STEP": """
 sys.modules["trimesh"] = None
 import cascadio
@@ -60,22 +60,22 @@ sys.exit(cascadio.step_to_glb(sys.argv[3], sys.argv[4], float(sys.argv[5]), floa
 _PROGRAMS["fine STEP"] = _PROGRAMS["STEP"]
 
 _BESIDE = {"MJCF": (".xml", ".mjcf", ".stl", ".obj", ".msh", ".png"), "USD": (".usd", ".usda", ".usdc", ".usdz")}
-"""Suffixes of files that a file may refer to; their sizes raise the limits."""
+"""Suffixes of files that a file may refer to; the sizes of such files raise the limits."""
 
 _MOST_BESIDE = 2000
-"""Maximum number of referenced files that are counted."""
+"""Maximum number of neighbouring files whose sizes are counted."""
 
 _MOST_SECONDS, _MOST_MEMORY = 600.0, 8_000 * MB
-"""Maximum processor time (s) and memory (bytes) of a parser's process, whatever the size of its files."""
+"""Maximum processor time (s) and memory (bytes) of a parser's process, independent of file sizes."""
 
 _IDLE = 8.0
-"""Seconds that a parser may wait without working, for instance on a pipe."""
+"""Maximum time in s that a parser may wait without working, for instance on a pipe."""
 
 _MEMORY_WORDS = re.compile(rb"MemoryError|bad_alloc|allocat|out of memory|unknown exception", re.IGNORECASE)
 
 
 def try_first(path: Path, kind: str) -> None:
-    """Let the parser of a format read the file in a separate process. Ordinary errors are left to the reader.
+    """Run the parser of a format on a file in a separate process; ordinary errors of the parser are ignored.
 
     Raises:
         BudgetError: the parser exceeds its time or memory, or the file has too many parts.
@@ -85,7 +85,7 @@ def try_first(path: Path, kind: str) -> None:
 
 
 def run(path: Path, kind: str, *arguments: str, given: Path | None = None) -> int:
-    """Run a format's parser on a file, or on `given`, a copy of it, within its limits, and return its exit code.
+    """Run a format's parser on a file within its limits, and return its exit code; `given`: a copy to parse instead.
 
     Raises:
         BudgetError: the parser exceeds its time or memory, or the file has too many parts.
@@ -112,14 +112,14 @@ def run(path: Path, kind: str, *arguments: str, given: Path | None = None) -> in
 
 
 def pass_together(paths: Sequence[Path], kind: Literal["USD"]) -> bool:
-    """Return whether all files pass in one process, which imports their parser once; if not, try each alone."""
+    """Return whether one process can parse all files; importing the parser once saves time."""
     each = [limits(path, kind) for path in paths]
     seconds, memory = sum(s for s, _ in each), max(m for _, m in each)
     return _limited(kind, seconds, memory, *(path.resolve() for path in paths))[:2] == (0, False)
 
 
 def limits(path: Path, kind: str) -> tuple[float, int]:
-    """Return the seconds of processor time and the bytes of memory that a file's parser gets."""
+    """Return the limits of a file's parser: processor time in s, memory in bytes."""
     budget, size = BUDGETS[kind], path.stat().st_size
     if kind in _BESIDE:
         beside = (p for i, p in zip(range(_MOST_BESIDE), path.parent.rglob("*"), strict=False))
@@ -129,18 +129,18 @@ def limits(path: Path, kind: str) -> tuple[float, int]:
 
 
 def _limited(kind: str, seconds: float, memory: int, *arguments: object) -> tuple[int, bool, bytes]:
-    """Run a parser; return its exit code, whether it was stopped for waiting, and the end of its output."""
+    """Run a parser; return its exit code, whether it was killed for waiting, and the end of its output."""
     own: dict[str, str] = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
-    own["MUJOCO_GL"] = "disable"  # it looks for a display's libraries otherwise, with programs of its own
+    own["MUJOCO_GL"] = "disable"  # otherwise MuJoCo starts programs to find display libraries
     python, *rest = isolated(_LIMITED + _PROGRAMS[kind], int(seconds + 1), memory, *arguments)
-    command = [python, "-S", *rest]  # no parser needs what installed packages run at each start
+    command = [python, "-S", *rest]  # parsers do not need the start-up code of installed packages
     with tempfile.TemporaryFile() as said:
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env=os.environ | own)
         return *_wait(process), _tail(said)
 
 
 def _wait(process: subprocess.Popen[bytes]) -> tuple[int, bool]:
-    """Return the exit code of a process, and whether it was stopped for waiting."""
+    """Return the exit code of a process, and whether it was killed for waiting."""
     before, since, pause = "", time.monotonic(), 0.005
     try:
         while process.poll() is None:
@@ -154,14 +154,14 @@ def _wait(process: subprocess.Popen[bytes]) -> tuple[int, bool]:
                 process.wait()
                 return process.returncode, True
     finally:
-        if process.poll() is None:  # an interrupt
+        if process.poll() is None:  # after an interrupt
             process.kill()
             process.wait()
     return process.returncode, False
 
 
 def _asleep(pid: int) -> str:
-    """Return the processor time that a sleeping process has used; "" if it is running or ready to run."""
+    """Return the processor time that a sleeping process has used, as text; "" if it is running or ready to run."""
     try:
         state, *fields = Path(f"/proc/{pid}/stat").read_text("ascii", "replace").rpartition(")")[2].split()
         return f"{fields[10]} {fields[11]}" if state == "S" else ""

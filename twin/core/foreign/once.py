@@ -1,4 +1,4 @@
-"""Files that are read once, however many ask for them."""
+"""Files that are read once and shared."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from pathlib import Path
 from twin.core.foreign.budget import check_size
 
 Read = Callable[[Path, str], bytes]
-"""Reader of a whole file, given its path and the format whose limits hold: `budget.read_bytes`, or a `Once`."""
+"""Function that returns the bytes of a file from its path and format: `budget.read_bytes`, or a `Once`."""
 
 
 class Once:
     """A reader that opens each file once, and again only after the file has changed on disk.
 
-    It belongs to one robot: what is parsed and what is hashed are then the same bytes, and a robot that lives long (in
-    a viewer) never gets an old text. It is pickled empty.
+    Each robot has its own reader, so that parsing and hashing use the same bytes, and a robot in a long-running
+    viewer never gets outdated text. A pickled reader is empty.
     """
 
     def __init__(self) -> None:
         self._known: dict[Path, tuple[tuple[int, ...], bytes]] = {}
 
     def __call__(self, path: Path, kind: str) -> bytes:
-        """Return a whole file.
+        """Return the bytes of a file.
 
         Raises:
-            BudgetError: it is too large.
-            OSError: it cannot be read.
+            BudgetError: the file is too large.
+            OSError: the file cannot be read.
         """
         stamp = _stamp(path.stat())
         if (known := self._known.get(path)) is not None and known[0] == stamp:

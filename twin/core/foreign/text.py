@@ -1,4 +1,4 @@
-"""Text, JSON and XML read within their limits."""
+"""Read text, JSON and XML within the limits of their formats."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from twin.core.foreign.once import Read
 
 
 def read_text(path: Path, kind: str, encoding: str = "utf-8", errors: str = "strict", read: Read = read_bytes) -> str:
-    """Return the text of a file, as `read` gives it, with line ends as `Path.read_text` gives them.
+    """Return the text of a file from the bytes that `read` returns, with line ends as in `Path.read_text`.
 
     Raises:
         BudgetError: the file is too large.
@@ -31,30 +31,30 @@ def load_json(path: Path, encoding: str = "utf-8") -> Any:
 
     Raises:
         BudgetError: the file is too large, or has too many objects and lists.
-        OSError, ValueError (also of its text), RecursionError: the file cannot be read.
+        OSError, ValueError, RecursionError: the file cannot be read, or is not valid JSON.
     """
     return parse_json(path, read_bytes(path, "JSON"), encoding)
 
 
 def parse_json(path: Path, data: bytes, encoding: str = "utf-8") -> Any:
-    """Return JSON text as Python objects; errors name `path`. Raises as `load_json`."""
+    """Return JSON text as Python objects; `path` is for error messages. Raises the same errors as `load_json`."""
     count_json(path, data)
     return json.loads(data.decode(encoding))
 
 
 def count_json(path: Path, data: bytes) -> None:
-    """Raise `BudgetError` for JSON with too many objects and lists: each needs fifty times its text in memory."""
+    """Raise `BudgetError` for JSON with too many objects and lists, which need fifty times the text size in memory."""
     count = data.count(b"{") + data.count(b"[")
     if count > BUDGETS["JSON"].count:
         over(path, "JSON", "objects and lists", count, BUDGETS["JSON"].count)
 
 
 class DoctypeError(ValueError):
-    """XML declares a document type, whose entities could expand without limit."""
+    """The XML declares a document type, whose entities could expand without limit."""
 
 
 class _Counted(ElementTree.TreeBuilder):
-    """Counts elements while parsing, after decoding."""
+    """Tree builder that counts decoded elements while parsing."""
 
     def __init__(self, path: Path, kind: str) -> None:
         super().__init__()
@@ -87,9 +87,9 @@ def parse_xml(path: Path, data: bytes | None = None, kind: str = "XML") -> Eleme
     """Return the root element of XML in any encoding.
 
     Args:
-        path: the file; named in errors.
-        data: its text, if it is not read from the file.
-        kind: the format whose limits hold.
+        path: the file; used in error messages.
+        data: the XML text; None: it is read from the file.
+        kind: the format whose limits apply.
 
     Raises:
         BudgetError: the file is too large, nested too deep, or has too many elements.
@@ -107,7 +107,7 @@ _QUOTED = re.compile(
 
 
 def check_depth(path: Path, kind: str, text: str) -> None:
-    """Raise `BudgetError` for text whose brackets or dotted names, not counting quotes and comments, are too deep."""
+    """Raise `BudgetError` if brackets or dotted names, outside quotes and comments, are nested too deeply."""
     most, depth, deepest = BUDGETS[kind].depth, 0, 0
     text = _QUOTED.sub("", text)
     dotted = max(part.count(".") for part in re.split(r"[=\n,{}\[\]]", text)) if kind == "TOML" else 0

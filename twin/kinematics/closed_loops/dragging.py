@@ -1,10 +1,10 @@
-"""Interactive motion of a mechanism: a point of a body, or the active joints, are moved along a straight line.
+"""Interactive motion of a mechanism: move a point of a body, or the active joints, along a straight line.
 
-The line to the target is followed in steps of fixed length, independent of speed; the incomplete last step is repeated
-each time. Each step continues in the assembly of the step before, slides along limits, and is halved where the loops do
-not close. Two kinds of singularity end an assembly: the loops no longer hold their joints (type II), or the joints no
-longer hold the tool (type I). Dragging a point stops before either singularity; moving a joint passes through type I,
-as a drive would.
+The line to the target is followed in steps of fixed length, independent of speed; an incomplete last step is computed
+again in the next call. Each step continues in the assembly of the previous step, slides along limits, and is halved if
+the loops do not close. Two kinds of singularity end an assembly: the loops no longer determine their passive joints
+(type II), or the active joints no longer determine the tool (type I). Dragging a point stops before either singularity;
+moving a joint passes through type I, as a drive would.
 """
 
 from __future__ import annotations
@@ -27,48 +27,48 @@ _STEP = 1e-3
 """Step length in m along the line to the target."""
 
 _LAG = 0.05
-"""Step length as a fraction of the remaining distance; the longer of both is used."""
+"""Step length as a fraction of the distance by which the point lags behind the line; used if above `_STEP`."""
 
 _STRIDE = 4e-3
-"""Longest motion (m; rad times `LENGTH_SCALE`) of the active joints at once; ten times as much for passive joints."""
+"""Maximum motion (m; rad times `LENGTH_SCALE`) of the active joints in a step; ten times as much for passive joints."""
 
 _THERE, _PASSED = 1e-10, 1e-7
 """Distances in m at which the target, and an intermediate goal, count as reached."""
 
 _GAIN, _LAST_GAIN = 1e-3, 1e-5
-"""Minimum gain of a step, relative to the remaining distance, for which another is done: on the way, at the end.
+"""Minimum reduction of the distance by a step, relative to the distance, to continue: on the line, at the target.
 
-A point that slides along limits at a distance d from the target gains x²/2d on the last x of its way: 1 µm on the last
-45 µm at d = 1 mm.
+For a point that slides along limits at distance d from the target, the last x of its path reduce the distance by x²/2d:
+1 µm over the last 45 µm at d = 1 mm.
 """
 
 _DAMPINGS = (1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2)
-"""Damping values relative to the squared Jacobian, each tried if the smaller one does not reduce the distance."""
+"""Damping values relative to the squared norm of the Jacobian; each is tried if the previous one gives no progress."""
 
 _WEAK = 0.05
-"""Minimum motion of the point per motion of the joints; a direction with less is not used."""
+"""Minimum motion of the point per motion of the joints; directions with less motion are not used."""
 
 _HALVINGS = 7
-"""Maximum halvings of a step where the loops do not close, or another assembly begins."""
+"""Maximum number of halvings of a step if the loops do not close, or another assembly begins."""
 
 _TRIES, _LAST_TRIES = 4, 25
 """Maximum number of steps to an intermediate goal, and to the target."""
 
 _LEFT = 1e-3
-"""Minimum determinant relative to its value in the rest poses; below it another assembly begins."""
+"""Minimum determinant relative to its value in the rest poses; a smaller determinant counts as another assembly."""
 
 _NEAR = 1e-7
-"""Distance (m; rad times `LENGTH_SCALE`) from a limit at which it counts as reached."""
+"""Distance (m; rad times `LENGTH_SCALE`) from a limit at which the limit counts as reached."""
 
 
 @dataclass(frozen=True)
 class Bound:
-    """A limit of active joints: the sum of weights times q is at least `least`.
+    """A limit of active joints: weights @ q must be at least `least`.
 
     Attributes:
-        name: joint, pair of joints, or motor.
+        name: name of the joint, of the pair of joints, or of the motor.
         kind: "lower", "upper", "gap", or "motor" for the actuator of a transmission.
-        weights: (n,) of q.
+        weights: (n,) coefficients of q.
         least: the bound, in m or rad.
     """
 
@@ -84,12 +84,12 @@ class Bound:
 
 @dataclass(frozen=True, eq=False)
 class Dragged:
-    """The result of a motion.
+    """Result of a motion.
 
     Attributes:
-        q, u: active joints (n,) and unknowns.
+        q, u: active joints (n,) and unknowns (numbers,) that were reached.
         stops: bounds that block the motion.
-        singular: what becomes singular, as "loop r13" or "tool"; empty if nothing does.
+        singular: name of the singular part, as "loop r13" or "tool"; "" if there is none.
         more: whether time ran out before the target was reached.
     """
 
@@ -101,11 +101,11 @@ class Dragged:
 
 
 def bounds_of(mechanism: Mechanism, gaps: Sequence[tuple[str, str, float]] = ()) -> tuple[Bound, ...]:
-    """Return the bounds: hard limits of the active joints and of their motors, and `gaps`.
+    """Return the bounds: hard limits of active joints and their motors, and minimum distances on a rail.
 
     Args:
         mechanism: the mechanism with these limits.
-        gaps: (lower joint, upper joint, minimum distance in m) of each pair on one rail.
+        gaps: (lower joint, upper joint, minimum distance in m) for each pair of joints on one rail.
     """
     order, eye, out = [j.name for j in mechanism.active], np.eye(len(mechanism.active)), []
     for i, joint in enumerate(mechanism.active):
@@ -121,18 +121,18 @@ def bounds_of(mechanism: Mechanism, gaps: Sequence[tuple[str, str, float]] = ())
 
 
 class Dragger:
-    """Moves one mechanism; see `take` and `joints`.
+    """Motion of one mechanism by a grabbed point (`take`) or by the active joints (`joints`).
 
     Attributes:
-        solver: closes the loops of the mechanism.
-        bounds: limits to keep.
+        solver: loop solver of the mechanism.
+        bounds: limits that the motion respects.
     """
 
     def __init__(self, mechanism: Mechanism, bounds: Sequence[Bound] = ()) -> None:
         """Compile the loops (`AssemblyError`: the loops do not close in the rest poses)."""
         self.solver, self.bounds = LoopSolver(mechanism), tuple(bounds)
         angle = np.array([j.is_angle for j in mechanism.active], bool)
-        self._scale = np.where(angle, 1 / LENGTH_SCALE, 1.0)  # of a step in m
+        self._scale = np.where(angle, 1 / LENGTH_SCALE, 1.0)  # joint units per m of a step
         self._G = np.array([b.weights * self._scale for b in self.bounds]).reshape(-1, len(angle))
         size = np.abs(self._G).max(axis=1, initial=0.0, keepdims=True)
         self._G = self._G / np.where(size > 0, size, 1.0)
@@ -150,13 +150,13 @@ class Dragger:
     # -- by a point -----------------------------------------------------------------------------------
 
     def take(self, q: Array, u: Array, body: str, p_body: Array) -> Grip:
-        """Return a grip on a point of a body, which moves it along straight lines by the smallest motion of the joints.
+        """Return a grip on a point of a body; it moves the point along straight lines by the smallest joint motion.
 
         Args:
             q: active joints (n,).
-            u: passive joint values that close the loops at q.
-            body: name.
-            p_body: the point (3,) on it, in m.
+            u: unknowns (numbers,) that close the loops at q.
+            body: name of the body.
+            p_body: the point (3,) in the body frame, in m.
         """
         p_body = np.asarray(p_body, float)
         return Grip(self, self.look(q, u, body, p_body), (body, p_body))
@@ -164,9 +164,9 @@ class Dragger:
     # -- by the joints --------------------------------------------------------------------------------
 
     def joints(self, q: Array, u: Array, target: Array, seconds: float = np.inf) -> Dragged:
-        """Move the active joints from q (n,) towards a target (n,), all of them arriving at the same time.
+        """Move the active joints from q (n,) towards a target (n,); all joints arrive at the same time.
 
-        Return the state reached, short of the target where a limit or a loop stops the motion, with the reason.
+        Return the state reached, with the reason if a limit or a loop stops the motion before the target.
         """
         q, held = np.asarray(q, float), (self.solver.mechanism.base, np.zeros(3))
         way = np.asarray(target, float) - q
@@ -192,7 +192,7 @@ class Dragger:
     # -- one step -------------------------------------------------------------------------------------
 
     def _moved(self, look: Look, dq: Array, held: tuple[str, Array], tool: bool = True) -> tuple[Look | None, str]:
-        """Return (state, "") after a step dq (n,) in the same assembly, or (None, what becomes singular)."""
+        """Return (state, "") after a step dq (n,) in the same assembly, or (None, name of the singular part)."""
         du = look.answers @ dq
         if np.abs(np.where(self._turns, LENGTH_SCALE, 1.0) * du).max(initial=0.0) > 10 * _STRIDE:
             return None, ""
@@ -212,20 +212,20 @@ class Dragger:
     def determinants(self, before: Look, look: Look, tool: bool) -> dict[str, tuple[float, float]]:
         """Return {name: (before, now)} of the determinants; their signs do not change within an assembly.
 
-        Non-square matrices are projected on their previous directions.
+        Non-square matrices are projected onto the singular vectors of the matrix before the step.
         """
         out = {}
         for name, A, B in zip(self._loops, before.loops, look.loops, strict=True):
             out[f"loop {name}"] = _determinants(A, B)
         n = len(look.q)
-        if tool and n <= 6:  # with more, the arm may change its posture while the tool is at rest
+        if tool and n <= 6:  # with more joints, the arm may change its posture while the tool is at rest
             out["tool"] = _determinants(
                 before.tool * self._scale * LENGTH_SCALE, look.tool * self._scale * LENGTH_SCALE
             )
         return out
 
     def nearest(self, look: Look) -> str:
-        """Return the loop with the smallest relative determinant: the cause if the loops no longer close."""
+        """Return the loop with the smallest relative determinant: the likely cause if the loops no longer close."""
         left = {n: abs(v[0]) / max(self._as_drawn[n], 1e-300) for n, v in self.determinants(look, look, False).items()}
         return min(left, key=left.__getitem__, default="")
 
@@ -236,7 +236,7 @@ class Dragger:
         return {n: abs(v[0]) for n, v in self.determinants(look, look, True).items()}
 
     def _stepped(self, u: Array, du: Array) -> Array:
-        """Return the unknowns after steps: quaternions are turned in their own frame."""
+        """Return the unknowns after a step du; quaternions are rotated in their own frame."""
         out, i, j = u.copy(), 0, 0
         for kind in self._kinds:
             lengths = STATES[kind] - 4 if kind in ("spherical", "free") else STATES[kind]
@@ -260,11 +260,11 @@ class Grip:
         self._target, self._end = look.p, self._walk
 
     def to(self, target: Array, seconds: float = np.inf) -> Dragged:
-        """Follow to a target (3,) in base, in m.
+        """Move the point towards a target.
 
         Args:
             target: position (3,) in base in m.
-            seconds: processor time after which it stops; call again with the same target to continue.
+            seconds: processor time in s after which the motion stops; call again with the same target to continue.
         """
         until, walk = time.thread_time() + seconds, self._walk
         if not np.array_equal(target, self._target):
@@ -273,7 +273,7 @@ class Grip:
             if not walk.goes_on(until):
                 return walk.result(more=True)
             way = self._target - self._hand
-            # A point that lags behind is pulled the same way by a hand that goes a little further.
+            # A point that lags behind is pulled in the same direction if the goal moves a little further.
             step = max(_STEP, _LAG * float(np.linalg.norm(self._hand - walk.look.p)))
             if np.linalg.norm(way) <= step:
                 self._end = copy(walk)
@@ -285,7 +285,7 @@ class Grip:
 
 
 class _Walk:
-    """Steps of a point towards a sequence of goals; `look` is its state. A copy is independent."""
+    """Steps of a point towards a sequence of goals; `look` is the current state. A copy is independent."""
 
     def __init__(self, dragger: Dragger, look: Look, held: tuple[str, Array]) -> None:
         self.dragger, self.look, self.held = dragger, look, held
@@ -294,7 +294,7 @@ class _Walk:
         self._part, self._within, self._gain, self._tries = 1.0, _THERE, _GAIN, 0
 
     def begin(self, goal: Array, last: bool = False) -> None:
-        """Move to a goal (3,), as near as possible if it is the last one."""
+        """Start moving to a goal (3,); the last goal is approached as closely as possible."""
         self._goal, self._first, self._total = goal, self.look, np.zeros(len(self.look.q))
         self._within, self._gain, self._tries = (_THERE, _LAST_GAIN, _LAST_TRIES) if last else (_PASSED, _GAIN, _TRIES)
 
@@ -317,27 +317,27 @@ class _Walk:
         return True
 
     def result(self, more: bool) -> Dragged:
-        """Return the state and the active bounds."""
+        """Return the state and the bounds that block the point."""
         singular = self.dragger.nearest(self.look) if self.open else self.singular
         return Dragged(self.look.q, self.look.u, self.stops(), singular, more)
 
     def _step(self, first: Look, total: Array, goal: Array) -> Array | None:
-        """Do one step that reduces the distance, and return it (n,) in m; None if there is none."""
+        """Do one step that reduces the distance and return its joint motion (n,) in m, or None if there is none."""
         dragger, now = self.dragger, self.look
         scale, miss = dragger._scale, goal - now.p
-        # The smallest motion of the whole way from `first`, by the mean of both ends: second order in its length.
+        # Smallest joint motion from `first`, with the mean Jacobian of both ends: second order in the length.
         J, here, G = 0.5 * (first.J + now.J) * scale, now.J * scale, dragger._G
         self.singular, self.open, self._pull = "", False, -here.T @ miss
         self._slack = np.maximum(0.0, np.array([b.slack(now.q) for b in dragger.bounds])) / dragger._size
         size, near = float(np.sum(J * J)), self._slack < _NEAR
-        if size < _WEAK**2:  # no joint moves this point, or hardly
+        if size < _WEAK**2:  # no joint moves this point noticeably
             return None
         in_the_way, y = near & (G @ self._pull > 0), np.zeros(len(total))
         for _ in range(len(G) + 1):
             P = np.eye(len(total)) - np.linalg.pinv(G[in_the_way]) @ G[in_the_way]
             U, gains, _ = np.linalg.svd(here @ P)
             strong = U[:, : int(np.sum(gains > _WEAK))]
-            if strong.shape[1] < 3:  # all ways, if they lead to where all are easy; else those that are easy
+            if strong.shape[1] < 3:  # all directions, if all are strong afterwards; else strong ones only
                 y = np.asarray(P @ _least_motion(J @ P, miss, total, _DAMPINGS[0] * size), float)
                 if not _against(near & ~in_the_way, G, y).any() and self._taken(y, goal, easy=True):
                     return y * self._part
@@ -353,7 +353,7 @@ class _Walk:
                 if self._taken(y, goal):
                     return y * self._part
                 if not (self.open or self.singular):
-                    break  # no nearer: another direction is needed, not a shorter step
+                    break  # no progress: another direction is needed, not a shorter step
                 y = y * self._part / 2
             if self.open or self.singular:
                 return None
@@ -363,7 +363,7 @@ class _Walk:
     def _taken(self, y: Array, goal: Array, easy: bool = False) -> bool:
         """Do a step (n,) in m, shortened to the limits, if it reduces the distance.
 
-        `easy`: accept only states where the point can move in all directions.
+        `easy`: accept only states in which the point can move in all directions.
         """
         dragger, now = self.dragger, self.look
         used = -(dragger._G @ y)
@@ -391,7 +391,7 @@ class _Walk:
 
 
 def _against(bounds: np.ndarray, G: Array, y: Array) -> np.ndarray:
-    """Return (b,) bool: which bounds, with gradients G (b, n), a step y (n,) moves towards."""
+    """Return (b,) bool: whether a step y (n,) moves towards each marked bound; G (b, n) are the bounds' gradients."""
     return bounds & (G @ y < -1e-9 * np.abs(y).max(initial=0.0))
 
 

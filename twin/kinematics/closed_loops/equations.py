@@ -1,8 +1,8 @@
-"""The closed loops of any mechanism as CasADi expressions: residuals, their derivative, and the pose of every body.
+"""The closed loops of any mechanism as CasADi expressions: residuals, their derivatives, and the pose of every body.
 
-Unknowns are the coordinates of the passive joints of the tree; balls carry a unit quaternion (w x y z), which a step
-multiplies by a small rotation, so that no attitude is singular. A loop is measured in the frame of the body where its
-two branches separate, so that common parts cancel.
+Unknowns are the coordinates of the passive tree joints. Ball joints have a unit quaternion (w x y z); a step multiplies
+it by a small rotation, so that no orientation is singular. The gap of a loop is expressed in the frame of the body at
+which its two branches separate, so that common parts cancel.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ LENGTH_SCALE = 0.1
 
 STATES = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 4, "free": 7}
 STEPS = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 3, "free": 6}
-"""(size of the state, size of the step) of a passive joint by type: lengths before angles."""
+"""(size of the state, size of the step) of a passive joint by type; lengths before angles."""
 
 _ROUNDED = 4e-16
-"""Difference from 0, 1 or -1 up to which an entry of a measured rotation is rounded."""
+"""Maximum difference from 0, 1 or -1 at which an entry of a measured rotation is rounded."""
 
 
 @dataclass(frozen=True)
 class Passive:
-    """A passive joint of the tree: its state, a step of the state, and the names of their symbols."""
+    """A passive joint of the tree: symbols of its state and of a step of the state."""
 
     joint: Joint
     state: ca.SX
@@ -54,32 +54,32 @@ class Passive:
 
 
 Chain = list[Any]
-"""A chain from a body to a frame: fixed poses (4, 4), moving joints, and errors of frames."""
+"""A chain from a body to a frame: fixed poses (4, 4), moving joints, and frame errors."""
 
 
 @dataclass(frozen=True)
 class _Error:
-    """An error of a frame, (6,): shift (m) and rotation (rad) in the frame's own axes; or the inverse error."""
+    """A frame error (6,) in the frame's own axes: shift in m, rotation in rad; `back`: the inverse error."""
 
     e: ca.SX
     back: bool
 
 
 class Equations:
-    """The loop equations and their derivatives.
+    """The loop equations of a mechanism and their derivatives.
 
     Attributes:
         mechanism: the mechanism with these loops.
         q: active joints (n,), in order.
-        passive: the passive joints, whose coordinates are unknown.
-        residual: (m,) offsets in m and misalignments times `LENGTH_SCALE`; couplings last.
+        passive: the passive joints, whose coordinates are the unknowns.
+        residual: (m,) offsets in m and misalignments in rad times `LENGTH_SCALE`; couplings last.
         jacobian: (m, steps) derivative of the residual with respect to the steps of all unknowns, joint by joint.
-        row_names: loop joint or coupling of each row.
+        row_names: name of the loop joint or coupling of each row.
         offset, tilt: norms over all loops of the offsets in m and the misalignments in rad; an inverted joint
             counts as 1 rad.
-        T_base_tool: (4, 4).
-        errors: (6,) by joint and side ("parent", "child"): the error of the joint frame on that side, in the frame's
-            own axes: shift in m, then rotation in rad, to second order. Empty unless requested.
+        T_base_tool: (4, 4) pose of the tool.
+        errors: (6,) error of a joint frame by (joint, "parent" or "child"), in the frame's own axes: shift in m, then
+            rotation in rad, to second order. Empty unless requested.
     """
 
     def __init__(self, mechanism: Mechanism, *, with_errors: bool = False) -> None:
@@ -103,7 +103,7 @@ class Equations:
                 if not stepping:
                     names += [joint.name] * (length.numel() + angle.numel())
                     offsets.append(ca.sumsqr(length))
-                    # the sine is small again where the joint is inverted
+                    # the sine is small for an inverted joint too
                     tilts.append(ca.sumsqr(angle) + ca.if_else(cosine < 0, 1, 0))
         for coupling in mechanism.couplings:
             for stepping, out in ((False, rows), (True, moved)):
@@ -129,7 +129,7 @@ class Equations:
         return ca.vertcat(T, ca.SX([[0, 0, 0, 1]]))
 
     def rest(self) -> tuple[Array, list[Array]]:
-        """Return q (n,) and the state of each unknown in the rest poses (as drawn in the CAD)."""
+        """Return q (n,) and the state of each passive joint in the rest poses (as drawn in the CAD)."""
         rest = self.mechanism.rest
         q, states = np.zeros(len(self._active)), []
         for joint in self.mechanism.tree:
@@ -151,7 +151,7 @@ class Equations:
         return q, states
 
     def _misfit(self, joint: Joint, stepping: bool) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return (errors in the locked directions of a loop joint in m and rad, cosine of the misalignment)."""
+        """Return (offset in m and misalignment in rad in the locked directions of a loop joint, its cosine)."""
         ways = [list(self.mechanism.path(b)) for b in (joint.parent, joint.child)]
         while ways[0] and ways[1] and ways[0][0].name == ways[1][0].name:
             ways = [w[1:] for w in ways]
@@ -161,7 +161,7 @@ class Equations:
         locked = [i for i in range(6) if i not in joint.free_axes]
         frame = [self._carried(a, ca.SX(e), False, stepping) for e in np.eye(3)]
         if locked[:3] == [0, 1, 2]:
-            # In a fixed frame, as drawn, so that the locked directions of a planar loop are exactly zero.
+            # In a fixed frame, as drawn, so that out-of-plane directions of a planar loop are exactly zero.
             rest = self.mechanism.rest
             parted = ways[0][0].parent if ways[0] else ways[1][0].parent if ways[1] else joint.parent
             R = spatial.inverse(rest.get(parted, np.eye(4))) @ rest.get(joint.parent, np.eye(4)) @ joint.T_parent_joint
@@ -183,7 +183,7 @@ class Equations:
         return p.state + p.step if stepping else p.state
 
     def _frame(self, joint: Joint, side: str, back: bool = False) -> Chain:
-        """Return the chain from a body to its joint frame, or the inverse chain."""
+        """Return the chain from a body to its joint frame; `back`: the inverse chain."""
         T = joint.T_parent_joint if side == "parent" else joint.T_child_joint
         error = [_Error(e, back)] if (e := self.errors.get((joint.name, side))) is not None else []
         return [*error, spatial.inverse(T)] if back else [T, *error]
@@ -225,7 +225,7 @@ class Equations:
             p = self._passive[name]
             x = p.state
             if kind in ("spherical", "free"):
-                if stepping:  # to first order, of which only the derivative is used
+                if stepping:  # to first order, because only the derivative is used
                     v = v + ca.cross(p.step[-3:], v)
                 v = _turned(x[-4:], v)
                 shift = x[:-4] + p.step[:-3] if stepping else x[:-4]
@@ -241,7 +241,7 @@ class Equations:
 
 
 def _turned(quat: ca.SX, v: ca.SX) -> ca.SX:
-    """Return v (3,) turned by a unit quaternion."""
+    """Return v (3,) rotated by a unit quaternion (4,), w first."""
     w, x, y, z = ca.vertsplit(quat)
     R = ca.vertcat(
         ca.horzcat(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -257,7 +257,7 @@ def _moved(T: Array, v: ca.SX, point: bool) -> ca.SX:
 
 
 def _off(error: _Error, v: ca.SX, point: bool) -> ca.SX:
-    """Return v (3,) moved by the error of a frame, or by its inverse."""
+    """Return the point or direction v (3,) moved by the error of a frame, or by the inverse error."""
     shift, turn = error.e[:3], error.e[3:]
     if error.back:
         turn = -turn

@@ -1,4 +1,4 @@
-"""Small linear systems as unrolled code: no loops, no run-time pivoting, no products with zero."""
+"""Small linear systems solved by unrolled code: no loops, no run-time pivoting, no products with zero."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ import numpy as np
 from twin.core.spatial import Array
 
 _FLOOR = 1e-13
-"""Damping relative to the diagonal: selects the shortest step for internal freedoms and changes nothing else."""
+"""Damping relative to the diagonal; it selects the shortest step of undetermined unknowns and changes nothing else."""
 
 _PIVOT = 0.2
 """Minimum size of a pivot relative to the largest entry of its row."""
 
 
 def square(J: ca.SX, b: ca.SX, pattern: np.ndarray, sample: Array) -> tuple[ca.SX, ca.SX]:
-    """Return the solution (n,) of J x = b by elimination, and the determinant of J up to a constant sign.
+    """Return the solution (n,) of J x = b by elimination, and the determinant of J except for a constant sign.
 
     Args:
         J: (n, n).
         b: (n,).
-        pattern: (n, n) bool, where J can differ from 0.
-        sample: (n, n) values of J somewhere; used to choose a stable pivot order with few fill-ins.
+        pattern: (n, n) bool, whether an entry of J can differ from 0.
+        sample: (n, n) values of J in one state; used to choose a stable pivot order with few fill-ins.
     """
     n = len(sample)
     a = {(i, j): J[i, j] for i in range(n) for j in range(n) if pattern[i, j]}
@@ -48,7 +48,7 @@ def square(J: ca.SX, b: ca.SX, pattern: np.ndarray, sample: Array) -> tuple[ca.S
 
 
 def _pivot(a: dict, values: Array, rows: list[int], columns: list[int]) -> tuple[int, int]:
-    """Return (row, column) of the large enough pivot that fills the fewest zeros (Markowitz)."""
+    """Return (row, column) of the pivot that fills the fewest zeros, among large enough pivots (Markowitz)."""
     best, at = (np.inf, np.inf), (rows[0], columns[0])
     for i in rows:
         most = max(np.abs(values[i, columns]).max(), 1e-300)
@@ -59,12 +59,12 @@ def _pivot(a: dict, values: Array, rows: list[int], columns: list[int]) -> tuple
 
 
 def least_squares(J: ca.SX, b: ca.SX, pattern: np.ndarray) -> ca.SX:
-    """Return the shortest x (n,) that minimises |J x - b|, by the normal equations.
+    """Return the shortest x (n,) that minimises |J x - b|, from the normal equations.
 
     Args:
         J: (m, n).
         b: (m,).
-        pattern: (m, n) bool, where J can differ from 0.
+        pattern: (m, n) bool, whether an entry of J can differ from 0.
     """
     n = pattern.shape[1]
     J = ca.SX(J)
@@ -96,7 +96,7 @@ def least_squares(J: ca.SX, b: ca.SX, pattern: np.ndarray) -> ca.SX:
 
 
 def _least_filling(linked: np.ndarray) -> list[int]:
-    """Return an order of elimination: next is always the unknown with the fewest neighbours."""
+    """Return an order of elimination; the next unknown is always the one with the fewest neighbours."""
     linked, left, order = linked.copy(), list(range(len(linked))), []
     while left:
         least = min(left, key=lambda i: int(linked[i, left].sum()))

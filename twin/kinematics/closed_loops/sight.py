@@ -1,4 +1,4 @@
-"""Evaluation of a closed mechanism: a point of a body, the tool, and their Jacobians."""
+"""Evaluate a closed mechanism: a point of a body, the tool, and their Jacobians."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from twin.kinematics.closed_loops.equations import LENGTH_SCALE
 from twin.kinematics.closed_loops.solver import LoopSolver
 
 _FLAT = 1e-9
-"""Relative size of singular values that count as zero."""
+"""Singular values below this fraction of the largest one count as zero."""
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """One closed state.
+    """Point, tool and Jacobians in one state with closed loops.
 
     Attributes:
         q, u: active joints (n,) and unknowns (numbers,), as `Closed.states`.
-        p: (3,) the point in base, in m.
-        J: (3, n) rate of the point per rate of each active joint.
+        p: position (3,) of the point in base, in m.
+        J: (3, n) velocity of the point per rate of each active joint.
         answers: (steps, n) rates of the unknowns per rate of each active joint.
-        loops: by loop, its Jacobian in the unknowns; full rank: the loop determines its passive joints.
-        tool: (6, n) the tool's twist per rate of each active joint, rotations times `LENGTH_SCALE`.
+        loops: Jacobian of each loop with respect to its unknowns; full rank: the loop determines its passive joints.
+        tool: (6, n) tool twist per rate of each active joint, rotations times `LENGTH_SCALE`.
     """
 
     q: Array
@@ -40,10 +40,10 @@ class Look:
 
 
 class Sight:
-    """Evaluates a mechanism: its loops and tool are compiled once, each body when first used."""
+    """Evaluator of a mechanism; loops and tool are compiled once, each body when first used."""
 
     def __init__(self, solver: LoopSolver) -> None:
-        """Compile the common functions."""
+        """Compile the functions of the loops and the tool."""
         e = self._equations = solver.equations
         rows = [r for b in solver.blocks for r in b.rows]
         self._columns = np.array([c for b in solver.blocks for c in b.columns], int)
@@ -62,7 +62,7 @@ class Sight:
         self._bodies: dict[str, Callable[..., Array]] = {}
 
     def __call__(self, q: Array, u: Array, body: str, p_body: Array) -> Look:
-        """Return the `Look` at q (n,) and unknowns u (numbers,), for the point (3,) in m on a body."""
+        """Return the `Look` at q (n,) and unknowns u (numbers,), for a point (3,) in the body frame in m."""
         n = self._n
         if body not in self._bodies:
             self._bodies[body] = self._point(body)

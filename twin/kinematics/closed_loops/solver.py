@@ -1,8 +1,10 @@
-"""Newton's method on the loops of a mechanism, compiled: from the active joints to the pose of the tool.
+"""Forward kinematics of a mechanism with loops: compiled Newton's method from active joints to the tool pose.
 
 Blocks of equations are solved in sequence (see `structure`): planar loops first, then the blocks that depend on
-them. Every solution is checked: loops closed, no joint inverted, and the determinant of each block with its sign in the
-rest poses (as drawn in the CAD). If a check fails, the state is solved again in small steps from the rest poses.
+them. Every solution is checked: loops closed, no joint inverted, and the determinant of each block has the same sign as
+in the rest poses (as drawn in the CAD). If a check fails, the state is solved again in small steps from the rest poses.
+
+`numbers` in array shapes is the total count of state values of all passive joints: (numbers,) holds all unknowns.
 """
 
 from __future__ import annotations
@@ -23,33 +25,33 @@ from twin.kinematics.closed_loops.structure import Block, blocks
 from twin.model.mechanism import Mechanism
 
 GAP, TILT = 1e-9, 1e-8
-"""Gap in m and rad up to which a loop counts as closed; convergence is quadratic, so most gaps are rounding."""
+"""Maximum gap in m and rad of a closed loop; convergence is quadratic, so most remaining gaps are rounding."""
 
 _LAST = 1e-8
 """Step size (m, rad) below which the iteration ends."""
 
 _STRIDE = 0.6
-"""Largest change (m, rad) of an unknown in one step."""
+"""Maximum change (m, rad) of an unknown in one step."""
 
 _STEPS = 30
 _WALK = (8, 64)
-"""Numbers of steps from the rest poses to a state that was not found directly."""
+"""Numbers of steps from the rest poses to a state that was not found directly; tried in this order."""
 
 _SINGULAR = 1e8
-"""Condition number of a block in the rest poses, above which it is solved by least squares."""
+"""Condition number of a block in the rest poses above which the block is solved by least squares."""
 
 _RESULTS = ("pose", "gaps", "states")
 
 
 @dataclass(frozen=True)
 class Closed:
-    """States of the closed mechanism, k of them.
+    """k states of the mechanism with closed loops.
 
     Attributes:
         Ts_base_tool: (k, 4, 4); NaN where the loops cannot be closed.
-        states: (numbers, k) of all unknowns: seeds for the next call.
+        states: (numbers, k) values of all unknowns; usable as seeds of the next call.
         offset, tilt: (k,) norms over all loops of their gaps in m and misalignments in rad.
-        margin: (k,) smallest determinant of a block relative to its value in the rest poses, at most 1: 0 at a
+        margin: (k,) smallest determinant of a block relative to its value in the rest poses, at most 1; 0 at a
             singularity of the loops, negative in another assembly mode.
     """
 
@@ -66,12 +68,12 @@ class LoopSolver:
     Attributes:
         mechanism: the mechanism.
         equations: its loop equations.
-        blocks: the blocks in which the equations are solved.
-        q, home: active joints (n,) and unknowns in the rest poses, loops closed.
+        blocks: blocks of equations, in the order of solution.
+        q, home: active joints (n,) and unknowns in the rest poses, with closed loops.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
-        """Find the structure and close the loops in the rest poses; kernels are compiled when first used.
+        """Find the blocks of equations and close the loops in the rest poses; kernels are compiled when first used.
 
         Raises:
             AssemblyError: the loops do not close in the rest poses.
@@ -96,7 +98,7 @@ class LoopSolver:
         if not (offset < 1e-3 and tilt < 0.1):
             text = f"the loops do not close in the rest poses: {offset / MM:.3g} mm and {tilt:.3g} rad remain"
             raise AssemblyError(f"{mechanism.name}: {text}", gap=offset)
-        # CAD that does not meet leaves a gap everywhere: that is a finding, not another reason to fail
+        # loops that do not meet in the CAD leave a gap in every state: reported as a finding, not as an error here
         self._gap, self._tilt = max(GAP, 10 * offset), max(TILT, 10 * tilt)
 
     def forward(self, q: Array, seed: Array | None = None) -> Array:
@@ -104,7 +106,7 @@ class LoopSolver:
 
         Args:
             q: (n,) in m or rad.
-            seed: unknowns (numbers,) to start from, as in `Closed.states`; default: the rest poses.
+            seed: unknowns (numbers,) to start from, as in `Closed.states`; default: those of the rest poses.
 
         Raises:
             AssemblyError: the loops cannot be closed at q.
@@ -131,9 +133,9 @@ class LoopSolver:
         )
 
     def close(self, q: Array, seed: Array) -> Array | None:
-        """Return the unknowns (numbers,) that close the loops at q (n,), found from `seed` (numbers,) alone.
+        """Return the unknowns (numbers,) that close the loops at q (n,), by Newton's method from `seed` (numbers,).
 
-        The answer may be in any assembly, usually the one of the seed; None if Newton's method does not converge.
+        The answer may be in any assembly, usually in the assembly of the seed; None if the method does not converge.
         """
         out = self._single(q, seed)
         return out[15:] if out[12] <= self._gap and out[13] <= self._tilt else None
@@ -143,12 +145,12 @@ class LoopSolver:
         return np.vstack([self._single(q, states)[:12].reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
 
     def forward_many(self, qs: Array, seeds: Array | None = None, threads: int | None = None) -> Closed:
-        """Return the states at active joints qs (k, n), each found independently; NaN poses where no state is found.
+        """Return the states at active joints qs (k, n), each solved independently; NaN poses where no state is found.
 
         Args:
             qs: (k, n) in m or rad.
-            seeds: unknowns (numbers, k) to start from; default: the rest poses.
-            threads: maximum number; default: the number of processors.
+            seeds: unknowns (numbers, k) to start from; default: those of the rest poses.
+            threads: maximum number of threads; default: the number of processors.
         """
         qs = np.asarray(qs, float)
         if qs.ndim != 2 or qs.shape[1] != len(self.q):
@@ -184,7 +186,7 @@ class LoopSolver:
 
     @cached_property
     def stages(self) -> list[Stage]:
-        """Compiled function: (q, unknowns) -> "pose" (12), "gaps" (3), "states"."""
+        """Stages of the compiled function: (q, unknowns) -> "pose" (12), "gaps" (3), "states"."""
         e, names = self.equations, [p.name for p in self.equations.passive]
         determinants = [ca.SX.sym(n) for n in self._signs]
         margin = ca.SX(1)
@@ -229,7 +231,7 @@ class LoopSolver:
         return Stage(ca.Function("split", [seed], parts), ("seed",), tuple(self._names))
 
     def _stage(self, number: int, block: Block, start: list[Array]) -> Stage:
-        """Return one step of Newton's method on a block."""
+        """Return the stage that solves a block by Newton's method."""
         e = self.equations
         rows, columns = list(block.rows), list(block.columns)
         J, r = ca.SX(len(rows), len(columns)), e.residual[rows]

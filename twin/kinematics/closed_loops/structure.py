@@ -1,4 +1,4 @@
-"""Find redundant loop equations numerically, and order the others into blocks that can be solved in turn."""
+"""Find redundant loop equations numerically, and order the other equations into blocks solved in sequence."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from twin.kinematics.closed_loops.equations import STEPS, Equations
 
 _TRIES = 32
 _NOTHING = 1e-12
-"""Residual in m or rad: an equation that never exceeds it, even in states with open loops, is redundant."""
+"""Residual in m or rad; an equation that never exceeds it, even in states with open loops, is redundant."""
 _FLAT = 1e-13
 """Derivatives below this count as zero."""
 
@@ -22,10 +22,10 @@ class Block:
     """Equations that are solved together, after the previous blocks.
 
     Attributes:
-        rows: numbers of the equations.
-        unknowns: numbers of the joints in `Equations.passive`.
-        columns: numbers of the steps of these joints.
-        pattern: (rows, columns) bool, where the derivative can differ from 0.
+        rows: indices of the equations.
+        unknowns: indices of the joints in `Equations.passive`.
+        columns: indices of the steps of these joints.
+        pattern: (rows, columns) bool, whether the derivative can differ from 0.
     """
 
     rows: tuple[int, ...]
@@ -48,7 +48,7 @@ def blocks(equations: Equations) -> list[Block]:
     kept = np.flatnonzero(np.abs(values).max(axis=0) > _NOTHING)
     owner = np.repeat(np.arange(len(e.passive)), [STEPS[p.joint.type] for p in e.passive])
     pattern = np.abs(slopes[:, kept]).max(axis=0) > _FLAT
-    whole = pattern.copy()  # a joint is solved for as a whole
+    whole = pattern.copy()  # all unknowns of a joint are solved for in one block
     for k in range(len(e.passive)):
         whole[:, owner == k] = pattern[:, owner == k].any(axis=1)[:, None]
     out = []
@@ -79,13 +79,13 @@ def _tried(e: Equations) -> tuple[Array, Array]:
 
 
 def _sorted(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
-    """Return rows and columns of the diagonal blocks, each needing only those before it."""
+    """Return (rows, columns) of the diagonal blocks; each block depends only on the blocks before it."""
     out = []
     for rows, columns in _components(pattern):
         part = pattern[np.ix_(rows, columns)]
         sparsity = ca.sparsify(ca.DM(part.astype(float))).sparsity()
         if len(rows) != len(columns) or ca.sprank(sparsity) < len(rows):
-            out.append((rows, columns))  # more equations than unknowns, or fewer: least squares, all at once
+            out.append((rows, columns))  # more equations than unknowns, or fewer: least squares for all of them
             continue
         count, p, q, r, c, _, _ = sparsity.btf()
         out += [([rows[i] for i in p[r[b] : r[b + 1]]], [columns[i] for i in q[c[b] : c[b + 1]]]) for b in range(count)]
@@ -93,7 +93,7 @@ def _sorted(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
 
 
 def _components(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
-    """Return independent groups of rows and columns."""
+    """Return groups (rows, columns) that share no unknowns."""
     left, out = set(range(pattern.shape[1])), []
     while left:
         columns, rows, more = set(), set(), {min(left)}
