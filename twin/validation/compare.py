@@ -63,8 +63,8 @@ def compare(
 ) -> Comparison:
     """Compare the equations `kin` with the independent mechanism along a trajectory; return rows and findings.
 
-    If `kin` is None, or has only forward equations and the mechanism determined the path, there are no inverse equations
-    to judge. The mechanism is then driven by the trajectory's joint values, and its loops and rates are judged.
+    If `kin` is None, or has only forward equations and the mechanism determined the path, the joint values of the
+    trajectory drive the mechanism, and only its loops and rates are judged.
     """
     out = Comparison()
     rows = _coarse_rows(trajectory)
