@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from twin.codegen import Kernel
 
 _FREE = 1e12
-"""Squared rate that stands for no limit: a million times the mean rate, squared."""
+"""Squared rate used instead of a missing limit: a million times the mean rate, squared."""
 
 _FLAT = 1e-24
 """Minimum coefficient of y: with `_FREE` it changes a row by 1e-12 at most."""
@@ -53,7 +53,7 @@ def fastest(grid: Array, first: Array, second: Array, speed: Array) -> Array:
         speed: (m,) limits of |first ds/dt|.
 
     Raises:
-        TimingError: no motion was found that keeps the limits.
+        TimingError: no motion within the limits was found.
     """
     backward, forward = _passes(len(first))
     half = (0.5 / np.diff(grid))[None]

@@ -115,7 +115,7 @@ class PathKinematics:
         singularity: T_base_tool (k, 4, 4), q (k, n) -> measures (k,) by name; each is 0 at a singularity.
         singularity_alarm: absolute value of a measure below which it is reported, by the beginning of its name.
         lower, upper: (n,) hard limits in m or rad, never exceeded.
-        soft_lower, soft_upper: (n,) limits in m or rad; exceeding them gives a warning.
+        soft_lower, soft_upper: (n,) limits in m or rad; exceeding them causes a warning.
         max_speed, max_acceleration: (n,) limits in m or rad per s and per s2.
         branch: T_base_tool (k, 4, 4), q (k, n) -> labels (k,) of the working mode; None: it is not checked.
         gaps: pairs of carriages on a common rail.

@@ -62,7 +62,7 @@ class Stated(Protocol):
         ...
 
     def valid(self, s: Run, passive: bool) -> Mask:
-        """Return whether (k,) the equations agree with the active joints, and with the passive ones if requested."""
+        """Return whether (k,) the equations reproduce the active joint values, with `passive` also the passive ones."""
         ...
 
     def refuses(self, Ts_base_tool: Array) -> Array:
@@ -74,7 +74,7 @@ class Stated(Protocol):
         ...
 
     def homogeneous(self, s: Run, by: float) -> bool:
-        """Return whether all lengths in the equations are parameters, so that scaling them scales the robot by `by`."""
+        """Return whether all lengths in the equations are parameters: a robot scaled by `by` then has equal angles."""
         ...
 
 
@@ -143,7 +143,7 @@ class Boundary:
         out |= self._walked([i for i in rows if i not in out])
         return [out[i] for i in rows]
 
-    # -- without a walk -------------------------------------------------------------------------------
+    # -- checks at known states -------------------------------------------------------------------------------
 
     def _plain(self, i: int) -> Judged | None:
         """Check a row at the known states for value, sign and dimension; None if these checks do not decide."""
@@ -211,7 +211,7 @@ class Boundary:
                 out.append(T)
         return np.concatenate(out)
 
-    # -- by walks -------------------------------------------------------------------------------------
+    # -- checks at the ends of walks -----------------------------------------------------------------------------------
 
     def _walked(self, rows: list[int]) -> dict[int, Judged]:
         if not rows:
@@ -283,7 +283,7 @@ class Boundary:
         text = f"it did not vanish at any tested state; its minimum was {least}"
         return self._row(i, "not judged", text, x)
 
-    # -- small ----------------------------------------------------------------------------------------
+    # -- helpers ----------------------------------------------------------------------------------------
 
     def _at(self, states: Array) -> Array:
         return self.stated.values(self.model.collect(states))

@@ -177,7 +177,7 @@ class Dynamics:
         kinetic = float(pin.computeKineticEnergy(self._pin, self._data, x, V)) + 0.5 * float(qd @ self.rotor @ qd)
         return kinetic, float(pin.computePotentialEnergy(self._pin, self._data, x))
 
-    # -- inside ---------------------------------------------------------------------------------------
+    # -- internals ---------------------------------------------------------------------------------------
 
     def _gain(self, x: Array) -> Array:
         """Return G (nv, n): velocities of the tree per rate of each active joint."""

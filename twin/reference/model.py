@@ -256,7 +256,7 @@ class ReferenceModel:
         """Return degrees of freedom and redundant constraints at configuration x (nq,)."""
         return mobility.count(self.loop_jacobian(x), self.tree.loops, self.tree.passive)
 
-    # -- inside ---------------------------------------------------------------------------------------
+    # -- internals ---------------------------------------------------------------------------------------
 
     def _closed(self, run: Run, Ts: Array | None = None) -> Run:
         """Return the run; raise `AssemblyError` at the first sample with an open loop or off its tool pose."""

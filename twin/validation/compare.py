@@ -1,8 +1,8 @@
 """Compare the equations (A) with the independent mechanism from the CAD (B), and separate causes from consequences.
 
-The protocol gives tool poses. The mechanism is solved for the joint values at these poses, and for the tool pose at the
-joint values of the equations. Each printed equation is also checked with correct inputs: its points are compared with
-the CAD's points at the same pose, and its joint values, computed from the CAD's points, with the mechanism's joint
+The protocol defines tool poses. The mechanism is solved for the joint values at these poses, and for the tool pose at
+the joint values of the equations. Each printed equation is also checked with correct inputs: its points are compared
+with the CAD's points at the same pose, and its joint values, computed from the CAD's points, with the mechanism's joint
 values. Consequences of a located error are reported as consequences, not as further errors.
 """
 
@@ -63,8 +63,8 @@ def compare(
 ) -> Comparison:
     """Compare the equations `kin` with the independent mechanism along a trajectory; return rows and findings.
 
-    If `kin` is None, or has only forward equations and the mechanism determined the path, the joint values of the
-    trajectory drive the mechanism, and only its loops and rates are judged.
+    If `kin` is None, or has only forward equations and the mechanism determined the path, there are no joint values of
+    equations: those of the trajectory drive the mechanism, and its loops and rates are judged.
     """
     out = Comparison()
     rows = _coarse_rows(trajectory)

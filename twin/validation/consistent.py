@@ -107,7 +107,7 @@ def fixes(
 
 
 def nearest(T: Array, axis: Array, rcm: Array, lever: float) -> Array:
-    """Return the pose (4, 4) nearest to T whose shaft passes through the RCM: least translation and rotation.
+    """Return the pose (4, 4) nearest to T whose shaft passes through the RCM: smallest translation and rotation.
 
     Args:
         T: (4, 4) pose of the moved frame.
@@ -197,7 +197,7 @@ def _missed(trajectory: Trajectory, phase: str) -> float:
 
 
 def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
-    """Return the required position of the RCM: nearest to the shaft at registration and at the end of the pivot."""
+    """Return the fix that moves the RCM to the point nearest to the shafts at registration and at the pivot's end."""
     assert span.rcm is not None
     first = min(s.start for s in trajectory.phases if s.rcm is not None and np.array_equal(s.rcm, span.rcm))
     Ts, axis = (
@@ -219,7 +219,7 @@ def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
 
 
 def _readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> str:
-    """Return whether another order or other signs of the waypoint's angles keep the RCM."""
+    """Return text: whether the shaft passes through the RCM with another order or sign of the waypoint's angles."""
     assert span.rcm is not None
     assert span.waypoint is not None
     w = protocol.waypoints[span.waypoint]

@@ -32,7 +32,7 @@ class Residual:
         worst, rms: largest and root-mean-square deviation over all samples, in `unit`.
         tolerance: largest accepted deviation in `unit`; None if the row is not judged.
         t, phase: time in s and phase of the largest deviation.
-        component: axis with the largest component at that time ("x", "y" or "z"); "" for scalars.
+        component: axes along which vectors deviate most ("x", "x, z", ...); "" for scalars.
         samples: number of samples compared.
         consequence_of: name of the row that causes this deviation; "" if none is known.
         note: remark for the reader; may be empty.

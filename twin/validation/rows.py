@@ -82,7 +82,7 @@ def row(
     clock: Clock,
     **more: str,
 ) -> Residual:
-    """Return a row from differences (k,), or (k, 3) compared by length, and name the largest component."""
+    """Return a row from differences (k,), or (k, 3) compared by length, with the axes of the largest components."""
     values = np.linalg.norm(differences, axis=-1) if differences.ndim > 1 else np.abs(differences)
     i = int(np.argmax(np.where(np.isnan(values), -1.0, values))) if len(values) else 0
     component = ""

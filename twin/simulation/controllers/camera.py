@@ -57,7 +57,7 @@ class Dragging:
 
         Args:
             right: (3,) position of the right hand in m in the axes of the picture, from any fixed origin.
-            left: (3,) position of the left hand, likewise.
+            left: (3,) position of the left hand in m, in the same axes.
             coupled: whether the hands move the camera (camera pedal pressed).
         """
         if not coupled:

@@ -45,7 +45,7 @@ class HandState:
 class GivenHands(Block):
     """Writes `<hand>.pose` (16,), `<hand>.grip`, `<hand>.lost`, and the pedals for both hands.
 
-    `<device>.clutch` and `<device>.camera` are the pedals; `<device>.ignored` counts rejected states.
+    `<device>.clutch` and `<device>.camera` are the pedals; `<device>.ignored` counts ignored states and scales.
     `<device>.silent` is 1 if a hand has sent no state for `patience`: nothing moves until it sends one again.
     """
 

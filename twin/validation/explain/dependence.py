@@ -70,7 +70,7 @@ class Dependence:
                 self._read[name, k] = found
         return self._read[name, row]
 
-    # -- which symbols ----------------------------------------------------------------------------------------
+    # -- symbols of rows ----------------------------------------------------------------------------------------
 
     def _answers(self, step: Step, change: Sequence[Edit], rows: Collection[Key]) -> dict[Key, set[str]]:
         """Return the symbols on which each row depends, after `change` (empty: unedited)."""
@@ -113,7 +113,7 @@ class Dependence:
             self._stirred[at] = base.on(base.truth.with_parameters(values), equations)
         return self._stirred[at]
 
-    # -- what implicit rows determine ---------------------------------------------------------------------------
+    # -- unknowns of implicit rows ---------------------------------------------------------------------------
 
     def determined(self, c: Candidate, row: Key) -> bool:
         """Return whether an edited row still determines its unknown, given the other rows of its equation.

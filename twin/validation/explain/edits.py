@@ -1,6 +1,6 @@
 """Generate small edits of a row: names, functions, signs, operators, numbers, indices, parentheses, terms.
 
-An edit replaces text of the file. Edits that are not valid Python, or give no value, are dropped when they are tried.
+An edit replaces text of the file. Edits that are not valid Python, or have no value, are dropped when they are tried.
 """
 
 from __future__ import annotations

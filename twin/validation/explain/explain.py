@@ -47,8 +47,8 @@ def known(
 ) -> Truth:
     """Return the mechanism's values of the formula's symbols at sampled poses.
 
-    A redundant mechanism has many solutions for a pose. The solution nearest to the formula's own joint values is used,
-    unless fewer rows are wrong with the sampled solution.
+    A redundant mechanism has many solutions for a pose. The solution nearest to the formula's own joint values is used
+    if no row is wrong with it, or fewer rows than with the sampled solution.
     """
     run = sample(model, progress=lambda f: progress("sample the mechanism", f))
     if not (model.redundant and formula.has("inverse")):

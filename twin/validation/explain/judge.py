@@ -249,7 +249,7 @@ class Judge:
             return d
         return d / self.tolerance.length
 
-    # -- trying ----------------------------------------------------------------------------------------
+    # -- trials of edits ----------------------------------------------------------------------------------------
 
     def trial(self, step: Step, edits: list[Edit], extra: Mapping[str, Any] | None = None) -> Residuals:
         """Return the residuals of the rows that edits change; call it with numpy's warnings off.
@@ -370,7 +370,7 @@ class Judge:
             changed |= {n for n in new if n not in self.truth.kinds}
             computed |= {n: v for n, v in new.items() if n in changed or n not in computed}
 
-    # -- what is wrong -----------------------------------------------------------------------------------
+    # -- failing rows -----------------------------------------------------------------------------------
 
     def failing(self) -> list[Place]:
         """Return the rows whose residual exceeds the tolerance or is NaN."""
