@@ -1,1 +1,1 @@
-"""Timed motion of a protocol: exact task-space paths, TOPP-RA timing, and a check of every sample."""
+"""Plan the timed motion of a protocol: exact tool paths, time-optimal timing, and a check of every sample."""

@@ -1,4 +1,4 @@
-"""From one place to another around what is in the way: straight if that is free, else searched, shortened, rounded."""
+"""Plan a path around obstacles: the straight path if it is free; otherwise a search, then shortcuts and rounding."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from twin.planning.smooth import Smooth, fit, line
 from twin.planning.space import Space
 
 _ROUNDS = ((0.15, 60), (0.4, 200), (1.0, 600))
-"""Searches in this order: how far beyond start and goal, in parts of the limits; how many samples."""
+"""Searches in their order: (extension of the box beyond start and goal, relative to the limits; number of samples)."""
 
 _SHORTCUTS = 60
-"""Pairs of points of a way between which the straight path is tried."""
+"""Number of pairs of points of a path between which a straight path is tried."""
 
 _WIDTHS = (0.1, 0.05, 0.025, 0.0125)
-"""Standard deviations with which corners are rounded, in parts of the way, tried in this order."""
+"""Standard deviations for the rounding of corners, relative to the path length, in the order of trial."""
 
 
 def around(
@@ -30,17 +30,17 @@ def around(
     seed: int = 0,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> Smooth:
-    """Return a smooth path from start (n,) to goal (n,) that is free all along; the same seed gives the same path.
+    """Return a smooth collision-free path from start to goal; the same seed gives the same path.
 
     Args:
-        space: what is free.
-        start: joint values.
-        goal: joint values.
-        seed: of the samples.
-        progress: called with the fraction of the present search.
+        space: the joint space, which tests whether joint values and paths are free of collisions.
+        start: (n,) joint values at the start.
+        goal: (n,) joint values at the goal.
+        seed: seed of the random samples.
+        progress: called with the fraction done of the current search.
 
     Raises:
-        ProtocolError: an end is not free, or no way was found; the message says what was tried.
+        ProtocolError: start or goal is not free, or no path was found; the message lists the searches.
     """
     start, goal = np.asarray(start, float), np.asarray(goal, float)
     for name, q in (("start", start), ("goal", goal)):
@@ -74,7 +74,7 @@ def around(
 
 
 def shortened(space: Space, corners: Array, rng: np.random.Generator) -> Array:
-    """Return the corners (k, n) of a way with straight parts instead of detours, where these are free."""
+    """Return the corners (k, n) of a path with detours replaced by straight parts where these are free."""
     points = list(corners)
     for _ in range(_SHORTCUTS):
         if len(points) < 3:
@@ -85,17 +85,18 @@ def shortened(space: Space, corners: Array, rng: np.random.Generator) -> Array:
         if i == j:
             continue
         a, b = (np.array([np.interp(s, along, column) for column in np.array(points).T]) for s in (s0, s1))
-        # all three: a loop that is closed another way at a or b is another assembly
+        # test all three parts: the loops at a or b could be closed in another assembly mode
         if space.free_between(a, b) and space.free_between(points[i], a) and space.free_between(b, points[j + 1]):
             points = [*points[: i + 1], a, b, *points[j + 1 :]]
     return np.array(points)
 
 
 def rounded(corners: Array, weights: Array, width: float) -> Smooth:
-    """Return a way with these corners (k, n), by its length, averaged over a Gaussian of this standard deviation.
+    """Return a path with rounded corners: the path along the corners (k, n), convolved with a Gaussian.
 
-    Averaged is the way prolonged by its mirror images at both ends, so that it begins and ends where the way does.
-    A straight part stays, and each change of direction d at s0 adds d (w phi(x) + (s - s0) Phi(x)), x = (s - s0)/w.
+    `width` is the standard deviation of the Gaussian, relative to the length of the path, which is measured with
+    `weights`. The path is extended by its mirror images at both ends, so that start and end do not change. Straight
+    parts remain straight. Each change of direction d at s0 contributes d (w phi(x) + (s - s0) Phi(x)), x = (s - s0)/w.
     """
     from scipy.special import ndtr
 
@@ -111,7 +112,7 @@ def rounded(corners: Array, weights: Array, width: float) -> Smooth:
         bends = width * (np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi) + x * ndtr(x))
         return bends @ changes
 
-    # what is left is the straight line between the ends
+    # the rest is a straight line between the ends
     series = fit(averaged)
     c = series.coefficients.copy()
     low, high = c.T @ (-1.0) ** np.arange(len(c)), c.sum(axis=0)
@@ -121,5 +122,5 @@ def rounded(corners: Array, weights: Array, width: float) -> Smooth:
 
 
 def _along(points: Array) -> Array:
-    """Return the length (k,) of a way of corners (k, n) until each."""
+    """Return the length (k,) of the path along points (k, n), from the first point to each point."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])

@@ -15,10 +15,10 @@ from twin.planning.protocol import Protocol, RotationOrder, Waypoint, trocar_of
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
 OVER = 1e-3
-"""Fraction by which a sample may exceed a speed or acceleration limit."""
+"""Fraction by which a sample may exceed a limit of speed or acceleration."""
 
 AGAIN = "plan the protocol again: these samples differ from the planned ones"
-"""The suggestion for samples that differ from the plan."""
+"""Suggestion for samples that differ from the planned ones."""
 
 
 _MISSED = Kind(
@@ -32,12 +32,12 @@ _SINGULARITY = Kind("margin.singularity", "info", word="alarm")
 
 
 def check(trajectory: Trajectory, protocol: Protocol, kinematics: PathKinematics) -> list[Finding]:
-    """Return the findings on a trajectory; its smallest margins are findings of severity "info".
+    """Return the findings on a trajectory; the smallest margins are findings of severity "info".
 
     Args:
-        trajectory: the samples; its per-sample margins and RCM errors are recomputed.
-        protocol: limits of the phases and tolerances.
-        kinematics: limits of the joints, singularities, branches.
+        trajectory: the samples; its stored margins and RCM errors are recomputed.
+        protocol: source of the limits of the phases and of the tolerances.
+        kinematics: source of joint limits, singularity measures and working modes.
     """
     return [
         *_positions(trajectory, kinematics),
@@ -56,7 +56,7 @@ def check(trajectory: Trajectory, protocol: Protocol, kinematics: PathKinematics
 
 
 def rcm_error(Ts_base_frame: Array, shaft_axis: Array, rcm: Array) -> Array:
-    """Return the distance (k,) in m from the RCM (3,) to the shaft of the moved frame (k, 4, 4)."""
+    """Return the distance (k,) in m from the RCM (3,) to the shaft axis, for poses (k, 4, 4) of the moved frame."""
     return spatial.point_to_line(rcm, Ts_base_frame[:, :3, 3], Ts_base_frame[:, :3, :3] @ shaft_axis)
 
 
@@ -83,7 +83,7 @@ def _positions(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findi
                     f"joint {name} exceeds its {kind} limits {low / factor:.2f}..{high / factor:.2f} {unit} by {size}"
                 )
                 out.append(build(f"limit.{kind}", name, what, size, 0, when=_when(trajectory, k), word=""))
-                break  # a joint beyond its hard limits is beyond the soft ones too
+                break  # a joint beyond its hard limits is also beyond its soft limits
     margin = np.minimum(trajectory.q - kinematics.lower, kinematics.upper - trajectory.q)
     if not np.isfinite(margin).any():  # no joint has limits
         return out
@@ -96,7 +96,7 @@ def _positions(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findi
 
 
 def _motors(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
-    """Check the actuators of transmissions: joints within their limits may still exceed a motor's limits."""
+    """Check the actuators of transmissions: a motor may exceed its limits although all joints are within theirs."""
     out, motors = [], kinematics.motors
     for i, name in enumerate(motors.names):
         unit, factor = motors.unit(i)
@@ -150,7 +150,7 @@ def _tip_rates(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
     out = []
     for i, span in enumerate(trajectory.phases):
         limits = protocol.limits[span.type]
-        rows = slice(span.start + min(i, 1), span.stop + 1)  # the sample between phases is the earlier one's
+        rows = slice(span.start + min(i, 1), span.stop + 1)  # a shared sample counts for the earlier phase
         a, dw = trajectory.tip_acceleration[rows], trajectory.angular_acceleration[rows]
         for code, values, limit, unit in (
             ("limit.tip_speed", trajectory.tip_velocity[rows], limits.tip_speed, "m/s"),
@@ -177,7 +177,7 @@ def _over(
 
 
 def _consistent(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
-    """Check that speeds match positions, within what the accelerations allow."""
+    """Check that the stated joint speeds agree with the changes of the positions, given the accelerations."""
     dt = float(trajectory.t[1] - trajectory.t[0])
     slope = (trajectory.q[2:] - trajectory.q[:-2]) / (2 * dt)
     error = np.abs(slope - trajectory.qd[1:-1]) / (dt * kinematics.max_acceleration * (1 + OVER))
@@ -192,7 +192,7 @@ def _consistent(trajectory: Trajectory, kinematics: PathKinematics) -> list[Find
 
 
 def _rcm(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
-    """Return one finding for each registered RCM, over all phases until it is released."""
+    """Return one finding per registered RCM, for all phases until its release."""
     episodes: list[list[PhaseSpan]] = []
     for before, span in zip((None, *trajectory.phases), trajectory.phases, strict=False):
         if span.rcm is None:
@@ -267,7 +267,7 @@ def _waypoints(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
 
 
 def _values(trajectory: Trajectory, waypoint: Waypoint, rows: tuple[int, ...]) -> list[Finding]:
-    """Return findings on joints that are not at the values of their waypoint."""
+    """Return findings on joints that differ from the values of their waypoint at samples `rows`."""
     out = []
     for joint, value in (waypoint.joints or {}).items():
         q = trajectory.q[list(rows), trajectory.joint_names.index(joint)]
@@ -286,8 +286,8 @@ def _depth(trajectory: Trajectory, sample: int) -> float:
 
 
 def _rotation(angles: Array, order: RotationOrder) -> Array:
-    """Return R (3, 3), computed here so that the check shares no code with the path."""
-    if order == "xyz":  # Rx(a) Ry(b) Rz(c) undoes Rz(-c) Ry(-b) Rx(-a)
+    """Return R (3, 3) for angles (3,) in rad, computed independently of the path."""
+    if order == "xyz":  # Rx(a) Ry(b) Rz(c) is the inverse of Rz(-c) Ry(-b) Rx(-a)
         return _rotation(-angles[::-1], "zyx").T
     (cz, cy, cx), (sz, sy, sx) = np.cos(angles), np.sin(angles)
     return np.array(

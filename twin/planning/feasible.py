@@ -1,4 +1,4 @@
-"""Check before timing whether a robot can follow a path; if not, report where it fails, why, and what is reachable."""
+"""Check before timing whether a robot can follow a path; if not, report where and why, and what is reachable."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from twin.planning.protocol import Insertion, Pivot, Retraction
 from twin.planning.trajectory import Cause, PathKinematics
 
 _PROBES = 401
-"""Number of checked points of a phase; the 1 kHz samples are checked again afterwards."""
+"""Number of points of a phase that are checked; the 1 kHz samples are checked again after timing."""
 
 Margins = dict[tuple[Cause, str], Array]
-"""Margins (k,) in m or rad by cause and name."""
+"""Margins (k,) in m or rad, by (cause, name); negative where a pose is unreachable."""
 
 
 def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, protocol: str) -> None:
-    """Raise if the robot cannot follow the path.
+    """Raise an error if the robot cannot follow the path.
 
     Raises:
-        ProtocolError: the robot cannot follow; the message gives the phase, the cause with its size, where on the phase
-            it begins, and what is reachable.
+        ProtocolError: the robot cannot follow the path; the message contains the phase, the cause and its size, where
+            on the phase it begins, and what is reachable.
     """
     s = np.linspace(0.0, 1.0, _PROBES)
 
@@ -62,7 +62,7 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
 
 
 def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> Margins:
-    """Return margins (k,) in m or rad by cause and name, negative where a pose is unreachable."""
+    """Return margins (k,) in m or rad of poses Ts (k, 4, 4) with joint values q (k, n); negative where unreachable."""
     out: Margins = {("reach", name): np.asarray(m) for name, m in kinematics.reach(Ts).items()}
     solved = np.all(np.isfinite(q), axis=1)
     out["inverse", ""] = np.where(solved, 0.0, -1.0)
@@ -80,14 +80,14 @@ def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> Margins:
 
 @dataclass(frozen=True)
 class Anchor:
-    """The side of every singularity and the working mode on which a phase begins; empty if that is unknown."""
+    """Working mode and signs of the singularity measures at the start of a phase; empty and None if unknown."""
 
     signs: Mapping[str, float]
     branch: object
 
     @staticmethod
     def at(kinematics: PathKinematics, Ts: Array, q: Array) -> Anchor:
-        """Return them at a pose (1, 4, 4) with joints (1, n)."""
+        """Return the anchor for a pose (1, 4, 4) with joint values (1, n)."""
         if not np.all(np.isfinite(q)):
             return Anchor({}, None)
         signs = {name: float(np.sign(v[0])) for name, v in kinematics.singularity(Ts, q).items()}
@@ -95,7 +95,7 @@ class Anchor:
 
 
 def margins_at(kinematics: PathKinematics, Ts: Array, q: Array, anchor: Anchor) -> Margins:
-    """Return margins (k,) as `pose_margins`, and those of singularities and working mode."""
+    """Return `pose_margins` and margins (k,) against a change of singularity sign or working mode of `anchor`."""
     out = pose_margins(kinematics, Ts, q)
     solved = np.all(np.isfinite(q), axis=1)
     if not (anchor.signs or anchor.branch is not None) or not solved.any():
@@ -109,7 +109,7 @@ def margins_at(kinematics: PathKinematics, Ts: Array, q: Array, anchor: Anchor) 
 
 
 def said(kinematics: PathKinematics, margins: Margins) -> str:
-    """Return the first margin (1,) below 0 as text; "" if there is none."""
+    """Return the first negative margin (1,) as text; "" if there is none."""
     for (cause, name), margin in margins.items():
         if margin[0] < 0:
             return _cause(kinematics, cause, name, float(-margin[0]))
@@ -123,7 +123,7 @@ def _spread(rows: np.ndarray, values: Array) -> Array:
 
 
 def _why(kinematics: PathKinematics, path: PhasePath, s: float) -> str:
-    """Return a sentence: the reason why the equations give no finite joint values at s; "" if unknown."""
+    """Return why the equations have no finite joint values at s, as a sentence with a leading space; "" if unknown."""
     text = kinematics.why(path.motion(np.array([s])).Ts_base_tool[0]) if kinematics.why else ""
     return f" {text}" if text else ""
 
@@ -154,7 +154,7 @@ def _cause(kinematics: PathKinematics, cause: Cause, name: str, size: float) -> 
 
 
 def _reachable(path: PhasePath, s: float, nothing: bool) -> str:
-    """Return the reachable part of the phase, with a small margin."""
+    """Return a sentence on the reachable part of the phase, up to s minus a small margin."""
     if nothing:
         return "No part of the phase is reachable; change the pose at its start."
     s = max(0.0, s - 1e-4)

@@ -1,9 +1,9 @@
-"""FMT*, the Fast Marching Tree: the shortest way between two places through random samples of what is free.
+"""FMT* (Fast Marching Tree): search the shortest path between two points through random collision-free samples.
 
 L. Janson, E. Schmerling, A. Clark, M. Pavone, "Fast Marching Tree: a fast marching sampling-based method for optimal
 motion planning in many dimensions", Int. J. Robotics Research 34(7), 2015: algorithm 1, radius of theorem 4.1. A tree
-grows outwards in the order of cost to come; a sample is joined to the node of the front through which it would be
-cheapest if nothing were in the way, and only that one way is examined.
+grows outwards in the order of path length. Each sample is connected to the node of the tree's front through which its
+path would be shortest without obstacles; only this connection is tested for collisions.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from twin.core.spatial import Array
 from twin.planning.space import Space
 
 _WIDER = 1.1
-"""Radius over the smallest one with which the length converges to the minimum."""
+"""Ratio of the radius to the smallest radius for which the path length converges to the minimum."""
 
 _TRIES = 20
-"""Samples that are drawn for each free one that is wanted, at most."""
+"""Maximum number of samples drawn per required free sample."""
 
 
 def search(
@@ -34,16 +34,16 @@ def search(
     rng: np.random.Generator,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> tuple[Array | None, int]:
-    """Return the corners (k, n) of the shortest way through random samples, or None, and how many samples were free.
+    """Return (corners (k, n) of the shortest path found, or None; number of free samples).
 
     Args:
-        space: what is free.
-        start: (n,) joint values, free.
-        goal: (n,) joint values, free.
-        box: (n, 2) where samples are drawn.
-        samples: free ones to draw.
-        rng: draws them; the same seed gives the same way.
-        progress: called with the fraction of the samples that are drawn, then with that which the tree has reached.
+        space: the joint space, which tests for collisions.
+        start: (n,) joint values at the start, free of collisions.
+        goal: (n,) joint values at the goal, free of collisions.
+        box: (n, 2) lower and upper bounds of the samples.
+        samples: number of free samples to draw.
+        rng: random generator; the same seed gives the same path.
+        progress: called with the fraction done: first half drawing of samples, second half growth of the tree.
     """
     drawn, share = _drawn(space, box, samples, rng, lambda f: progress(f / 2))
     q = np.concatenate([start[None], goal[None], drawn])
@@ -56,7 +56,7 @@ def search(
 def _drawn(
     space: Space, box: Array, samples: int, rng: np.random.Generator, progress: Callable[[float], None]
 ) -> tuple[Array, float]:
-    """Return free samples (k, n), and the share of all that is free."""
+    """Return (free samples (k, n), fraction of the drawn samples that is free)."""
     kept: list[Array] = []
     count = tried = 0
     while count < samples and tried < _TRIES * samples:
@@ -68,13 +68,13 @@ def _drawn(
 
 
 def _radius(count: int, n: int, volume: float) -> float:
-    """Return the radius within which samples are neighbours (theorem 4.1), `volume` being that of what is free."""
+    """Return the neighbourhood radius of theorem 4.1 for `count` samples in n dimensions and the free `volume`."""
     ball = pi ** (n / 2) / gamma(n / 2 + 1)
     return _WIDER * 2 * (volume / (n * ball) * log(count) / count) ** (1 / n)
 
 
 def _grown(space: Space, q: Array, x: Array, near: list[list[int]], progress: Callable[[float], None]) -> Array | None:
-    """Grow the tree from row 0 until row 1 is its cheapest leaf, and return the corners of the way there."""
+    """Grow the tree from sample 0 until it reaches sample 1; return the corners of the path, None if it cannot."""
     waiting, front = np.ones(len(q), bool), np.zeros(len(q), bool)
     waiting[0], front[0] = False, True
     cost, parent = np.full(len(q), np.inf), np.full(len(q), -1)

@@ -1,9 +1,9 @@
-"""Paths that the mechanism decides: by its driven joints, or along a line in its free directions.
+"""Paths determined by the mechanism: given by its driven joints, or along a line in its free directions.
 
-A robot with fewer than six freedoms cannot reach every pose, nor follow every straight line between two poses. So as
-many directions as it has freedoms are controlled, positions before rotations; the mechanism decides the others. At a
-waypoint with a pose the tool must match it in every direction that the protocol does not leave free; otherwise the
-waypoint is not reachable, and the protocol is wrong.
+A robot with fewer than six freedoms cannot reach every pose, and cannot follow every straight line between two poses.
+Therefore only as many directions as it has freedoms are controlled, positions before rotations; the others follow from
+the mechanism. At a waypoint with a pose, the tool must agree in every direction that the protocol does not declare
+free; otherwise the waypoint is unreachable and the protocol is wrong.
 """
 
 from __future__ import annotations
@@ -26,35 +26,35 @@ from twin.planning.smooth import Smooth, fit, line
 from twin.planning.trajectory import Carrier, PathKinematics
 
 _STATIONS = 33
-"""Points of a phase at which the mechanism is evaluated before fitting."""
+"""Number of points of a phase at which the mechanism is evaluated before fitting."""
 
 _STILL = 1e-12
-"""Change (m or of a matrix entry) along a phase that is rounding."""
+"""Change (in m, or of a matrix entry) along a phase up to which it is rounding."""
 
 _NONE = 1e-9
-"""Change (m, rad) of every driven joint below which a phase has no length."""
+"""Change (m, rad) of all driven joints below which a phase has no length."""
 
 _LENGTH = 0.1
-"""Length in m that converts radians to metres where directions are compared."""
+"""Length in m that is equivalent to 1 rad in comparisons of directions."""
 
 _INDEPENDENT = 1e-3
-"""Minimum rate of a controlled direction, relative to the largest."""
+"""Minimum rate of a controlled direction, relative to the largest rate."""
 
 
 @dataclass(frozen=True)
 class Followed(PhasePath):
-    """A phase as the mechanism follows it.
+    """A phase with the actual motion of the mechanism.
 
     Attributes:
-        values: driven joints (n,) by s.
-        place: of the tool by s, (12,): its origin in m, and its rotation matrix row by row.
+        values: path of the driven joints (n,) over s.
+        place: path (12,) of the tool over s: its origin in m, then its rotation matrix row by row.
     """
 
     values: Path
     place: Path
 
     def joints(self, s: Array, kinematics: PathKinematics) -> Array:
-        """Return the driven joints (k, n) at s (k,)."""
+        """Return the driven joint values (k, n) at s (k,)."""
         return self.values(s)
 
     def driven(self, kinematics: PathKinematics, where: str) -> Path:
@@ -65,7 +65,7 @@ class Followed(PhasePath):
         """Return the motion at s (k,)."""
         at = [self.place(s, order) for order in (0, 1, 2)]
         R, R1, R2 = (x[:, 3:].reshape(-1, 3, 3) for x in at)
-        R = R @ (1.5 * np.eye(3) - 0.5 * np.swapaxes(R, 1, 2) @ R)  # what the series leaves out
+        R = R @ (1.5 * np.eye(3) - 0.5 * np.swapaxes(R, 1, 2) @ R)  # restore orthogonality lost by truncation
         Rt = np.swapaxes(R, 1, 2)
         w1, w2 = _vee(R1 @ Rt), _vee(R2 @ Rt)
         arm = R @ self.T_tool_frame[:3, 3]
@@ -75,16 +75,16 @@ class Followed(PhasePath):
         return Motion(spatial.pose(R, p), p + arm, v + turned, p2, w1, w2, np.concatenate([v, w1], axis=1))
 
     def angles(self, s: float) -> Array:
-        """Return the angles (3,) in rad at s, about the axes of `order`."""
+        """Return the angles (3,) in rad of the tool at s, about the axes of `order`."""
         R = self.motion(np.array([s])).Ts_base_tool[0, :3, :3]
         return angles_of(R, self.order, self.angles0 + s * (self.angles1 - self.angles0))
 
 
 class Follower:
-    """Follows a protocol phase by phase, each from the end of the one before.
+    """Moves the mechanism through a protocol phase by phase; each phase starts at the end of the previous one.
 
     Attributes:
-        q: (n,) where the driven joints are.
+        q: (n,) current values of the driven joints in m or rad.
     """
 
     def __init__(
@@ -102,10 +102,10 @@ class Follower:
         self._drawn = self.q
 
     def start(self, T_tool_frame: Array) -> tuple[Array, Array]:
-        """Return angles (3,) in rad and place (3,) of the moved frame where the protocol starts.
+        """Move to the start waypoint; return angles (3,) in rad and position (3,) in m of the moved frame there.
 
         Raises:
-            ProtocolError: the mechanism cannot be there.
+            ProtocolError: the mechanism cannot reach the start waypoint.
         """
         name = self._protocol.start
         waypoint, where = self._protocol.waypoints[name], f"{self._protocol.name}: the start"
@@ -128,10 +128,10 @@ class Follower:
         return angles_of(T[:3, :3], self._protocol.rotation, waypoint.angles), T[:3, 3] + T[:3, :3] @ lever
 
     def along(self, path: PhasePath) -> Followed:
-        """Return a phase as the mechanism follows it, and move to its end.
+        """Return a phase with the actual motion of the mechanism, and move to its end.
 
         Raises:
-            ProtocolError: it cannot follow, or misses the waypoint at its end.
+            ProtocolError: the mechanism cannot follow the phase, or misses the waypoint at its end.
         """
         where = f"{self._protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
         start, lever = self._state, path.T_tool_frame[:3, 3]
@@ -157,7 +157,7 @@ class Follower:
         return _followed(path, taken)
 
     def _course(self, path: PhasePath, where: str) -> Path | None:
-        """Return the path of the driven joints if the phase goes by them, else None."""
+        """Return the path of the driven joints for a phase defined by joint values; None for other phases."""
         if isinstance(path.phase, Auxiliary):
             return line(self.q, moved(self.q, path.phase, self._names, self._angles, where))
         name = path.waypoint if path.phase.by_joints else None
@@ -180,7 +180,7 @@ class Follower:
         return way(path.phase, self._kinematics, (self.q, goal), Ts[[0, -1]], where, self._progress)
 
     def _led_to(self, path: PhasePath, name: str, where: str) -> Array:
-        """Return the driven joints (n,) at a waypoint with a pose: where the mechanism is when it is moved straight."""
+        """Return the driven joint values (n,) at a waypoint with a pose, reached by a straight motion of the tool."""
         lever = path.T_tool_frame[:3, 3]
         directions = self._directions(lever)
         goal = path.motion(np.ones(1)).Ts_base_tool
@@ -193,10 +193,10 @@ class Follower:
         return q[-1]
 
     def goal(self, name: str) -> Array:
-        """Return the driven joints (n,) at a waypoint of joint values; what it does not name is as drawn.
+        """Return the driven joint values (n,) at a waypoint with joint values; other joints have the drawn values.
 
         Raises:
-            ProtocolError: it names a joint that is not driven, or gives it in the wrong unit.
+            ProtocolError: the waypoint has a joint that is not driven, or a value in the wrong unit.
         """
         waypoint, where = self._protocol.waypoints[name], f"{self._protocol.name}: waypoint '{name}'"
         return placed(self._drawn, waypoint.joints or {}, waypoint.angle_joints, self._names, self._angles, where)
@@ -211,7 +211,7 @@ class Follower:
         )
 
     def _directions(self, lever: Array) -> np.ndarray:
-        """Return (6,) the controlled directions: as many as the mechanism's freedoms, positions first."""
+        """Return a mask (6,) of the controlled directions: as many as the mechanism has freedoms, positions first."""
         J = self._carrier.jacobians(self._state, lever)
         J = np.concatenate([J[:, :3] / _LENGTH, J[:, 3:]], axis=1)
         largest = np.linalg.norm(J, axis=2).max()
@@ -227,7 +227,7 @@ class Follower:
         return directions
 
     def _kept(self, path: PhasePath, directions: np.ndarray, Ts: Array, where: str) -> None:
-        """Raise `ProtocolError` where the mechanism is off the path in a controlled direction."""
+        """Raise `ProtocolError` if the mechanism leaves the path in a controlled direction."""
         wanted = path.motion(np.linspace(0.0, 1.0, len(Ts))).Ts_base_tool
         off = np.array([_missed(T, goal, path.T_tool_frame) for T, goal in zip(Ts, wanted, strict=True)])
         over = np.abs(off) / self._tolerance() * directions
@@ -245,7 +245,7 @@ class Follower:
         return np.repeat([t.waypoint, t.waypoint_angle], 3)
 
     def _outside(self, name: str, T_tool_frame: Array, T: Array, directions: np.ndarray) -> None:
-        """Raise `ProtocolError` if a pose misses a waypoint in a direction that the protocol does not leave free."""
+        """Raise `ProtocolError` if a pose misses a waypoint in a direction that the protocol does not declare free."""
         waypoint = self._protocol.waypoints[name]
         if waypoint.position is None:
             return
@@ -268,10 +268,10 @@ class Follower:
 
 
 def carried(path: PhasePath, course: Path, carrier: Carrier, start: Array, where: str) -> tuple[Followed, Array]:
-    """Return a phase whose driven joints take a path from the state `start`, and the state at its end.
+    """Return (a phase driven along the joint path `course` from the state `start`, the state at its end).
 
     Raises:
-        ProtocolError: the loops open; `where` begins the message.
+        ProtocolError: the loops open; the message begins with `where`.
     """
 
     def taken(s: Array) -> tuple[Array, Array, Array]:
@@ -287,13 +287,13 @@ def carried(path: PhasePath, course: Path, carrier: Carrier, start: Array, where
 
 
 def _followed(path: PhasePath, taken: Callable[[Array], tuple[Array, Array, Array]]) -> Followed:
-    """Return a phase as series of what `taken` gives at s (k,): states, driven joints (k, n), poses (k, 4, 4)."""
+    """Return a phase as series fitted to `taken`: s (k,) -> states, driven joint values (k, n), poses (k, 4, 4)."""
 
     def rows(s: Array) -> Array:
         order = np.argsort(s)
         _, q, Ts = taken(s[order])
         out = np.concatenate([Ts[:, :3, 3], Ts[:, :3, :3].reshape(-1, 9), q], axis=1)
-        middle = np.where(np.ptp(out, axis=0) < _STILL, out[0], out)  # rounding is not motion
+        middle = np.where(np.ptp(out, axis=0) < _STILL, out[0], out)  # remove rounding from constant values
         return middle[np.argsort(order)]
 
     series = fit(rows)
@@ -307,10 +307,10 @@ def _followed(path: PhasePath, taken: Callable[[Array], tuple[Array, Array, Arra
 def freed(
     paths: Sequence[PhasePath], kinematics: PathKinematics, protocol: str, progress: Progress = lambda label: None
 ) -> tuple[PhasePath, ...]:
-    """Return phases with the free ones as ways around what is in the way, between what the inverse gives at their ends.
+    """Return the phases, with each free phase replaced by a path around obstacles between its end poses.
 
     Raises:
-        ProtocolError: see `freeing.way`.
+        ProtocolError: a free phase cannot be carried out; see `freeing.way`.
     """
     out = []
     for path in paths:
@@ -338,10 +338,10 @@ def placed(
     angles: tuple[bool, ...],
     where: str,
 ) -> Array:
-    """Return q (n,) with the joint values that are given, in m or rad.
+    """Return q (n,) with the given joint values, in m or rad.
 
     Raises:
-        ProtocolError: one is not driven, or was given in the wrong unit; `where` begins the message.
+        ProtocolError: a given joint is not driven, or its unit is wrong; the message begins with `where`.
     """
     out = q.copy()
     for joint, value in given.items():
@@ -356,10 +356,10 @@ def placed(
 
 
 def moved(q: Array, phase: Auxiliary, names: tuple[str, ...], angles: tuple[bool, ...], where: str) -> Array:
-    """Return q (n,) at the end of a phase that begins at q.
+    """Return the joint values (n,) at the end of an auxiliary phase that begins at q.
 
     Raises:
-        ProtocolError: it moves nothing, or as `placed`.
+        ProtocolError: the phase moves no joint, names a joint that is not driven, or has a value in the wrong unit.
     """
     out = placed(q, phase.joints, phase.angle_joints, names, angles, where)
     if np.abs(out - q).max() < _NONE:
@@ -368,10 +368,10 @@ def moved(q: Array, phase: Auxiliary, names: tuple[str, ...], angles: tuple[bool
 
 
 def with_auxiliary(paths: Sequence[PhasePath], kinematics: PathKinematics, protocol: str) -> tuple[PhasePath, ...]:
-    """Return phases with their auxiliary joints, which move only in phases that name them.
+    """Return the phases with the values of the auxiliary joints, which move only in phases that name them.
 
     Raises:
-        ProtocolError: a phase moves a joint that is not auxiliary, or none.
+        ProtocolError: a phase moves a joint that is not auxiliary, or no joint.
     """
     names = kinematics.joint_names
     places = [names.index(n) for n in kinematics.auxiliary]
@@ -393,12 +393,12 @@ def with_auxiliary(paths: Sequence[PhasePath], kinematics: PathKinematics, proto
 
 
 def _vee(A: Array) -> Array:
-    """Return (k, 3) of the antisymmetric parts of A (k, 3, 3)."""
+    """Return the vectors (k, 3) of the antisymmetric parts of matrices A (k, 3, 3)."""
     return 0.5 * np.stack([A[:, 2, 1] - A[:, 1, 2], A[:, 0, 2] - A[:, 2, 0], A[:, 1, 0] - A[:, 0, 1]], axis=1)
 
 
 def _missed(T: Array, goal: Array, T_tool_frame: Array) -> Array:
-    """Return (6,) how far a tool is from a goal: the moved frame's origin in m, the rotation vector in rad, in base."""
+    """Return a pose's deviation (6,) in base from a goal: moved frame's origin in m, rotation vector in rad."""
     way = (T[:3, 3] + T[:3, :3] @ T_tool_frame[:3, 3]) - (goal[:3, 3] + goal[:3, :3] @ T_tool_frame[:3, 3])
     return np.concatenate([way, spatial.log_so3(T[:3, :3] @ goal[:3, :3].T)])
 

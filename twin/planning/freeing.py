@@ -1,4 +1,4 @@
-"""The path of a free phase: between two sets of joint values in the robot's own space, as the mechanism carries it."""
+"""Plan the path of a free phase: around obstacles, in joint space, between two sets of joint values."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ def way(
 ) -> Path:
     """Return the path of the driven joints in a free phase.
 
-    Besides what is in the way it keeps what every phase must keep: limits, motors, carriages apart, reach, and the
-    side of every singularity and the working mode on which it starts.
+    Like every phase, it respects joint and motor limits, the distances of carriages on one rail, and the reach, and it
+    stays on the same side of every singularity and in the working mode in which it starts.
 
     Args:
-        phase: its clearance, seed and scene.
-        kinematics: the robot.
-        ends: joint values (n,) at its start and its goal.
-        Ts: T_base_tool (2, 4, 4) there.
-        where: protocol and phase, for messages.
-        progress: called with what is being done.
+        phase: the phase, with clearance, seed and scene.
+        kinematics: the robot's planning data.
+        ends: joint values (n,) at start and goal.
+        Ts: (2, 4, 4) T_base_tool at start and goal.
+        where: names of protocol and phase, for messages.
+        progress: called with a description of the current step.
 
     Raises:
-        ProtocolError: start or goal is not free, or no way was found; the message names pair, size and what was tried.
+        ProtocolError: start or goal is not free, or no path was found; the message names bodies, sizes and searches.
     """
-    from twin.planning.around import around  # with scipy, which takes long to load
+    from twin.planning.around import around  # imports scipy, which loads slowly
 
     if kinematics.space is None:
         raise ProtocolError(f"{where}: a free motion needs the mechanism, but there is none")

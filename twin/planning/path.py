@@ -1,4 +1,4 @@
-"""What every planner here gives and every timing takes: a path q(s) with its derivatives."""
+"""Interface of paths, q(s) with derivatives, between planners and timing."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from twin.core.spatial import Array
 class Path(Interface):
     """Coordinates q (n,) as a smooth function of a parameter s from 0 to 1, which is not time.
 
-    `smooth.line` is the straight one, `smooth.Smooth` a series (phases by their poses, curves around obstacles);
-    `timing.time_path` gives any of them a timing, `Space.free_along` asks whether one is free.
+    `smooth.line` is a straight path, `smooth.Smooth` a series (phases given by poses, curves around obstacles).
+    `timing.time_path` computes the timing of a path, `Space.free_along` tests it for collisions.
     """
 
     def __call__(self, s: Array, order: int = 0) -> Array:

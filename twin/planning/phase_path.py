@@ -1,4 +1,4 @@
-"""A protocol as paths: phase after phase, each beginning where the last one ended, with exact derivatives in s."""
+"""The phases of a protocol as paths with exact derivatives in s; each begins at the end of the previous one."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from twin.planning.smooth import fit
 from twin.planning.trajectory import PathKinematics
 
 _NO_LENGTH = 1e-9
-"""Metres and rad below which a phase has no length."""
+"""Change in m and rad below which a phase has no length."""
 
 _ROUGH = 1e-6
-"""Maximum truncation error (m, rad) of a joint's series on a smooth path."""
+"""Largest accepted truncation error (m, rad) of a joint's series; a larger one means that the path is not smooth."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class PhasePath(Course):
     """One phase as a path.
 
     Attributes:
-        phase: what it was built from.
-        waypoint: name of the waypoint it should end at, if any.
-        extra_joints: auxiliary joints: place in q, value in m or rad at both ends.
+        phase: the phase of the protocol.
+        waypoint: name of the waypoint at its end; None if there is none.
+        extra_joints: auxiliary joints: (index in q, value at the start, value at the end), in m or rad.
     """
 
     phase: Phase
@@ -40,17 +40,17 @@ class PhasePath(Course):
     extra_joints: tuple[tuple[int, float, float], ...]
 
     def joints(self, s: Array, kinematics: PathKinematics) -> Array:
-        """Return the driven joints (k, n) at s (k,), NaN where there are none."""
+        """Return the driven joint values (k, n) at s (k,); NaN where the equations have no solution."""
         q = kinematics.inverse(self.motion(s).Ts_base_tool)
         for i, start, end in self.extra_joints:
             q[:, i] = start + s * (end - start)
         return q
 
     def driven(self, kinematics: PathKinematics, where: str) -> Path:
-        """Return the path of the driven joints.
+        """Return the path of the driven joints, as a series.
 
         Raises:
-            ProtocolError: it has a kink or jump; `where` begins the message.
+            ProtocolError: a joint has a kink or jump; the message begins with `where`.
         """
         series = fit(lambda s: self.joints(s, kinematics))
         if np.max(series.tail) > _ROUGH:
@@ -76,27 +76,27 @@ class PhasePath(Course):
 
 
 class Guide(Interface):
-    """Replaces paths by those that the mechanism follows; see `following.Follower`."""
+    """Interface that replaces paths by the actual motion of the mechanism; see `following.Follower`."""
 
     def start(self, T_tool_frame: Array) -> tuple[Array, Array]:
-        """Return angles (3,) and place (3,) of the moved frame where the protocol starts."""
+        """Return angles (3,) in rad and position (3,) in m of the moved frame at the start of the protocol."""
         ...
 
     def along(self, path: PhasePath) -> PhasePath:
-        """Return a phase as the mechanism follows it."""
+        """Return a phase with the actual motion of the mechanism."""
         ...
 
 
 def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -> tuple[PhasePath, ...]:
-    """Return the phases of a protocol as paths, each beginning where the last one ended.
+    """Return the phases of a protocol as paths, each beginning at the end of the previous one.
 
     Args:
-        protocol: what to do.
-        T_tool_frame: (4, 4) pose of `protocol.frame` in the tool.
-        guide: moves the mechanism along each; None: every phase is followed exactly in all directions.
+        protocol: the protocol.
+        T_tool_frame: (4, 4) pose of `protocol.frame` in the tool frame.
+        guide: moves the mechanism along each phase; None: the tool follows every phase exactly in all directions.
 
     Raises:
-        ProtocolError: a phase has no length, retracts to more than its depth, or goes by joints without a guide.
+        ProtocolError: a phase has no length, retracts beyond its depth, or has joint values without a guide.
     """
     n_tool = T_tool_frame[:3, :3] @ protocol.shaft_axis
     angles, tip = (
@@ -158,9 +158,9 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
 
 
 def _in_trocar(protocol: Protocol, phase: Phase, rcm: Array | None, tip: Array, shaft: Array) -> Array | None:
-    """Return the RCM (3,) that a phase begins with: that of the phases before, or the trocar that it names.
+    """Return the RCM (3,) in base at the start of a phase: the registered RCM, or the trocar that the phase names.
 
-    An insertion starts at the tip, which must be at the trocar, so that its shaft keeps the RCM exactly.
+    The tip must be at the trocar when an insertion starts, so that the shaft passes exactly through the RCM.
     """
     if not (name := trocar_of(phase)):
         return rcm

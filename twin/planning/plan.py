@@ -1,4 +1,4 @@
-"""Plans a protocol: paths, feasibility, timing, samples, and a check of every sample."""
+"""Plan a protocol: paths, feasibility, timing, samples, and a check of every sample."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from twin.planning.timing import Timing, time_path
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
 _LOOKED = 9
-"""Poses of a phase that are checked against the robot's freedoms before planning."""
+"""Number of poses per phase that are tested against the robot's freedoms before planning."""
 
 
 @dataclass(frozen=True)
 class _Leg:
-    """A planned phase: samples at every dt, both ends included."""
+    """A planned phase, sampled at every dt including both ends."""
 
     path: PhasePath
     timing: Timing
@@ -45,18 +45,18 @@ def plan(
     dt: float = 1e-3,
     progress: Callable[[str], None] | None = None,
 ) -> Trajectory:
-    """Return the timed trajectory of a protocol, from rest to rest in every phase.
+    """Plan the timed trajectory of a protocol; each phase begins and ends at rest.
 
     Args:
-        protocol: what to do.
-        kinematics: the robot.
-        T_tool_frame: (4, 4) pose of `protocol.frame` in the tool.
-        dt: sampling time in s; every phase lasts a multiple of it.
-        progress: called with the name of each phase before it is planned.
+        protocol: the protocol.
+        kinematics: the robot's planning data.
+        T_tool_frame: (4, 4) pose of `protocol.frame` in the tool frame.
+        dt: sampling time in s; the duration of every phase is a multiple of it.
+        progress: called with the name of each phase before it is planned, and with steps of free phases.
 
     Raises:
-        ProtocolError: a phase cannot be carried out; with the place, the size, and what is reachable.
-        TimingError: there is no timing within the limits.
+        ProtocolError: a phase cannot be carried out; the message contains place and size, and what is reachable.
+        TimingError: no timing within the limits was found.
     """
     T_tool_frame = np.asarray(T_tool_frame, float)
     if T_tool_frame.shape != (4, 4) or not spatial.is_pose(T_tool_frame):
@@ -79,7 +79,7 @@ def plan(
 
 
 def _guide(protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, progress: Progress) -> Follower | None:
-    """Return the follower, if the mechanism decides the protocol's path; else None."""
+    """Return a follower if the mechanism determines the path of the protocol; None if the equations do."""
     by_joints = any(w.joints is not None for w in protocol.waypoints.values())
     if not by_joints and protocol.free is None:
         if kinematics.takes is None:
@@ -99,7 +99,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
     joints = path.driven(kinematics, where)
     limits = protocol.limits[path.phase.type]
     max_speed, max_acceleration = _joint_limits(path, protocol, kinematics)
-    fast = np.isfinite(kinematics.motors.max_speed)  # a speed limit of a motor is one more coordinate with a limit
+    fast = np.isfinite(kinematics.motors.max_speed)  # each motor with a speed limit is a further limited coordinate
     rows, motor_speed = kinematics.motors.rows[fast], kinematics.motors.max_speed[fast]
 
     def extra(s: Array) -> tuple[Array, Array]:
@@ -156,10 +156,10 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
 
 
 def _joint_limits(path: PhasePath, protocol: Protocol, kinematics: PathKinematics) -> tuple[Array, Array]:
-    """Return the largest speeds and accelerations (n,) of the driven joints.
+    """Return the largest speeds and accelerations (n,) of the driven joints in m or rad per s and s2.
 
-    In a phase by the joints, a joint without limits of its own keeps those of the phase: the tool may be at
-    rest there (a gripper's fingers move), so that limits of the tool do not apply.
+    In a phase defined by joint values, a joint without limits of its own has those of the phase type. The tool may be
+    at rest in such a phase (a gripper's jaw moves), so that the limits of the tool would not apply.
     """
     speed, acceleration = kinematics.max_speed, kinematics.max_acceleration
     waypoint = protocol.waypoints.get(path.waypoint or "")
@@ -182,7 +182,7 @@ def _vectors(m: Motion, limits: Limits) -> tuple[tuple[Array, Array, float, floa
 
 
 def _norm_rate(d1: Array, d2: Array) -> tuple[Array, Array]:
-    """Return the first and second derivative of arc length from those of the curve."""
+    """Return first and second derivative (k,) of the arc length from the derivatives (k, 3) of the curve."""
     n = np.linalg.norm(d1, axis=1)
     return n, np.einsum("ij,ij->i", d1, d2) / np.where(n > 0, n, 1.0)
 
@@ -190,7 +190,7 @@ def _norm_rate(d1: Array, d2: Array) -> tuple[Array, Array]:
 def _assemble(
     protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, legs: list[_Leg], dt: float
 ) -> Trajectory:
-    """Join the phases; where two meet, the sample of the earlier one is kept."""
+    """Join the planned phases; a sample shared by two phases is that of the earlier one."""
     spans: list[PhaseSpan] = []
     waypoints: dict[str, list[int]] = {protocol.start: [0]}
     start = 0

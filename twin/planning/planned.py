@@ -1,4 +1,4 @@
-"""A planned protocol as an answer: its phases, what the check found, and the files of its samples."""
+"""Result of planning: the phases, the findings of the check, and files with the samples."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ FILES = ("trajectory.csv", "trajectory.json")
 
 @dataclass(frozen=True)
 class Planned(Result):
-    """A trajectory, checked.
+    """A planned and checked trajectory.
 
     Attributes:
-        trajectory: as planned.
-        angles: whether each driven joint is an angle.
+        trajectory: the trajectory.
+        angles: whether each driven joint is an angle, in the order of q.
     """
 
     kind: ClassVar[str] = "plan"
@@ -30,7 +30,7 @@ class Planned(Result):
 
     @property
     def findings(self) -> Sequence[Finding]:
-        """What the check of every sample found."""
+        """Findings of the check of every sample."""
         return self.trajectory.findings
 
     def content(self) -> Mapping[str, Any]:
@@ -48,7 +48,7 @@ class Planned(Result):
         yield ""
 
     def write(self, folder: Path) -> None:
-        """Write every sample as CSV, the rest as JSON."""
+        """Write the samples as CSV and all other data as JSON."""
         table, rest = (folder / name for name in FILES)
         write_csv(self.trajectory, table, self.angles)
         rest.write_text(as_json(self.content()), encoding="utf-8")

@@ -1,9 +1,9 @@
-"""A path parameter in time, from its rates at grid points: unchanged, or averaged over a window of time.
+"""Sample a path parameter over time from its rates at grid points, unchanged or as a moving average.
 
-The moving average limits the jerk. It changes the timing, not the path: the mean of s over the last w seconds rises
-from 0 to 1 as s does, is at rest at both ends, and arrives w later. Its acceleration is (ds/dt(t) - ds/dt(t - w)) / w,
-without jumps, and its jerk at most the range of d2s/dt2 over w. On a straight line with constant speed in the middle
-this is the fastest motion with that jerk.
+The moving average limits the jerk. It changes the timing but not the path: the mean of s over the last w seconds rises
+from 0 to 1 like s, is at rest at both ends, and arrives w later. Its acceleration, (ds/dt(t) - ds/dt(t - w)) / w, has
+no jumps, and its jerk is at most the range of d2s/dt2 divided by w. On a straight line with a part at constant
+speed, this is the fastest motion with that jerk.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ import numpy as np
 from twin.core.spatial import Array
 
 Samples = tuple[Array, Array, Array, Array]
-"""t, s, ds/dt, d2s/dt2, each (k,)."""
+"""(t, s, ds/dt, d2s/dt2), each (k,); t in s."""
 
 
 def sample(grid: Array, rates: Array, steps: int, dt: float, window: int = 0) -> Samples:
-    """Return the motion at every dt.
+    """Return the motion sampled at every dt.
 
     Args:
-        grid: (n,) path parameter from 0 to 1; its acceleration is constant between neighbours.
-        rates: (n,) ds/dt there; they take `steps` times dt, 0 at both ends.
-        steps: see `rates`.
-        dt: in s.
-        window: number of samples that are averaged; the motion takes this number of steps longer.
+        grid: (n,) path parameter from 0 to 1; d2s/dt2 is constant between neighbouring points.
+        rates: (n,) ds/dt at the grid points, 0 at both ends; the motion lasts `steps` * dt.
+        steps: duration in samples.
+        dt: sampling time in s.
+        window: number of samples in the moving average; the motion lasts `window` samples longer.
     """
     t = np.arange(steps + window + 1, dtype=np.float64) * dt
     if not window:
@@ -35,7 +35,7 @@ def sample(grid: Array, rates: Array, steps: int, dt: float, window: int = 0) ->
     before = np.maximum(t - width, 0.0)
     s1, sd1, _, area1 = _at(grid, rates, np.minimum(t, last))
     s0, sd0, _, area0 = _at(grid, rates, before)
-    area1 = area1 + np.maximum(t - last, 0.0)  # s stays 1
+    area1 = area1 + np.maximum(t - last, 0.0)  # after the end, s is 1
     s = np.clip((area1 - area0) / width, 0.0, 1.0)
     sd, sdd = np.maximum((s1 - s0) / width, 0.0), (sd1 - sd0) / width
     s[[0, -1]], sd[[0, -1]], sdd[[0, -1]] = (0.0, 1.0), 0.0, 0.0
@@ -43,7 +43,7 @@ def sample(grid: Array, rates: Array, steps: int, dt: float, window: int = 0) ->
 
 
 def _at(grid: Array, rates: Array, t: Array) -> Samples:
-    """Return s, ds/dt, d2s/dt2 and the integral of s over time, at times from the first to the last."""
+    """Return s, ds/dt, d2s/dt2, and the integral of s over time, at times t between start and end of the motion."""
     sdd_of = np.diff(rates**2) / (2 * np.diff(grid))
     spans = 2 * np.diff(grid) / (rates[1:] + rates[:-1])
     ends = np.concatenate([[0.0], np.cumsum(spans)])

@@ -1,7 +1,7 @@
-"""Joint coordinates along a phase as Chebyshev series: derivatives without step sizes.
+"""Joint coordinates along a phase as Chebyshev series, which have derivatives without step sizes.
 
-Along one phase q(s) is analytic, so that a few dozen coefficients represent it to rounding. Differences of samples
-would lose half of the digits; differentiating the series keeps nearly all of them.
+Along a phase, q(s) is analytic, so that a few dozen coefficients represent it to rounding accuracy. Differences of
+samples would lose half of the digits; the derivative of the series keeps nearly all of them.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from numpy.polynomial import chebyshev
 from twin.core.spatial import Array
 
 _ROUNDING = 1e-13
-"""Coefficients below this, relative to the largest value, are rounding."""
+"""Size relative to the largest value, below which a coefficient counts as rounding."""
 
 
 @dataclass(frozen=True)
 class Smooth:
-    """A vector function on s in [0, 1].
+    """A vector function of s in [0, 1], as a Chebyshev series.
 
     Attributes:
-        coefficients: (degree + 1, n), Chebyshev in 2 s - 1.
-        tail: (n,) size of the truncation error of the series, in the unit of the function.
+        coefficients: (degree + 1, n) Chebyshev coefficients in 2 s - 1.
+        tail: (n,) truncation error of the series, in the unit of the function.
     """
 
     coefficients: Array
     tail: Array
 
     def __call__(self, s: Array, order: int = 0) -> Array:
-        """Return the function, or its derivative of that order, (k, n) at s (k,)."""
+        """Return the function (k, n) at s (k,), or its derivative of the given order."""
         c = self.coefficients
         if order:
             c = chebyshev.chebder(c, order, scl=2.0)  # s = (x + 1) / 2
@@ -44,10 +44,10 @@ def line(start: Array, end: Array) -> Smooth:
 
 
 def fit(function: Callable[[Array], Array], *, smallest: int = 17, largest: int = 513) -> Smooth:
-    """Return the series of a function (k,) -> (k, n) on [0, 1]; the degree grows until its tail is rounding.
+    """Fit a series to a function (k,) -> (k, n) on [0, 1]; the degree grows until the last coefficients are rounding.
 
-    For a less accurate function (an iterative inverse) the degree stops growing at the function's noise. The caller
-    must check the remainder in `tail`.
+    For a less accurate function (an iterative inverse), the degree stops increasing at the function's noise. The caller
+    must check the truncation error `tail`.
     """
     count = smallest
     while True:

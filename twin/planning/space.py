@@ -1,4 +1,4 @@
-"""What a search for a way asks of the space in which it searches: `twin.reference.space.JointSpace` is one."""
+"""Interface of the space in which a path is searched; `twin.reference.space.JointSpace` implements it."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from twin.planning.path import Path
 
 
 class Space(Interface):
-    """Joint values within limits, and which of them are free.
+    """Joint values within limits, with tests for collisions.
 
-    Whoever searches needs no robot: another space (of a tool's poses, of two robots at once) is another class with
-    these methods.
+    A search needs no robot, only this interface. Other spaces (poses of a tool, two robots at once) can be searched by
+    other classes with these methods.
     """
 
     @property
@@ -24,25 +24,25 @@ class Space(Interface):
 
     @property
     def weights(self) -> Array:
-        """Metres (n,) that one unit of each joint counts for: a step dq is |weights * dq| long."""
+        """Lengths (n,) in m equivalent to one unit of each joint: the length of a step dq is |weights * dq|."""
         ...
 
     def free(self, q: Array) -> np.ndarray:
-        """Return which of joint values q (k, n) are free."""
+        """Return whether (k,) joint values q (k, n) are free of collisions."""
         ...
 
     def steer(self, a: Array, b: Array) -> Path:
-        """Return the path that is taken from a (n,) to b (n,) where nothing is in the way."""
+        """Return the direct path from a (n,) to b (n,), without regard to obstacles."""
         ...
 
     def free_between(self, a: Array, b: Array) -> bool:
-        """Return whether the path from a (n,) to b (n,) that `steer` gives is free."""
+        """Return whether the direct path from a (n,) to b (n,), as returned by `steer`, is free of collisions."""
         ...
 
     def free_along(self, path: Path) -> bool:
-        """Return whether a path that begins at a free place is free."""
+        """Return whether a path that begins at a free point is free of collisions."""
         ...
 
     def why(self, q: Array) -> str:
-        """Return what is not free at q (n,), with numbers and what is allowed; "" if all is."""
+        """Return why joint values q (n,) are not free, with values and limits; "" if they are free."""
         ...

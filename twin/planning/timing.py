@@ -1,11 +1,11 @@
-"""Time-optimal timing of a path within the limits.
+"""Compute the time-optimal timing of a path within limits.
 
-Solvers keep absolute tolerances, so that moves of micrometres would fail or lose accuracy. Here every problem is made
-dimensionless first (time in units of the shortest possible duration, coordinates in units of their acceleration limit):
-a move of 1 um is then the same problem as a move of 1 m. The built-in solver (`topp`) is used first; if it fails, the
-package toppra is used, and the result states this. Between grid points the rate may still overshoot a little; each
-result is therefore checked inside every grid interval, the grid is refined, and the remaining excess is removed by
-slowing down the whole motion slightly.
+Solvers have absolute tolerances, with which moves of micrometres would fail or lose accuracy. Every problem is
+therefore made dimensionless first (time relative to the shortest possible duration, coordinates relative to their
+acceleration limit), so that a move of 1 um is the same problem as a move of 1 m. The built-in solver (`topp`) is used
+first; if it fails, the package toppra is used, and the result names it. Between grid points the limits may still be
+exceeded a little. Each result is therefore checked within every grid interval, the grid is refined, and the remaining
+excess is removed by slowing down the whole motion slightly.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from twin.planning.path import Path
 from twin.planning.sampling import Samples, sample
 
 Derivatives = Callable[[Array], tuple[Array, Array]]
-"""s (k,) -> first and second derivatives (k, m) of coordinates with respect to s."""
+"""Function: s (k,) -> first and second derivatives (k, m) of m coordinates with respect to s."""
 
 Load = Callable[[Array, Array, Array], tuple[Array, Array]]
-"""Function: s, ds/dt, d2s/dt2, each (k,) -> largest speed and acceleration (k,), each relative to its limit."""
+"""Function: s, ds/dt, d2s/dt2, each (k,) -> largest speed and acceleration (k,), each divided by its limit."""
 
 Jerk = Callable[[Array, Array, Array], float]
-"""Function: s, ds/dt, d2s/dt2, each (k,) at every dt -> largest jerk, relative to its limit."""
+"""Function: s, ds/dt, d2s/dt2, each (k,), sampled at every dt -> largest jerk divided by its limit."""
 
 OVER = 1e-3
 """Fraction by which a sample may exceed a limit; a larger excess is an error."""
@@ -42,28 +42,29 @@ OVER = 1e-3
 Solver = Literal["passes", "toppra"]
 
 _REFINE = 1.01
-"""Acceleration relative to its limit, above which a finer grid is tried before slowing down."""
+"""Acceleration divided by its limit, above which a finer grid is tried before the motion is slowed down."""
 
 
 _TRIES = 20
-"""Maximum number of slow-downs; one is enough for a path without kinks."""
+"""Maximum number of attempts to slow down; one is sufficient for a path without kinks."""
 
 
 _SLOWEST = 1e3
-"""Maximum window for the jerk limit, in optimal durations."""
+"""Maximum slowdown factor in the search for a motion within the jerk limit."""
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Path parameter over time.
+    """Path parameter as a function of time.
 
     Attributes:
-        t: (k,) multiples of dt in s, from 0; s, sd, sdd: (k,) path parameter and its time derivatives.
-        duration: s, a whole number of dt.
-        optimal: duration of the optimal rate, before slowing down and rounding up.
-        overshoot: largest speed or acceleration of the optimal rate relative to its limit, minus 1.
-        knots: grid points used.
-        solver: name of the solver of the rate: "passes" (built in), or toppra if that failed.
+        t: (k,) times in s, multiples of dt from 0.
+        s, sd, sdd: (k,) path parameter and its first and second time derivative.
+        duration: duration in s, a multiple of dt.
+        optimal: duration in s of the optimal solution, before slowing down and rounding up.
+        overshoot: largest relative excess of a speed or acceleration limit by the optimal solution; negative if none.
+        knots: number of grid points.
+        solver: solver that was used: "passes" (built in), or "toppra" if that failed.
     """
 
     t: Array
@@ -78,7 +79,7 @@ class Timing:
 
 
 _BEYOND = 1e3
-"""Multiple of the maximum possible speed that replaces a missing limit."""
+"""Factor by which the value that replaces a missing limit exceeds the largest possible value."""
 
 
 def time_path(
@@ -93,21 +94,22 @@ def time_path(
     knots: int = 241,
     finest: int = 961,
 ) -> Timing:
-    """Return the fastest timing of a path, s from 0 to 1, from rest to rest.
+    """Return the fastest timing of a path from s = 0 to s = 1, from rest to rest.
 
     Args:
-        path: its n coordinates; only its derivatives are asked, exact at any s.
-        max_speed: (m,) limits, in the units of the coordinates per second; those of the path first.
-        max_acceleration: (m,) likewise, per second squared.
-        extra: of m - n more coordinates, which are known by their derivatives only (the arc length of the tip).
+        path: path of n coordinates; only its derivatives are used.
+        max_speed: (m,) speed limits in units of the coordinates per s: those of the path, then those of `extra`.
+        max_acceleration: (m,) acceleration limits in units of the coordinates per s2, in the same order.
+        extra: derivatives of m - n further limited coordinates (for example, the arc length of the tip).
         dt: sampling time in s; the duration is rounded up to a multiple of it.
-        load: a stricter load than the m coordinates, if there is one (norms of vectors).
-        jerk: the relative jerk, if limited: the rate is then averaged over the shortest sufficient window.
+        load: additional limits, such as limits of vector norms; None: only those of the m coordinates.
+        jerk: function that returns the relative jerk; the rate is then averaged over the shortest sufficient window.
+            None: the jerk is not limited.
         knots: initial number of grid points.
         finest: maximum number of grid points.
 
     Raises:
-        TimingError: no timing was found, or it cannot be slowed down to the limits.
+        TimingError: no timing was found, or slowing down does not satisfy the limits.
     """
     if not (np.all(np.asarray(max_speed) > 0) and np.all(np.asarray(max_acceleration) > 0)):
         raise TimingError("every speed and acceleration limit must be positive")
@@ -132,16 +134,16 @@ def time_path(
     slower = max(1.0, speed, np.sqrt(acceleration))
 
     def paced(window: int, slower: float) -> tuple[Samples, float]:
-        """Return (samples slowed down until they keep the limits, their jerk relative to its limit)."""
+        """Return (samples of the motion slowed down until it is within the limits, its jerk divided by the limit)."""
         steps = 1
         for _ in range(_TRIES):
-            # One step more at least: of few steps, rounding up takes the slowing down back.
+            # At least one step more: with few steps, rounding up the duration could undo the slowdown.
             steps = max(steps + 1, int(np.ceil(optimal * slower / dt - 1e-9)))
             samples = sample(grid, rates * (optimal / (steps * dt)), steps, dt, window)
             v, a = (float(np.max(x)) for x in judge(*samples[1:]))
             if max(v, a) <= 1.0 + OVER:
                 return samples, jerk(*samples[1:]) if jerk else 0.0
-            slower *= max(v, np.sqrt(a))  # a path so sharp that the grid has missed its worst point
+            slower *= max(v, np.sqrt(a))  # the path is so sharp that the grid missed its worst point
         raise TimingError(f"a sample exceeds its limit by {100 * (max(v, a) - 1):.2g} % even after slowing down")
 
     samples, excess = paced(0, slower)
@@ -152,7 +154,7 @@ def time_path(
 
 
 def _averaged(paced: Callable[[int, float], tuple[Samples, float]], slower: float, steps: float) -> Samples:
-    """Return the samples with the shortest window that keeps the jerk; slower if curvature alone exceeds it."""
+    """Return samples averaged over the shortest window within the jerk limit; slower if no window is sufficient."""
     while slower < _SLOWEST:
         low, high, least = 0, 1, np.inf
         while high <= 2 * slower * steps:
@@ -179,7 +181,7 @@ def _plain_load(derivatives: Derivatives, max_speed: Array, max_acceleration: Ar
 
 
 def _peaks(grid: Array, rates: Array, load: Load, inside: int = 5) -> tuple[float, float]:
-    """Return the largest relative speed and acceleration, also inside every grid interval."""
+    """Return the largest relative speed and the largest relative acceleration, also between grid points."""
     f = np.linspace(0.0, 1.0, inside)  # both ends: the path acceleration jumps at grid points
     s = (grid[:-1, None] + np.diff(grid)[:, None] * f).ravel()
     squares = rates**2
@@ -200,10 +202,10 @@ def _rates(grid: Array, first: Array, second: Array, speed: Array, acceleration:
     length = np.mean(np.abs(first), axis=0)
     moves = length > 0
     top = np.minimum(speed, np.sqrt(np.where(moves, length, 1.0) * acceleration))
-    unit = float(np.max(length[moves] / top[moves], initial=0.0))  # s; the shortest conceivable duration
+    unit = float(np.max(length[moves] / top[moves], initial=0.0))  # s; lower bound of the duration
     if not unit > 0:
         raise TimingError("the path has no length")
-    # No limit is one that is never met: its coordinate may still have the other.
+    # Replace a missing limit by a value that is never reached.
     peak = np.max(np.abs(first), axis=0)
     speed = np.where(np.isfinite(speed), speed, _BEYOND * np.where(peak > 0, peak, 1.0) / unit)
     acceleration = np.where(np.isfinite(acceleration), acceleration, _BEYOND * speed / unit)
@@ -225,7 +227,7 @@ def _rates(grid: Array, first: Array, second: Array, speed: Array, acceleration:
 
 
 class _Path:
-    """The path interface of TOPP-RA, which evaluates grid points only."""
+    """Path interface for TOPP-RA, which evaluates it at grid points only."""
 
     def __init__(self, grid: Array, first: Array, second: Array) -> None:
         self.path_interval = np.array([grid[0], grid[-1]])
@@ -239,7 +241,7 @@ class _Path:
 
 
 def by_toppra(grid: Array, first: Array, second: Array, speed: Array) -> Array:
-    """Return the result of `topp.fastest` for the same arguments, computed by the package toppra.
+    """Return ds/dt as `topp.fastest` does for the same arguments, computed by the package toppra.
 
     Raises:
         TimingError: toppra finds no timing.
@@ -268,9 +270,9 @@ def by_toppra(grid: Array, first: Array, second: Array, speed: Array) -> Array:
 
 
 def _toppra() -> tuple[Any, Any]:
-    """Import TOPP-RA, only when something is to be timed: with scipy it takes seconds.
+    """Import TOPP-RA only when it is used, because the import takes seconds.
 
-    It also loads pyplot, for figures that are not used; replacing it by an empty module saves two seconds.
+    TOPP-RA also imports pyplot for figures that are not used; replacing it by an empty module saves two seconds.
     """
     name = "matplotlib.pyplot"
     absent = name not in sys.modules
@@ -287,7 +289,7 @@ def _toppra() -> tuple[Any, Any]:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Suppress TOPP-RA's warnings: failures are raised as errors, results are re-checked."""
+    """Suppress TOPP-RA's warnings: failures are raised as errors, and results are checked."""
     logger = logging.getLogger("toppra")
     level = logger.level
     logger.setLevel(logging.CRITICAL)

@@ -1,10 +1,10 @@
-"""Time-optimal motion along a path: TOPP-RA by one pass backwards and one forwards, its small problems solved exactly.
+"""Time-optimal motion along a path by TOPP-RA: a backward and a forward pass, with small problems solved exactly.
 
-At each grid point the unknowns are the squared rate x = (ds/dt)^2 and that of the next one, y. A limited acceleration
-gives two rows (inequalities) |p x + q y| <= 1 for each grid interval, one for either end. As bounds on y they leave a
-range whose width is concave and piecewise linear in x, so that Newton's method from above finds the largest x in a few
-steps, exactly. The backward pass finds the largest rates from which the end can be reached at rest; the forward pass
-takes the largest possible y. Limits are symmetric, so rest is always allowed and the smallest x is always 0.
+At each grid point, the unknowns are the squared rate x = (ds/dt)^2 and the squared rate y at the next grid point. An
+acceleration limit gives two inequalities (rows) |p x + q y| <= 1 per grid interval, one for each end. They limit y to a
+range whose width is concave and piecewise linear in x, so that Newton's method from above finds the largest x exactly,
+in a few steps. The backward pass finds the largest rates from which the end can be reached at rest; the forward pass
+chooses the largest possible y. Because limits are symmetric, rest is always possible, and the smallest x is always 0.
 
 Method: H. Pham, Q.-C. Pham, A new approach to time-optimal path parameterization based on reachability analysis,
 IEEE Trans. Robotics 34 (2018) 645-659; the two rows are their interpolation scheme.
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from twin.codegen import Kernel
 
 _FREE = 1e12
-"""Squared rate that stands for no limit: a million times the mean rate, squared."""
+"""Squared rate used instead of a missing limit: a million times the mean rate, squared."""
 
 _FLAT = 1e-24
 """Minimum coefficient of y: with `_FREE` it changes a row by 1e-12 at most."""
@@ -53,7 +53,7 @@ def fastest(grid: Array, first: Array, second: Array, speed: Array) -> Array:
         speed: (m,) limits of |first ds/dt|.
 
     Raises:
-        TimingError: no motion was found that keeps the limits.
+        TimingError: no motion within the limits was found.
     """
     backward, forward = _passes(len(first))
     half = (0.5 / np.diff(grid))[None]

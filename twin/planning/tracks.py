@@ -13,12 +13,12 @@ from twin.planning.trajectory import Trajectory
 
 
 def write_csv(trajectory: Trajectory, path: Path, revolute: Sequence[bool] = ()) -> None:
-    """Write one row for each sample, with units in the header: joints, their rates, tool position and quaternion.
+    """Write one row per sample, with units in the header: joints, their rates, tool position and quaternion.
 
     Args:
         trajectory: the trajectory.
         path: the file.
-        revolute: (n,) which joints are in rad; empty: none.
+        revolute: (n,) whether each joint is an angle in rad; empty: all joints are lengths.
     """
     units = ["deg" if r else "mm" for r in revolute or [False] * len(trajectory.joint_names)]
     scale = np.array([DEG if u == "deg" else MM for u in units])

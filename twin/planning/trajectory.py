@@ -1,4 +1,4 @@
-"""Inputs and outputs of planning."""
+"""Input and output of planning: the robot's planning data, and the trajectory."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from twin.planning.space import Space
 
 @dataclass(frozen=True)
 class Gap:
-    """Two carriages on one rail: joints `i` and `j` stay `smallest` (m) apart."""
+    """Two carriages on one rail: the distance of joints `i` and `j` must be at least `smallest`, in m."""
 
     i: int
     j: int
@@ -30,40 +30,41 @@ class Gap:
 
 
 class Carrier(Interface):
-    """The mechanism as needed to follow a path; states (nq,) are opaque, to continue from.
+    """Interface of the mechanism that is moved along a path; a state (nq,) is only passed on to continue from it.
 
-    Every method raises `AssemblyError` where the mechanism cannot follow.
+    Every method raises `AssemblyError` if the mechanism cannot follow.
     """
 
     def drawn(self) -> tuple[Array, Array]:
-        """Return the state as drawn, and the driven joints (n,) there."""
+        """Return (state as drawn in the CAD, its driven joint values (n,))."""
         ...
 
     def carry(self, q: Array, start: Array) -> tuple[Array, Array]:
-        """Return states and T_base_tool (k, 4, 4) for driven joints (k, n) along a motion from a state."""
+        """Return states and T_base_tool (k, 4, 4) for driven joint values (k, n) along a motion from `start`."""
         ...
 
     def follow(self, Ts: Array, directions: np.ndarray, p_tool: Array, start: Array) -> tuple[Array, Array, Array]:
-        """Return states, joints (k, n) and T_base_tool that follow poses (k, 4, 4) in the chosen directions (6,).
+        """Return states, driven joint values (k, n) and T_base_tool (k, 4, 4) along poses followed in some directions.
 
-        The directions are along and about the axes of base; `p_tool` (3,) is the point of the tool whose place counts.
+        The directions (6,) are along and about the axes of base. `p_tool` (3,) in m is the point of the tool that
+        follows the positions.
         """
         ...
 
     def jacobians(self, state: Array, p_tool: Array) -> Array:
-        """Return (k, 6, n) rates of that point per rate of the joints, at a state and beside it."""
+        """Return Jacobians (k, 6, n) of the point p_tool per rate of the driven joints, at a state and near it."""
         ...
 
 
 @dataclass(frozen=True)
 class Motors:
-    """The k actuators of transmissions, which have limits of their own; joints driven directly are not among them.
+    """The k actuators of transmissions, which have their own limits; directly driven joints are not included.
 
     Attributes:
-        names: of the actuators.
-        rows: (k, n) motor values = rows @ q, in m or rad.
-        lower, upper, max_speed: (k,) limits; infinite where there is none.
-        revolute: (k,) which are in rad.
+        names: (k,) names of the actuators.
+        rows: (k, n) matrix from joint values to motor values, in m or rad: motor values = rows @ q.
+        lower, upper, max_speed: (k,) limits of the motors in m or rad (per s); infinite without a limit.
+        revolute: (k,) whether a motor value is in rad.
     """
 
     names: tuple[str, ...]
@@ -74,7 +75,7 @@ class Motors:
     revolute: tuple[bool, ...]
 
     def unit(self, motor: int) -> tuple[str, float]:
-        """Return the unit that a motor is shown in, and its factor to SI."""
+        """Return (display unit of a motor, its factor to SI)."""
         return ("deg", DEG) if self.revolute[motor] else ("mm", MM)
 
 
@@ -82,7 +83,7 @@ NO_MOTORS = Motors((), np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0), 
 
 
 def motors_of(mechanism: Mechanism) -> Motors:
-    """Return the actuators of a mechanism's transmissions."""
+    """Return the actuators of a mechanism's transmissions; `NO_MOTORS` if there are none."""
     by_name = {a.name: a for a in mechanism.actuators}
     order = [i for i, n in enumerate(mechanism.motor_names) if n in by_name]
     if not order:
@@ -100,33 +101,33 @@ def motors_of(mechanism: Mechanism) -> Motors:
 
 
 Keep = Callable[[Array, Array], np.ndarray]
-"""T_base_tool (k, 4, 4), q (k, n) -> which of these are allowed (k,)."""
+"""Function: T_base_tool (k, 4, 4), q (k, n) -> whether (k,) they are allowed."""
 
 
 @dataclass(frozen=True)
 class PathKinematics:
-    """A robot as far as planning needs it; k poses in, k rows out; no function raises for an unreachable pose.
+    """Planning data of a robot: functions of k poses that return k rows, without errors for unreachable poses.
 
     Attributes:
-        joint_names: n active joints in the order of q.
-        inverse: (k, 4, 4) T_base_tool -> (k, n) in m or rad; rows of NaN where there is no answer.
-        reach: (k, 4, 4) -> margins (k,) in m by limb, >= 0 where reachable.
-        singularity: (k, 4, 4), (k, n) -> measures (k,) by name, each vanishing on a singularity.
-        singularity_alarm: smallest harmless absolute measure by the beginning of its name.
-        lower, upper: (n,) hard limits; nothing is planned beyond them.
-        soft_lower, soft_upper: (n,) limits that give a warning.
-        max_speed, max_acceleration: (n,) per second, per second squared.
-        branch: (k, 4, 4), (k, n) -> (k,) labels of the working mode; None: not watched.
-        gaps: carriages that share a rail.
+        joint_names: names of the n active joints, in the order of q.
+        inverse: T_base_tool (k, 4, 4) -> q (k, n) in m or rad; rows without solution are NaN.
+        reach: T_base_tool (k, 4, 4) -> margins (k,) in m, by limb; at least 0 where reachable.
+        singularity: T_base_tool (k, 4, 4), q (k, n) -> measures (k,) by name; each is 0 at a singularity.
+        singularity_alarm: absolute value of a measure below which it is reported, by the beginning of its name.
+        lower, upper: (n,) hard limits in m or rad, never exceeded.
+        soft_lower, soft_upper: (n,) limits in m or rad; exceeding them causes a warning.
+        max_speed, max_acceleration: (n,) limits in m or rad per s and per s2.
+        branch: T_base_tool (k, 4, 4), q (k, n) -> labels (k,) of the working mode; None: it is not checked.
+        gaps: pairs of carriages on a common rail.
         motors: actuators of transmissions.
-        revolute: (n,) which joints are in rad; empty: none.
-        why: pose (4, 4) -> where and why the equations have no value there, or ""; None: they cannot tell.
-        carrier: the mechanism, for phases that it decides; None: there are none.
-        space: scene ("" for none), clearance in m, what else must hold -> the space of the driven joints in which a
-            free phase searches; None: there is none.
-        auxiliary: values of the auxiliary joints as drawn, by name; the inverse gives these.
-        takes: (k, 4, 4) -> whether all are certainly poses of this robot; None: every pose is. If uncertain (fewer
-            than six freedoms, no equations) the mechanism decides, see `following`.
+        revolute: (n,) whether each joint is in rad; empty: all joints are lengths.
+        why: T_base_tool (4, 4) -> reason why the equations have no solution there, or ""; None: not available.
+        carrier: the mechanism, for phases whose path it determines; None: not available.
+        space: (scene or "", clearance in m, additional test) -> joint space in which the path of a free phase is
+            searched; None: not available.
+        auxiliary: values of the auxiliary joints as drawn, in m or rad, by name; `inverse` returns these.
+        takes: T_base_tool (k, 4, 4) -> whether the robot can certainly assume all these poses; None: always. If not
+            (fewer than six freedoms, no equations), the mechanism determines the path; see `following`.
     """
 
     joint_names: tuple[str, ...]
@@ -151,11 +152,11 @@ class PathKinematics:
     takes: Callable[[Array], bool] | None = None
 
     def unit(self, joint: int) -> tuple[str, float]:
-        """Return the unit that a joint is shown in, and its factor to SI."""
+        """Return (display unit of a joint, its factor to SI)."""
         return ("deg", DEG) if self.revolute and self.revolute[joint] else ("mm", MM)
 
     def alarm(self, measure: str) -> float:
-        """Return the alarm of a singularity measure; 0 if none is set."""
+        """Return the alarm value of a singularity measure; 0 if none is set."""
         found = [n for n in self.singularity_alarm if measure.startswith(n)]
         return self.singularity_alarm[max(found, key=len)] if found else 0.0
 
@@ -166,7 +167,7 @@ def without_equations(
     gaps: Sequence[tuple[str, str, float]],
     space: Callable[[str, float, Keep], Space] | None = None,
 ) -> PathKinematics:
-    """Return the planning data of a robot without equations: joints, limits and the mechanism itself."""
+    """Return the planning data of a robot without equations, from its joints, limits and mechanism."""
     active = mechanism.active
     hard = mechanism.limits
     soft = np.array([j.soft_limits or j.limits or (-np.inf, np.inf) for j in active]).reshape(-1, 2)
@@ -195,18 +196,18 @@ def without_equations(
 
 @dataclass(frozen=True)
 class PhaseSpan:
-    """One phase in time. Neighbouring phases share the sample between them, at rest.
+    """Time span of one phase. Neighbouring phases share the sample between them, which is at rest.
 
     Attributes:
-        name, type: as in the protocol.
-        start, stop: first and last sample, both included.
-        t0, t1: their times in s.
-        waypoint: where it ends, if the protocol names it.
-        rcm: (3,) in base in m while one is registered, else None.
+        name, type: name and type in the protocol.
+        start, stop: indices of the first and the last sample, both included.
+        t0, t1: times of these samples in s.
+        waypoint: name of the waypoint at the end; None if there is none.
+        rcm: (3,) registered RCM in base in m; None if there is none.
         rcm_mode: "enforced", "monitored" or None.
-        depth0, depth1: depths at both ends in m; NaN without RCM.
-        optimal: s, duration before slowing down for limits between grid points and for whole ms.
-        overshoot: of TOPP-RA's own result over the limits, as a fraction; removed by slowing down.
+        depth0, depth1: depth in m at both ends; NaN without RCM.
+        optimal: optimal duration in s, before slowing down and rounding up.
+        overshoot: largest relative excess of a limit by the optimal solution, before slowing down.
     """
 
     name: str
@@ -226,24 +227,29 @@ class PhaseSpan:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A timed protocol: k samples at a fixed step, SI, in base unless the name says otherwise.
+    """A timed protocol: k samples with a fixed time step, in SI, in base unless stated otherwise.
 
     Attributes:
-        protocol, robot: names.
-        joint_names: n active joints in the order of q.
-        t: (k,) s. q, qd, qdd: (k, n). Where phases meet, qdd is that of the earlier phase.
-        Ts_base_tool: (k, 4, 4).
-        frame: name of the moved frame. Ts_base_frame: (k, 4, 4). shaft_axis: (3,) in that frame.
+        protocol, robot: names of the protocol and of the robot.
+        joint_names: names of the n active joints, in the order of q.
+        t: (k,) times in s.
+        q, qd, qdd: (k, n) joint values and their time derivatives; at a sample shared by two phases, qdd is that of the
+            earlier phase.
+        Ts_base_tool: (k, 4, 4) tool poses.
+        frame: name of the moved frame.
+        Ts_base_frame: (k, 4, 4) poses of the moved frame.
+        shaft_axis: (3,) direction of the shaft in the moved frame.
         tip_velocity, tip_acceleration: (k, 3) of the origin of the moved frame.
-        angular_velocity, angular_acceleration: (k, 3).
-        phases: in order.
-        waypoints: samples at which each waypoint is met.
-        rcm_error: (k,) m, distance from the RCM to the shaft; NaN where none is registered.
-        depth: (k,) m, NaN likewise.
-        limit_margin: (k, n) distance to the nearer hard limit, >= 0 inside.
-        reach: (k,) margins in m by limb. singularity: (k,) measures by name.
-        findings: of the check of every sample.
-        followed: whether joints and poses come from the mechanism (see `following`), not from the equations.
+        angular_velocity, angular_acceleration: (k, 3) of the moved frame.
+        phases: time spans of the phases, in order.
+        waypoints: sample indices at which each waypoint is reached, by name.
+        rcm_error: (k,) distance in m from the RCM to the shaft axis; NaN without RCM.
+        depth: (k,) depth in m; NaN without RCM.
+        limit_margin: (k, n) distance to the nearer hard limit; negative if it is exceeded.
+        reach: margins (k,) in m by limb.
+        singularity: measures (k,) by name.
+        findings: findings of the check of every sample.
+        followed: whether the mechanism determines joint values and poses (see `following`), not the equations.
     """
 
     protocol: str
@@ -273,12 +279,12 @@ class Trajectory:
 
     @property
     def step(self) -> float:
-        """Seconds between samples."""
+        """Time in s between samples."""
         return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
 
     @property
     def duration(self) -> float:
-        """Seconds from the first to the last sample."""
+        """Time in s from the first to the last sample."""
         return float(self.t[-1] - self.t[0])
 
     @property
@@ -288,7 +294,7 @@ class Trajectory:
 
     @property
     def rcm(self) -> Array:
-        """RCM (k, 3) in base in m; NaN where none is registered."""
+        """Registered RCM (k, 3) in base in m; NaN where there is none."""
         out = np.full((len(self.t), 3), np.nan)
         for span in self.phases:
             if span.rcm is not None:
@@ -296,10 +302,10 @@ class Trajectory:
         return out
 
     def phase(self, which: str | float) -> PhaseSpan:
-        """Return a phase by its name, or the phase at a time in s.
+        """Return the phase with a name, or the phase at a time in s.
 
         Raises:
-            ProtocolError: there is no phase of that name, or the time is outside.
+            ProtocolError: there is no phase with this name, or the time is outside the trajectory.
         """
         if isinstance(which, str):
             for span in self.phases:
@@ -312,44 +318,43 @@ class Trajectory:
         raise ProtocolError(f"time {which:g} s is outside 0..{self.duration:g} s")
 
     def sample(self, t: float) -> tuple[Array, Array]:
-        """Return q (n,) and T_base_tool (4, 4) at any time in s.
+        """Return q (n,) and T_base_tool (4, 4) at a time in s.
 
-        Before the start and after the end they are those of the first and last sample.
-
-        Between samples q follows a cubic (exact in q and qd at the samples), the pose a screw-free
-        blend: line for the position, constant rate for the rotation.
+        Before the start and after the end, the first and the last sample are returned. Between samples, q is a cubic
+        that agrees with q and qd at the samples. The tool's position is interpolated linearly, and its rotation with a
+        constant rate.
         """
         times = np.array([t], float)
         return self.joints(times)[0], self.poses(times)[0]
 
     def poses(self, times: Array) -> Array:
-        """Return T_base_tool (k, 4, 4) at times (k,) in s, blended between samples as by `sample`."""
+        """Return T_base_tool (k, 4, 4) at times (k,) in s, interpolated as in `sample`."""
         i, f = self._between(times)
         a, b = self.Ts_base_tool[i], self.Ts_base_tool[i + 1]
         turn = spatial.log_so3(np.swapaxes(a[:, :3, :3], 1, 2) @ b[:, :3, :3])
         return spatial.pose(a[:, :3, :3] @ spatial.exp_so3(f * turn), (1 - f) * a[:, :3, 3] + f * b[:, :3, 3])
 
     def on(self, model: Any, times: Array) -> Any:
-        """Return what a `ReferenceModel` does at times (k,) in s: a `Run` at the poses, or by the joints if followed.
+        """Return the `Run` of a `ReferenceModel` at times (k,) in s: at the poses, or at joint values if `followed`.
 
-        Between samples a blended pose may violate the freedoms of a robot with fewer than six; joint values do not.
+        An interpolated pose may violate the freedoms of a robot with fewer than six; interpolated joint values do not.
         """
         q = self.joints(times)
         return model.run(q) if self.followed else model.run_poses(self.poses(times), near=q)
 
     def joints(self, times: Array) -> Array:
-        """Return q (k, n) at times (k,) in s, between samples as by `sample`."""
+        """Return q (k, n) at times (k,) in s, interpolated as in `sample`."""
         i, f = self._between(times)
         return spatial.cubic(f, self.q[i], self.q[i + 1], self.step * self.qd[i], self.step * self.qd[i + 1])
 
     def _between(self, times: Array) -> tuple[np.ndarray, Array]:
-        """Return the sample before each time (k,), and the part (k, 1) of a step behind it."""
+        """Return (index of the sample before each time (k,), fraction (k, 1) of the step after it)."""
         x = np.clip((np.asarray(times, float) - self.t[0]) / self.step, 0, len(self.t) - 1)
         i = np.minimum(x.astype(int), len(self.t) - 2)
         return i, (x - i)[:, None]
 
     def as_dict(self, arrays: bool = True) -> dict[str, Any]:
-        """Return plain data for JSON, SI; NaN becomes None. `arrays` adds every sample."""
+        """Return plain data for JSON in SI, with NaN replaced by None; `arrays`: include every sample."""
         out: dict[str, Any] = {
             "protocol": self.protocol,
             "robot": self.robot,
@@ -376,11 +381,11 @@ def _plain(value: Any) -> Any:
 
 
 Cause = Literal["reach", "inverse", "lower", "upper", "motor", "gap", "singularity", "branch"]
-"""Why a pose is unreachable."""
+"""Reason why a pose is unreachable."""
 
 
 def key_times(duration: float, rate: float) -> Array:
-    """Return (k,) s: every 1 / rate from 0, and the end."""
+    """Return times (k,) in s: multiples of 1 / rate from 0, and the end."""
     count = int(np.floor(duration * rate + 1e-9))
     times = np.arange(count + 1) / rate
     return times if duration - times[-1] < 1e-9 else np.append(times, duration)

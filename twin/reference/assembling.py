@@ -1,4 +1,4 @@
-"""Close loops that are open in the rest poses (of the CAD): from many starts, with and without the driven joints."""
+"""Close loops that are open in the rest poses (of the CAD), from many start configurations."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from twin.reference.newton import minimise
 from twin.reference.states import Assembly
 
 CLOSED = (1e-9, 1e-8)
-"""Gap in m and rad up to which a loop counts as closed."""
+"""Gap in m and in rad up to which a loop counts as closed."""
 
 _SPREADS = (0.1, 0.3, 1.0, 2.0)
-"""Standard deviations of the starts around the given state: in rad for rotations, in LENGTH_SCALE m for slides."""
+"""Standard deviations of the random starts around a state: rad for rotations, `LENGTH_SCALE` m for slides."""
 
 _TRIES = 3
-"""Number of starts for each standard deviation."""
+"""Number of random starts per standard deviation."""
 
 
 def assemble(model: ReferenceModel) -> Assembly:
-    """Return the mechanism with its loops closed as well as possible, near the rest poses.
+    """Return the assembly near the rest poses with the smallest loop gaps.
 
-    The driven joints keep their values if the loops close by the passive joints alone; else they move too. The random
-    starts are the same in every call.
+    The driven joints keep their values if the loops can be closed by the passive joints alone; otherwise they move too.
+    The random starts are the same in every call.
     """
     best = model.home()
     drawn = model.tree.start(model.mechanism.rest)
@@ -41,7 +41,7 @@ def assemble(model: ReferenceModel) -> Assembly:
 
 
 def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
-    """Return the smallest gap (m, rad) found for one loop with all other loops open and all joints free."""
+    """Return the smallest gap (m, rad) of one loop, with all other loops opened and all joints free."""
     others = {j.name for j in mechanism.loops} - {loop}
     alone = replace(mechanism, joints=tuple(j for j in mechanism.joints if j.name not in others), couplings=())
     model = ReferenceModel(alone)
@@ -52,7 +52,12 @@ def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
 
 
 def settle(model: ReferenceModel, values: Mapping[str, float]) -> Assembly | None:
-    """Return the closed state nearest to given values of the tree's joints, by name; None if the loops do not close."""
+    """Return the closed assembly nearest to the given values of tree joints; None if the loops cannot be closed.
+
+    Args:
+        model: the model.
+        values: joint values in m or rad, by name; other joints start at the rest poses.
+    """
     start = model.tree.start(model.mechanism.rest)
     for name, value in values.items():
         if name in model.tree.configuration:
@@ -65,7 +70,7 @@ def settle(model: ReferenceModel, values: Mapping[str, float]) -> Assembly | Non
 
 
 def is_closed(state: Assembly) -> bool:
-    """Return whether every loop is closed, in place and in attitude."""
+    """Return whether every loop is closed, in position and in orientation."""
     return all(offset <= CLOSED[0] and tilt <= CLOSED[1] for offset, tilt in state.gap.values())
 
 
@@ -74,7 +79,7 @@ def _misfit(state: Assembly) -> float:
 
 
 def _nearest(model: ReferenceModel, starts: Array, columns: Index, drawn: Array) -> Assembly:
-    """Return the best assembly reached from the starts; of those that close, the nearest to the rest poses."""
+    """Return the best assembly reached from the starts: smallest gaps, then nearest to the configuration `drawn`."""
 
     def residual(X: Array, _: Index) -> tuple[Array, Array]:
         return model.tree.loops.evaluate(X, *model.tree.update(X, closing_only=True))

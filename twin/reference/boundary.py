@@ -1,8 +1,8 @@
-"""Check reach margins and singularity measures: where one vanishes, the mechanism must be at its reach or singular.
+"""Check reach margins and singularity measures at their zeros, where the mechanism must be degenerate.
 
-A reach margin is zero at the end of the workspace and positive inside; a measure is zero where the mechanism is
-singular. Their values cannot be compared with the mechanism, but their zeros can: the mechanism is moved to where each
-number (row) vanishes, and its Jacobians show whether it is degenerate there.
+A reach margin is zero at the limit of the workspace and positive inside; a singularity measure is zero where the
+mechanism is singular. Their values cannot be compared with the mechanism, but their zeros can: a search moves the
+mechanism to a zero of each one (a row), and the Jacobians there show whether the mechanism is degenerate.
 """
 
 from __future__ import annotations
@@ -23,33 +23,33 @@ from twin.reference.seeking import NEARLY, Mask, Valid, Walks, seek, wander
 from twin.reference.states import Run
 
 _DEGENERATE = 1e-2
-"""Relative singular value below which the mechanism counts as degenerate: walks end within 1e-5 of the zero."""
+"""Relative singular value below which the mechanism counts as degenerate; walks end within 1e-5 of a zero."""
 
 _STARTS = 12
-"""Number of states around which walks begin."""
+"""Number of states at which walks start."""
 
 _LARGER = 1.25
 
 _FLAT = 1e-2
-"""Relative slope of a margin per radian below which it is at its minimum."""
+"""Relative slope of a margin per radian below which the margin has a minimum."""
 
 _ENDS = 0.05
-"""Relative size of another row below which it explains why the mechanism stops."""
+"""Relative size below which another row is near its own zero and explains why the walk ended."""
 
 _MOSTLY = 0.3
-"""Ratio of the sums of an aspect's values of preferred and other sign from which the sign is confirmed.
+"""Minimum ratio between the sums of an aspect's values with the preferred and the other sign, to confirm the sign.
 
-Some states may be in another assembly, or near a singularity.
+Some of the states may be in another assembly mode, or near a singularity.
 """
 
 _NEGATIVE = 1e-9
-"""Margin in m below which a state is out of reach."""
+"""Negative margin in m beyond which a state counts as out of reach; smaller ones are rounding errors."""
 
 Status = Literal["agrees", "disagrees", "not judged"]
 
 
 class Stated(Protocol):
-    """Margins and measures (rows) of a formula at states of the mechanism; see `twin.kinematics.margins.Margins`."""
+    """Reach margins, singularity measures and aspects (rows) of a formula; see `twin.kinematics.margins.Margins`."""
 
     names: tuple[str, ...]
     symbols: tuple[str, ...]
@@ -58,37 +58,37 @@ class Stated(Protocol):
     preferred: tuple[int, ...]
 
     def values(self, s: Run, larger: float = 1.0) -> Array:
-        """Return the rows (k, names) at states, or at the states of a robot that is larger by a factor."""
+        """Return the rows (k, names) at states, or at the same states of a robot scaled by `larger`."""
         ...
 
     def valid(self, s: Run, passive: bool) -> Mask:
-        """Return at which states (k,) the equations give the active joints, and the passive ones if asked."""
+        """Return whether (k,) the equations reproduce the active joint values, with `passive` also the passive ones."""
         ...
 
     def refuses(self, Ts_base_tool: Array) -> Array:
-        """Return the reach margins (k, reach) from the equations alone."""
+        """Return the reach margins (k, reach) at tool poses, from the equations alone."""
         ...
 
     def fails(self, s: Run) -> Array:
-        """Return the rate (k,) of the formula's joints with respect to the pose."""
+        """Return the rate (k,) of the formula's joint values per pose change; unbounded at its singularities."""
         ...
 
     def homogeneous(self, s: Run, by: float) -> bool:
-        """Return whether all lengths of the equations are parameters."""
+        """Return whether all lengths in the equations are parameters: a robot scaled by `by` then has equal angles."""
         ...
 
 
 @dataclass(frozen=True)
 class Judged:
-    """The result for one margin, measure or aspect, checked by the mechanism.
+    """Result of checking one margin, measure or aspect with the mechanism.
 
     Attributes:
-        name, symbol, equation: name, symbol and equation of the row.
+        name, symbol, equation: name of the row, its symbol, and its equation.
         kind: "reach", "type1", "type2" or "aspect".
         status: see `Status`.
-        why: one sentence about the row ("it vanishes where ..."), or the reason why it is undecided.
-        at: active joints, in mm and degrees, of a state that shows it, or "".
-        size, unit: size of the disagreement and its unit.
+        why: the result in one sentence ("it vanishes where ..."), or the reason why there is none.
+        at: example of a state, as active joint values in mm and degrees; "" if there is none.
+        size, unit: size of the disagreement, or None, and its unit.
     """
 
     name: str
@@ -103,16 +103,22 @@ class Judged:
 
 
 class Boundary:
-    """Checks that the mechanism is singular, or at its reach, where a margin or measure of the formula is zero."""
+    """Checks that the mechanism is degenerate where a margin or measure of a formula is zero."""
 
     def __init__(self, model: ReferenceModel, stated: Stated, states: Array) -> None:
-        """Take the mechanism, the rows, and states (k, nq) around which the search begins."""
+        """Set up the search.
+
+        Args:
+            model: model of the mechanism.
+            stated: the margins and measures of the formula.
+            states: (k, nq) configurations around which the search begins.
+        """
         self.model, self.stated = model, stated
         some = states[np.unique(np.linspace(0, len(states) - 1, _STARTS).astype(int))]
         run = model.collect(some)
         self._given = run
         self.motions = Degeneracy(model, some)
-        self._whole = bool(stated.valid(run, True).any())  # else a row of the passive joints is off, says its own check
+        self._whole = bool(stated.valid(run, True).any())  # False: wrong passive joints, reported by another check
         good = stated.valid(run, self._whole)
         self._drawn = some[good]
         self._why = "" if good.any() else "the equations never give the mechanism's joints"
@@ -124,7 +130,7 @@ class Boundary:
             self._size = np.array([float(np.median(v)) if len(v) else 1.0 for v in known])
 
     def judge(self) -> list[Judged]:
-        """Return the result of each row."""
+        """Return the result for each row."""
         s = self.stated
         rows = range(len(s.names))
         if self._why:
@@ -137,10 +143,10 @@ class Boundary:
         out |= self._walked([i for i in rows if i not in out])
         return [out[i] for i in rows]
 
-    # -- without a walk -------------------------------------------------------------------------------
+    # -- checks at known states -------------------------------------------------------------------------------
 
     def _plain(self, i: int) -> Judged | None:
-        """Check a row at the known states: value, sign, dimension."""
+        """Check a row at the known states for value, sign and dimension; None if these checks do not decide."""
         s, v = self.stated, self._values[:, i]
         unit, scale = ("mm", MM) if s.kinds[i] == "reach" else ("", 1.0)
         if not np.isfinite(v).all():
@@ -188,7 +194,7 @@ class Boundary:
         )
 
     def _beyond(self) -> Array:
-        """Return poses (k, 4, 4) just outside the freedoms of a mechanism with fewer than six."""
+        """Return unreachable tool poses (k, 4, 4) near reachable ones, if the tool has fewer than six freedoms."""
         X = self._drawn
         if self.motions.freedom >= 6:
             return np.zeros((0, 4, 4))
@@ -205,7 +211,7 @@ class Boundary:
                 out.append(T)
         return np.concatenate(out)
 
-    # -- by walks -------------------------------------------------------------------------------------
+    # -- checks at the ends of walks -----------------------------------------------------------------------------------
 
     def _walked(self, rows: list[int]) -> dict[int, Judged]:
         if not rows:
@@ -227,7 +233,7 @@ class Boundary:
         return seek(self.motions, self._at, valid, starts, row, np.array(aside * len(rows)), self._size, seed)
 
     def _zeros(self, i: int, walks: list[Walks]) -> Array:
-        """Return all states found at which a row vanishes."""
+        """Return all states at which walks found a zero of a row."""
         ends = np.concatenate([w.states[w.ended == "zero"] for w in walks])
         return ends[np.abs(self._at(ends)[:, i]) <= NEARLY * self._size[i]] if len(ends) else ends
 
@@ -257,7 +263,7 @@ class Boundary:
         return self._row(i, "disagrees", text, zeros[k], float(left[k]))
 
     def _own(self, states: Array) -> bool:
-        """Return whether the rate of the formula's own inverse grows without bound towards all given states."""
+        """Return whether the formula's own inverse is singular at all given states."""
         usual = float(np.median(self.stated.fails(self._given)))
         return bool((self.stated.fails(self.model.collect(states)) > 30 * usual).all())
 
@@ -277,7 +283,7 @@ class Boundary:
         text = f"it did not vanish at any tested state; its minimum was {least}"
         return self._row(i, "not judged", text, x)
 
-    # -- small ----------------------------------------------------------------------------------------
+    # -- helpers ----------------------------------------------------------------------------------------
 
     def _at(self, states: Array) -> Array:
         return self.stated.values(self.model.collect(states))
@@ -300,7 +306,7 @@ class Boundary:
 
 
 def summary(rows: list[Judged]) -> str:
-    """Return as text how many rows were checked, and which were not, with the reason."""
+    """Return the number of checked rows as text, and the unchecked rows with the reason."""
     left = [r for r in rows if r.status == "not judged"]
     text = f"{len(rows) - len(left)} of {len(rows)}"
     return text + (f"; not judged: {'; '.join(f'{r.name}: {r.why}' for r in left)}" if left else "")

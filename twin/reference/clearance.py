@@ -1,4 +1,4 @@
-"""Collision check: minimum clearances between the CAD's own meshes along a motion (coal)."""
+"""Minimum clearances and collisions between the CAD's meshes along a motion, computed by coal."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from twin.core.units import MM
 from twin.model.mechanism import Mechanism, Mesh
 
 TOUCHING = 0.05 * MM
-"""Distance in m in the CAD up to which two parts of jointed bodies count as mating (pin and bore, washer and eye)."""
+"""Distance in m up to which two parts of jointed bodies mate in the CAD (pin and bore, washer and eye)."""
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """Minimum clearances along samples.
+    """Minimum clearances at the samples of a motion.
 
     Attributes:
-        distance: (k,) m, between bodies that no joint connects; 0 where parts collide.
-        pair: (k,) the two bodies that are nearest.
-        contacts: samples and non-mating parts of jointed bodies that collide.
+        distance: (k,) in m, minimum clearance between bodies that no joint connects; 0 if two collide.
+        pair: (k,) names of the two nearest bodies.
+        contacts: (sample, part, part) of each collision between non-mating parts of jointed bodies.
     """
 
     distance: Array
@@ -35,7 +35,7 @@ class Clearance:
 
 
 class Shape:
-    """A triangle mesh for coal, with the corners of its box to bound how far it moves."""
+    """A triangle mesh for coal, with the corners of its bounding box to limit the mesh's motion."""
 
     def __init__(self, name: str, body: str, meshes: Sequence[Mesh]) -> None:
         self.name, self.body = name, body
@@ -52,7 +52,7 @@ class Shape:
 
     @cached_property
     def hull(self) -> coal.Convex:
-        """Its convex hull."""
+        """Convex hull of the mesh."""
         from scipy.spatial import ConvexHull
 
         hull = ConvexHull(self._vertices)
@@ -67,21 +67,21 @@ class Shape:
         return coal.Convex(points, triangles)
 
     def corners_in(self, Ts_base_body: Array) -> Array:
-        """Return the box corners (k, 8, 3) in base along poses (k, 4, 4)."""
+        """Return the corners (k, 8, 3) of the bounding box in base, for body poses (k, 4, 4)."""
         return np.einsum("kij,nj->kni", Ts_base_body[:, :3, :3], self.corners) + Ts_base_body[:, None, :3, 3]
 
 
 def clearance(
     mechanism: Mechanism, link_poses: Mapping[str, Array], progress: Callable[[float], None] | None = None
 ) -> Clearance:
-    """Return minimum clearances between the meshes of a mechanism.
+    """Return the minimum clearances between the meshes of a mechanism.
 
-    A measured distance minus the motion of both bodies since is a lower bound of later distances: a pair is measured
-    again only when it may be the nearest.
+    A measured distance minus the later motion of both bodies is a lower bound of their later distance. A pair is
+    measured again only if it may be the nearest pair.
 
     Args:
-        mechanism: its bodies' meshes and joints.
-        link_poses: T_base_body (k, 4, 4) by body.
+        mechanism: the mechanism, with the meshes of its bodies.
+        link_poses: T_base_body (k, 4, 4) by name of the body.
         progress: called with the fraction done.
     """
     distance, pair = _track(apart(mechanism), link_poses, progress)
@@ -89,7 +89,7 @@ def clearance(
 
 
 def apart(mechanism: Mechanism) -> list[tuple[Shape, Shape]]:
-    """Return the pairs of bodies that no joint connects."""
+    """Return the shapes of each two bodies that no joint connects."""
     whole = [Shape(b.name, b.name, b.meshes) for b in mechanism.bodies if b.meshes]
     jointed = _jointed(mechanism)
     return [(a, b) for a, b in combinations(whole, 2) if frozenset((a.body, b.body)) not in jointed]
@@ -104,12 +104,12 @@ def between(
     link_poses: Mapping[str, Mapping[str, Array]],
     touching: frozenset[frozenset[str]] = frozenset(),
 ) -> dict[tuple[str, str], Clearance]:
-    """Return minimum clearances between the bodies of each two owners; bodies are named "owner/body".
+    """Return the minimum clearances between each two owners (robots, objects); bodies are named "owner/body".
 
     Args:
-        mechanisms: mechanisms by owner.
+        mechanisms: mechanism of each owner.
         link_poses: T_world_body (k, 4, 4) by owner and body.
-        touching: pairs of "owner/body" that touch by design.
+        touching: pairs of "owner/body" that touch intentionally.
     """
     shapes = {
         n: [Shape(f"{n}/{b.name}", f"{n}/{b.name}", b.meshes) for b in m.bodies if b.meshes]
@@ -126,11 +126,11 @@ def between(
 def _contacts(
     mechanism: Mechanism, jointed: set[frozenset[str]], link_poses: Mapping[str, Array]
 ) -> tuple[tuple[int, str, str], ...]:
-    """Return the contacts between parts of jointed bodies that neither mate nor touch in the CAD."""
+    """Return (sample, part, part) of collisions of jointed bodies, for parts that neither mate nor touch in the CAD."""
     mating = {frozenset(p) for j in mechanism.joints for p in combinations(j.mating, 2)}
     found = []
     for a, b in (tuple(sorted(p)) for p in sorted(jointed, key=sorted)):
-        # All seen from a: what moves is b.
+        # All poses are relative to a, so only b moves.
         T_a_b = (spatial.inverse(link_poses[a]) @ link_poses[b])[::_EVERY]
         T_drawn = spatial.inverse(mechanism.rest.get(a, link_poses[a][0])) @ mechanism.rest.get(b, link_poses[b][0])
         here = [Shape(m.name, a, [m]) for m in mechanism.body(a).meshes]
@@ -148,7 +148,7 @@ def _contacts(
                     continue
                 k = 0
                 while way[k:].max() >= apart > 0:
-                    k += int(np.argmax(way[k:] >= apart))  # until here it cannot have come so far
+                    k += int(np.argmax(way[k:] >= apart))  # before this sample, b has not moved far enough to touch
                     apart = distance_between(p, q, np.eye(4), T_a_b[k])
                     way = np.linalg.norm(corners - corners[k], axis=-1).max(axis=-1)
                 if apart <= 0:
@@ -157,17 +157,17 @@ def _contacts(
 
 
 _EVERY = 5
-"""Parts of jointed bodies are checked at every fifth sample only: they turn past each other slowly."""
+"""Interval of the samples at which parts of jointed bodies are checked; their relative motion is slow."""
 
 
 def _way(a: Shape, b: Shape, link_poses: Mapping[str, Array], since: int = 0) -> Array:
-    """Return how far (k,) in m b has moved at most, seen from a, since a sample: its box corner that moved furthest."""
+    """Return an upper bound (k,) in m of the motion of b relative to a after sample `since`."""
     corners = b.corners_in(spatial.inverse(link_poses[a.body]) @ link_poses[b.body])
     return np.linalg.norm(corners - corners[since], axis=-1).max(axis=-1)
 
 
 def box_gap(low_a: Array, high_a: Array, low_b: Array, high_b: Array) -> Array:
-    """Return the distance (...) between boxes with corners (..., 3): a lower bound for what is inside."""
+    """Return the distance (...) between boxes with corners (..., 3): a lower bound for their contents."""
     return np.linalg.norm(np.maximum(np.maximum(low_a - high_b, low_b - high_a), 0), axis=-1)
 
 
@@ -180,7 +180,7 @@ def _track(
     if not pairs:
         return np.full(count, np.inf), (("", ""),) * count
     first = np.array([_first_bound(a, b, link_poses) for a, b in pairs])
-    # Each pair's bound at all later samples: the last distance found, less what the two moved since.
+    # Lower bound of each pair's distance at all samples: the last measured distance minus the relative motion since.
     bounds = np.array([d - _way(a, b, link_poses) for d, (a, b) in zip(first, pairs, strict=True)])
     distance, nearest = np.zeros(count), []
     for k in range(count):
@@ -201,17 +201,17 @@ def _track(
 
 
 def _first_bound(a: Shape, b: Shape, link_poses: Mapping[str, Array]) -> float:
-    """Return the distance between the two boxes at the first sample."""
+    """Return the distance in m between the bounding boxes at the first sample."""
     ca, cb = a.corners_in(link_poses[a.body][:1])[0], b.corners_in(link_poses[b.body][:1])[0]
     return float(box_gap(ca.min(axis=0), ca.max(axis=0), cb.min(axis=0), cb.max(axis=0)))
 
 
 def distance_between(a: Shape, b: Shape, Ta: Array, Tb: Array) -> float:
-    """Return the distance in m between two meshes at poses (4, 4); 0 where they collide."""
+    """Return the distance in m between two meshes at poses (4, 4); 0 if they collide."""
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     return max(0.0, float(coal.distance(a.model, placed(Ta), b.model, placed(Tb), request, result)))
 
 
 def placed(T: Array) -> coal.Transform3s:
-    """Return a pose (4, 4) as coal has it."""
+    """Return a pose (4, 4) as a coal transform."""
     return coal.Transform3s(np.ascontiguousarray(T[:3, :3]), T[:3, 3])

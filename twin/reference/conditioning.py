@@ -12,13 +12,13 @@ from twin.reference.model import ReferenceModel
 
 @dataclass(frozen=True)
 class Conditioning:
-    """Distances from singularities along k states, with lengths divided by a characteristic length.
+    """Distance from singularities at k states, with lengths divided by a characteristic length.
 
     Attributes:
-        stands: (k,) smallest singular value of the tool's twist per rate of the active joints, divided by the largest
-            singular value; it vanishes where the joints move and the tool is at rest (type 1).
-        moves: (k,) the inverse of the largest rate of a passive joint per rate of the active joints; it vanishes where
-            the mechanism moves while all drives are at rest (type 2).
+        stands: (k,) smallest divided by largest singular value of the tool Jacobian (twist per rate of the active
+            joints); 0 at a type I singularity, where the joints can move while the tool is at rest.
+        moves: (k,) inverse of the largest rate of a passive joint per rate of an active joint, at most 1; 0 at a type
+            II singularity, where the mechanism can move while all active joints are at rest.
     """
 
     stands: Array
@@ -26,14 +26,14 @@ class Conditioning:
 
 
 def conditioning(model: ReferenceModel, states: Array, length: float) -> Conditioning:
-    """Return the conditioning of configurations (k, nq); `length` in m makes rotations and lengths comparable."""
+    """Return the conditioning at configurations (k, nq); `length` in m makes lengths comparable with angles."""
     tree = model.tree
     gain = model.gains(states)
     poses, J = tree.update(states, closing_only=True)
     tool = tree.tool_jacobian(poses, J) @ gain
     tool = np.concatenate([tool[:, :3] / length, tool[:, 3:]], axis=1)
     slides = np.array([not j.is_angle for j in model.mechanism.active])
-    tool = np.where(slides, length, 1.0) * tool  # per rate of a joint, slides in lengths
+    tool = np.where(slides, length, 1.0) * tool  # rates of sliding joints in units of `length`
     values = np.linalg.svd(tool, compute_uv=False)
     passive = np.ones(tree.model.nv)
     passive[[tree.coordinate[j.name] for j in model.mechanism.tree if j.type == "prismatic"]] = 1 / length

@@ -1,8 +1,8 @@
-"""Degenerate states of a mechanism: motions that leave the drives or the tool at rest, or additional motions.
+"""Degenerate states of a mechanism, at which it can move with its driven joints or its tool at rest.
 
-A state moves along the null space of the loop Jacobian, drives and passive joints alike, so that singularities are
-crossed as smoothly as any other state. At a degenerate state some motion leaves the drives (type 2) or the tool (type
-1) at rest, or the null space is larger.
+A state moves along the null space of the loop Jacobian, with driven and passive joints treated alike, so that it passes
+singularities as smoothly as other states. At a degenerate state, some motion leaves the driven joints (type II) or the
+tool (type I) at rest, or the null space has additional dimensions.
 """
 
 from __future__ import annotations
@@ -17,34 +17,34 @@ from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
 
 _RANK = 1e-6
-"""Singular value relative to the largest above which it counts for the rank at regular states."""
+"""Relative singular value above which a singular value counts for the rank at regular states."""
 
 _PATIENCE = 8
-"""Maximum iterations to close the loops after a step: a step that needs more is too long."""
+"""Maximum iterations that close the loops after a step; if more are needed, the step is too long."""
 
 KINDS = ("loops", "drives", "tool")
-"""Kinds of degeneracy; the columns of `Degeneracy.of`."""
+"""Kinds of degeneracy, in the order of the columns of `Degeneracy.of`."""
 
 
 class Degeneracy:
-    """The motions of a mechanism and their degeneracy.
+    """Possible motions of a mechanism, and the distance of its states from degeneracy.
 
-    A redundant mechanism (more freedoms than a pose takes) always moves with its tool at rest; there the named points
-    of its bodies must rest as well.
+    A redundant mechanism can always move with its tool at rest. For it, a motion counts as degenerate only if the named
+    points of its bodies rest as well.
 
-    Where the position of the tool has as many directions as the mechanism has freedoms (an arm of two bars in a plane,
-    three joints that carry a point), the position is what the tool is for: it may not rest, though the tool turns on.
-    A planar arm that is stretched can still turn its hand, and is at the end of its reach all the same.
+    If the tool's position alone has as many degrees of freedom as the mechanism (a planar arm with two links, three
+    joints that carry a point), a motion counts as degenerate if the tool's position rests, even if the tool rotates. A
+    stretched planar arm, for example, can still rotate its tool at the limit of its reach.
 
     Attributes:
-        freedom: of the mechanism, at regular states.
-        positional: whether its positions have as many directions.
-        length: what a slide counts as much as a turn by 1 rad, in m.
-        scale: (nv,) what counts as much as a turn by 1 rad: that, or a slide by `LENGTH_SCALE`.
+        freedom: degrees of freedom of the mechanism at regular states.
+        positional: whether the tool's position has as many degrees of freedom.
+        length: length in m that is equivalent to a rotation by 1 rad.
+        scale: (nv,) step of each velocity coordinate that is equivalent to 1 rad: 1 rad, or `LENGTH_SCALE` in m.
     """
 
     def __init__(self, model: ReferenceModel, states: Array) -> None:
-        """Find the regular rank of each Jacobian of the model: its largest rank at the given states (k, nq)."""
+        """Determine the regular rank of each Jacobian of the model: the largest rank at the given states (k, nq)."""
         self.model, tree = model, model.tree
         self.length = LENGTH_SCALE
         self.scale = np.ones(tree.model.nv)
@@ -63,7 +63,7 @@ class Degeneracy:
         self._usual = [float(np.median(v[:, i])) if v.size else 1.0 for v, i in zip(values, self._at, strict=True)]
 
     def of(self, states: Array) -> Array:
-        """Return (k, 3): distance from each kind of degeneracy, 1 at usual states, 0 at a degenerate one."""
+        """Return the distance (k, 3) from each kind of degeneracy: about 1 at usual states, 0 at a degenerate state."""
         values = self._raw(states)[1]
         columns = [
             v[:, i] / u if v.size else np.ones(len(states))
@@ -72,15 +72,15 @@ class Degeneracy:
         return np.stack(columns, axis=1)
 
     def motions(self, states: Array) -> Array:
-        """Return (k, nv, freedom): the tangent steps that keep the loops closed, slides in tenths of a metre."""
+        """Return tangent steps (k, nv, freedom) that keep the loops closed; slides in units of `LENGTH_SCALE`."""
         return self._raw(states, motions_only=True)[0]
 
     def tool(self, states: Array) -> Array:
-        """Return the tool's twists (k, 6, freedom) in base along the motions, linear first, in tenths of a metre."""
+        """Return tool twists (k, 6, freedom) in base for `motions`, linear part first, in units of `LENGTH_SCALE`."""
         return self._jacobians(states)[1][:, :6] @ (self.motions(states) / self.scale[:, None])
 
     def moved(self, states: Array, steps: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return (states (k, nq) after tangent steps (k, nv) with loops closed again, whether (k,) they closed)."""
+        """Return (states (k, nq) after tangent steps (k, nv) with the loops closed again, whether (k,) they closed)."""
         tree = self.model.tree
 
         def residual(X: Array, _: Index) -> tuple[Array, Array]:
@@ -90,7 +90,7 @@ class Degeneracy:
         return there, np.asarray(closed, bool)
 
     def _jacobians(self, states: Array) -> tuple[Array, Array, Array]:
-        """Return scaled Jacobians of the loops (k, m, nv) and of tool and points (k, n, nv), and poses."""
+        """Return scaled Jacobians of the loops (k, m, nv) and of tool and named points (k, n, nv), and the poses."""
         tree = self.model.tree
         poses, J = tree.update(states, closing_only=True)
         A = tree.loops.evaluate(states, poses, J)[1] * self.scale

@@ -1,6 +1,6 @@
-"""Leave a singular state, where assemblies meet and Newton steps fail, by random kicks of the passive joints.
+"""Leave a singular state, where assembly modes meet and Newton steps fail, by random steps of the passive joints.
 
-The result is the nearest closed state within all joint limits.
+The result is the nearest closed state; states within all joint limits have priority.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ from twin.core.spatial import Array, Index
 from twin.reference.tree import Tree
 
 _KICKS = (0.003, 0.01, 0.03, 0.1, 0.3)
-"""Standard deviations of the kicks in rad; for slides a tenth of the number, in m."""
+"""Standard deviations of the random steps: in rad for rotations, a tenth of the number in m for slides."""
 
 _TRIES = 4
-"""Number of kicks of each size."""
+"""Number of random steps per standard deviation."""
 
 
 def depart(tree: Tree, x: Array, move: Callable[[Array], Array], way: Callable[[Array], float]) -> Array | None:
-    """Return a state near configuration x (nq,) that a move reaches from a kick, or None; deterministic.
+    """Return a state that `move` reaches from a random step away from x; None if there is none. Deterministic.
 
     Args:
         tree: tree of the mechanism.
-        x: the configuration (nq,) at which a walk is stuck.
-        move: starts (k, nq) -> states (k, nq).
-        way: distance of a state from x; infinite if the state is invalid.
+        x: (nq,) configuration at which a walk is stuck.
+        move: function that moves starts (k, nq) to the target and returns the states (k, nq).
+        way: function that returns the distance of a state from x; infinity if the state is invalid.
     """
     if not len(tree.passive) or not tree.loops.names:
         return None
@@ -37,7 +37,15 @@ def depart(tree: Tree, x: Array, move: Callable[[Array], Array], way: Callable[[
 
 
 def scattered(tree: Tree, x: Array, columns: Index, spreads: Sequence[float], tries: int) -> Array:
-    """Return configurations (k, nq) scattered around one in some velocities; `spreads` in rad, or tenths of m."""
+    """Return configurations (k, nq) scattered around x (nq,).
+
+    Args:
+        tree: tree of the mechanism.
+        x: (nq,) configuration.
+        columns: velocity indices of the joints that are moved.
+        spreads: standard deviations: in rad for rotations, a tenth of the number in m for slides.
+        tries: number of configurations per standard deviation.
+    """
     rng = np.random.default_rng(0)
     spread = np.repeat(np.asarray(spreads, np.float64), tries)[:, None]
     steps = np.zeros((len(spread), tree.model.nv))
@@ -47,7 +55,7 @@ def scattered(tree: Tree, x: Array, columns: Index, spreads: Sequence[float], tr
 
 
 def breach(tree: Tree, x: Array) -> float:
-    """Return the total excess (rad, m) of a configuration over the limits of the tree's joints."""
+    """Return the sum (rad, m) by which a configuration exceeds the limits of the tree's joints; 0 within all limits."""
     total = 0.0
     for joint in tree.mechanism.tree:
         if joint.limits is not None and joint.name in tree.configuration:

@@ -1,11 +1,11 @@
-"""Equations of motion of any mechanism, in its active joints: inverse and forward dynamics.
+"""Inverse and forward dynamics of any mechanism, with loops, in its active joints.
 
     M(q) qdd + C(q, qd) qd + g(q) + F qd = tau
 
-Pinocchio gives the equations of the spanning tree for its velocities V (composite rigid bodies, recursive
-Newton-Euler). Loops and couplings, A V = 0, are included by projection on the active joints: V = G qd, dV/dt = G qdd -
-A_p^+ (dA/dt V), and by virtual work tau = G' tau_tree; forces in the loops do no work. Rotors turn with the motors, m =
-T^-1 q; their inertia at the joints is T^-T J_m T^-1.
+Pinocchio computes the equations of the spanning tree in its velocities V (composite rigid bodies, recursive
+Newton-Euler). Loops and couplings, A V = 0, are included by projection on the active joints: V = G qd and dV/dt = G qdd
+- A_p^+ (dA/dt V). By virtual work, tau = G' tau_tree, because the forces in the loops do no work. Rotors turn with the
+motors, m = T^-1 q, so their inertia at the joints is T^-T J_m T^-1.
 
 Sources: R. Featherstone, Rigid Body Dynamics Algorithms, Springer 2008, chapters 5, 6 and 8; R. M. Murray, Z. Li,
 S. S. Sastry, A Mathematical Introduction to Robotic Manipulation, CRC Press 1994, sections 4.3 and 6.1; Y. Nakamura,
@@ -31,26 +31,26 @@ from twin.reference.model import ReferenceModel
 from twin.reference.states import Assembly
 
 _IDLE = 1e-12
-"""Inertia in kg m2 or kg below which it counts as zero: far below any part, far above rounding."""
+"""Inertia in kg m2 or kg below which a joint moves no mass: far below any part, far above rounding errors."""
 
 _FLAT = 1e-9
-"""Relative size below which a singular value counts as zero."""
+"""Relative singular value that counts as zero."""
 
 State = ArrayLike | Assembly
-"""A state: active joints q (n,) in m or rad or, where loops have several branches, a solved assembly."""
+"""A state: active joint values q (n,) in m or rad, or, to choose a branch of the loops, a solved assembly."""
 
 
 class Dynamics:
     """Equations of motion in the n active joints, in the order of `mechanism.active`.
 
     Efforts are in N m for angles and in N for lengths; inertias in kg m2, kg m or kg accordingly. A state is q (n,),
-    with loops closed from home, or an `Assembly` of `model`, which saves closing the loops and keeps its branch.
+    for which the loops are closed starting from home, or an `Assembly` of `model`, which is used as it is.
 
     Attributes:
         mechanism: the mechanism with masses; a body without inertia is massless.
-        model: its independent model, with the tree.
-        rotor: (n, n) inertia of the rotors, converted to the joints.
-        friction: (n,) viscous, N m s/rad or N s/m.
+        model: the independent model of the mechanism.
+        rotor: (n, n) inertia of the rotors, referred to the joints.
+        friction: (n,) viscous friction, N m s/rad or N s/m.
     """
 
     def __init__(
@@ -61,16 +61,16 @@ class Dynamics:
         rotor: ArrayLike = 0.0,
         friction: ArrayLike = 0.0,
     ) -> None:
-        """Set up with the masses of a mechanism and the rotors of its actuators.
+        """Set up the equations from the masses of a mechanism and the rotors of its actuators.
 
         Args:
-            mechanism: the mechanism, or its model, which is then shared.
-            gravity: (3,) in base, m/s2.
-            rotor: (n,) inertia at the joints, in kg m2 or kg, in addition to those of the actuators.
-            friction: (n,) viscous friction at the joints.
+            mechanism: the mechanism, or its model, which is then used.
+            gravity: (3,) gravitational acceleration in base, m/s2.
+            rotor: (n,) rotor inertia at the joints in kg m2 or kg, added to that of the actuators.
+            friction: (n,) viscous friction at the joints, N m s/rad or N s/m.
 
         Raises:
-            MechanismError: rotor or friction is not n numbers that are finite and at least 0.
+            MechanismError: rotor or friction does not have n finite numbers of at least 0.
         """
         self.model = mechanism if isinstance(mechanism, ReferenceModel) else ReferenceModel(mechanism)
         self.mechanism = m = self.model.mechanism
@@ -103,10 +103,11 @@ class Dynamics:
     # -- the terms of the equations -------------------------------------------------------------------
 
     def configuration(self, at: State) -> Array:
-        """Return the configuration (nq,) of the tree at a state.
+        """Return the configuration (nq,) of the tree for a state.
 
         Raises:
-            AssemblyError: the loops cannot be closed at q. MechanismError: q is not n finite numbers.
+            AssemblyError: the loops cannot be closed at q.
+            MechanismError: q does not have n finite numbers.
         """
         if isinstance(at, Assembly):
             return at.x
@@ -118,13 +119,13 @@ class Dynamics:
         return x
 
     def near(self, q: ArrayLike, before: State | None = None) -> State:
-        """Return the state at q (n,); if loops must be closed, they are closed starting from the previous state."""
+        """Return the state at q (n,); loops are closed starting from the assembly `before`, if given."""
         if not self._tied:
             return np.asarray(q, float)
         return self.model.solve(np.asarray(q, float), before if isinstance(before, Assembly) else None)
 
     def tools(self, q: ArrayLike) -> Array:
-        """Return T_base_tool (k, 4, 4) along joints q (k, n)."""
+        """Return T_base_tool (k, 4, 4) for joint values q (k, n) along a motion."""
         q = given.along(self.mechanism, np.asarray(q, float))
         if self._tied:
             return self.model.run(q).Ts_base_tool
@@ -133,16 +134,16 @@ class Dynamics:
         return self._tree.tool(self._tree.update(X, closing_only=True)[0])
 
     def mass_matrix(self, at: State) -> Array:
-        """Return M (n, n) at a state, rotors included.
+        """Return the mass matrix M (n, n) at a state, including the rotors.
 
         Raises:
-            MechanismError: a body with mass is moved by a joint that is neither driven nor determined by a loop. The
-                methods below raise it too.
+            MechanismError: a passive joint that no loop determines moves a body with mass. `bias`, `inverse` and
+                `forward` raise it too.
         """
         return self._mass(self._determined(at))
 
     def gravity(self, at: State) -> Array:
-        """Return g (n,): the efforts that hold a state at rest; joints without drive and constraint are held fixed."""
+        """Return g (n,): the efforts that hold a state at rest; joints without drive and loop are treated as fixed."""
         x = self.configuration(at)
         return self._gain(x).T @ np.array(pin.computeGeneralizedGravity(self._pin, self._data, x))
 
@@ -151,35 +152,35 @@ class Dynamics:
         return self.bias(at, qd) - self.gravity(at)
 
     def bias(self, at: State, qd: ArrayLike) -> Array:
-        """Return C(q, qd) qd + g(q) (n,): the efforts without acceleration and friction."""
+        """Return C(q, qd) qd + g(q) (n,): the efforts without the terms of acceleration and friction."""
         return self._newton_euler(self._determined(at), np.asarray(qd, float), np.zeros(self.n))
 
     def inverse(self, at: State, qd: ArrayLike, qdd: ArrayLike) -> Array:
-        """Return the joint efforts (n,) that give accelerations qdd (n,) at a state and rates qd (n,)."""
+        """Return the joint efforts (n,) for accelerations qdd (n,) at a state and rates qd (n,)."""
         qd, qdd = np.asarray(qd, float), np.asarray(qdd, float)
         return self._newton_euler(self._determined(at), qd, qdd) + self.rotor @ qdd + self.friction * qd
 
     def motor_efforts(self, at: State, qd: ArrayLike, qdd: ArrayLike) -> Array:
-        """Return the motor efforts (n,), in the order of `mechanism.motor_names`, that give qdd (n,); see `inverse`."""
+        """Return the motor efforts (n,), in the order of `mechanism.motor_names`, for qdd (n,); see `inverse`."""
         return self.mechanism.motor_efforts(self.inverse(at, qd, qdd))
 
     def forward(self, at: State, qd: ArrayLike, efforts: ArrayLike) -> Array:
-        """Return the accelerations (n,) under joint efforts (n,) at a state and rates qd (n,)."""
+        """Return the joint accelerations (n,) caused by joint efforts (n,) at a state and rates qd (n,)."""
         x, qd = self._determined(at), np.asarray(qd, float)
         free = np.asarray(efforts, float) - self._newton_euler(x, qd, np.zeros(self.n)) - self.friction * qd
         return np.asarray(np.linalg.solve(self._mass(x), free), float)
 
     def energy(self, at: State, qd: ArrayLike) -> tuple[float, float]:
-        """Return kinetic energy, rotors included, and potential energy in J, zero with all mass at base."""
+        """Return (kinetic, potential) energy in J, rotors included; the potential is 0 for mass at the base origin."""
         x, qd = self.configuration(at), np.asarray(qd, float)
         V = qd @ self._gain(x).T
         kinetic = float(pin.computeKineticEnergy(self._pin, self._data, x, V)) + 0.5 * float(qd @ self.rotor @ qd)
         return kinetic, float(pin.computePotentialEnergy(self._pin, self._data, x))
 
-    # -- inside ---------------------------------------------------------------------------------------
+    # -- internals ---------------------------------------------------------------------------------------
 
     def _gain(self, x: Array) -> Array:
-        """Return G (nv, n): velocities of the tree per rate of the active joints."""
+        """Return G (nv, n): velocities of the tree per rate of each active joint."""
         return self.model.gains(x[None])[0] if self._tied else self._scatter
 
     def _mass(self, x: Array) -> Array:
@@ -190,7 +191,7 @@ class Dynamics:
         return G.T @ M @ G + self.rotor
 
     def _tree_mass(self, x: Array) -> Array:
-        """Return the mass matrix (nv, nv) of the tree, completed from Pinocchio's upper half."""
+        """Return the full mass matrix (nv, nv) of the tree; Pinocchio computes its upper half only."""
         upper = self._upper * np.asarray(pin.crba(self._pin, self._data, x), float).reshape(self._upper.shape)
         return upper + upper.T
 
@@ -202,7 +203,7 @@ class Dynamics:
         return G.T @ np.array(pin.rnea(self._pin, self._data, x, V, change))
 
     def _determined(self, at: State) -> Array:
-        """Return the configuration of a state; raise if the active joints do not determine the motion of every mass."""
+        """Return the configuration of a state; raise an error if a passive joint without loop moves a mass."""
         if self._idle:
             raise MechanismError(
                 f"{self.mechanism.name}: no drive and no loop determines the motion of {self._idle}, which moves a "
@@ -216,12 +217,12 @@ class Dynamics:
 
     @cached_property
     def _scatter(self) -> Array:
-        """Return G without loops and couplings: passive joints are at rest."""
+        """G for a tree without loops and couplings: passive joints are at rest."""
         return np.eye(self._pin.nv)[:, self._tree.active]
 
     @cached_property
     def _idle(self) -> str:
-        """A passive joint that moves a mass while all active joints are held, checked at home; "" if there is none."""
+        """A passive joint that moves a mass while all active joints are held, tested at home; "" if there is none."""
         passive = self._tree.passive
         if not len(passive):
             return ""

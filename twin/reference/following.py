@@ -1,6 +1,6 @@
-"""Move the mechanism along a path: by its driven joints, or by some directions of the tool while the others follow.
+"""Move the mechanism along a path of driven joint values, or of tool poses followed in some directions.
 
-A mechanism with fewer than six freedoms determines the remaining directions itself.
+If the mechanism has fewer than six freedoms, the other directions of the tool follow from the mechanism.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from twin.reference.newton import minimise
 from twin.reference.posing import posed
 
 _JUMP = 0.5
-"""Largest change (m, rad) of a coordinate between samples; a larger change means another branch."""
+"""Largest change (m, rad) of a coordinate between samples; a larger change means another assembly mode."""
 
 _HALVINGS = 8
-"""Maximum number of halvings of the way between two samples; then the way counts as blocked."""
+"""Maximum number of halvings of a step between two samples; after these, the path counts as blocked."""
 
 _NEARBY = {True: 0.05, False: 0.005}
-"""Displacement (rad, m) of a driven joint for Jacobians beside a state that may be singular."""
+"""Displacement of a driven joint (rad if an angle, else m) for Jacobians beside a state that may be singular."""
 
 
 class Follower:
-    """A mechanism that follows a path; a function builds its model when first needed.
+    """Moves a mechanism along a path; its model is built at first use.
 
-    States are configurations (nq,) of the reference model, from which the next call continues.
+    States are configurations (nq,) of the independent model; a motion can be continued from any of them.
     """
 
     def __init__(self, make: Callable[[], ReferenceModel]) -> None:
@@ -39,34 +39,34 @@ class Follower:
 
     @cached_property
     def model(self) -> ReferenceModel:
-        """The mechanism."""
+        """The independent model of the mechanism."""
         return self._make()
 
     def drawn(self) -> tuple[Array, Array]:
-        """Return (state, q): the rest state (as in the CAD) and the values (n,) of the driven joints there."""
+        """Return (state (nq,), q (n,)): the rest state as drawn in the CAD, and its driven joint values."""
         home = self.model.home()
         return home.x, home.q
 
     def carry(self, q: Array, start: Array) -> tuple[Array, Array]:
-        """Return states (k, nq) and T_base_tool (k, 4, 4) for driven joints q (k, n) along a motion from `start`.
+        """Return states (k, nq) and T_base_tool (k, 4, 4) for driven joint values q (k, n) along a motion from `start`.
 
         Raises:
-            AssemblyError: the loops open on the way; the message gives the sample.
+            AssemblyError: the loops open during the motion; the message names the sample.
         """
         run = self.model.run(q, self.model.state(start))
         return run.x, run.Ts_base_tool
 
     def follow(self, Ts: Array, directions: np.ndarray, p_tool: Array, start: Array) -> tuple[Array, Array, Array]:
-        """Return states (k, nq), driven joints (k, n) and T_base_tool (k, 4, 4) that follow poses from `start`.
+        """Return states (k, nq), driven joint values (k, n) and T_base_tool (k, 4, 4) along a path of tool poses.
 
         Args:
-            Ts: (k, 4, 4) T_base_tool along a path that begins near `start`.
+            Ts: (k, 4, 4) T_base_tool along the path, beginning near `start`.
             directions: (6,) bool, the directions in which the poses are followed; see `posing.posed`.
-            p_tool: (3,) in m, the point of the tool whose position is followed.
-            start: state.
+            p_tool: (3,) in m, the point in the tool frame that is followed.
+            start: (nq,) state from which the motion begins.
 
         Raises:
-            AssemblyError: the mechanism cannot follow; the message gives the sample.
+            AssemblyError: the mechanism cannot follow the path; the message names the sample.
         """
         states, x = [], start
         before = self.model.collect(start[None]).Ts_base_tool[0]
@@ -89,10 +89,10 @@ class Follower:
         return run.x, run.q, run.Ts_base_tool
 
     def jacobians(self, state: Array, p_tool: Array) -> Array:
-        """Return (k, 6, n) rates of a point of the tool per rate of the driven joints, linear first.
+        """Return Jacobians (k, 6, n) of a point of the tool with respect to the driven joints, linear part first.
 
-        k states: the given one, and for each driven joint one displaced to either side, because the given one may be
-        singular.
+        The k states are the given state and, because it may be singular, states with one driven joint displaced to
+        either side.
         """
         model = self.model
         states, q = [state], model.collect(state[None]).q[0]
@@ -111,7 +111,7 @@ class Follower:
         return twist
 
     def _there(self, x: Array, T: Array, directions: np.ndarray, p_tool: Array) -> Array | None:
-        """Return the state near x with the tool at T in the chosen directions, loops closed; None if there is none."""
+        """Return the closed state near x with the tool at T in the chosen directions; None if none is found."""
         model = self.model
         X, converged = minimise(
             model.tree, x[None], posed(model.tree, T[None], directions, p_tool), np.arange(model.tree.model.nv)
@@ -124,6 +124,6 @@ class Follower:
 
 
 def missed(T: Array, goal: Array, p_tool: Array) -> Array:
-    """Return (6,) the difference of two poses in base: of a point of the tool in m, rotation vector in rad."""
+    """Return the difference (6,) in base of two tool poses: of the point p_tool in m, and rotation vector in rad."""
     way = (T[:3, 3] + T[:3, :3] @ p_tool) - (goal[:3, 3] + goal[:3, :3] @ p_tool)
     return np.concatenate([way, spatial.log_so3(T[:3, :3] @ goal[:3, :3].T)])

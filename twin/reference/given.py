@@ -1,4 +1,4 @@
-"""Checks of joint values given by callers."""
+"""Check joint values passed by callers."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from twin.model.mechanism import Mechanism
 
 
 def one(mechanism: Mechanism, q: Array) -> Array:
-    """Return active joints (n,) in m or rad.
+    """Return q as an array (n,) of active joint values in m or rad, checked.
 
     Raises:
-        MechanismError: they have the wrong length, or are not finite.
+        MechanismError: q has the wrong length or is not finite.
     """
     q = np.asarray(q, float)
     names = [j.name for j in mechanism.active]
@@ -25,10 +25,10 @@ def one(mechanism: Mechanism, q: Array) -> Array:
 
 
 def along(mechanism: Mechanism, q: Array) -> Array:
-    """Return active joints (k, n) along a motion.
+    """Return q as an array (k, n) of active joint values in m or rad along a motion, checked.
 
     Raises:
-        MechanismError: they have the wrong shape, or are not finite; the message gives the sample.
+        MechanismError: q has the wrong shape or is not finite; the message names the sample.
     """
     q = np.asarray(q, float)
     names = [j.name for j in mechanism.active]

@@ -1,4 +1,4 @@
-"""Static efforts of the drives that hold the weight, through the closed loops."""
+"""Static efforts of the active joints that hold the mechanism's weight, with closed loops."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from twin.reference.model import ReferenceModel
 from twin.reference.states import Assembly
 
 GRAVITY = 9.81
-"""Gravity in m/s2, along -z of base."""
+"""Gravitational acceleration in m/s2, along -z of base."""
 
 _STEP = 1e-5
-"""Difference step in m or rad to either side: by virtual work the effort is the slope of the potential energy."""
+"""Step in m or rad of the central difference; by virtual work, the effort is the slope of the potential energy."""
 
 
 def holding_efforts(model: ReferenceModel, state: Assembly) -> dict[str, float]:
-    """Return the effort in N or N m of each active joint that holds a state at rest; unknown inertias count as zero.
+    """Return the effort in N or N m, by active joint, that holds a state; bodies without inertia are massless.
 
     Raises:
-        AssemblyError: the loops cannot be closed a small step away.
+        AssemblyError: the loops cannot be closed at a small step from the state.
     """
     efforts = {}
     for i, joint in enumerate(model.mechanism.active):

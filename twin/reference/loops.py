@@ -1,4 +1,4 @@
-"""Loop closures as residuals over the tree: all loops and all samples at once, in numpy."""
+"""Loop closures as residuals on the spanning tree, for all loops and all samples at once, in NumPy."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from twin.core.spatial import Array, Index
 from twin.model.mechanism import Joint
 
 LENGTH_SCALE = 0.1
-"""Length in m by which radians are multiplied in residuals."""
+"""Length in m by which angles in rad are multiplied in residuals."""
 
 AXES = ("offset x", "offset y", "offset z", "turn x", "turn y", "turn z", "sum")
-"""Directions that a row of the residual locks: along and about the axes of the loop joint's frame on its parent."""
+"""Directions locked by rows of the residual: along and about the axes of the loop joint's frame on its parent body."""
 
 
 @dataclass(frozen=True)
 class Coupled:
-    """A coupling in terms of the tree: `places` are indices in the configuration, `columns` in the velocity."""
+    """A linear coupling of tree joints: indices in the configuration (`places`) and in the velocity (`columns`)."""
 
     name: str
     places: Index
@@ -31,19 +31,19 @@ class Coupled:
 
 
 class Loops:
-    """Loop closures: the relative pose of a loop joint's two frames may only differ in the free directions.
+    """Loop closures: the two frames of a loop joint may differ only in the free directions of the joint.
 
     Couplings are included.
 
-    Rows of the residual, in file order of the loops: offset in m along the locked translations, then the
-    locked rotations in rad times `LENGTH_SCALE`. Last one row for each coupling.
+    Rows of the residual: for each loop, in file order, the offsets in m along the locked directions, then the locked
+    rotations in rad times `LENGTH_SCALE`; finally, one row for each coupling.
 
     Attributes:
         joints: the loop joints.
-        names: names of loop joints and couplings, as numbered in `row_loop`.
-        row_loop: number of the loop of each row (m,).
-        row_axis: which of `AXES` each row locks (m,).
-        joint_numbers: Pinocchio's numbers of the joints that carry the ends.
+        names: names of loop joints and couplings, in the order used by `row_loop`.
+        row_loop: (m,) index in `names` of the loop or coupling of each row.
+        row_axis: (m,) index in `AXES` of the direction that each row locks.
+        joint_numbers: Pinocchio numbers of the tree joints that carry the two frames of each loop joint.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Loops:
         self.joint_numbers = set(self._ids.reshape(-1).tolist())
         self._T0 = _stack([a[1] @ j.T_parent_joint for j, (a, _) in zip(joints, ends, strict=True)])
         self._T1 = _stack([b[1] @ j.T_child_joint for j, (_, b) in zip(joints, ends, strict=True)])
-        # A velocity moves the loop's gap if it moves one end but not the other, or both apart.
+        # A velocity changes the gap of a loop if it moves one of the frames but not the other.
         self._mask = (mask[self._ids[:, 1]] - mask[self._ids[:, 0]])[:, None, :]
         self._full = np.array([j.type in ("fixed", "prismatic") for j in joints], bool)
         locked = np.array([[axis not in j.free_axes for axis in range(6)] for j in joints], bool)
@@ -75,12 +75,18 @@ class Loops:
         return T_base_0, spatial.inverse(T_base_0) @ (poses[:, self._ids[:, 1]] @ self._T1)
 
     def evaluate(self, X: Array, poses: Array, J: Array) -> tuple[Array, Array]:
-        """Return residuals (k, m) and Jacobians (k, m, nv) at configurations X, for the tree's poses and Jacobians."""
+        """Return residuals (k, m) and Jacobians (k, m, nv).
+
+        Args:
+            X: (k, nq) configurations.
+            poses: (k, joints, 4, 4) joint poses at X, from `Tree.update`.
+            J: (k, 6, nv) Jacobians of the tree at X, from `Tree.update`.
+        """
         T0, T = self.relative(poses)
         residual, turn = self._residual(T)
         k, count = T.shape[:2]
         R0t, p0 = np.swapaxes(T0[..., :3, :3], -1, -2), T0[..., :3, 3]
-        # From a relative twist at the base origin to the rates of the offset and of the locked rotations.
+        # Matrix from a relative twist at the base origin to the rates of the offset and of the locked rotations.
         rows = np.zeros((k, count, 6, 6))
         rows[..., :3, :3] = R0t
         rows[..., :3, 3:] = -(R0t @ spatial.hat(p0)) - spatial.hat(T[..., :3, 3]) @ R0t
@@ -96,15 +102,15 @@ class Loops:
         return np.concatenate([r, self._sums(X) * scale], axis=1), np.concatenate([A, rows], axis=1)
 
     def drift(self, poses: Array, twists: Array, biases: Array) -> Array:
-        """Return (k, m): the second time derivative of the residual at constant velocities, with loops closed.
+        """Return the second time derivative (k, m) of the residual at constant velocities, with the loops closed.
 
-        Of offset o = R0' (p1 - p0) and rotation R = R0' R1 in the axes of the parent's joint frame, which turn with w0:
-        o'' and R'' = (hat(w') + hat(w)^2) R, with w the angular velocity of one frame to the other in those axes.
+        It is that of the offset o = R0' (p1 - p0) and of the rotation R = R0' R1, in the axes of the joint frame on the
+        parent, which rotate with w0; R'' = (hat(w') + hat(w)^2) R with the relative angular velocity w in these axes.
 
         Args:
-            poses: (k, joints, 4, 4) as returned by `Tree.update`.
-            twists: (k, joints, 6) of the tree's joints in base at the base origin, linear first.
-            biases: (k, joints, 6) their spatial accelerations likewise.
+            poses: (k, joints, 4, 4) joint poses from `Tree.update`.
+            twists: (k, joints, 6) twists of the tree's joints in base at the base origin, linear part first.
+            biases: (k, joints, 6) their spatial accelerations at constant velocities, in the same form.
         """
         T0, T = self.relative(poses)
         (a, b), R0t = (self._ids[:, 0], self._ids[:, 1]), np.swapaxes(T0[..., :3, :3], -1, -2)
@@ -114,7 +120,7 @@ class Loops:
         speed = twists[:, b, :3] + _cross(twists[:, b, 3:], p1) - twists[:, a, :3] - _cross(w0, p0)
         gain = point_acceleration(twists[:, b], biases[:, b], p1)
         gain = gain - point_acceleration(twists[:, a], biases[:, a], p0)
-        # Seen in axes that turn with w0: less Euler's, Coriolis' and centrifugal acceleration.
+        # In axes that rotate with w0: subtract the Euler, Coriolis and centrifugal accelerations.
         gain -= _cross(biases[:, a, 3:], d) + 2 * _cross(w0, speed) - _cross(w0, _cross(w0, d))
         change = biases[:, b, 3:] - biases[:, a, 3:] - _cross(w0, w)
         gain, w, change = (np.einsum("...ij,...j->...i", R0t, v) for v in (gain, w, change))
@@ -126,17 +132,17 @@ class Loops:
         return np.concatenate([rows, np.zeros((len(rows), len(self.couplings)))], axis=1)
 
     def _sums(self, X: Array) -> Array:
-        """Return the errors (k, couplings) of the sums of the couplings, in rad or m."""
+        """Return the errors (k, couplings) in rad or m of the couplings: weighted sum of joints minus constant."""
         off = [X[:, c.places] @ c.ratios - c.total for c in self.couplings]
         return np.stack(off, axis=1) if off else np.zeros((len(X), 0))
 
     def _residual(self, T: Array) -> tuple[Array, Array]:
         """Return (residuals (k, loops, 6), derivatives (k, loops, 3, 3) of the locked rotations).
 
-        If a joint only keeps its two z axes parallel, the residual of rotation is their tilt, independent of the
-        rotation about z. For a fixed or prismatic joint, which locks all three rotations, it is half the antisymmetric
-        part of R: axis times sine of the angle. Beyond 90° the sine falls again; the residual is made to grow further
-        there, so that no joint converges inverted.
+        For a joint that only keeps its two z axes parallel, the rotation residual is the tilt between these axes,
+        independent of the rotation about z. For a fixed or prismatic joint, which locks all three rotations, it is half
+        the antisymmetric part of R: rotation axis times sine of the angle. Beyond 90°, where the sine decreases, the
+        residual is continued so that it increases, and no joint converges inverted.
         """
         R = T[..., :3, :3]
         residual = np.zeros((*T.shape[:2], 6))
@@ -154,12 +160,12 @@ class Loops:
         return residual, turn
 
     def _cosine(self, T: Array) -> Array:
-        """Return the cosine (k, loops) of the angle in the locked directions of T (k, loops, 3 or 4, ...)."""
+        """Return the cosine (k, loops) of the angle of T (k, loops, 3 or 4, ...) in the locked directions."""
         trace = T[..., 0, 0] + T[..., 1, 1] + T[..., 2, 2]
         return np.where(self._full, 0.5 * (trace - 1), T[..., 2, 2])
 
     def gaps(self, X: Array, poses: Array) -> Array:
-        """Return (k, names, 2): offset in m and misalignment in rad in the locked directions; couplings last."""
+        """Return the gaps (k, names, 2): offset in m and rotation in rad in the locked directions; couplings last."""
         T = self.relative(poses)[1]
         locked = self._locked.reshape(-1, 6)
         residual = self._residual(T)[0] * locked
@@ -175,7 +181,7 @@ class Loops:
         return np.concatenate([out, np.stack([off * ~angle, off * angle], axis=-1)], axis=1)
 
     def coordinates(self, poses: Array) -> dict[str, Array]:
-        """Return the coordinate (k,) in m or rad of each loop joint that has one."""
+        """Return the coordinate (k,) in m or rad of each revolute or prismatic loop joint, by name."""
         _, T = self.relative(poses)
         out = {}
         for i, joint in enumerate(self.joints):
@@ -187,7 +193,7 @@ class Loops:
 
 
 def sine_of_rotation(R: Array) -> tuple[Array, Array]:
-    """Return (axis times sine of the angle (..., 3) of R, its derivative (..., 3, 3) by the rotation)."""
+    """Return (axis times sine of the angle (..., 3) of R, its derivative (..., 3, 3) with respect to the rotation)."""
     sine = 0.5 * np.stack(
         [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1
     )
@@ -199,12 +205,12 @@ def _grown(sine: Array, turn: Array, cosine: Array) -> tuple[Array, Array]:
     """Return axis times (2 - sine) for angles beyond 90°, and its derivative with respect to the rotation.
 
     Args:
-        sine: axis times sine (n, 3).
-        turn: its derivative (n, 3, 3).
-        cosine: cosine of the angle (n,).
+        sine: (n, 3) axis times sine of the angle.
+        turn: (n, 3, 3) derivative of `sine`.
+        cosine: (n,) cosine of the angle.
     """
     size = np.linalg.norm(sine, axis=-1)
-    # Half a turn has no axis to go back by: any will do.
+    # At an angle of 180°, the sine does not determine the axis: use any axis.
     axis = np.where(size[:, None] > 1e-9, sine / np.maximum(size, 1e-9)[:, None], np.eye(3)[0])
     along = cosine[:, None, None] * axis[:, :, None] * axis[:, None, :]
     swing = (turn - along) / np.maximum(size, 1e-3)[:, None, None]
@@ -212,10 +218,10 @@ def _grown(sine: Array, turn: Array, cosine: Array) -> tuple[Array, Array]:
 
 
 def point_acceleration(twists: Array, biases: Array, p: Array) -> Array:
-    """Return the acceleration (..., 3) of points p (..., 3) fixed to bodies.
+    """Return the accelerations (..., 3) of points p (..., 3) fixed to bodies.
 
-    Twists and spatial accelerations (..., 6) are in the frame of p, at its origin, linear first. Source: Featherstone,
-    Rigid Body Dynamics Algorithms (2008), section 2.11.
+    Twists and spatial accelerations (..., 6) are at the origin of the frame in which p is given, linear part first.
+    Source: Featherstone, Rigid Body Dynamics Algorithms (2008), section 2.11.
     """
     w = twists[..., 3:]
     velocity = twists[..., :3] + _cross(w, p)
@@ -223,7 +229,7 @@ def point_acceleration(twists: Array, biases: Array, p: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return the cross products (..., 3); numpy's own takes several times as long for a few vectors."""
+    """Return the cross products (..., 3); faster than `numpy.cross` for few vectors."""
     return (spatial.hat(a) @ b[..., None])[..., 0]
 
 

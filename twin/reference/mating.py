@@ -1,4 +1,4 @@
-"""Check that the mating parts of each joint touch in the rest poses: if not, scale or placement is wrong."""
+"""Check that the mating parts of each joint touch in the rest poses; otherwise, scale or placement is wrong."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from twin.model.mechanism import Joint, Mechanism, Mesh
 from twin.reference.clearance import Shape, distance_between
 
 LOOSE = 0.5 * MM
-"""Distance in m that is larger than the play of any real joint."""
+"""Distance in m that no real joint has as play."""
 
 
 @dataclass(frozen=True)
 class Mate:
-    """Two parts that mate in a joint, and their distance in m in the rest poses (0: they touch or overlap)."""
+    """Two mating parts of a joint and their distance in m in the rest poses (0: they touch or overlap)."""
 
     joint: str
     parts: tuple[str, str]
@@ -26,7 +26,7 @@ class Mate:
 
 
 def mates(mechanism: Mechanism) -> list[Mate]:
-    """Return the nearest two mating parts of every joint that names parts on both of its bodies, in the rest poses."""
+    """Return the two nearest mating parts, in the rest poses, of each joint with mating parts on both bodies."""
     out = []
     for joint in mechanism.joints:
         here, there = (_named(mechanism, joint, body) for body in (joint.parent, joint.child))
@@ -36,7 +36,7 @@ def mates(mechanism: Mechanism) -> list[Mate]:
             continue
         T = spatial.inverse(mechanism.rest[joint.parent]) @ mechanism.rest[joint.child]
         mate = _nearest(joint.name, here, there, T)
-        if mate.apart > LOOSE:  # a stop may have given the joint its zero: then any part of the two may carry it
+        if mate.apart > LOOSE:  # the joint's zero may be at an end stop: also try all other parts of the parent body
             mate = _nearest(joint.name, list(mechanism.body(joint.parent).meshes), there, T)
         out.append(mate)
     return out

@@ -1,4 +1,4 @@
-"""Degrees of freedom and redundant constraints, by the rank of the constraint Jacobian."""
+"""Degrees of freedom and redundant constraints, from the rank of the constraint Jacobian."""
 
 from __future__ import annotations
 
@@ -10,23 +10,24 @@ from twin.core.spatial import Array, Index
 from twin.reference.loops import AXES, Loops
 
 _FLAT = 1e-9
-"""Relative size below which a singular value counts as zero."""
+"""Relative singular value that counts as zero."""
 
 _SHARE = 1e-6
-"""Minimum coefficient of a row in a dependency between constraints, above which it counts as repeated."""
+"""Coefficient of a row in a linear dependency of constraints, above which the row counts as repeated."""
 
 
 @dataclass(frozen=True)
 class Mobility:
-    """Degrees of freedom and redundancy at one state, by the rank of the constraint Jacobian.
+    """Degrees of freedom and redundant constraints at one state.
 
     Attributes:
         freedom: degrees of freedom of the whole mechanism.
         redundancy: number of redundant constraint rows.
-        redundant: number of redundant rows by loop, counted in file order.
-        repeated: by loop, the directions that other constraints lock as well; one of them could be omitted. "offset z"
-            and "turn x" are along and about the axes of the joint's frame on its parent.
-        internal: freedoms that remain when all active joints are held (a rod that spins between two balls).
+        redundant: number of redundant rows of each loop, counted in file order.
+        repeated: directions of each loop that other constraints also lock, so that one of them could be omitted.
+            "offset z" is along, "turn x" about an axis of the joint's frame on its parent body.
+        internal: degrees of freedom that remain if all active joints are held (a rod that spins between two ball
+            joints).
     """
 
     freedom: int
@@ -48,9 +49,9 @@ def count(A: Array, loops: Loops, passive: Index) -> Mobility:
     """Return the mobility at one state from the Jacobian (m, nv) of the loop residuals.
 
     Args:
-        A: Jacobian with rows as in `Loops.evaluate`.
-        loops: give the loop and the direction of each row.
-        passive: the velocities that are not driven.
+        A: (m, nv) Jacobian of the loop residuals, with rows as in `Loops.evaluate`.
+        loops: loops and directions of the rows.
+        passive: velocity indices of the joints that are not driven.
     """
     redundant: dict[str, int] = {}
     rank = 0
@@ -58,7 +59,7 @@ def count(A: Array, loops: Loops, passive: Index) -> Mobility:
         new = _rank(A[loops.row_loop <= i])
         redundant[name] = int(np.sum(loops.row_loop == i)) - (new - rank)
         rank = new
-    # A row that takes part in a dependency (the left null space) is locked by others as well.
+    # A row with a coefficient in the left null space is also locked by other rows.
     repeats = np.linalg.norm(np.linalg.svd(A)[0][:, rank:], axis=1) > _SHARE if len(A) else np.zeros(0, bool)
     repeated = {
         name: tuple(AXES[a] for a in loops.row_axis[repeats & (loops.row_loop == i)])

@@ -1,8 +1,8 @@
-"""Solving the mechanism: from joint values to poses, and from a tool pose to joint values.
+"""Solve the mechanism: poses for joint values, or joint values for a tool pose.
 
-Gauss-Newton on the loop closures, in the least-squares sense: redundant constraints are harmless, inconsistent ones
-leave a gap that is reported for each joint. Far targets are reached by continuation in small steps, so that the
-assembly stays on the branch of the rest poses (the state as drawn in the CAD).
+Loops are closed by Gauss-Newton in the least-squares sense: redundant constraints do no harm, and inconsistent ones
+leave a gap that is reported per joint. Distant targets are reached by continuation in small steps, so that the assembly
+remains in the assembly mode of the rest poses (the state drawn in the CAD).
 """
 
 from __future__ import annotations
@@ -27,47 +27,47 @@ from twin.reference.states import Assembly, Run
 from twin.reference.tree import Tree
 
 _STRIDE = 0.02
-"""Largest change (m, rad) of a target in one step of continuation."""
+"""Largest change (m, rad) of the target in one continuation step."""
 
 _BLOCK = 1000
-"""Number of states that are solved at once: a compromise between speed and memory."""
+"""Number of states solved at once: a compromise between speed and memory."""
 
 _JUMP = 0.5
-"""Largest change (m, rad) of a coordinate in one step; a larger change means another branch."""
+"""Largest change (m, rad) of a coordinate in one step; a larger change means another assembly mode."""
 
 _AT_ONCE = 32
-"""Number of coarse samples that are solved together if the motion is predictable."""
+"""Maximum number of coarse samples that are solved together if the motion is predictable."""
 
 _SURPRISE = 0.2
-"""Maximum prediction error relative to the step; above it, samples are solved one by one."""
+"""Prediction error, relative to the step, above which samples are solved one by one."""
 
 _DEPARTURES = 2
-"""Maximum number of restarts (see `departing`) from states where a walk is stuck."""
+"""Maximum number of restarts (see `departing`) from states at which the continuation is stuck."""
 
 _THERE = 1e-6
-"""Misfit (m, rad) up to which a state counts as reached after a restart."""
+"""Misfit (m, rad) up to which a restart has reached its target."""
 
 _RANK = 1e-6
-"""Relative singular value of a Jacobian below which a direction is ignored."""
+"""Relative singular value of the tool Jacobian below which the tool cannot move in a direction."""
 
 _FLAT = 1e-9
-"""Relative size below which a singular value counts as zero."""
+"""Relative singular value that counts as zero."""
 
 _STRIDES = (0.01, 0.1)
-"""Largest change (m of a slide, rad of a turn) in one step when independent states are solved together."""
+"""Largest change per step (m for slides, rad for rotations) if independent states are solved together."""
 
 GAP_TOLERANCE = 1e-3
-"""Loop gap in metres above which a target counts as out of reach."""
+"""Loop gap in m above which a target is out of reach."""
 
 Progress = Callable[[float], None]
 """Progress callback: called with the fraction done."""
 
 Move = Callable[[Array, Array], tuple[Array, Array]]
-"""A move: (start (k, nq), targets (k, ...)) -> (states (k, nq), which converged (k,))."""
+"""A move: (start (k, nq), targets (k, ...)) -> (states (k, nq), whether (k,) they converged)."""
 
 
 class ReferenceModel:
-    """A mechanism solved by Pinocchio and loop closures; see `solve`, `solve_pose`, `run` and `run_poses`."""
+    """Independent model of a mechanism, solved with its loops; see `solve`, `solve_pose`, `run` and `run_poses`."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
@@ -77,24 +77,24 @@ class ReferenceModel:
     # -- one state ------------------------------------------------------------------------------------
 
     def solve(self, q: Array, seed: Assembly | None = None) -> Assembly:
-        """Return the assembly with active joints q (n,) in m or rad.
+        """Return the assembly at active joint values q.
 
         Args:
-            q: joint values in the order of `mechanism.active`.
-            seed: an assembly to continue from; default: the rest poses (as drawn in the CAD).
+            q: (n,) values in m or rad, in the order of `mechanism.active`.
+            seed: assembly from which the solution continues; None: the rest poses (as drawn in the CAD).
 
         Raises:
-            AssemblyError: the loops cannot be closed at q; the best assembly is attached.
+            AssemblyError: the loops cannot be closed at q; the error contains the best assembly.
             MechanismError: q has the wrong length or is not finite.
         """
         q = given.one(self.mechanism, q)
         return self.state(self._reach(self._start(seed), q, self._move_driven))
 
     def solve_pose(self, T_base_tool: Array, seed: Assembly | None = None) -> Assembly:
-        """Return the assembly whose tool is at a pose (4, 4); the active joints follow.
+        """Return the assembly with the tool at T_base_tool (4, 4); the active joints are solved too.
 
         Raises:
-            AssemblyError: no assembly has its tool at this pose; the best assembly is attached.
+            AssemblyError: no assembly has its tool at this pose; the error contains the best assembly.
             MechanismError: the pose is not rigid.
         """
         if np.ndim(T_base_tool) != 2 or not spatial.is_pose(T_base_tool, 1e-6):
@@ -106,7 +106,7 @@ class ReferenceModel:
         return self.state(self._start(None))
 
     def state(self, x: Array) -> Assembly:
-        """Return the assembly at configuration x (nq,), whether or not its loops close."""
+        """Return the assembly at configuration x (nq,), even if its loops are open."""
         run, (poses, _) = self.collect(x[None]), self.tree.update(x[None])
         q_full = {n: float(x[i]) for n, i in self.tree.configuration.items()}
         q_full |= {n: float(v[0]) for n, v in self.tree.loops.coordinates(poses).items()}
@@ -123,19 +123,19 @@ class ReferenceModel:
     # -- along samples --------------------------------------------------------------------------------
 
     def run(self, q: Array, seed: Assembly | None = None, progress: Progress | None = None) -> Run:
-        """Solve for active joints q (k, n) along a motion.
+        """Solve for active joint values q (k, n) along a motion.
 
         Raises:
-            AssemblyError: as `solve`; the message gives the sample.
+            AssemblyError: the loops cannot be closed at a sample, which the message names.
         """
         q = given.along(self.mechanism, q)
         return self._closed(self.collect(self._along(q, self._move_driven, seed, progress)))
 
     def solve_many(self, q: Array, seed: Assembly | None = None) -> Run:
-        """Solve for unrelated active joints q (k, n), all starting from one state.
+        """Solve for independent active joint values q (k, n), each starting from the same state.
 
         Raises:
-            AssemblyError: as `solve`; the message gives the row.
+            AssemblyError: the loops cannot be closed at a row, which the message names.
         """
         q = np.asarray(q, float)
         start = self._start(seed)
@@ -168,8 +168,8 @@ class ReferenceModel:
     ) -> Run:
         """Solve for tool poses (k, 4, 4) along a motion; see `run`.
 
-        `near` (k, n) are active joints: if the mechanism is `redundant` or has auxiliary joints, a pose has many
-        solutions, and the solution with the smallest motion from `near` is taken.
+        If the mechanism is `redundant` or has auxiliary joints, a pose has many solutions: the solution is reached by
+        the smallest motion from the active joint values `near` (k, n), if given.
         """
         Ts = np.asarray(Ts_base_tool, float)
         if Ts.ndim != 3 or not len(Ts) or not spatial.is_pose(Ts, 1e-6):
@@ -183,10 +183,9 @@ class ReferenceModel:
 
     @cached_property
     def freedoms(self) -> int:
-        """Number of independent directions in which the driven joints move the tool.
+        """Number of independent directions in which the active joints move the tool.
 
-        It is the largest rank of the tool's Jacobian at home and at states near home, because home itself may be
-        singular.
+        It is the largest rank of the tool Jacobian at home and at states near it, because home may be singular.
         """
         active = self.mechanism.active
         if not active:
@@ -203,11 +202,11 @@ class ReferenceModel:
 
     @property
     def redundant(self) -> bool:
-        """Whether more joints move the tool than it has independent directions: a pose then has many solutions."""
+        """Whether more active joints move the tool than there are directions, so that a pose has many solutions."""
         return self.freedoms < len(self.mechanism.active) - len(self.mechanism.auxiliary)
 
     def collect(self, states: Array) -> Run:
-        """Return the `Run` of configurations (k, nq)."""
+        """Return the `Run` for configurations (k, nq)."""
         poses, _ = self.tree.update(states, closing_only=True)
         passive = {}
         loop_values = self.tree.loops.coordinates(poses)
@@ -221,15 +220,15 @@ class ReferenceModel:
         )
 
     def link_poses(self, states: Array) -> dict[str, Array]:
-        """Return T_base_body (k, 4, 4) of every body for configurations (k, nq)."""
+        """Return T_base_body (k, 4, 4) of every body at configurations (k, nq), by name."""
         poses, _ = self.tree.update(states)
         return {b.name: self._link(poses, b.name) for b in self.mechanism.bodies}
 
     def motion(self, states: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
-        """Return (V, dV/dt, G): velocities and accelerations of the tree (k, nv), loops closed; gains G (k, nv, n).
+        """Return (V, dV/dt, G): velocities and accelerations of the tree (k, nv) with closed loops, gains G (k, nv, n).
 
-        V = G qd and dV/dt = G qdd - A_p^+ (dA/dt V), where A is the Jacobian of the loops, solved in the least-squares
-        sense for the passive joints.
+        V = G qd and dV/dt = G qdd - A_p^+ (dA/dt V). A is the loop Jacobian, A_p its columns of the passive joints,
+        which are solved in the least-squares sense.
 
         Args:
             states: configurations (k, nq).
@@ -244,23 +243,23 @@ class ReferenceModel:
         return V, change, gain
 
     def rates(self, states: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
-        """Return the tool's twists and accelerations in base at its origin, each (k, 6), linear first; see `motion`."""
+        """Return tool twists and accelerations in base at the tool's origin, both (k, 6), linear part first."""
         V, change, _ = self.motion(states, qd, qdd)
         _, J = self._jacobians(states)
         return np.einsum("kij,kj->ki", J, V), np.einsum("kij,kj->ki", J, change) + self.tree.drift(states, V)[1]
 
     def loop_jacobian(self, x: Array) -> Array:
-        """Return the Jacobian (m, nv) of the loops at configuration x (nq,)."""
+        """Return the Jacobian (m, nv) of the loop residuals at configuration x (nq,)."""
         return self._jacobians(x[None])[0][0]
 
     def mobility(self, x: Array) -> Mobility:
-        """Return degrees of freedom and redundant constraints at configuration x (nq,), by rank."""
+        """Return degrees of freedom and redundant constraints at configuration x (nq,)."""
         return mobility.count(self.loop_jacobian(x), self.tree.loops, self.tree.passive)
 
-    # -- inside ---------------------------------------------------------------------------------------
+    # -- internals ---------------------------------------------------------------------------------------
 
     def _closed(self, run: Run, Ts: Array | None = None) -> Run:
-        """Return the run, or raise `AssemblyError` at its first sample that is open or off its tool pose."""
+        """Return the run; raise `AssemblyError` at the first sample with an open loop or off its tool pose."""
         misfit = run.gaps[..., 0].max(axis=1, initial=0.0)
         if Ts is not None:
             misfit = np.maximum(misfit, np.linalg.norm(run.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3], axis=1))
@@ -274,7 +273,7 @@ class ReferenceModel:
         return run
 
     def _start(self, seed: Assembly | None) -> Array:
-        """Return the configuration of the seed, or that of the rest poses with loops closed."""
+        """Return the configuration of the seed, or, without a seed, of the rest poses with loops closed."""
         return seed.x if seed is not None else self._home
 
     @cached_property
@@ -283,21 +282,21 @@ class ReferenceModel:
         return minimise(self.tree, X, self.loops_only, self.tree.passive)[0][0]
 
     def loops_only(self, X: Array, _: Index) -> tuple[Array, Array]:
-        """Return the residuals of the loops at configurations (k, nq), and their Jacobians."""
+        """Return the loop residuals (k, m) at configurations (k, nq), and their Jacobians (k, m, nv)."""
         return self.tree.loops.evaluate(X, *self.tree.update(X, closing_only=True))
 
     def _move_driven(self, X: Array, q: Array) -> tuple[Array, Array]:
-        """Return states near X (k, nq) whose active joints have values q (k, n), and (k,) which converged."""
+        """Return (states near X (k, nq) with active joint values q (k, n), whether (k,) they converged)."""
         X = X.copy()
         X[:, self._active_q] = q
         return minimise(self.tree, X, self.loops_only, self.tree.passive)
 
     def _move_posed(self, X: Array, Ts: Array) -> tuple[Array, Array]:
-        """Return states near X (k, nq) whose tool is at poses Ts (k, 4, 4), and (k,) which converged."""
+        """Return (states near X (k, nq) with the tool at poses Ts (k, 4, 4), whether (k,) they converged)."""
         return minimise(self.tree, X, posed(self.tree, Ts), np.arange(self.tree.model.nv))
 
     def _reach(self, x: Array, target: Array, move: Move) -> Array:
-        """Walk from configuration x to the target in steps small enough that no coordinate jumps."""
+        """Return the configuration at the target, reached from x in steps in which no coordinate jumps."""
         start = x[self._active_q] if target.ndim == 1 else self.tree.tool(self.tree.update(x[None])[0])[0]
         open_there = self._misfits(x[None], start[None])[0]
         s, step = 0.0, 1.0 / max(1, int(np.ceil(walk.distance(start, target) / _STRIDE)))
@@ -324,12 +323,12 @@ class ReferenceModel:
                     best,
                     best.worst_gap,
                 )
-        stuck = self._misfits(x[None], target[None])[0] > 2 * open_there + _THERE  # as at stretched knees
+        stuck = self._misfits(x[None], target[None])[0] > 2 * open_there + _THERE  # for example, links in line
         away = self._depart(x, target, move) if stuck else None
         return x if away is None else away
 
     def _depart(self, x: Array, target: Array, move: Move) -> Array | None:
-        """Return a state at the target, found from kicks around configuration x where Newton steps fail; or None."""
+        """Return a state at the target, found from random steps around x, where Newton steps fail; None if none."""
 
         def way(new: Array) -> float:
             far = self.jumps(x[None], new[None])[0]
@@ -338,7 +337,7 @@ class ReferenceModel:
         return departing.depart(self.tree, x, lambda X: move(X, np.array([target] * len(X)))[0], way)
 
     def _misfits(self, X: Array, targets: Array) -> Array:
-        """Return the largest loop gap (k,) in m or, for tool poses, also the distance of the tool from its pose."""
+        """Return the largest loop gap (k,) in m; for tool poses, at least the distance (m, rad) of tool and pose."""
         poses, _ = self.tree.update(X, closing_only=True)
         gap = self.tree.loops.gaps(X, poses)[..., 0].max(axis=1, initial=0.0)
         if targets.ndim == 3:
@@ -346,15 +345,15 @@ class ReferenceModel:
         return gap
 
     def jumps(self, X0: Array, X1: Array) -> Array:
-        """Return the largest change (k,) in m or rad of a coordinate between configurations (k, nq)."""
+        """Return the largest change (k,) in m or rad of any coordinate between configurations (k, nq)."""
         moved = [pin.difference(self.tree.model, a, b) for a, b in zip(X0, X1, strict=True)]
         return np.abs(np.array(moved).reshape(len(X0), -1)).max(axis=1, initial=0.0)
 
     def _along(self, targets: Array, move: Move, seed: Assembly | None, progress: Progress | None) -> Array:
-        """Solve every sample: a few (`walk.knots`) each from the one before, the others from interpolated guesses.
+        """Return the states of all samples: first the knots in order, then all from interpolated guesses.
 
-        The knots keep the branch; the guesses are so near that one or two iterations are enough, and all are solved
-        together.
+        The knots determine the assembly mode. The guesses are so accurate that one or two iterations suffice, for all
+        samples at once.
         """
         coarse = walk.knots(targets)
         knots = self._knots(coarse, targets, move, seed, progress or (lambda fraction: None))
@@ -371,7 +370,7 @@ class ReferenceModel:
         return states
 
     def _knots(self, coarse: Index, targets: Array, move: Move, seed: Assembly | None, progress: Progress) -> Array:
-        """Solve the samples `coarse` in order: several at once where prediction works, else one by one."""
+        """Return the states of samples `coarse`, solved in order: several together if predictable, else one by one."""
         knots = np.zeros((len(coarse), self.tree.model.nq))
         x, i, many = self._start(seed), 0, 1
         while i < len(coarse):
@@ -397,21 +396,21 @@ class ReferenceModel:
         return knots
 
     def _foreseen(self, x: Array, q: Array) -> Array:
-        """Return first guesses (k, nq) for active joints q (k, n): from configuration x along its tangent."""
+        """Return first guesses (k, nq) for active joint values q (k, n), along the tangent at configuration x."""
         gain = self.gains(x[None])[0]
         return self.tree.integrate(np.tile(x, (len(q), 1)), (q - x[self._active_q]) @ gain.T)
 
     def _surprise(self, x: Array, guess: Array, X: Array) -> Array:
-        """Return the distance of states X (k, nq) from their guesses, relative to their distance from x."""
+        """Return the prediction error (k,) of states X (k, nq): distance from the guess, divided by distance from x."""
         off, way = self.jumps(guess, X), self.jumps(np.tile(x, (len(X), 1)), X)
         return off / np.maximum(way, 1e-9)
 
     def _between(self, at: Index, knots: Array, targets: Array) -> Array:
         """Return first guesses (k, nq) for all samples from the solved states (j, nq) at samples `at`.
 
-        Along driven motions the slopes of all joints follow from those of the active ones by the constraint Jacobian,
-        and the interpolation error of the active joints (where a bang-bang acceleration switches) is converted to
-        passive joints in the same way. The guesses are then so near that one iteration finishes nearly all of them.
+        For driven motions, the slopes of all joints follow from those of the active joints by the constraint Jacobian.
+        The interpolation error of the active joints (where a bang-bang acceleration switches) is converted to passive
+        joints in the same way. One iteration then suffices for nearly all samples.
         """
         if targets.ndim == 3 or len(at) < 2:
             slopes = np.gradient(knots, at.astype(float), axis=0) if len(at) > 1 else np.zeros_like(knots)
@@ -427,7 +426,7 @@ class ReferenceModel:
         return self.tree.integrate(states, np.einsum("kij,kj->ki", gain[nearest], missed))
 
     def gains(self, states: Array, A: Array | None = None) -> Array:
-        """Return the rates of the tree (k, nv, n) per rate of each active joint; least squares for passive joints."""
+        """Return the rates of the tree (k, nv, n) per rate of each active joint; passive joints by least squares."""
         A = self._jacobians(states)[0] if A is None else A
         active = self.tree.active
         gain = np.zeros((len(A), self.tree.model.nv, len(active)))
@@ -436,7 +435,7 @@ class ReferenceModel:
         return gain
 
     def _give(self, A: Array) -> Array:
-        """Return the change of the passive joints per change of the loop residual, (k, np, m)."""
+        """Return the pseudoinverse (k, np, m): change of the passive joints per change of the loop residual."""
         if not A.shape[1] or not len(self.tree.passive):
             return np.zeros((len(A), len(self.tree.passive), A.shape[1]))
         return np.asarray(np.linalg.pinv(A[:, :, self.tree.passive], rcond=_FLAT), float)

@@ -10,37 +10,38 @@ from twin.core.spatial import Array, Index
 from twin.reference.tree import Tree
 
 _STEP_LAST = 1e-9
-"""Step size (m, rad) below which the iteration ends: convergence is quadratic, the remaining error is rounding."""
+"""Step (m, rad) below which the iteration ends: convergence is quadratic, so the remaining error is rounding."""
 
 _COST_DONE = 1e-29
-"""Sum of squares below which a residual is rounding."""
+"""Sum of squares below which a residual is a rounding error."""
 
 _MAX_ITERATIONS = 40
 
 _FLOOR = 1e-13
-"""Minimum damping relative to the mean diagonal.
+"""Minimum damping, relative to the mean diagonal.
 
-It selects the shortest step if a freedom is internal (a rod that spins between two balls), and has no effect otherwise.
+It selects the shortest step if a freedom is internal (a rod that spins between two ball joints). Otherwise it has no
+effect.
 """
 
 _FLOOR_REACHED = 1e-9
-"""Damping relative to the mean diagonal below which it no longer shortens a step noticeably."""
+"""Damping, relative to the mean diagonal, below which it shortens a step only negligibly."""
 
 Residual = Callable[[Array, Index], tuple[Array, Array]]
-"""A residual: (X (k, nq), sample numbers (k,)) -> (residuals (k, m), Jacobians (k, m, nv))."""
+"""Residual function: (X (k, nq), sample indices (k,)) -> (residuals (k, m), Jacobians (k, m, nv))."""
 
 
 def minimise(
     tree: Tree, X: Array, residual: Residual, columns: Index, iterations: int = _MAX_ITERATIONS
 ) -> tuple[Array, Array]:
-    """Return (configurations (k, nq) near X that minimise the residual, which of them converged (k,)).
+    """Return (configurations (k, nq) near X that minimise the residual, whether (k,) they converged).
 
     Args:
-        tree: the tree, for its integration rule.
-        X: start, one row for each sample.
-        residual: see `Residual`.
-        columns: the velocities that may move.
-        iterations: maximum number, after which a sample is given up.
+        tree: tree of the mechanism, which adds steps to configurations.
+        X: (k, nq) start configurations.
+        residual: function that returns residuals and Jacobians; see `Residual`.
+        columns: velocity indices that may change.
+        iterations: maximum number of iterations; samples that need more do not converge.
     """
     X = X.copy()
     todo = np.arange(len(X))
@@ -57,11 +58,11 @@ def minimise(
         normal = At @ A
         size = np.trace(normal, axis1=1, axis2=2) / len(columns)
         steps = np.zeros((len(todo), tree.model.nv))
-        # If no moving velocity has a part in the residual, `size` is 0, and the step must be 0.
+        # If no column affects the residual, `size` is 0, and the step must be 0.
         weight = np.maximum(damping[todo] + _FLOOR * size, np.finfo(float).tiny)[:, None, None]
         steps[:, columns] = -np.linalg.solve(normal + weight * eye, At @ r[..., None])[..., 0]
         new = tree.integrate(X[todo], steps)
-        # A step shortened by damping does not show that the residual is small.
+        # A small step proves convergence only if damping does not shorten it.
         free = damping[todo] <= _FLOOR_REACHED * size
         last = (np.abs(steps).max(axis=1) < _STEP_LAST) & free
         X[todo[last]], done[todo[last]] = new[last], True
@@ -80,7 +81,7 @@ def minimise(
         todo = todo[~finished]
         if not len(todo):
             break
-        if worse.any():  # back at the old states: their residual must be evaluated again
+        if worse.any():  # these samples return to their old states: evaluate the residual there again
             r, A = residual(X[todo], todo)
         else:
             r, A = new_r[~finished], new_A[~finished]

@@ -1,4 +1,4 @@
-"""Residual of the tool's pose together with the loops: of the whole pose, or of some directions."""
+"""Residual of loop closures and tool pose, for the full pose or for some directions."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ ALL = np.ones(6, bool)
 
 
 def posed(tree: Tree, Ts: Array, directions: np.ndarray = ALL, p_tool: Array | None = None) -> Residual:
-    """Return loops and tool poses as one residual.
+    """Return the residual function of the loops and of the tool's deviation from its target poses.
 
     Args:
         tree: tree of the mechanism.
-        Ts: (k, 4, 4) T_base_tool, one for each sample.
-        directions: (6,) bool, the directions to reach, along and about the axes of base, linear first.
-        p_tool: (3,) in m, the point of the tool whose position is compared; default: its origin.
+        Ts: (k, 4, 4) T_base_tool, target pose of each sample.
+        directions: (6,) bool, the directions that must agree: along, then about the axes of base.
+        p_tool: (3,) in m, the point in the tool frame whose position is compared; None: the tool's origin.
     """
     Rt = np.swapaxes(Ts[:, :3, :3], 1, 2)
     lever = np.zeros(3) if p_tool is None else p_tool

@@ -1,7 +1,7 @@
-"""Regularity of a closed state: the rank of its loops in the passive joints, compared with nearby states.
+"""Regularity of a closed state: rank of the loop Jacobian in the passive joints, compared with nearby states.
 
-Where the rank is lower, assemblies meet (stretched links, cranks in line): the passive joints can take either branch,
-Newton's method has no unique direction, and small moves of the driven joints fail.
+If the rank is lower, assembly modes meet (stretched links, cranks in line). The passive joints can then follow either
+mode, Newton's method has no unique direction, and small motions of the driven joints fail.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
 
 SINGULAR = 1e-4
-"""Ratio of smallest to largest singular value of the loops in the passive joints below which a state is singular."""
+"""Ratio of smallest to largest singular value of this Jacobian below which a state is singular."""
 
 _RANK = 1e-6
-"""The same ratio below which a singular value counts as zero at any state: a redundant constraint."""
+"""Relative singular value below which a singular value is zero in all states: a redundant constraint."""
 
 _BESIDE = (0.03, 0.1, 0.3)
-"""Standard deviations of the nearby states: in rad for rotations, a tenth of it in m for slides."""
+"""Standard deviations of the nearby states: in rad for rotations, a tenth of the number in m for slides."""
 
 _TRIES = 6
-"""Number of nearby states for each standard deviation."""
+"""Number of nearby states per standard deviation."""
 
 
 @dataclass(frozen=True)
 class Regularity:
-    """The rank of the loops in the passive joints at a state, compared with nearby states.
+    """Rank of the loop Jacobian in the passive joints at a state, compared with nearby states.
 
     Attributes:
-        rank, usual: rank at the state, and at nearby states.
-        margin: the singular value number `usual` at the state, divided by the largest: 0 where the rank is lower.
+        rank, usual: rank at the state, and largest rank of this and nearby states.
+        margin: singular value number `usual` at the state, divided by the largest one; 0 if the rank is lower.
     """
 
     rank: int
@@ -46,12 +46,12 @@ class Regularity:
 
     @property
     def singular(self) -> bool:
-        """Whether the rank is lower than usual, or nearly so."""
+        """Whether the rank is lower than usual, or almost."""
         return self.margin < SINGULAR
 
 
 def regularity(model: ReferenceModel, states: Sequence[Array]) -> list[Regularity]:
-    """Return the regularity of closed states (nq,), with the usual rank taken at the first state and near it."""
+    """Return the regularity of closed states (nq,), compared with these states and with states near the first."""
     beside = closed_beside(model, states[0])
     every = [_values(model, x) for x in (*states, *beside)]
     ranks = [int((s > _RANK * max(s[0], 1e-12)).sum()) if len(s) else 0 for s in every]
@@ -63,7 +63,7 @@ def regularity(model: ReferenceModel, states: Sequence[Array]) -> list[Regularit
 
 
 def singular_home(model: ReferenceModel, home: Array) -> list[Finding]:
-    """Return a warning if the mechanism is singular in its rest state (nq,), else None."""
+    """Return a warning if the mechanism is singular in its rest state `home` (nq,); else an empty list."""
     r = regularity(model, [home])[0]
     if not r.singular:
         return []
@@ -74,7 +74,7 @@ def singular_home(model: ReferenceModel, home: Array) -> list[Finding]:
 
 
 def closed_beside(model: ReferenceModel, x: Array) -> list[Array]:
-    """Return closed states near a configuration (nq,), driven joints moved as well; the same ones in every call."""
+    """Return closed states near configuration x (nq,), with driven joints moved too; the same states in every call."""
     if not model.mechanism.loops and not model.mechanism.couplings:
         return []
     columns = np.arange(model.tree.model.nv)

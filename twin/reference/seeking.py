@@ -1,4 +1,4 @@
-"""Find states where a function of a mechanism vanishes: Newton's method along its motions, many walks at once."""
+"""Find states of a mechanism at which a function vanishes, by many walks with Newton's method along its motions."""
 
 from __future__ import annotations
 
@@ -12,43 +12,43 @@ from twin.core.spatial import Array, Index
 from twin.reference.degeneracy import Degeneracy
 
 Values = Callable[[Array], Array]
-"""Functions to follow: states (k, nq) -> numbers (k, rows)."""
+"""Functions to search: states (k, nq) -> values (k, rows)."""
 
 Mask = NDArray[np.bool_]
 
 Valid = Callable[[Array], Mask]
-"""Validity: states (k, nq) -> whether (k,) the numbers are valid there."""
+"""Validity test: states (k, nq) -> whether (k,) the functions are valid there."""
 
 _ITERATIONS = 40
 _STRIDE, _STRIDE_LONGEST = 0.1, 0.5
-"""First and largest tangent step (rad, tenths of a metre)."""
+"""Initial and largest tangent step (rad, or units of `LENGTH_SCALE`)."""
 
 _NEAR = 0.2
-"""Degeneracy, 1 at usual states, below which a walk avoids the singularity."""
+"""Distance from degeneracy (1 at usual states) below which a walk turns away from the singularity."""
 
 _SHORTEST = 1e-5
-"""Step length below which a walk ends."""
+"""Step below which a walk ends."""
 
 _DIFFERENCE = 1e-5
-"""Tangent step for the slopes."""
+"""Tangent step of the difference quotients."""
 
 _ZERO = 1e-10
-"""Fraction of its usual size below which a number counts as zero."""
+"""Fraction of the usual size below which a value counts as zero."""
 
 NEARLY = 1e-4
-"""Fraction of its usual size below which a minimum of a number counts as touching zero (as a root of squares does)."""
+"""Fraction of the usual size below which a minimum counts as a zero (a root of squares only touches zero)."""
 
 
 @dataclass(frozen=True)
 class Walks:
-    """The ends of w walks.
+    """Ends of w walks.
 
     Attributes:
-        row: (w,) index of the number that each walk followed.
-        states: (w, nq).
-        value: (w,) the number at the end.
-        slope: (w,) length of the gradient of the number, from before it became small.
-        ended: (w,) "zero", "least" (a minimum) or "far" (too long, or stuck).
+        row: (w,) index of the function that each walk follows.
+        states: (w, nq) last states.
+        value: (w,) values of the function there.
+        slope: (w,) length of the function's gradient at the last accepted state where it was computed.
+        ended: (w,) "zero", "least" (at a minimum) or "far" (stopped elsewhere).
     """
 
     row: Index
@@ -68,20 +68,20 @@ def seek(
     size: Array,
     seed: int = 0,
 ) -> Walks:
-    """Walk from states (w, nq) to where number `row` (w,) vanishes.
+    """Walk from states (w, nq) to zeros of the functions `row` (w,).
 
-    Each walk has its own random metric from `seed` (except the first walk of a row), so that the walks take different
-    ways and are not all stopped at one place.
+    Each walk except the first of a row has its own random metric, so that the walks take different ways and are not all
+    stopped at the same place.
 
     Args:
         motions: motions of the mechanism.
         values: the functions.
-        valid: where the numbers are valid; a walk stays in this region, except for its last steps.
-        starts: states (w, nq).
-        row: the number that each walk follows.
-        aside: (w,) bool, walks that avoid singularities at which their number does not vanish.
-        size: (rows,) usual size of each number.
-        seed: seed of the metrics.
+        valid: where the functions are valid; walks stay in this region, except near a zero.
+        starts: (w, nq) start states.
+        row: (w,) index of the function that each walk follows.
+        aside: (w,) bool, whether the walk avoids singularities at which its function does not vanish.
+        size: (rows,) usual size of each function.
+        seed: seed of the random metrics.
     """
     rng = np.random.default_rng(seed)
     X = starts.copy()
@@ -93,7 +93,7 @@ def seek(
     ended = np.full(len(X), "far", dtype="<U5")
     ended[np.abs(m) <= _ZERO * unit] = "zero"
     todo = np.flatnonzero((ended == "far") & np.isfinite(m))
-    ways = np.zeros((len(X), nv))  # the tangent step to where the number vanishes, predicted by its slope
+    ways = np.zeros((len(X), nv))  # tangent step to the predicted zero of the function
     fresh = np.ones(len(X), bool)
     for _ in range(_ITERATIONS):
         if not len(todo):
@@ -135,14 +135,14 @@ def seek(
 
 
 def _around(motions: Degeneracy, X: Array, N: Array, slopes: Array, steps: Array) -> Array:
-    """Return steps (w, freedom) changed so that they avoid singularities at which the number does not vanish.
+    """Return steps (w, freedom) modified to avoid singularities at which the function does not vanish.
 
     Args:
         motions: motions of the mechanism.
-        X: states (w, nq).
-        N: their motions (w, nv, freedom).
-        slopes: slopes of the number's logarithm (w, freedom).
-        steps: the unchanged steps (w, freedom).
+        X: (w, nq) states.
+        N: (w, nv, freedom) motions at these states.
+        slopes: (w, freedom) gradient of the logarithm of the function.
+        steps: (w, freedom) steps to modify.
     """
     near = np.flatnonzero(motions.of(X).min(axis=1) < _NEAR)
     if not len(near):
@@ -163,7 +163,7 @@ def _around(motions: Degeneracy, X: Array, N: Array, slopes: Array, steps: Array
 
 
 def gradient(motions: Degeneracy, values: Values, X: Array, N: Array, row: Index) -> Array:
-    """Return the slopes (w, freedom) of number `row` (w,) along the motions N (w, nv, freedom) of states X (w, nq)."""
+    """Return gradients (w, freedom) of functions `row` (w,) along motions N (w, nv, freedom) at states X (w, nq)."""
     tree = motions.model.tree
     w, nv, f = N.shape
     steps = np.swapaxes(N, 1, 2).reshape(w * f, nv) * _DIFFERENCE
@@ -174,7 +174,7 @@ def gradient(motions: Degeneracy, values: Values, X: Array, N: Array, row: Index
 
 
 def wander(motions: Degeneracy, valid: Valid, starts: Array, steps: int = 10, seed: int = 0) -> Array:
-    """Return states in a wide range: walk from each start in a random direction, and in a new one where blocked."""
+    """Return states far around the starts, by walks in random directions; a blocked walk changes its direction."""
     rng = np.random.default_rng(seed)
     X = starts.copy()
     nv = motions.model.tree.model.nv

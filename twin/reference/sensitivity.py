@@ -1,4 +1,4 @@
-"""Tool error caused by rounding of joint frames: UsdPhysics stores them in single precision."""
+"""Tool error caused by the rounding of joint frames, which UsdPhysics stores in single precision."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from twin.reference.model import ReferenceModel
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Tool error in m and rad to expect when each joint frame is rounded.
+    """Expected tool error (m, rad) if the joint frames are rounded.
 
     Attributes:
-        expected: (2,) standard deviation if each rounding error is uniform up to its maximum.
-        bound: (2,) sum of all rounding errors, each at its maximum.
+        expected: (2,) standard deviation, if each rounding error is uniformly distributed up to its maximum.
+        bound: (2,) sum of the effects of all rounding errors at their maximum.
         worst_joint: the joint whose rounding contributes most.
     """
 
@@ -29,10 +29,10 @@ class Sensitivity:
 
 
 def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> Sensitivity:
-    """Return the tool error at configuration x (nq,) when joint frames are stored to relative precision epsilon.
+    """Return the tool error at configuration x (nq,) if joint frames are stored with relative precision epsilon.
 
-    Each coordinate of a frame's position and each number of its unit quaternion has an error of up to half a unit in
-    its last place; the errors propagate to first order through the loop closures.
+    Each position coordinate and each component of the unit quaternion of a frame has an error of at most half a unit in
+    its last place. The effects are computed to first order through the loop closures.
     """
     tree = model.tree
     poses, J = tree.update(x[None])
@@ -40,7 +40,7 @@ def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> S
     J_tool = tree.tool_jacobian(poses, J)[0]
     T_tool = tree.tool(poses)[0]
     links = {b.name: poses[0, i] @ T for b in model.mechanism.bodies for i, T in [tree.body(b.name)]}
-    # Passive joints follow: d(passive) = -pinv(A_passive) d(residual).
+    # The passive joints follow: d(passive) = -pinv(A_passive) d(residual).
     give = J_tool[:, tree.passive] @ np.linalg.pinv(A[:, tree.passive], rcond=1e-9)
 
     effects: dict[str, list[Array]] = {}
@@ -58,13 +58,13 @@ def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> S
 
 
 def _roundings(T: Array, epsilon: float) -> Array:
-    """Return the twists (7, 6), in the frame itself, of half a last place in each number of a stored pose."""
+    """Return twists (7, 6) in the frame itself, for half a unit in the last place of each number of a stored pose."""
 
     def half_ulp(values: Array) -> Array:
         return np.where(values == 0, 0.0, epsilon * 2.0 ** np.floor(np.log2(np.maximum(np.abs(values), 1e-300))))
 
     w, x, y, z = q_wxyz = spatial.quat_from_matrix_wxyz(T[:3, :3])
-    # Twice the vector part of conjugate(q) times a change of each of its numbers.
+    # Twice the vector part of conjugate(q) times a change of each component.
     turns = 2 * np.array([[-x, -y, -z], [w, z, -y], [-z, w, x], [y, -x, w]])
     twists = np.zeros((7, 6))
     twists[:3, :3] = half_ulp(T[:3, 3])[:, None] * T[:3, :3]
@@ -81,10 +81,10 @@ def _effect(
     T_tool: Array,
     give: Array,
 ) -> Array:
-    """Return the tool's small motion (6,) in base when a joint's child side moves by a twist in its frame."""
+    """Return the tool's small motion (6,) in base if a joint's child side moves by a twist in the joint's frame."""
     loops = model.tree.loops
     R = frame[:3, :3]
-    v, w = R @ twist[:3], R @ twist[3:]  # of the point frame[:3, 3]
+    v, w = R @ twist[:3], R @ twist[3:]  # velocity of the point frame[:3, 3], and angular velocity
     outboard = _outboard(model, joint)
     moved = model.mechanism.frame(model.mechanism.tool).body in outboard
     direct = np.concatenate([v + np.cross(w, T_tool[:3, 3] - frame[:3, 3]), w]) if moved else np.zeros(6)
@@ -99,11 +99,11 @@ def _effect(
         offset, turn = R0t @ (v + np.cross(w, p1 - frame[:3, 3])), R0t @ w
         row = sign * np.concatenate([offset, LENGTH_SCALE * turn])
         rows.append(row[[axis for axis in range(6) if axis not in loop.free_axes]])
-    return direct - give @ np.concatenate([*rows, np.zeros(len(loops.couplings))])  # a coupling has no frames
+    return direct - give @ np.concatenate([*rows, np.zeros(len(loops.couplings))])  # couplings have no frames
 
 
 def _outboard(model: ReferenceModel, joint: Joint) -> set[str]:
-    """Return the bodies that a tree joint carries; none for a loop joint."""
+    """Return the bodies moved by a tree joint; empty for a loop joint."""
     tree = model.mechanism.tree
     children = {j.name: j.child for j in tree}
     if joint.name not in children:

@@ -1,10 +1,10 @@
-"""The joint space of a mechanism: limits, and what is free of collisions between its bodies and obstacles.
+"""The joint space of a mechanism: joint limits, and joint values at which its bodies collide with nothing.
 
-A path is checked without steps. At the middle of an interval of s a pair of bodies is at some distance; where that
-exceeds what the two can move towards each other in half of the interval (`travel`), the whole interval is free of
-them, otherwise it is halved. The distance of their convex hulls, which is never larger, is enough for most; where it is
-not and little is left to move, coal says whether the meshes are nearer than that, in a fraction of the time that their
-distance takes.
+A path is checked as a whole, not at sampled points. In the middle of an interval of s, the distance of a pair of bodies
+is computed. If it exceeds the distance by which the two can approach each other in half of the interval (`travel`),
+they cannot collide in the interval; otherwise the interval is halved. The distance of the convex hulls, a lower bound,
+is sufficient for most intervals. If it is not, and the remaining motion is small, coal tests whether the meshes are
+nearer than the motion, which is much faster than computing their distance.
 """
 
 from __future__ import annotations
@@ -27,47 +27,47 @@ from twin.reference.newton import minimise
 from twin.reference.travel import Reach
 
 _ANGLE = 0.1
-"""Metres that count as much as a radian where paths are compared."""
+"""Length in m that is equivalent to 1 rad in comparisons of paths."""
 
 _STATION = {True: 0.1, False: 0.02}
-"""Rad and m of a driven joint between two stations, at which loops are closed and `keep` is asked."""
+"""Motion of a driven joint (rad if an angle, else m) between two stations (states with closed, tested loops)."""
 
 _ITERATIONS = 8
-"""Newton steps from one station to the next after which loops count as open: from near a closed state, 3 are usual."""
+"""Maximum Newton steps from one station to the next, after which loops count as open; 3 steps are usual."""
 
 _JUMP = 0.5
-"""Largest change (m, rad) of any coordinate between stations; more is another branch."""
+"""Largest change (m, rad) of a coordinate between stations; a larger change means another assembly mode."""
 
 _FINE = 512
-"""Intervals in which the speed of a path is taken as the larger one of both ends, ..."""
+"""Number of intervals in which the speed along a path is taken as the larger speed of both ends, times `_BETWEEN`."""
 
 _BETWEEN = 1.05
-"""... times this: where corners are rounded over 1/80 of the path, six intervals, it is 0.3 % larger between."""
+"""Safety factor: where corners are rounded over 1/80 of the path (six intervals), the speed is up to 0.3 % larger."""
 
 _BETWEEN_LOOPS = 1.5
-"""The same for coordinates that loops lead, whose speeds are known at stations only. Chosen, not derived."""
+"""Safety factor for passive joints, whose speeds are known only at stations; chosen, not derived."""
 
 _SAME = 1 * MM
-"""Two assemblies whose bodies are nearer than this are the same: their loops are closed in the same way."""
+"""Distance in m between bodies of two assemblies below which both are in the same assembly mode."""
 
 _FIRST = 5
-"""Halvings at which the middle itself is asked first: most paths that are not free are seen there."""
+"""Number of halvings up to which collisions in the middle are tested first: most blocked paths are rejected there."""
 
 _NARROW = 3.0
-"""Margin over the required distance up to which meshes are asked: with larger ones coal takes seconds."""
+"""Largest margin, in units of the required distance, for which meshes are tested; larger ones take coal seconds."""
 
 _GJK = 1e-5
-"""m by which a distance of hulls may be too large."""
+"""Accepted error in m of a hull distance that is too large."""
 
 Keep = Callable[[Array, Array], np.ndarray]
-"""T_base_tool (k, 4, 4), q (k, n) -> which of these are allowed (k,) for other reasons."""
+"""Additional test of states: T_base_tool (k, 4, 4), q (k, n) -> whether (k,) they are allowed."""
 
 
 @dataclass(frozen=True)
 class Still:
-    """A body at rest: "owner/body", what it is made of, its pose T_base_body (4, 4).
+    """A body at rest (an obstacle): name "owner/body", body with its meshes, pose T_base_body (4, 4).
 
-    `touches` names bodies of the mechanism that touch it by design.
+    `touches` names the bodies of the mechanism that touch it intentionally.
     """
 
     name: str
@@ -78,7 +78,7 @@ class Still:
 
 @dataclass(frozen=True)
 class _Pair:
-    """Two bodies that may meet: their rows among the shapes, and the distance in m that is required."""
+    """Two bodies that could collide: their indices in the shapes, and the required distance in m."""
 
     a: int
     b: int
@@ -87,12 +87,14 @@ class _Pair:
 
 @dataclass(frozen=True)
 class _Stations:
-    """A path looked at.
+    """A path with its stations, and bounds of the relative motions.
 
     Attributes:
-        path: what is looked at.
-        s: (k,) stations. X: (k, nq) configurations there.
-        fine: (m,) values of s, and moved: (m, pairs) m by which each pair has moved at most until there.
+        path: the path q(s).
+        s: (k,) values of s at the stations.
+        X: (k, nq) configurations at the stations.
+        fine: (m,) values of s from 0 to 1.
+        moved: (m, pairs) in m, upper bound of the relative motion of each pair from s = 0 to `fine`.
     """
 
     path: Callable[[Array], Array]
@@ -102,21 +104,21 @@ class _Stations:
     moved: Array
 
     def moved_until(self, s: Array) -> Array:
-        """Return m (k, pairs) by which each pair has moved at most until s (k,)."""
+        """Return the upper bound (k, pairs) in m of the relative motion of each pair from 0 to s (k,)."""
         i = np.clip(np.searchsorted(self.fine, s, side="right") - 1, 0, len(self.fine) - 2)
         part = (s - self.fine[i]) / (self.fine[i + 1] - self.fine[i])
         return self.moved[i] + part[:, None] * (self.moved[i + 1] - self.moved[i])
 
 
 class JointSpace:
-    """What a search asks of a mechanism; see `twin.planning.space.Space`.
+    """Collision-free joint space of a mechanism, for path searches; implements `twin.planning.space.Space`.
 
-    Bodies that a joint connects are left out, for its limits keep them apart, and pairs that touch as drawn. Meshes
-    are surfaces: a body that is wholly inside another from the start is not seen.
+    Two kinds of pairs are not tested: bodies connected by a joint (the joint limits separate them), and bodies that
+    touch in the rest poses. Meshes are surfaces: a body that is completely inside another one is not detected.
 
     Attributes:
-        clearance: m that two bodies must keep; two of the mechanism that are nearer as drawn keep half of that
-            distance. Between the places at which they are compared it may be half of what is required.
+        clearance: required distance in m between two bodies; for two bodies of the mechanism at most half of their
+            distance in the rest poses. Between the tested values of s, half of the required distance is guaranteed.
     """
 
     def __init__(
@@ -127,13 +129,13 @@ class JointSpace:
         keep: Keep | None = None,
         around: Callable[[], Sequence[Still]] | None = None,
     ) -> None:
-        """Make the space of a mechanism.
+        """Define the space of a mechanism; nothing is computed yet.
 
         Args:
-            make: its model, made when it is needed.
-            clearance: see the class.
-            keep: what else must hold.
-            around: obstacles, made when it is needed.
+            make: function that returns the mechanism's model, called at first use.
+            clearance: required distance in m between bodies; see the class.
+            keep: additional test of states; None: all are allowed.
+            around: function that returns the obstacles, called at first use; None: there are none.
         """
         self._make, self.clearance, self._keep, self._around = make, clearance, keep, around
         self._known: list[tuple[Array, Array]] = []
@@ -144,7 +146,7 @@ class JointSpace:
 
     @cached_property
     def _shapes(self) -> tuple[list[Shape], np.ndarray, Array]:
-        """Shapes, with the Pinocchio joint that carries each, and its pose (4, 4) in that frame."""
+        """Return the shapes, the number of the Pinocchio joint that carries each, and its pose (4, 4) in that frame."""
         own: dict[str, Shape] = {}
         for pair in apart(self._model.mechanism):
             own |= {s.name: s for s in pair}
@@ -187,7 +189,7 @@ class JointSpace:
         shapes, numbers, Ts = self._shapes
         at = [
             (int(n), s.corners @ T[:3, :3].T + T[:3, 3]) for s, n, T in zip(shapes, numbers, Ts, strict=True)
-        ]  # the corners of its box are at least as far out as any point of a body
+        ]  # the corners of its box enclose the body, so their distance from an axis is an upper bound
         return Reach(self._model.tree, [(at[p.a], at[p.b]) for p in self._pairs])
 
     @cached_property
@@ -200,20 +202,20 @@ class JointSpace:
         tree = self._model.tree
         return np.array([tree.configuration[j.name] for j in self._model.mechanism.active], int)
 
-    # -- what a search asks ---------------------------------------------------------------------------
+    # -- the interface for searches -------------------------------------------------------------------
 
     @property
     def limits(self) -> Array:
         """Lower and upper limits (n, 2) of the driven joints in rad or m.
 
         Raises:
-            MechanismError: a joint has none: where it may go cannot be sampled.
+            MechanismError: a joint has no limits, so that its values cannot be sampled.
         """
         return self._scales[0]
 
     @property
     def weights(self) -> Array:
-        """Metres (n,) that a rad or m of each driven joint counts for."""
+        """Lengths (n,) in m that are equivalent to 1 rad or 1 m of each driven joint."""
         return self._scales[1]
 
     @cached_property
@@ -228,7 +230,7 @@ class JointSpace:
         return limits, np.array([_ANGLE if j.is_angle else 1.0 for j in active])
 
     def free(self, q: Array) -> np.ndarray:
-        """Return (k,) booleans: True where the loops close at joint values q (k, n) and the clearance is kept."""
+        """Return whether (k,) the loops close and the clearance is kept at joint values q (k, n) within the limits."""
         q = np.asarray(q, float).reshape(-1, len(self.weights))
         ok = self._within(q)
         for k in np.flatnonzero(ok):
@@ -237,7 +239,7 @@ class JointSpace:
         return ok
 
     def steer(self, a: Array, b: Array) -> Callable[..., Array]:
-        """Return the straight path from a (n,) to b (n,)."""
+        """Return the straight path from joint values a (n,) to b (n,), as a function of s from 0 to 1."""
         step = np.asarray(b, float) - a
 
         def path(s: Array, order: int = 0) -> Array:
@@ -247,16 +249,16 @@ class JointSpace:
         return path
 
     def free_between(self, a: Array, b: Array) -> bool:
-        """Return whether the straight path from a (n,) to b (n,) is free."""
+        """Return whether the straight path from a (n,) to b (n,) is free of collisions."""
         return self.free_along(self.steer(a, b))
 
     def free_along(self, path: Callable[..., Array]) -> bool:
-        """Return whether a path q(s), s from 0 to 1, is free; see `twin.planning.path.Path`."""
+        """Return whether a path q(s), s from 0 to 1, is free of collisions; see `twin.planning.path.Path`."""
         seen = self._stations(path)
         return seen is not None and self._clear(seen)
 
     def why(self, q: Array) -> str:
-        """Return what is not free at joint values q (n,), with numbers; "" if all is."""
+        """Return why joint values q (n,) are not free, with numbers; "" if limits, loops and clearances are kept."""
         q = np.asarray(q, float)
         for joint, x, (low, high) in zip(self._model.mechanism.active, q, self.limits, strict=True):
             unit, factor = ("deg", DEG) if joint.is_angle else ("mm", MM)
@@ -288,14 +290,14 @@ class JointSpace:
         return np.all((q >= self.limits[:, 0]) & (q <= self.limits[:, 1]), axis=1)
 
     def _allowed(self, X: Array, q: Array) -> np.ndarray:
-        """Return which of configurations (k, nq) with joints q (k, n) `keep` allows."""
+        """Return whether (k,) `keep` allows configurations (k, nq) with driven joint values q (k, n)."""
         if self._keep is None:
             return np.ones(len(X), bool)
         tree = self._model.tree
         return self._keep(tree.tool(tree.update(X, closing_only=True)[0]), q)
 
     def _state(self, q: Array) -> Array | None:
-        """Return the configuration (nq,) at joint values q (n,), loops closed from the nearest that is known."""
+        """Return the configuration (nq,) at q (n,), solved from the nearest known one; None if loops open."""
         if not self._loops:
             return self._placed(q[None])[0]
         if not self._known:
@@ -311,13 +313,13 @@ class JointSpace:
         return X[-1]
 
     def _placed(self, q: Array) -> Array:
-        """Return configurations (k, nq) of a mechanism without loops."""
+        """Return configurations (k, nq) at joint values q (k, n) of a mechanism without loops."""
         X = np.tile(self._model.home().x if len(self._driven) < self._model.tree.model.nq else q[0], (len(q), 1))
         X[:, self._driven] = q
         return X
 
     def _closed(self, path: Callable[..., Array], x: Array) -> tuple[Array, Array | None]:
-        """Return stations (k,) of a path that begins at configuration x, and configurations (k, nq) if loops close."""
+        """Return (stations (k,) of a path from configuration x, configurations (k, nq) or None if the loops open)."""
         coarse = path(np.linspace(0.0, 1.0, 65))
         steps = np.array([_STATION[j.is_angle] for j in self._model.mechanism.active])
         count = int(np.ceil(64 * (np.abs(np.diff(coarse, axis=0)) / steps).max(initial=0.0))) + 1
@@ -336,7 +338,7 @@ class JointSpace:
         return s, np.array(X)
 
     def _stations(self, path: Callable[..., Array]) -> _Stations | None:
-        """Return a path looked at; None if it leaves the limits, is not allowed or its loops open."""
+        """Return the stations of a path; None if it exceeds limits, is not allowed, or its loops open."""
         fine = np.linspace(0.0, 1.0, _FINE + 1)
         q = path(fine)
         if not self._within(q).all():
@@ -365,7 +367,7 @@ class JointSpace:
         return _Stations(path, s, X, speeds_at, moved)
 
     def _same(self, x: Array, q: Array) -> bool:
-        """Return whether configuration x closes its loops as the one that is known at joint values q, if one is."""
+        """Return whether configuration x is in the assembly mode known for joint values q; store x if none is known."""
         known = next((X for at, X in self._known if np.array_equal(at, q)), None)
         if known is None:
             self._known.append((q, x))
@@ -374,7 +376,7 @@ class JointSpace:
         return float(np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=1).max(initial=0.0)) < _SAME
 
     def _at(self, seen: _Stations, s: Array) -> Array | None:
-        """Return configurations (k, nq) at s (k,) of a path looked at; None if loops do not close."""
+        """Return configurations (k, nq) of a path at s (k,); None if the loops do not close."""
         q = seen.path(s)
         if not self._loops:
             return self._placed(q)
@@ -394,7 +396,7 @@ class JointSpace:
         return self._model.tree.update(X)[0][:, numbers] @ Ts
 
     def _gaps(self, poses: Array) -> Array:
-        """Return a lower bound (k, pairs) of distances in m, by boxes along the axes of base."""
+        """Return lower bounds (k, pairs) in m of the distances, from boxes along the axes of base."""
         half = np.array([s.corners[-1] - s.corners[0] for s in self._shapes[0]]) / 2
         centre = np.array([s.corners[-1] + s.corners[0] for s in self._shapes[0]]) / 2
         c = np.einsum("ksij,sj->ksi", poses[..., :3, :3], centre) + poses[..., :3, 3]
@@ -403,13 +405,13 @@ class JointSpace:
         return box_gap(c[:, a] - h[:, a], c[:, a] + h[:, a], c[:, b] - h[:, b], c[:, b] + h[:, b])
 
     def _hulls_apart(self, pair: _Pair, poses: Array) -> float:
-        """Return a lower bound of the distance of a pair in m at poses (shapes, 4, 4): that of its convex hulls."""
+        """Return the distance in m of a pair's convex hulls, a lower bound, at shape poses (shapes, 4, 4)."""
         a, b = self._shapes[0][pair.a].hull, self._shapes[0][pair.b].hull
         request, result = coal.DistanceRequest(), coal.DistanceResult()
         return float(coal.distance(a, placed(poses[pair.a]), b, placed(poses[pair.b]), request, result)) - _GJK
 
     def _hit(self, pair: _Pair, poses: Array, margin: float) -> bool:
-        """Return whether a pair is nearer than a margin in m at poses (shapes, 4, 4)."""
+        """Return whether the meshes of a pair are nearer than `margin` in m at shape poses (shapes, 4, 4)."""
         shapes = self._shapes[0]
         request, result = coal.CollisionRequest(), coal.CollisionResult()
         request.security_margin = margin
@@ -417,7 +419,7 @@ class JointSpace:
         return bool(coal.collide(shapes[pair.a].model, a, shapes[pair.b].model, b, request, result))
 
     def _near(self, X: Array) -> bool:
-        """Return whether two bodies are nearer than required at one of configurations (k, nq)."""
+        """Return whether two bodies are nearer than required at any of the configurations (k, nq)."""
         if not self._pairs:
             return False
         poses = self._poses(X)
@@ -429,7 +431,7 @@ class JointSpace:
         return False
 
     def _clear(self, seen: _Stations) -> bool:
-        """Return whether all pairs keep half of their distance all along, and all of it where they are compared."""
+        """Return whether all pairs keep their distance where tested, and at least half of it along the whole path."""
         if not self._pairs or self._near(seen.X[[0, -1]]):
             return not self._pairs
         required = np.array([p.required for p in self._pairs])

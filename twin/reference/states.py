@@ -1,4 +1,4 @@
-"""Results of the independent model: one state, or states along samples."""
+"""Results of the independent model: one state, or states at many samples."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ class Assembly:
     """A solved state of the mechanism.
 
     Attributes:
-        T_base_tool: (4, 4).
-        q: (n,) active joints.
-        q_full: coordinate in m or rad of each joint that has a single one, tree and loop alike.
-        link_poses: T_base_body (4, 4) by body.
-        points: named points in base (3,).
-        gap: by loop, offset in m and misalignment in rad in the locked directions of the joint.
-        x: the configuration in Pinocchio's coordinates, to start the next solution from.
+        T_base_tool: (4, 4) pose of the tool.
+        q: (n,) active joint values in m or rad.
+        q_full: value in m or rad of each joint with a single coordinate, including loop joints, by name.
+        link_poses: T_base_body (4, 4) by name of the body.
+        points: named points (3,) in base, in m.
+        gap: (offset in m, rotation in rad) in the locked directions of each loop joint, by name.
+        x: (nq,) configuration in Pinocchio's coordinates, from which a solution can be continued.
     """
 
     T_base_tool: Array
@@ -31,22 +31,22 @@ class Assembly:
 
     @property
     def worst_gap(self) -> float:
-        """Largest loop offset in metres (0 without loops)."""
+        """Largest loop offset in m; 0 without loops."""
         return max((g[0] for g in self.gap.values()), default=0.0)
 
 
 @dataclass(frozen=True)
 class Run:
-    """Solved states along samples, arrays time first.
+    """Solved states at k samples; the first axis of each array is the sample.
 
     Attributes:
         x: (k, nq) configurations.
-        q: (k, n) active joints.
-        Ts_base_tool: (k, 4, 4).
-        q_passive: (k,) by passive joint with one coordinate.
-        points: (k, 3) by named point, in base.
-        gaps: (k, loops, 2) offset in m, misalignment in rad.
-        loop_names: names for the second axis of `gaps`.
+        q: (k, n) active joint values in m or rad.
+        Ts_base_tool: (k, 4, 4) tool poses.
+        q_passive: values (k,) of each passive joint with a single coordinate, by name.
+        points: positions (k, 3) of each named point in base, in m.
+        gaps: (k, loops, 2) loop gaps: offset in m, rotation in rad.
+        loop_names: names of the loops, in the order of the second axis of `gaps`.
     """
 
     x: Array

@@ -1,10 +1,10 @@
-"""How far two bodies can move, one seen from the other, while the joints between them move: an upper bound.
+"""Upper bound of the relative motion of two bodies while the joints of the mechanism move.
 
-Only the coordinates that move exactly one of the two count. A slide by dx moves a body by dx. A turn by dx moves a
-point of it by rho dx at most, rho being the largest distance of the body from the axis at any values of the joints
-between: the radial part of the first offset behind the axis, the lengths of the others, the extent of the body, and
-how far the slides between are out. So along q(s), with L(s0, s1) the path length of each coordinate,
-no two points of the pair approach by more than the sum of rho L(s0, s1).
+Only coordinates that move exactly one of the two bodies count. A slide by dx moves a body by dx. A rotation by dx moves
+any point of the body by at most rho dx. Here rho is the largest possible distance of the body's points from the axis,
+at any joint values: the radial part of the first offset behind the axis, plus the lengths of the other offsets, the
+extent of the body, and the extension of sliding joints between axis and body. Along q(s), if L(s0, s1) is the path
+length of a coordinate, no two points of the pair approach each other by more than the sum of rho L(s0, s1).
 """
 
 from __future__ import annotations
@@ -18,29 +18,29 @@ from twin.core.spatial import Array
 from twin.reference.tree import Tree
 
 Placed = tuple[int, Array]
-"""Number of the Pinocchio joint that carries a body (0: it is at rest), and its vertices (m, 3) in that frame."""
+"""(number of the Pinocchio joint that carries a body, 0 if it is at rest; vertices (m, 3) in that joint's frame)."""
 
 
 class Reach:
-    """Bounds of `pairs` of bodies, from the tree's offsets alone."""
+    """Bounds of the relative motion of `pairs` of bodies, per motion of each coordinate."""
 
     def __init__(self, tree: Tree, pairs: Sequence[tuple[Placed, Placed]]) -> None:
         self._tree = tree
         model = tree.model
         self._fixed = np.zeros((len(pairs), model.nv))
-        self._slides: list[tuple[int, Array]] = []  # configuration index of a slide; (pairs, nv) where its length adds
+        self._slides: list[tuple[int, Array]] = []  # (configuration index of a slide, mask (pairs, nv) of longer rho)
         sliding = [n for n in range(1, model.njoints) if model.joints[n].nq == 1 and _slides(model, n)]
         adds = {n: np.zeros_like(self._fixed) for n in sliding}
         for row, (a, b) in enumerate(pairs):
             for (number, vertices), other in ((a, b[0]), (b, a[0])):
                 for j in self._above(number):
                     if tree.moves(other)[model.joints[j].idx_v] if other else False:
-                        continue  # it moves both
+                        continue  # the joint moves both bodies
                     self._fill(row, j, number, vertices, adds)
         self._slides = [(model.joints[n].idx_q, where) for n, where in adds.items() if where.any()]
 
     def _above(self, number: int) -> list[int]:
-        """Return a joint and all that carry it, up to the base."""
+        """Return a joint and all joints between it and the base."""
         out = []
         while number:
             out.append(number)
@@ -55,7 +55,7 @@ class Reach:
             self._fixed[row, columns] += 1.0
             return
         between = self._above(number)
-        between = between[: between.index(j)][::-1]  # from j outwards
+        between = between[: between.index(j)][::-1]  # in outward order from j
         if not between:
             across = np.linalg.norm(vertices[:, :2] if joint.nv == 1 else vertices, axis=1).max(initial=0.0)
         else:
@@ -72,11 +72,11 @@ class Reach:
                 adds[k][row, columns] += 1.0
 
     def bounds(self, X: Array, ahead: Array) -> Array:
-        """Return m (pairs, nv) by which a pair moves at most for each m or rad of a coordinate.
+        """Return bounds (pairs, nv) in m: relative motion of each pair per m or rad of each coordinate.
 
         Args:
-            X: configurations (k, nq) along the motion.
-            ahead: (nv,) by how much a coordinate may leave these.
+            X: (k, nq) configurations along the motion.
+            ahead: (nv,) amount in m or rad by which a coordinate may exceed the range of X.
         """
         out = self._fixed.copy()
         for place, where in self._slides:

@@ -1,4 +1,4 @@
-"""The spanning tree of a mechanism in Pinocchio."""
+"""The spanning tree of a mechanism as a Pinocchio model."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _JOINT_MODELS = {
 
 
 def _depth_first(mechanism: Mechanism) -> Iterator[Joint]:
-    """Yield the joints of the tree branch by branch: Pinocchio's mass matrix assumes that a subtree is consecutive."""
+    """Yield the joints of the tree branch by branch; Pinocchio's mass matrix requires consecutive subtrees."""
     beyond: dict[str, list[Joint]] = {}
     for joint in mechanism.tree:
         beyond.setdefault(joint.parent, []).append(joint)
@@ -34,14 +34,14 @@ def _depth_first(mechanism: Mechanism) -> Iterator[Joint]:
 
 
 class Tree:
-    """The spanning tree of a mechanism.
+    """Spanning tree of a mechanism as a Pinocchio model.
 
     Attributes:
-        mechanism: the mechanism it was built from.
-        model, data: Pinocchio's.
-        joint_id: Pinocchio's joint number by joint name (fixed joints have none).
-        coordinate: index in the velocity vector of each joint with one coordinate, by name.
-        active, passive: velocity indices of the active joints (order of q) and of all others.
+        mechanism: the mechanism.
+        model, data: Pinocchio's model and data.
+        joint_id: Pinocchio's joint number, by joint name; fixed joints are missing.
+        coordinate: index in the velocity of each joint with a single coordinate, by joint name.
+        active, passive: velocity indices of the active joints, in the order of q, and of all others.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -61,7 +61,7 @@ class Tree:
         self.coordinate = {
             j.name: self.model.joints[self.joint_id[j.name]].idx_v for j in mechanism.tree if len(j.free_axes) == 1
         }
-        # Configuration and velocity indices differ once a spherical joint (4 numbers, 3 rates) came before.
+        # Configuration and velocity indices differ after a spherical joint (4 numbers, 3 rates).
         self.configuration = {n: self.model.joints[self.joint_id[n]].idx_q for n in self.coordinate}
         self.active = np.array([self.coordinate[j.name] for j in mechanism.active], int)
         self.passive = np.setdiff1d(np.arange(self.model.nv), self.active)
@@ -81,7 +81,7 @@ class Tree:
         if joint.type == "fixed":
             self._body[joint.child] = (parent_id, placement @ T_joint_child)
             return
-        if joint.type == "cylindrical":  # slide, then turn: the two commute
+        if joint.type == "cylindrical":  # a slide followed by a rotation about the same axis: the order is irrelevant
             parent_id = self.model.addJoint(parent_id, pin.JointModelPZ(), pin.SE3(placement), f"{joint.name}_slide")
             placement = np.eye(4)
             kind = pin.JointModelRZ
@@ -109,7 +109,7 @@ class Tree:
         return tuple(out)
 
     def _support_masks(self) -> Array:
-        """Return (joints, nv): 1 where a velocity moves a Pinocchio joint."""
+        """Return a mask (joints, nv): 1 if a velocity moves a Pinocchio joint, else 0."""
         mask = np.zeros((self.model.njoints, self.model.nv))
         for number in range(1, self.model.njoints):
             joint = self.model.joints[number]
@@ -118,23 +118,23 @@ class Tree:
         return mask
 
     def body(self, name: str) -> tuple[int, Array]:
-        """Return the Pinocchio joint that carries a body, and the body's pose in that joint's frame."""
+        """Return (number of the Pinocchio joint that carries a body, pose (4, 4) of the body in that joint's frame)."""
         return self._body[name]
 
     def moves(self, number: int) -> Array:
-        """Return (nv,): 1 where a velocity moves a Pinocchio joint."""
+        """Return a mask (nv,): 1 if a velocity moves a Pinocchio joint, else 0."""
         return self._mask[number]
 
     def update(self, X: Array, *, closing_only: bool = False) -> tuple[Array, Array]:
-        """Move the tree to configurations X (k, nq).
+        """Compute joint poses and Jacobians at configurations X (k, nq).
 
         Args:
-            X: configurations.
-            closing_only: compute only the poses that loops, named points and tool need (half the time).
+            X: (k, nq) configurations.
+            closing_only: compute only the poses used by loops, named points and tool (half the time).
 
         Returns:
-            poses (k, joints, 4, 4) of the moving joint frames in base, and Jacobians (k, 6, nv) whose columns
-            are each velocity's twist in base at the base origin, linear first.
+            Poses (k, joints, 4, 4) of the moving joint frames in base, and Jacobians (k, 6, nv). Each column of a
+            Jacobian is the twist of one velocity in base at the base origin, linear part first.
         """
         poses = np.broadcast_to(np.eye(4), (len(X), self.model.njoints, 4, 4)).copy()
         J = np.zeros((len(X), 6, self.model.nv))
@@ -148,11 +148,11 @@ class Tree:
         return poses, J
 
     def drift(self, X: Array, V: Array) -> tuple[Array, Array]:
-        """Return the accelerations caused by constant velocities V (k, nv) at configurations X (k, nq).
+        """Return the accelerations at constant velocities V (k, nv) at configurations X (k, nq).
 
         Returns:
-            (k, m) the second derivatives of the loops' residuals, dA/dt V, valid where loops are closed; and (k, 6)
-            the tool's acceleration in base at its origin, linear first, dJ/dt V.
+            (k, m) second derivatives of the loop residuals, dA/dt V, valid for closed loops; and (k, 6) acceleration of
+            the tool in base at its origin, dJ/dt V, linear part first.
         """
         k, n = len(X), self.model.njoints
         poses = np.broadcast_to(np.eye(4), (k, n, 4, 4)).copy()
@@ -173,21 +173,21 @@ class Tree:
         return np.array([pin.integrate(self.model, x, v) for x, v in zip(X, steps, strict=True)])
 
     def normalise(self, X: Array) -> Array:
-        """Return configurations (k, nq) with quaternions of length 1, because interpolation shortens them."""
+        """Return configurations (k, nq) with normalised quaternions; interpolation changes their length."""
         return np.array([pin.normalize(self.model, x) for x in X])
 
     def tool(self, poses: Array) -> Array:
-        """Return T_base_tool (k, 4, 4) for the joint poses of `update`."""
+        """Return T_base_tool (k, 4, 4) for joint poses from `update`."""
         return poses[:, self.tool_joint] @ self.T_joint_tool
 
     def tool_jacobian(self, poses: Array, J: Array) -> Array:
-        """Return (k, 6, nv): the tool's twist in base at its origin, linear first, per tree velocity."""
+        """Return the tool Jacobians (k, 6, nv) in base at the tool's origin, linear part first."""
         own = J * self._mask[self.tool_joint]
         p = self.tool(poses)[:, :3, 3]
         return np.concatenate([own[:, :3] - spatial.hat(p) @ own[:, 3:], own[:, 3:]], axis=1)
 
     def start(self, rest: Mapping[str, Array]) -> Array:
-        """Return the configuration (nq,) that comes nearest to the rest poses T_base_body."""
+        """Return the configuration (nq,) that is nearest to the rest poses T_base_body (4, 4), by name of the body."""
         x = pin.neutral(self.model)
         for joint in self.mechanism.tree:
             if joint.type == "fixed" or joint.parent not in rest or joint.child not in rest:
@@ -203,7 +203,7 @@ class Tree:
                 x[i - 1], x[i] = T[2, 3], angle
             else:
                 q_wxyz = spatial.quat_from_matrix_wxyz(T[:3, :3])
-                q_xyzw = np.roll(q_wxyz, -1)  # Pinocchio stores the scalar last
+                q_xyzw = np.roll(q_wxyz, -1)  # in Pinocchio, the scalar is the last component
                 x[i : i + 4 + 3 * (joint.type == "free")] = (
                     q_xyzw if joint.type == "spherical" else np.concatenate([T[:3, 3], q_xyzw])
                 )

@@ -1,4 +1,4 @@
-"""Continuation along targets (joint values or tool poses): which samples to solve, and guesses between them."""
+"""Continuation along targets (joint values or tool poses): selection of knots, and guesses between them."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from twin.core import spatial
 from twin.core.spatial import Array, Index
 
 _EVERY = 32
-"""Interval of the samples of a dense motion that are solved each from the one before (knots)."""
+"""Maximum number of samples from one knot (a sample solved from the previous knot) to the next."""
 
 _TRAVEL = 0.1
-"""Motion (m, rad) of the target after which another sample is a knot: interpolation must not leave the branch."""
+"""Maximum motion (m, rad) of the target between knots, so that interpolation stays in the assembly mode."""
 
 
 def knots(targets: Array) -> Index:
-    """Return the samples (knots) to solve each from the one before: the first, the last, and enough between."""
+    """Return the indices of the knots, samples that are solved in order: the first, the last, and some between."""
     if len(targets) < 2:
         return np.zeros(len(targets), np.intp)
     moved = np.abs(np.diff(targets, axis=0)).reshape(len(targets) - 1, -1).max(axis=1, initial=0.0)
@@ -29,7 +29,7 @@ def knots(targets: Array) -> Index:
 
 
 def distance(a: Array, b: Array) -> float:
-    """Return the distance of two targets: joint values, or poses (the larger of metres and radians)."""
+    """Return the distance of two targets: largest joint difference, or larger of translation (m) and rotation (rad)."""
     if a.ndim == 1:
         return float(np.abs(a - b).max(initial=0.0))
     turn = float(spatial.rotation_angle(a[:3, :3].T @ b[:3, :3]))
@@ -37,7 +37,7 @@ def distance(a: Array, b: Array) -> float:
 
 
 def between(a: Array, b: Array, s: float) -> Array:
-    """Return the target a fraction s of the way from a to b: joint values, or poses (position and rotation apart)."""
+    """Return the target at fraction s from a to b: joint values, or poses with separate position and rotation."""
     if s == 1:
         return b
     if a.ndim == 1:
@@ -47,7 +47,7 @@ def between(a: Array, b: Array, s: float) -> Array:
 
 
 def interpolate(at: Index, knots: Array, slopes: Array, count: int) -> Array:
-    """Interpolate rows 0..count-1 by cubic Hermite polynomials through knots at integer positions with given slopes."""
+    """Interpolate rows 0 to count - 1 by cubic Hermite polynomials through `knots` at rows `at` with `slopes`."""
     if len(at) < 2:
         return np.tile(knots, (count, 1))
     where = np.arange(count)

@@ -1,1 +1,1 @@
-"""Simulation: an arm under a controller, an operator at the console, robots at one patient."""
+"""Simulation: a controlled arm, an operator at a console, several robots at one patient."""

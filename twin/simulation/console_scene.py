@@ -1,4 +1,4 @@
-"""The robots of a scene under a surgeon's console, in a World: two hands, pedals, a camera that both hands drag."""
+"""A World with the robots of a scene, controlled from a surgeon's console: two hands, pedals, a movable camera."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.world import Block, Placed, World
 
 HANDS = ("right", "left")
-"""Names of the hands; the device of the pedals is called `pedals`."""
+"""Names of the hands; the device of the pedals is named `pedals`."""
 
 PEDALS = "pedals"
 
 
 @dataclass(frozen=True)
 class Member:
-    """A robot of the scene: its mechanism and its equations."""
+    """A robot of the scene, with its mechanism and its equations."""
 
     mechanism: Mechanism
     kin: Kinematics
 
 
 def start(place: Place, member: Member) -> Array:
-    """Return the joints (n,) from which a console begins.
+    """Return the joint values (n,) of a robot at the start of a console session.
 
     Raises:
-        TwinError: the robot has no such joint, or the joint is outside its limits.
+        TwinError: a joint of `place` is not in the robot, or its value is outside the limits.
     """
     active = member.mechanism.active
     names = [j.name for j in active]
@@ -61,20 +61,20 @@ def start(place: Place, member: Member) -> Array:
 
 
 def world(scene: Scene, members: Mapping[str, Member], device: Block, dt: float = 1e-3, records: bool = True) -> World:
-    """Return a World in which a device leads the robots of a scene.
+    """Return a World in which a console controls the robots of a scene.
 
-    The arm of the camera turns about its port: pan about y, tilt about x of its base. {H} of the hands is the frame of
-    the picture: x right, y up, z out of it.
+    The camera's arm turns about its port: pan about y, tilt about x of its base. The frame {H} of the hands is parallel
+    to the frame of the picture: x right, y up, z out of the picture.
 
     Args:
-        scene: with a console.
-        members: by the names of its places.
-        device: writes poses and grippers of `HANDS`, and the pedals.
-        dt: s of one tick.
-        records: see `World`.
+        scene: a scene with a console.
+        members: robots by the names of their places.
+        device: block that writes poses and gripper angles of `HANDS`, and the pedals.
+        dt: duration of one tick in s.
+        records: whether every tick is recorded; see `World`.
 
     Raises:
-        TwinError: the scene has no console, the camera is not on its robot's tool, or a start is wrong.
+        TwinError: the scene has no console, the camera is not on its robot's tool, or a start value is wrong.
     """
     table = scene.console
     if table is None:
@@ -91,7 +91,7 @@ def world(scene: Scene, members: Mapping[str, Member], device: Block, dt: float 
         at = [q[a.robot] for a in arms]
         controllers.append(HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt))
         for arm in arms:
-            for k in np.flatnonzero(arm.kin.auxiliary)[:1]:  # the jaw, if there is one
+            for k in np.flatnonzero(arm.kin.auxiliary)[:1]:  # the first auxiliary joint is the jaw
                 low, high = float(limits[arm.robot].lower[k]), float(limits[arm.robot].upper[k])
                 jaw = Jaw(max(low, 0.0), high, float(q[arm.robot][k]), dt)
                 controllers.append(GripToJaw(hand, arm.robot, jaw))
@@ -129,4 +129,4 @@ def _camera(
 
 
 PICTURE = np.diag([1.0, -1.0, -1.0, 1.0])
-"""The frame of a picture, y up and z out of it, in that of its camera, which looks along z with -y up."""
+"""Rotation from a camera's frame (z along the view, y down) to the frame of its picture (y up, z out of it)."""

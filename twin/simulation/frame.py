@@ -1,4 +1,4 @@
-"""A frame of a World: poses of all links, vertices of deformables."""
+"""A snapshot of a World: poses of all links, vertices of deformables."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from twin.core.spatial import Array
 
 @dataclass(frozen=True)
 class Frame:
-    """Poses and vertices at one time, in world.
+    """Poses and vertices at one time, in the World frame.
 
     Attributes:
         t: time in s.
-        link_poses: T_world_link (4, 4) by name of the robot or prop and name of the link.
-        fields: vertices (n, 3) in m by name of the deformable.
+        link_poses: T_world_link (4, 4), by name of the robot or prop, then by name of the link.
+        fields: vertices (n, 3) in m, by name of the deformable.
     """
 
     t: float

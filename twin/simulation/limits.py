@@ -12,7 +12,7 @@ from twin.model.mechanism import Mechanism
 
 @dataclass(frozen=True)
 class Limits:
-    """Joint limits: lower, upper (n,) in m or rad, max_speed (n,) in m/s or rad/s; infinite where there is none."""
+    """Joint limits: lower, upper (n,) in m or rad, max_speed (n,) in m/s or rad/s; infinite without a limit."""
 
     lower: Array
     upper: Array
@@ -25,10 +25,10 @@ class Limits:
         return cls(low, high, np.array([j.max_speed or np.inf for j in mechanism.active]))
 
     def steps(self, q: Array, dt: float) -> tuple[Array, Array]:
-        """Return the lowest and the highest step (n,) from q (n,) within dt in s.
+        """Return the smallest and the largest change (n,) of q (n,) allowed within dt in s.
 
-        A joint outside its limits may only move back.
+        A joint outside its limits may only move back towards them.
         """
-        reach = self.max_speed * dt  # not by np.clip, which takes far longer on a few numbers
+        reach = self.max_speed * dt  # np.clip is not used: it is much slower for a few numbers
         lower = np.minimum(np.maximum(self.lower - q, -reach), reach)
         return lower, np.minimum(np.maximum(self.upper - q, -reach), reach)

@@ -27,12 +27,15 @@ from twin.simulation.limits import Limits
 from twin.simulation.trial import Measures, Record, measure, operate
 
 _NEAR, _THROUGH = 0.1e-3, 0.05e-3
-"""Maximum distance in m of the tool from the end pose of a phase at which the phase counts as reached; ASSUMED."""
+"""Largest distance in m of the tool from the end pose of a phase at which the phase counts as reached; ASSUMED.
+
+`_NEAR` is for insertions, `_THROUGH` for other phases.
+"""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One trial: its seed, its record, and its measures."""
+    """One simulated trial: its seed, record and measures."""
 
     seed: int
     record: Record
@@ -41,16 +44,16 @@ class Trial:
 
 @dataclass(frozen=True)
 class Operated(Result):
-    """The result of several trials.
+    """Result of several trials of a simulated operator.
 
     Attributes:
-        robot, protocol, title: names, and the protocol's title.
+        robot, protocol, title: names of robot and protocol, and title of the protocol.
         clutch, scale, solver: settings of the controller.
-        columns: (names of coordinates, names of joints).
-        T_tool_tip: (4, 4) the tip in the tool.
-        goals: the goals.
-        trials: one trial for each seed.
-        findings: holes that were not reached, a clutch that jumps.
+        columns: (names of the tool coordinates, names of the joints).
+        T_tool_tip: (4, 4) pose of the tip in the tool frame.
+        goals: goals of the operator, in order.
+        trials: one trial per seed.
+        findings: goals that were not reached, and a clutch that causes a jump.
     """
 
     robot: str
@@ -68,7 +71,7 @@ class Operated(Result):
     kind = "operate"
 
     def content(self) -> dict[str, Any]:
-        """Return the measures of every trial; keys end in their units."""
+        """Return the measures of every trial; keys end with their unit."""
         return {
             "robot": self.robot,
             "protocol": self.protocol,
@@ -93,7 +96,7 @@ class Operated(Result):
         }
 
     def text(self) -> Iterator[Part]:
-        """Yield the settings, a row for each trial, and findings."""
+        """Yield the settings, a row per trial, and the findings."""
         yield f"{self.robot} · {self.title} · {self.clutch} clutch · hand, tremor, gains and scale ASSUMED\n"
         rows = []
         for trial in self.trials:
@@ -106,7 +109,7 @@ class Operated(Result):
         yield from by_severity(self.findings)
 
     def write(self, folder: Path) -> None:
-        """Write seed<seed>.csv of each trial: a row each tick of the teleoperation."""
+        """Write seed<seed>.csv for each trial, with one row per tick of the teleoperation."""
         coordinates, joints = self.columns
         head = ["t_s", "pedal", *(f"handle_{n}" for n in coordinates), *joints, "tip_x_m", "tip_y_m", "tip_z_m"]
         for trial in self.trials:
@@ -128,17 +131,17 @@ def run_trials(
     solver: Solver,
     progress: Callable[[str, float], None],
 ) -> Operated:
-    """Simulate an operator doing a protocol, once for each seed.
+    """Simulate an operator who performs a protocol, once per seed.
 
     Args:
         name: name of the robot.
-        kin: its equations.
-        mechanism: its limits and frames.
-        protocol: the ends of its phases are the goals.
-        trials: number of trials, with seeds seed, seed + 1, ...
+        kin: the robot's equations.
+        mechanism: the robot's mechanism, with limits and frames.
+        protocol: the protocol; the ends of its phases are the goals.
+        trials: number of trials, with the seeds seed, seed + 1, ...
         seed: seed of the first trial.
-        clutch_as: eq. (7) printed or corrected.
-        scale: tool motion per handle motion; rotations are not scaled.
+        clutch_as: eq. (7), "printed" or "corrected".
+        scale: tool translation per handle translation; rotations are not scaled.
         solver: solver of the joint step.
         progress: called with a description of the current step and the fraction done.
 

@@ -1,4 +1,4 @@
-"""A scene in a World: every robot plays its protocol; minimum clearances, and whether each keeps its port."""
+"""Play the protocols of all robots of a scene in a World; measure minimum clearances and errors at the ports."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from twin.simulation.scene_stage import write_scene
 from twin.simulation.world import Placed, World
 
 RATE = 10.0
-"""Frequency in Hz at which distances are measured."""
+"""Rate in Hz at which clearances are measured."""
 
 PORT_TOLERANCE = 0.1e-3
-"""Maximum distance in m of a robot's RCM from its port."""
+"""Largest accepted distance in m of a robot's RCM from its port."""
 
 
 @dataclass(frozen=True)
 class Actor:
-    """A robot of the scene with its model and motion; `trocars` (3,) in its base, by name as in its `place`."""
+    """A robot of the scene with its trajectory; `trocars` are positions (3,) in its base in m, named as in `place`."""
 
     place: Place
     mechanism: Mechanism
@@ -47,13 +47,13 @@ class Actor:
 
 @dataclass(frozen=True)
 class Played(Result):
-    """The result of playing a scene.
+    """Result of playing a scene.
 
     Attributes:
-        scene, actors, props: the scene, its robots and its props.
-        t: (k,) s.
-        by_pair: minimum clearances of each pair of owners.
-        findings: collisions, and robots that miss their port.
+        scene, actors, props: the scene, its robots, and its props (None: no props).
+        t: (k,) times in s at which clearances are measured.
+        by_pair: minimum clearances of each pair of owners (robots, props).
+        findings: collisions, clearances below the required one, and robots that miss their port.
     """
 
     scene: Scene
@@ -67,11 +67,11 @@ class Played(Result):
 
     @property
     def duration(self) -> float:
-        """Duration in s, until the last robot is done."""
+        """Time in s at which the last robot ends its motion."""
         return _duration(self.actors)
 
     def content(self) -> dict[str, Any]:
-        """Return minimum clearances by pair; keys end in their units."""
+        """Return minimum clearances by pair; keys end with their unit."""
         pairs = {}
         for (a, b), c in self.by_pair.items():
             k = int(np.argmin(c.distance))
@@ -96,7 +96,7 @@ class Played(Result):
         }
 
     def text(self) -> Iterator[Part]:
-        """Yield a line for each robot, minimum clearances by pair, and findings."""
+        """Yield a line per robot, the minimum clearance per pair, and the findings."""
         yield f"{self.scene.name} · {self.scene.title}\n"
         rows = [(a.place.name, a.place.protocol, a.place.port, f"{a.trajectory.duration:.1f} s") for a in self.actors]
         yield Table(("robot", "protocol", "port", "takes"), rows)
@@ -114,10 +114,10 @@ class Played(Result):
             yield f"  no collision: minimum clearance {least / MM:.1f} mm (required {self.scene.clearance / MM:g} mm)"
 
     def write(self, folder: Path) -> None:
-        """Write scene.csv, the distance of each pair over time, and usd/, one stage with all robots in motion.
+        """Write scene.csv (clearance of each pair over time) and usd/ (one stage with all robots in motion).
 
         Raises:
-            TwinError: a robot has no stage with its motion.
+            TwinError: a robot has no stage with its baked motion.
         """
         head = ",".join(["t_s", *(f"{a}_{b}_mm" for a, b in self.by_pair)])
         body = np.column_stack([self.t, *(c.distance / MM for c in self.by_pair.values())])
@@ -138,10 +138,10 @@ def _duration(actors: Sequence[Actor]) -> float:
 
 
 def trocars_of(place: Place, mechanism: Mechanism, trajectory: Trajectory) -> dict[str, Array]:
-    """Return the trocars of a robot, (3,) in m in its base: of the mechanism, else the first RCM of its motion.
+    """Return the trocars (3,) of a robot in its base in m, by name; without trocars, the first RCM of its motion as "".
 
     Raises:
-        TwinError: the robot lacks a trocar for which its place gives a port.
+        TwinError: a trocar for which the robot's place states a port does not exist.
     """
     if mechanism.trocars:
         at = {n: mechanism.trocar_at(n) for n in place.ports}
@@ -157,7 +157,7 @@ def trocars_of(place: Place, mechanism: Mechanism, trajectory: Trajectory) -> di
 
 
 def world(actors: Sequence[Actor], props: Mechanism | None = None, dt: float = 1e-3) -> World:
-    """Return a World in which every robot plays its protocol from t = 0 and is at rest afterwards."""
+    """Return a World in which every robot plays its protocol from t = 0 and then remains at rest."""
     return World(
         robots=[Placed(a.place.name, a.mechanism, a.place.T_world_base) for a in actors],
         props=() if props is None else [Placed(props.name, props)],
@@ -173,7 +173,7 @@ def play(
     props: Mechanism | None,
     progress: Callable[[str, float], None] = lambda label, fraction: None,
 ) -> Played:
-    """Move all robots together until the last one is done, and measure clearances and ports."""
+    """Play all robots until the last one ends, and check clearances and ports."""
     duration = _duration(actors)
     ticks = int(duration * RATE)
     moving = world(actors, props, duration / ticks)
@@ -204,7 +204,7 @@ def play(
 
 
 def too_near(found: Clearance, k: int, t: Array, clearance: float) -> Finding:
-    """Return a finding for a pair that is too near: its closest sample, or from when on it is free."""
+    """Return a finding for the nearest pair at sample k; if it overlaps at the start, say when it is first free."""
     a, b = found.pair[k]
     least, start = float(found.distance[k]), float(found.distance[0])
     what, code = "come too close", "scene.near"

@@ -1,4 +1,4 @@
-"""One USD stage for a scene: the robots' own stages by reference, each at its place, and cameras."""
+"""Write one USD stage for a scene: references to the robots' stages, each at its place, and the cameras."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from twin.usd.write import write_stage
 from twin.usd.write.layers import describe, new_layer, save
 
 APERTURE_MM = 20.955
-"""Width of the picture in a USD camera, its default; the focal length follows from the angle of view."""
+"""Horizontal aperture of the USD cameras in mm (USD's default); the focal length follows from the angle of view."""
 
 LOOK = spatial.pose(np.diag([1.0, -1.0, -1.0]))
-"""Rotation from a scope's frame to a USD camera: cameras look along -z with +y up, a scope looks along z."""
+"""Rotation from a scope's frame (view along z) to a USD camera (view along -z, y up)."""
 
 
 def write_scene(
@@ -34,14 +34,14 @@ def write_scene(
     props: Mechanism | None,
     duration: float,
 ) -> Path:
-    """Write the scene's root layer, and the props next to it; return the root.
+    """Write the root layer of the scene, and the props beside it; return the path of the root layer.
 
     Args:
         scene: the scene.
-        folder: made if missing.
-        stages: by robot, the layer to reference (with its motion), as written into the scene's layer.
-        mechanisms: by robot; used to find the bodies that carry cameras.
-        props: their mechanism, or None.
+        folder: output folder, created if it does not exist.
+        stages: layer to reference (with its motion), by robot, as a path to be written into the root layer.
+        mechanisms: mechanism by robot, to find the bodies that carry cameras.
+        props: mechanism of the props; None: no props.
         duration: duration of the longest motion in s.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -63,7 +63,7 @@ def write_scene(
         _pose(out, place.T_world_base)
     for name, camera in scene.cameras.items():
         _camera(stage, scene, name, camera, mechanisms[camera.robot])
-    del stage  # the references can be resolved only after the layer has a path
+    del stage  # references can be resolved only after the layer has a path
     for prim, asset in references.items():
         layer.GetPrimAtPath(prim).referenceList.Prepend(Sdf.Reference(asset))
     return save(layer, path)

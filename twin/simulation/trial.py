@@ -1,4 +1,4 @@
-"""A trial: a simulated operator moves a robot through goals in a World, with the measures of a user study."""
+"""A simulated trial: an operator moves a robot to goals in a World, with the measures of a user study."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.world import Block, Hazard, Placed, Recording, World
 
 INNER = 5
-"""Number of ticks of the joint velocity loop (1 kHz) per tick of the teleoperation (200 Hz); ASSUMED."""
+"""Number of joint velocity ticks (1 kHz) per tick of the teleoperation (200 Hz); ASSUMED."""
 
 
 @dataclass
 class Record:
-    """The record of a trial, one row per tick of the teleoperation.
+    """Record of a trial, one row per tick of the teleoperation.
 
     Attributes:
-        t: (k,) s.
-        handle: (k, n).
-        pedal: (k,) bool.
-        q: (k, n).
-        Ts_base_tool: (k, 4, 4).
-        spans: first and last row of each goal that was begun, by name.
-        missed: the goal at which the operator gave up, which ends the trial; "" if none.
+        t: (k,) times in s.
+        handle: (k, n) handle positions in the coordinates of the equations.
+        pedal: (k,) bool, whether the pedal is pressed.
+        q: (k, n) joint values in m or rad.
+        Ts_base_tool: (k, 4, 4) tool poses.
+        spans: (first row, last row) of each goal that was started, by name.
+        missed: name of the goal at which the operator gave up, which ends the trial; "" if there is none.
     """
 
     t: Array
@@ -53,17 +53,17 @@ def world(
     hazards: Sequence[Hazard] = (),
     robots: Sequence[Placed] = (),
 ) -> World:
-    """Return a World with one robot at q (n,), named as in its equations, controlled by a hand or a recorded hand.
+    """Return a World with one robot that is controlled by a simulated or recorded hand.
 
     Args:
-        kin: its equations.
-        q: (n,) joints at the start.
+        kin: the robot's equations; their name is the name of the robot.
+        q: (n,) joint values at the start.
         limits: limits of the joints.
-        controller: its dt is `INNER` ticks.
-        device: the device that writes `hand.handle` and `hand.pedal`.
+        controller: the teleoperation; its dt is `INNER` ticks.
+        device: block that writes `hand.handle` and `hand.pedal`.
         solver: solver of the joint step.
         hazards: hazards of this World.
-        robots: the robot with its place, to display it.
+        robots: the robot with its place, for display.
     """
     name = kin.formula.name
     controllers = (
@@ -92,10 +92,10 @@ def operate(
     solver: Solver = "damped",
     progress: Callable[[str, float], None] | None = None,
 ) -> Record:
-    """Return the record of one trial from joints q (n,) through all goals.
+    """Simulate one trial from joint values q (n,) through all goals; return its record.
 
     Raises:
-        KinematicsError: a goal is not a pose that the robot's coordinates describe.
+        KinematicsError: a goal pose cannot be expressed in the robot's coordinates.
     """
     device = ScriptedHand(kin.formula.name, kin, goals, controller.gains.scale, controller.dt, seed, hand, progress)
     recording = world(kin, np.asarray(q, float), limits, controller, device, solver).run()
@@ -105,7 +105,7 @@ def operate(
 
 
 def record_of(recording: Recording, kin: Kinematics, goals: Sequence[Goal], missed: str = "") -> Record:
-    """Return the record of a World made by `world`: rows at the ends of the teleoperation's ticks."""
+    """Return the record from a recording of a World made by `world`: the last row of each teleoperation tick."""
     at = slice(INNER - 1, None, INNER)
     goal = recording["hand.goal"][at, 0]
     joints = recording[f"{kin.formula.name}.q"][at]
@@ -126,15 +126,15 @@ def record_of(recording: Recording, kin: Kinematics, goals: Sequence[Goal], miss
 
 @dataclass(frozen=True)
 class Measures:
-    """The paper's measures of one trial.
+    """Measures of one trial, as in the paper.
 
     Attributes:
-        time: s, from the first press to the end.
-        presses: number of changes of the pedal from 0 to 1.
-        path: length in m of the path of the tip, tremor included.
-        contacts: by insertion, whether the tip touched: within `contact` of its axis and of its end.
-        nearest: by insertion, minimum distance of the tip to the end in m.
-        aside: by insertion, maximum distance of the tip from the axis in m.
+        time: time in s from the first press of the pedal to the end.
+        presses: number of presses of the pedal.
+        path: length in m of the tip's path, including tremor.
+        contacts: for each insertion, whether the tip touched: within `contact` of both the axis and the end.
+        nearest: for each insertion, minimum distance in m of the tip from the end.
+        aside: for each insertion, maximum distance in m of the tip from the axis.
     """
 
     time: float
@@ -158,9 +158,9 @@ def measure(
     Args:
         record: record of the trial.
         goals: the goals.
-        T_tool_tip: (4, 4) the tip in the tool.
-        shaft: (3,) unit vector along the shaft, out of the tip, in the frame of the tip.
-        contact: distance in m that counts as contact; ASSUMED: as for a hole of 1 mm with a foil behind it.
+        T_tool_tip: (4, 4) pose of the tip in the tool frame.
+        shaft: (3,) unit vector along the shaft, out of the tip, in the tip frame.
+        contact: distance in m that counts as contact; ASSUMED, as for a hole of 1 mm with a foil behind it.
     """
     tip = (record.Ts_base_tool @ T_tool_tip)[:, :3, 3]
     pressed = np.flatnonzero(np.diff(np.concatenate([[False], record.pedal]).astype(int)) == 1)
@@ -186,7 +186,7 @@ def measure(
 
 
 def remaining(record: Record, goals: Sequence[Goal]) -> Array:
-    """Return the distance (k,) in m from the tool to its goal at that time."""
+    """Return the distance (k,) in m from the tool to its current goal; NaN without a goal."""
     out = np.full(len(record.t), np.nan)
     for goal in goals:
         first, last = record.spans.get(goal.name, (0, -1))

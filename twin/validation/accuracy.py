@@ -1,6 +1,6 @@
-"""Simulate the accuracy test of a console: move pens along their axes and measure the displacement of the tool.
+"""Simulate the accuracy test of a console: move haptic pens along their axes and measure the tool's displacement.
 
-The true error is the displacement of the tool minus that of the pen expressed in {RB}, not the printed eq. (7).
+The error is the tool's displacement minus the pen's displacement expressed in {RB}; it is not the printed eq. (7).
 """
 
 from __future__ import annotations
@@ -14,30 +14,38 @@ from scipy.spatial.transform import Rotation
 from twin.core.units import MM
 
 _REPEATS = 100
-"""Number of repetitions of the test, for its long-run deviation."""
+"""Number of repetitions of the test, for the long-run standard deviation."""
 
 _REACH, _WAY, _ASIDE = 50 * MM, (20 * MM, 60 * MM), 1 * MM
-"""(range of pen positions, displacement, sideways motion of the hand meanwhile), in m; ASSUMED: not printed."""
+"""(range of start positions, range of displacements, sideways motion of the hand), in m; ASSUMED: not published."""
 
 
 class Mover(Protocol):
-    """A console: it moves a tool."""
+    """Interface of a console that computes tool poses from hand poses."""
 
     def tool(self, P_0: np.ndarray, W_0: np.ndarray, W_1: np.ndarray, T: np.ndarray, scale: float) -> np.ndarray:
-        """Return the next pose (4, 4) of the tool."""
+        """Return the next tool pose (4, 4) in {RB}.
+
+        Args:
+            P_0: (4, 4) current tool pose in {RB}.
+            W_0: (4, 4) previous handle pose in {H}.
+            W_1: (4, 4) current handle pose in {H}.
+            T: (4, 4) pose of {H} in {RB}.
+            scale: motion scale, hand to tool.
+        """
         ...
 
 
 def measure(
     console: Mover, displacements: int, resolution: float, seed: int = 0
 ) -> tuple[Mapping[str, Any], list[float]]:
-    """Return (plain data, standard deviation along each axis in mm).
+    """Simulate the test; return (plain data, standard deviation of the error along each axis in mm).
 
     Args:
         console: the console under test, at motion scale 1.
         displacements: number of displacements along each axis.
-        resolution: resolution of the pen in m.
-        seed: seed of the start positions of the pen.
+        resolution: resolution of the pen's position in m.
+        seed: seed of the random start positions and displacements.
     """
     rng = np.random.default_rng(seed)
     T = np.eye(4)
@@ -50,7 +58,7 @@ def measure(
     P[:3, 3] = (0, 0, -0.1)
 
     def errors(step: float) -> np.ndarray:
-        """Return the errors (k, 3) in m, in the axes of {H}, of a pen with the resolution `step` in m (0: exact)."""
+        """Return the errors (k, 3) in m, in the axes of {H}, for a pen with resolution `step` in m (0: exact)."""
         out = np.zeros_like(start)
         for i, (a, b) in enumerate(zip(start, end, strict=True)):
             W_0, W_1 = np.eye(4), np.eye(4)

@@ -1,4 +1,4 @@
-"""The input of a validation, and its parts."""
+"""Input of a validation and its parts."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from twin.validation.rows import Tolerances
 
 @dataclass(frozen=True)
 class Case:
-    """The input of a validation.
+    """Input of a validation.
 
     Attributes:
-        kinematics: the equations, in the variants to judge; None: there are none yet, and everything else is checked.
-        cad: the mechanism from the CAD, with the findings of reading it.
-        protocol, trajectory: protocol and planned trajectory of the motion.
-        stage: root layer of the USD stage that holds the same robot.
-        tolerances: maximum deviations that count as agreement.
-        paths: the robot's planning data; None: the trajectory's own findings are used for its limits.
-        baked_for_it: whether the motion of the stage was made for this trajectory, and must match it.
+        kinematics: the equations, in the variants to judge; None if the robot has no equations (the other checks run).
+        cad: the mechanism read from the CAD, with the findings of the reader.
+        protocol, trajectory: protocol, and the trajectory planned for it.
+        stage: root layer of the robot's USD stage.
+        tolerances: largest deviations that count as agreement.
+        paths: the robot's planning data; None: the limits are not checked again, the trajectory's findings are used.
+        baked_for_it: whether the stage's motion was baked from this trajectory; a difference is then a disagreement.
     """
 
     kinematics: Kinematics | None
@@ -41,7 +41,7 @@ class Case:
 
     @property
     def written(self) -> Path | None:
-        """The layer with the protocol's baked motion, if it exists in the folder of the robot's stage."""
+        """USD layer with the baked motion of the protocol, beside the robot's stage; None if it does not exist."""
         path = self.stage.with_name(f"{self.stage.stem}_{self.trajectory.protocol}{self.stage.suffix}")
         return path if path.is_file() else None
 
@@ -49,7 +49,8 @@ class Case:
 Part = Literal["protocol", "equations", "stage", "motion"]
 """Parts of a validation that can run separately.
 
-They check: timing and RCM of the samples; equations; stage; baked motion and clearances.
+"protocol": timing and RCM of the samples; "equations": equations and mechanism; "stage": USD stage; "motion": baked
+motion and clearances.
 """
 
 PARTS: frozenset[Part] = frozenset(("protocol", "equations", "stage", "motion"))
@@ -57,14 +58,14 @@ PARTS: frozenset[Part] = frozenset(("protocol", "equations", "stage", "motion"))
 
 @dataclass(frozen=True)
 class Known:
-    """Results of earlier checks of the same equations, mechanism and trajectory, for reuse."""
+    """Results of earlier checks of the same equations, mechanism and trajectory, to be reused; None: not available."""
 
     comparison: Comparison | None = None
     measured: Measured | None = None
 
 
 def summaries(trajectory: Trajectory) -> tuple[PhaseSummary, ...]:
-    """Return the phases of a trajectory in the form of reports."""
+    """Return the phases of a trajectory as summaries for the report."""
     return tuple(
         PhaseSummary(
             p.name,

@@ -1,4 +1,4 @@
-"""Group findings by cause. A side is one of: equations (A), CAD (B), USD stage (C), baked motion (D)."""
+"""Group findings by cause: the CAD (B), equations (A), USD stage (C), baked motion (D) or protocol at fault."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SIDES: dict[Side, str] = {
     "motion": "baked motion (D) and CAD (B) differ",
     "protocol": "the motion breaks a limit of the protocol or of the robot",
 }
-"""Which two sides differ, in the order of causes: later entries may follow from earlier ones."""
+"""Message by side, in the order in which causes are listed: a later cause may follow from an earlier one."""
 
 _FAMILIES: dict[str, Side] = {
     **dict.fromkeys(("cad", "loop"), "CAD"),
@@ -27,23 +27,23 @@ _FAMILIES: dict[str, Side] = {
     **dict.fromkeys(("stage", "usd"), "stage"),
     "baked": "motion",
 }
-"""Key of `SIDES` by the first word of a finding's code; other codes belong to the protocol."""
+"""Side by first word of a finding's code; all other codes have the side "protocol"."""
 
 _SAME = 0.999
-"""Ratio within which two sizes count as equal: the first of them is then shown for the cause."""
+"""Ratio above which two sizes count as equal; the first finding is then the head of the cause."""
 
 
 @dataclass(frozen=True)
 class Cause:
-    """The cause of findings.
+    """One cause with its findings.
 
     Attributes:
-        name: the equation with its variant, the joint or part of the CAD, the file, or the rule that is broken.
-        side: key of `SIDES`: which two sides differ.
-        head: the finding whose size is shown for the cause.
-        also: further findings of the same kind, in other rows or places.
-        follows: findings that follow from this cause.
-        perhaps: findings that may follow from this cause, because they were compared with the faulty side.
+        name: the faulty equation with its variant, joint, CAD part or file, or the violated rule.
+        side: the side at fault, a key of `SIDES`.
+        head: the finding that represents the cause: the largest one.
+        also: further findings with the same code, in other rows or places.
+        follows: other findings that this cause explains.
+        perhaps: findings that this cause may explain, because their values were compared with the faulty side.
     """
 
     name: str
@@ -55,17 +55,17 @@ class Cause:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Every finding of the cause, its head first."""
+        """All findings of the cause, the head first."""
         return (self.head, *self.also, *self.follows, *self.perhaps)
 
     def lines(self) -> Iterator[str]:
-        """Yield the further findings of the cause as text: places and sizes, one line for each kind."""
+        """Yield one line of text per group of further findings, with their places and sizes."""
         for words, found in (("also", self.also), ("follows", self.follows), ("may follow", self.perhaps)):
             if found:
                 yield f"{words}: {_sizes(found)}" if words == "also" else f"{words} from it: {_sizes(found)}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON; findings are named by code and place."""
+        """Return plain data for JSON; further findings are given by code, place and size."""
 
         def named(findings: Iterable[Finding]) -> list[dict[str, Any]]:
             return [{"code": f.code, "where": f.where, "size": f.size, "unit": f.unit} for f in findings]
@@ -86,13 +86,13 @@ class Cause:
 
 
 def causes(findings: Iterable[Finding]) -> tuple[Cause, ...]:
-    """Return the causes of all disagreements, original causes first."""
+    """Return the causes of all errors and disagreements; a cause that may explain others is listed before them."""
     ordered = by_severity(findings)
     groups: dict[tuple[Side, str], list[Finding]] = {}
     for f in ordered:
         if f.severity in ("error", "disagreement"):
             groups.setdefault(_key(f), []).append(f)
-    for f in ordered:  # notes are reported only with the cause that they name
+    for f in ordered:  # warnings and notes are listed only under a cause that they name
         if f.severity in ("warning", "info") and f.cause and _key(f) in groups:
             groups[_key(f)].append(f)
     out = [_cause(side, name, group) for (side, name), group in groups.items()]
@@ -101,13 +101,13 @@ def causes(findings: Iterable[Finding]) -> tuple[Cause, ...]:
 
 
 def side(finding: Finding) -> Side:
-    """Return the key of `SIDES` that a finding belongs to, from the first word of its code."""
+    """Return the side of a finding, a key of `SIDES`, from the first word of its code."""
     return _FAMILIES.get(finding.code.partition(".")[0], "protocol")
 
 
 def _key(f: Finding) -> tuple[Side, str]:
     of = side(f)
-    if f.cause:  # an open loop at the equations' joints is the equations' fault
+    if f.cause:  # a loop that is open at the equations' joint values is a fault of the equations
         return "equations" if of == "CAD" and f.code.startswith("loop.") else of, f.cause
     return of, f.where if of == "CAD" else f"{f.code} {f.where}"
 
@@ -128,7 +128,7 @@ def _cause(of: Side, name: str, group: list[Finding]) -> Cause:
 
 
 def _after_cad(found: list[Cause]) -> tuple[Cause, ...]:
-    """If the CAD contradicts itself, list causes in the equations after it, because they were compared with it."""
+    """If the CAD contradicts itself, move the causes in the equations into the first cause's `perhaps`."""
     if not found or found[0].side != "CAD" or found[0].head.severity != "disagreement":
         return tuple(found)
     blamed = [c for c in found if c.side == "equations"]
@@ -137,7 +137,7 @@ def _after_cad(found: list[Cause]) -> tuple[Cause, ...]:
 
 
 def _sizes(found: Sequence[Finding], most: int = 6) -> str:
-    """Return places and sizes of the first few findings as text."""
+    """Return places and sizes of the first `most` findings as text, and the number of the rest."""
     words = [
         f.code.partition(".")[2].replace("_", " ") if f.size is None else f"{f.where} {shown(f.size, f.unit)}".strip()
         for f in found

@@ -1,4 +1,4 @@
-"""The result of judging a console: each clause (one requirement of its contract) with its measured value."""
+"""Result of judging a console: each clause (one requirement) with its measured value."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Clause:
-    """One clause (requirement) with its measured value.
+    """One clause (requirement on the console) with its measured value.
 
     Attributes:
-        name: dotted; the code of the finding is "console." + name.
-        equation: the equation that is judged: "eq1", ...
+        name: dotted name; the code of its finding is "console." + name.
+        equation: name of the judged equation: "eq1", ...
         text: the requirement.
-        value: measured, in `unit`.
-        limit: largest value, in `unit`.
-        holds: whether the value keeps the limit.
-        said: if it does not hold: what happens instead.
+        value: measured value, in `unit`.
+        limit: limit of the value, in `unit`.
+        holds: whether the value respects the limit.
+        said: message if the requirement is violated.
         way: how to correct the equation.
     """
 
@@ -49,14 +49,14 @@ class Clause:
 
 @dataclass(frozen=True)
 class Contract(Result):
-    """The result of judging a console.
+    """Result of judging a console.
 
     Attributes:
-        console, title, source: name of the console, its description, source document.
-        variants: reading of each equation.
-        clauses: the clauses, in the order in which they were measured.
-        path: positions (k, 3) in m of the tool while the hand goes round a closed loop.
-        findings: one for each clause that does not hold.
+        console, title, source: name and title of the console, and its source document.
+        variants: variant in use, by name of the equation.
+        clauses: the clauses, in the order of measurement.
+        path: (k, 3) in m, tool positions while the hand moves around a closed loop.
+        findings: one finding per violated clause.
     """
 
     console: str
@@ -70,11 +70,11 @@ class Contract(Result):
 
     @property
     def findings(self) -> Sequence[Finding]:
-        """One finding for each clause of the contract that does not hold."""
+        """One finding per violated clause."""
         return [_finding(c, self.variants) for c in self.clauses if not c.holds]
 
     def content(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return plain data without the path."""
         return {
             "console": self.console,
             "title": self.title,
@@ -84,7 +84,7 @@ class Contract(Result):
         }
 
     def text(self) -> Iterator[Part]:
-        """Yield the readings, a row for each clause, the clauses that do not hold, and the verdict."""
+        """Yield the variants, a row per clause, the violated clauses, and the verdict."""
         yield f"{self.console}: {self.title}\n  {self.source}\n"
         yield "  " + ", ".join(f"{name}={reading}" for name, reading in self.variants.items()) + "\n"
         rows = [
@@ -117,7 +117,7 @@ def _finding(c: Clause, variants: Mapping[str, str]) -> Finding:
 
 
 def number(x: float) -> str:
-    """Return a number with three decimals, or one digit and its power of ten."""
+    """Return a number as text: three decimals, or scientific notation below 0.001 and from 1e6."""
     return f"{x:.3f}" if 1e-3 <= abs(x) < 1e6 else f"{x:.1e}" if x else "0"
 
 

@@ -1,4 +1,4 @@
-"""The command lines that repeat a validation, and that explain it."""
+"""Shell commands that repeat a validation, or explain it."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from twin.kinematics import Kinematics
 from twin.validation.rows import Tolerances
 
 SECONDS = 60
-"""Time limit in s for `explain` to search for two edits, proposed after a short search without result."""
+"""Time limit in s of the proposed `explain` command; it allows a search for combinations of two edits."""
 
 
 def commands(
     files: assets.RobotFiles, kin: Kinematics | None, protocol: str | Path, tolerances: Tolerances | None
 ) -> dict[str, str]:
-    """Return {"validate": ..., "explain": ...}: command lines that repeat a validation and explain it, in this folder.
+    """Return the commands {"validate": ..., "explain": ...} for the current folder; "explain" only with equations.
 
     Args:
         files: files of the robot.
-        kin: the equations in the variants that were judged; None: there are none to explain.
+        kin: the equations in the judged variants; None if the robot has none.
         protocol: name or path of the protocol.
-        tolerances: the requested tolerances; None: those of the CAD.
+        tolerances: the requested tolerances; None for the tolerances of the CAD.
     """
     chosen = []
     if kin is not None:
@@ -41,13 +41,13 @@ def commands(
 
 
 def again(robot: str, protocol: str, variants: Mapping[str, str]) -> str:
-    """Return the command line of a validation, from names alone."""
+    """Return the command that repeats a validation, from the names of robot, protocol and variants."""
     chosen = [w for n, v in variants.items() for w in ("--variant", f"{n}={v}")]
     return shlex.join(["twin", "validate", robot, "--protocol", protocol, *chosen])
 
 
 def _word(files: assets.RobotFiles) -> str:
-    """Return the name of a robot on the command line: the name of a built-in robot, the folder of another."""
+    """Return the robot's command-line argument: its name if it is built in, otherwise its folder."""
     if files.cad == assets.data_folder() / "cad" / files.name:
         return files.name
     folder = files.cad.parent

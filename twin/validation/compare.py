@@ -1,9 +1,9 @@
-"""Compare the equations (A) with the independent model from the CAD (B); separate causes from consequences.
+"""Compare the equations (A) with the independent mechanism from the CAD (B), and separate causes from consequences.
 
-The protocol gives tool poses. The mechanism is solved twice: its joint values for the tool poses, and its tool pose for
-the joint values of the equations. Each printed equation is checked on correct inputs: its points are compared with the
-CAD's points at the same pose, and its joint values, computed from the CAD's points, with the mechanism's. Consequences
-of a located error are reported as such, not as further errors.
+The protocol defines tool poses. The mechanism is solved for the joint values at these poses, and for the tool pose at
+the joint values of the equations. Each printed equation is also checked with correct inputs: its points are compared
+with the CAD's points at the same pose, and its joint values, computed from the CAD's points, with the mechanism's joint
+values. Consequences of a located error are reported as consequences, not as further errors.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from twin.validation.result import Residual, RowKind, headline
 from twin.validation.rows import Clock, Tolerances, rotation_vectors, row, text
 
 COARSE = 10
-"""Joints, points, speeds and the stage are compared at every tenth sample, tool and loops at every sample."""
+"""Interval of the coarse samples (joints, points, speeds, stage); tool and loops are compared at every sample."""
 
 Progress = Callable[[str, float], None]
 
@@ -37,7 +37,7 @@ _NOT_RIGID = Kind("points.not_rigid", "disagreement", word="")
 
 @dataclass
 class Comparison:
-    """Collector of the rows, findings and curves of one comparison."""
+    """Rows, findings and curves of one comparison, filled by its checks."""
 
     residuals: list[Residual] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
@@ -47,7 +47,7 @@ class Comparison:
     """The mechanism driven by the equations' joint values, at every sample; None if it cannot be assembled."""
 
     posed: Run | None = None
-    """The mechanism with its tool at the protocol's poses, at the coarse samples."""
+    """States of the mechanism at the protocol's tool poses, at the coarse samples; None before they are computed."""
 
     coarse: Index = field(default_factory=lambda: np.zeros(0, np.intp))
     """Indices of the coarse samples."""
@@ -61,10 +61,10 @@ def compare(
     tolerances: Tolerances,
     progress: Progress,
 ) -> Comparison:
-    """Compare the equations `kin` with the independent model along a trajectory; return rows and findings.
+    """Compare the equations `kin` with the independent mechanism along a trajectory; return rows and findings.
 
-    Without equations (None) the mechanism is driven by the trajectory's own joint values, and only its loops and rates
-    are judged. The same is done if there are only forward equations and the mechanism determined the path.
+    If `kin` is None, or has only forward equations and the mechanism determined the path, there are no joint values of
+    equations: those of the trajectory drive the mechanism, and its loops and rates are judged.
     """
     out = Comparison()
     rows = _coarse_rows(trajectory)
@@ -94,9 +94,9 @@ def compare(
 
     by_joints = trajectory.followed or any(p.type == "free" for p in trajectory.phases)
     chosen = asked is not None and by_joints and model.redundant
-    if chosen:  # of many solutions the equations give another one than the path takes: judged is theirs
+    if chosen:  # redundant: the equations choose another solution than the path, so their solution is judged
         posed = model.run_poses(Ts[rows], progress=report, near=q[rows])
-    elif trajectory.followed:  # the poses are where the mechanism was taken by these joint values
+    elif trajectory.followed:  # the poses were computed by driving the mechanism with these joint values
         posed = model.run(trajectory.q[rows], progress=report)
     else:
         posed = model.run_poses(Ts[rows], progress=report, near=trajectory.q[rows])
@@ -123,7 +123,7 @@ def compare(
 
 @dataclass(frozen=True)
 class _Blame:
-    """A row that explains others: its name, its equation, and the wrong equation by point; "" if there is none."""
+    """A wrong row that explains other rows: its name, its equation, and the wrong equation by point; "" if none."""
 
     row: str = ""
     cause: str = ""
@@ -139,7 +139,7 @@ def _coarse_rows(trajectory: Trajectory) -> Index:
 
 
 def _equation_of(kin: Kinematics, symbols: tuple[str, ...]) -> str:
-    """Return the equation that yields a symbol, with the variant in use, for messages."""
+    """Return the equation that computes one of the symbols, as "name (variant)"; "" if there is none."""
     for equation in kin.formula.equations:
         if equation.stage != "helper" and set(symbols) & set(equation.outputs):
             variant = kin.variants.get(equation.name, equation.default)
@@ -156,7 +156,7 @@ def _points(
     clock: Clock,
     tolerances: Tolerances,
 ) -> _Blame:
-    """Check the named points of the equations with the tool at the requested pose."""
+    """Compare the named points of the equations with the CAD's points, with the tool at the requested pose."""
     points = {n: p for n, p in kin.points_many(Ts=Ts, qs=posed.q).items() if n in posed.points}
     rows: dict[str, Residual] = {}
     equations: dict[str, str] = {}
@@ -171,7 +171,7 @@ def _points(
     first = headline(wrong).name if wrong else ""
     blame = _Blame(first, off.get(first, first), off)
     for name, r in rows.items():
-        # A point that no equation yields (an apex) follows from those that one does.
+        # A point that no equation computes (an apex) is a consequence of the points that equations compute.
         if not equations[name] and off:
             r = replace(r, consequence_of=first)
         out.residuals.append(r)
@@ -192,7 +192,7 @@ def _distances(
     tolerances: Tolerances,
     blamed: _Blame,
 ) -> None:
-    """Judge whether points of one body keep their distances; if not, the equations do not describe a rigid body."""
+    """Check that points of one body keep their distances; otherwise the equations do not describe a rigid body."""
     on: dict[str, list[str]] = {}
     for point in model.mechanism.points:
         if point.name in points:
@@ -241,7 +241,7 @@ def _driven(
     clock: Clock,
     tolerances: Tolerances,
 ) -> _Blame:
-    """Judge the joint values: of the whole chain of equations, and computed from the CAD's points."""
+    """Compare joint values with the mechanism: from the chain of equations, and computed from the CAD's points."""
     alone = None
     if kin.closed_inverse and kin.formula.points:
         names = [n for n, s in kin.formula.points.items() if _equation_of(kin, (s,) if isinstance(s, str) else s)]
@@ -300,7 +300,7 @@ def _tool(
     tolerances: Tolerances,
     progress: Progress,
 ) -> None:
-    """Drive the mechanism with the equations' joint values and check the tool pose."""
+    """Drive the mechanism with the equations' joint values and compare its tool pose with the requested pose."""
     Ts = trajectory.Ts_base_tool
     if not np.isfinite(q).all():
         return
@@ -345,7 +345,7 @@ def _tool(
 def _closed(
     model: ReferenceModel, run: Run, out: Comparison, clock: Clock, tolerances: Tolerances, cause: str = ""
 ) -> None:
-    """Judge whether the loops of the driven mechanism close; `cause` explains wrong joint values."""
+    """Check that the loops of the driven mechanism close; `cause` names the wrong equation, if known."""
     balls = {j.name for j in model.mechanism.loops if j.type == "spherical"}
     for i, loop in enumerate(run.loop_names):
         r = row("B", "loop", loop, "m", run.gaps[:, i, 0], tolerances.loop, clock)
@@ -370,7 +370,7 @@ def _rates(
     clock: Clock,
     tolerances: Tolerances,
 ) -> None:
-    """Judge speed and acceleration of the tool: the protocol's against the mechanism's constraint Jacobian."""
+    """Compare the tool's speed and acceleration: the protocol's, and those from the mechanism's constraint Jacobian."""
     twist, acceleration = model.rates(states, trajectory.qd[rows], trajectory.qdd[rows])
     lever = trajectory.Ts_base_tool[rows, :3, 3] - trajectory.Ts_base_frame[rows, :3, 3]
     w, dw = trajectory.angular_velocity[rows], trajectory.angular_acceleration[rows]
@@ -391,7 +391,7 @@ def _rates(
 
 
 def _add(out: Comparison, r: Residual, what: str, cause: str = "") -> None:
-    """Add a disagreement for a row, or a note if the row is a consequence of another."""
+    """Add a disagreement for a row, or an info finding if the row is a consequence of another."""
     out.findings.append(
         r.finding(
             Kind(f"{r.quantity}.differs", "info" if r.consequence_of else "disagreement", word="tolerance"),

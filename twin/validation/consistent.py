@@ -1,8 +1,8 @@
-"""For a waypoint whose shaft misses the RCM: find the nearest poses that pass it, and whether the robot reaches them.
+"""Find the nearest poses with the shaft through the RCM for a waypoint that misses it, and test their reachability.
 
-Each fix is one change of the protocol. The changed protocol is planned with a pivot about the RCM, so that the shaft
-always passes the RCM; the planner reports unreachable parts. For comparison, the error of the straight path to the same
-pose is given.
+Each fix changes one thing in the protocol. The changed protocol is planned with an enforced pivot about the RCM, so the
+shaft passes through the RCM everywhere; the planner reports unreachable parts. For comparison, the RCM error of the
+straight path to the same pose is computed.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ from twin.planning.protocol.course import angles_of, rotation
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
 STEP = 0.02
-"""Time in s between the samples of a planned fix."""
+"""Time step in s of a planned fix."""
 
 Planner = Callable[[Protocol], Trajectory]
 
 
 @dataclass(frozen=True)
 class Fix:
-    """One way to make a waypoint agree with the RCM.
+    """One change of the protocol after which the shaft at a waypoint passes through the RCM.
 
     Attributes:
-        name: the kind of change.
-        waypoint: its name; "" if something else is changed.
+        name: kind of change.
+        waypoint: name of the changed waypoint; "" if the RCM is changed.
         moved, turned: size of the change, in m and rad.
-        value: the new numbers, as text.
-        reachable: whether the robot can do the whole protocol with this change.
-        why: the obstacle, or the remaining margin.
-        straight: m, remaining error of the straight path to the new pose; NaN if not planned.
+        value: the new values, as text.
+        reachable: whether the robot can do the complete protocol with this change.
+        why: the reason if it is unreachable, otherwise the smallest margin.
+        straight: largest RCM error in m of the straight path to the new pose; NaN if it could not be planned.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Fix:
 
     @property
     def text(self) -> str:
-        """The fix in one sentence."""
+        """The fix, its size and reachability in one sentence."""
         size = [f"{self.moved / MM:.2f} mm"] if self.moved > 0 else []
         size += [f"{self.turned / DEG:.2f} deg"] if self.turned > 0 else []
         reach = f"the robot reaches it ({self.why})" if self.reachable else f"out of reach: {self.why}"
@@ -68,13 +68,13 @@ class Fix:
 def fixes(
     protocol: Protocol, trajectory: Trajectory, paths: PathKinematics, T_tool_frame: Array
 ) -> tuple[dict[str, str], list[Finding]]:
-    """Return the fixes of each monitored pivot that misses its RCM, as text and as findings.
+    """Return fixes for each pivot with a monitored RCM that the shaft misses: (facts as text, findings).
 
     Args:
-        protocol: the protocol that was planned.
+        protocol: the protocol.
         trajectory: the planned trajectory.
         paths: the robot's planning data.
-        T_tool_frame: (4, 4) the moved frame in the tool.
+        T_tool_frame: (4, 4) pose of the moved frame in the tool frame.
     """
 
     def planner(changed: Protocol) -> Trajectory:
@@ -107,13 +107,13 @@ def fixes(
 
 
 def nearest(T: Array, axis: Array, rcm: Array, lever: float) -> Array:
-    """Return the pose (4, 4) whose shaft passes the RCM, nearest to T: minimum translation and rotation.
+    """Return the pose (4, 4) nearest to T whose shaft passes through the RCM: smallest translation and rotation.
 
     Args:
         T: (4, 4) pose of the moved frame.
-        axis: (3,) the shaft in that frame.
-        rcm: (3,) in m, in the same frame as T.
-        lever: m; a rotation by 1 rad counts as much as this length.
+        axis: (3,) shaft direction in the moved frame.
+        rcm: (3,) in m, in the frame in which T is given.
+        lever: weight of the rotation, in m per rad.
     """
     from scipy.optimize import minimize
 
@@ -182,7 +182,7 @@ def _tried(
 
 
 def _with(protocol: Protocol, span: PhaseSpan, waypoint: Waypoint, mode: str | None) -> Protocol:
-    """Return the protocol with another waypoint and, on request, with its pivot to it about the RCM."""
+    """Return the protocol with a changed waypoint and, if `mode` is given, with an enforced pivot to it."""
     phases = protocol.phases
     if mode is not None:
         phases = tuple(
@@ -197,7 +197,7 @@ def _missed(trajectory: Trajectory, phase: str) -> float:
 
 
 def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
-    """Return the required position of the RCM: nearest to the shaft at registration and at the end of the pivot."""
+    """Return the fix that moves the RCM to the point nearest to the shafts at registration and at the pivot's end."""
     assert span.rcm is not None
     first = min(s.start for s in trajectory.phases if s.rcm is not None and np.array_equal(s.rcm, span.rcm))
     Ts, axis = (
@@ -219,7 +219,7 @@ def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
 
 
 def _readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> str:
-    """Return whether another order or other signs of the waypoint's angles keep the RCM."""
+    """Return text: whether the shaft passes through the RCM with another order or sign of the waypoint's angles."""
     assert span.rcm is not None
     assert span.waypoint is not None
     w = protocol.waypoints[span.waypoint]

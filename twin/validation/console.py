@@ -1,7 +1,8 @@
-"""Judge the equations of a console by clauses: requirements that an operator may expect to hold.
+"""Judge the equations of a console by clauses: requirements on the motion of tool and camera and on the force.
 
-Each clause inputs a motion of the hands; geometry gives the required output. Rotations are SciPy's, so that nothing
-here shares code with the equations. Poses: T of {H} in {RB}, W of the handle in {H}, P of the tool in {RB}.
+Each clause applies a motion of the hands and compares the result with the geometrically required one. Rotations are
+computed by SciPy, independently of the equations. Poses: T of {H} in {RB}, W of the handle in {H}, P of the tool in
+{RB}.
 """
 
 from __future__ import annotations
@@ -20,23 +21,23 @@ Array = NDArray[np.float64]
 
 _MM = 1e-3
 _POINT, _ANGLE = 1e-12, 1e-7
-"""Tolerances: of a position in m, and of a rotation in deg (rounding of 10 000 products of rotations)."""
+"""Tolerances of a position in m and of a rotation in deg (rounding after 10 000 multiplied rotations)."""
 
 _INCREMENTS = 10_000
 _SCALE = 0.5
 _PEN = 3.3
-"""Largest force in N that a haptic pen gives (ASSUMED: figure of its maker)."""
+"""Largest force in N of a haptic pen (ASSUMED: manufacturer's figure)."""
 
 
 class Laws(Protocol):
-    """What is judged: a console of `twin.simulation.controllers.console`, or anything that answers like one.
+    """Interface of a judged console, as implemented by `twin.simulation.controllers.console`.
 
     Attributes:
-        name, title, source: identifier, what it is, document.
-        variants: reading of each equation.
-        force_model: what its force is called.
-        force_units: units of stiffness and damping; "" if none is stated.
-        turn_unit: unit of `turns`.
+        name, title, source: identifier, title and source document.
+        variants: variant in use, by name of the equation.
+        force_model: name of the force model.
+        force_units: units of stiffness and damping; "" if not stated.
+        turn_unit: unit of the result of `turns`.
     """
 
     @property
@@ -55,24 +56,32 @@ class Laws(Protocol):
     def turn_unit(self) -> str: ...  # noqa: D102
 
     def tool(self, P_0: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
-        """Return the next pose (4, 4) of the tool."""
+        """Return the next tool pose (4, 4) in {RB}.
+
+        Args:
+            P_0: (4, 4) current tool pose in {RB}.
+            W_0: (4, 4) previous handle pose in {H}.
+            W_1: (4, 4) current handle pose in {H}.
+            T: (4, 4) pose of {H} in {RB}.
+            scale: motion scale, hand to tool.
+        """
         ...
 
     def turns(self, p_R0: Array, p_R1: Array, p_L0: Array, p_L1: Array, n: Array) -> tuple[float, float]:
-        """Return the camera roll about n: (from the right hand, from the left hand)."""
+        """Return the camera roll about the axis n (3,) in `turn_unit`: (from the right hand, from the left hand)."""
         ...
 
     def force(self, depth: float, rate: float) -> float:
-        """Return the force in N of a surface; depth in m, rate in m/s, positive inwards; negative pushes out."""
+        """Return the force in N of a surface at a depth in m and rate in m/s, positive inwards; negative pushes out."""
         ...
 
     def error(self, P_0: Array, P_1: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
-        """Return the error (4, 4) of a motion."""
+        """Return the error (4, 4) of the tool motion P_0 to P_1 for the handle motion W_0 to W_1."""
         ...
 
 
 def judge(console: Laws, progress: Callable[[str, float], None] = lambda label, part: None) -> Contract:
-    """Return every clause with its measured value.
+    """Measure every clause and return the result.
 
     Args:
         console: the equations.
@@ -159,7 +168,7 @@ def _way(c: Laws) -> Iterator[Clause]:
 
 def _clutch(c: Laws) -> Iterator[Clause]:
     T, P = _pose((20 * _MM, 0, 0), (0.3, 0.1, -0.2)), _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.4, 0.0))
-    gripped = _pose((30 * _MM, -10 * _MM, 20 * _MM), (0.35, 0.1, -0.2))  # the hand moved here while the clutch was up
+    gripped = _pose((30 * _MM, -10 * _MM, 20 * _MM), (0.35, 0.1, -0.2))  # handle pose after moving while declutched
     at_once, _ = _between(P, after := c.tool(P, gripped, gripped, T, _SCALE))
     yield _point(
         "regrip",
@@ -241,7 +250,7 @@ def _mirror(c: Laws) -> Iterator[Clause]:
 
 
 def _loop(c: Laws) -> tuple[list[Clause], Array]:
-    """Move the hand round a closed loop once, rotating it, in many increments."""
+    """Move the hand once around a closed loop while it rotates, in many increments; return clauses and tool path."""
     k = np.arange(_INCREMENTS + 1)
     phase = 2 * np.pi * k / _INCREMENTS
     W = np.tile(np.eye(4), (len(k), 1, 1))
@@ -451,7 +460,7 @@ def _measure(c: Laws) -> Iterator[Clause]:
         "e_lin = dp - s R_T dh, e_ang = log(dR (R_T dR_H R_T^T)^T)",
     )
     T = _pose((0, 0, 0), (0, 0, np.pi / 2))
-    wrong = T @ P  # what the printed eqs (1) and (2) give for a hand at rest
+    wrong = T @ P  # result of the printed eqs (1) and (2) for a hand at rest
     gone = float(np.linalg.norm(wrong[:3, 3] - P[:3, 3]))
     shown = float(np.linalg.norm(c.error(P, wrong, W_0, W_0, T, _SCALE)[:3, 3]))
     off = abs(shown - gone)
@@ -466,7 +475,7 @@ def _measure(c: Laws) -> Iterator[Clause]:
     )
 
 
-# -- what clauses are made of ---------------------------------------------------------------------------------------
+# -- helpers of the clauses ------------------------------------------------------------------------------------------
 
 
 def _pose(p: Sequence[float], turn: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> Array:

@@ -1,7 +1,7 @@
-"""Compares the stage read back with the CAD's mechanism item by item, beyond the tool pose.
+"""Compare the mechanism read back from a USD stage with the CAD's mechanism item by item, beyond the tool pose.
 
-Masses that the build did not compute are estimated from the CAD's own meshes and densities, by a sum over tetrahedra,
-independent of the build's method; a coarse mesh makes the estimate a few per cent too low.
+Masses that the build did not compute are estimated from the CAD's meshes and densities by a sum over tetrahedra, which
+is independent of the build's method. For a coarse mesh the estimate is a few per cent too low.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from twin.model.mechanism import Body, Inertia, Joint, Mechanism, reversed_joint
 from twin.validation.masses import solid
 
 SINGLE = 1e-5
-"""Relative difference that single precision may cause."""
+"""Relative difference explained by single precision."""
 
 COARSE_MASS, COARSE_SIZE = 0.15, 0.04
-"""Tolerances of an estimate from a coarse mesh: fraction of a mass; for a mass centre, of the body's size."""
+"""Tolerances of an estimate from a coarse mesh: relative for the mass; for its centre, relative to the body's size."""
 
 COARSE_MOMENT = 0.4
-"""The same for a principal moment, which grows with the fourth power of a diameter."""
+"""Relative tolerance of an estimated principal moment, which grows with the fourth power of a diameter."""
 
 
 _AGAIN = "rebuild the stage with `twin build`"
@@ -36,12 +36,12 @@ _MISPLACED = Kind("stage.content", "disagreement", _AGAIN, word="")
 
 
 def content(mechanism: Mechanism, stage: Mechanism, description: Description) -> list[Finding]:
-    """Return findings on data of a mechanism that are missing or different on its stage.
+    """Return findings on data of a mechanism that are missing or different on its USD stage.
 
     Args:
-        mechanism: from the CAD, with or without computed masses.
+        mechanism: the CAD's mechanism, with or without computed masses.
         stage: the mechanism read back from the stage.
-        description: gives densities for bodies without computed masses.
+        description: source of the densities for bodies without computed masses.
     """
     found: list[Finding] = []
     for kind, ours, theirs in (
@@ -88,7 +88,7 @@ def _differs(what: str, where: str, ours: float, theirs: float, unit: str, rel: 
 
 
 def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
-    if (a.parent, a.child) == (b.child, b.parent):  # on the stage, tree joints point outwards
+    if (a.parent, a.child) == (b.child, b.parent):  # on the stage, joints of the tree point away from the base
         b = reversed_joint(b)
     for what in ("type", "parent", "child", "active"):
         ours, theirs = getattr(a, what), getattr(b, what)
@@ -123,7 +123,7 @@ def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
 
 
 def _motors(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
-    """Compare actuators and transmission matrices with the stage, which has them in double precision."""
+    """Compare actuators and transmission matrices with the stage, which stores them in double precision."""
     theirs = {a.name: a for a in stage.actuators}
     for a in mechanism.actuators:
         for key, ours in vars(a).items():
@@ -203,9 +203,9 @@ def _meshes(a: Body, b: Body) -> Iterator[Finding]:
 
 
 def estimate(body: Body, description: Description) -> Inertia | None:
-    """Return mass, mass centre and tensor of a body from its meshes and the densities of their materials.
+    """Estimate mass, mass centre and inertia tensor of a body from its meshes and the densities of their materials.
 
-    Return None if a mesh is open or has no material: the mass is then unknown.
+    Returns None if a mesh is open or has no material, so that the mass is unknown.
     """
     total = None
     for mesh in body.meshes:

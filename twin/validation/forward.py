@@ -1,4 +1,4 @@
-"""Judge the forward equations of a formula that also has inverse equations, by the independent model."""
+"""Compare the forward equations of a formula with the independent mechanism."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ def forward(
 ) -> tuple[list[Residual], list[Finding]]:
     """Return rows and findings on the tool pose of the forward equations at the mechanism's joint values.
 
-    Return nothing for a formula with one direction only, unless `alone`: driving the mechanism already checks it.
+    A formula with forward equations only is skipped, because driving the mechanism already checks them, unless `alone`
+    is True.
     """
     if not kin.closed_forward or not (kin.closed_inverse or alone):
         return [], []

@@ -1,4 +1,4 @@
-"""The trocar as a fulcrum: tip and outer shaft move to opposite sides."""
+"""Sideways motion of a shaft at its trocar: the tip and the outer end of the shaft move to opposite sides."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from twin.core.spatial import Array
 from twin.planning.trajectory import Trajectory
 
 OUTSIDE = 0.1
-"""Distance in m, along the shaft, of the displayed outer point from the trocar."""
+"""Distance in m, along the shaft, from the trocar to the displayed outer point of the shaft."""
 
 
 def fulcrum(trajectory: Trajectory) -> Array:
-    """Return (k, 2) in m: sideways motion of the tip and of the shaft's outer point; NaN without registered trocar.
+    """Return the sideways motion (k, 2) in m of the tip and of the outer point; NaN in samples without a trocar.
 
-    Sideways: the direction perpendicular to the mean shaft in which the tip moves most.
+    Sideways is the direction, perpendicular to the mean shaft direction, in which the tip moves most.
     """
     rcm = trajectory.rcm
     inside = np.isfinite(rcm).all(axis=1) & (trajectory.depth > 0)

@@ -1,9 +1,9 @@
-"""Check published tables of independent groups of users, as far as the printed numbers allow.
+"""Check a published user study with independent groups, as far as its printed numbers allow.
 
-Means and standard deviations are printed, rows of single users are not. So p-values of rank tests cannot be recomputed.
-These can be checked: whether a mean can be a mean of integers, whether a deviation fits a range, which definition of
-RMSE fits its parts, whether the printed p-values remain significant after a correction for their number, and sentences
-about the tables.
+Such studies print means and standard deviations, but no values of single users, so p-values of rank tests cannot be
+recomputed. The checks are: can a printed mean be a mean of integers; is a standard deviation possible for the printed
+range; which definition of the RMSE agrees with its components; do the printed p-values remain significant after a
+correction for the number of tests; and do sentences of the text agree with the tables.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ _ByGroup = dict[str, float]
 
 
 class Group(Table):
-    """A group of users: its number."""
+    """A group of users: its name and number of users."""
 
     name: str
     users: int = Field(ge=2)
 
 
 class Pair(Table):
-    """A comparison of two groups; without `printed_p`, the text says that it is not significant."""
+    """Two compared groups with their printed p-value; None if the paper only states that it is not significant."""
 
     between: tuple[str, str]
     printed_p: Annotated[float, Field(ge=0, le=1)] | None = None
 
 
 class Outcome(Table):
-    """Mean and standard deviation by group; a user's value is made of `items` integers (0: not of integers)."""
+    """Mean and standard deviation per group; each user's value is the sum of `items` integers (0: not integers)."""
 
     name: str
     unit: str
@@ -51,7 +51,7 @@ class Outcome(Table):
 
 
 class Span(Table):
-    """Mean, deviation, smallest and largest value by group."""
+    """Mean, standard deviation, minimum and maximum per group."""
 
     name: str
     unit: str
@@ -73,7 +73,7 @@ class Accuracy(Table):
 
 
 class Chain(Table):
-    """How the accuracy was measured: displacements along each axis, read by a pen with finite resolution."""
+    """Accuracy test of the paper: number of displacements per axis, and resolution of the measuring pen."""
 
     displacements: int = Field(ge=2)
     resolution_mm: float = Field(gt=0)
@@ -82,7 +82,7 @@ class Chain(Table):
 
 
 class Above(Table):
-    """A sentence which claims that the means of some outcomes are above a number."""
+    """A sentence that claims that the means of the listed outcomes are above a number."""
 
     text: str
     outcomes: list[str]
@@ -90,7 +90,7 @@ class Above(Table):
 
 
 class Twice(Table):
-    """A statement that is printed in several places."""
+    """A statement that the paper prints in several places."""
 
     name: str
     where: list[str]
@@ -98,7 +98,7 @@ class Twice(Table):
 
 
 class GroupTables(Table):
-    """The whole file."""
+    """The file of a user study with independent groups."""
 
     title: str
     source: str
@@ -136,7 +136,7 @@ class GroupTables(Table):
 
 @dataclass(frozen=True)
 class Recomputed:
-    """Results of checking a file: tables to show, plain data, findings."""
+    """Result of checking a file: tables to print, plain data, findings."""
 
     tables: Sequence[Shown]
     data: Mapping[str, Any]
@@ -144,14 +144,14 @@ class Recomputed:
 
 
 Measured = Callable[[Chain], tuple[Mapping[str, Any], Sequence[float]]]
-"""A function that runs an accuracy chain: (plain data, standard deviation along each axis in mm)."""
+"""Function that simulates an accuracy test; returns (plain data, standard deviation along each axis in mm)."""
 
 
 def load(path: Path) -> GroupTables:
-    """Read a study file of groups.
+    """Read the file of a user study with groups.
 
     Raises:
-        DescriptionError: with file, line, key, value and the allowed values.
+        DescriptionError: the file is invalid; the message has file, line, key, value and the allowed values.
     """
     return load_toml(path, GroupTables)
 
@@ -161,7 +161,7 @@ def recompute(tables: GroupTables, run: Measured) -> Recomputed:
 
     Args:
         tables: the printed tables.
-        run: measures the accuracy chain.
+        run: simulates the accuracy test.
     """
     users = {g.name: g.users for g in tables.group}
     outcomes, rows = [], []
@@ -217,7 +217,7 @@ def _welch(o: Outcome, between: tuple[str, str], users: Mapping[str, int]) -> fl
 
 
 def _integers(o: Outcome, users: Mapping[str, int]) -> Iterator[Finding]:
-    """Yield a finding for each mean that cannot be a mean of integers: the nearest possible mean prints differently."""
+    """Yield a finding for each printed mean that is not the rounded mean of any integers."""
     if not o.items:
         return
     for group, mean in o.mean.items():
@@ -279,7 +279,7 @@ def _corrected(tables: GroupTables) -> Iterator[Finding]:
 
 
 def _spans(s: Span, users: Mapping[str, int]) -> Iterator[Finding]:
-    """Yield a finding for each deviation below the minimum that range and mean allow."""
+    """Yield a finding for each standard deviation below the minimum that is possible for its range and mean."""
     for group, n in users.items():
         mean, low, high = s.mean[group], s.lower[group], s.upper[group]
         smallest = smallest_std(mean, low, high, n)
@@ -307,7 +307,7 @@ def _spans(s: Span, users: Mapping[str, int]) -> Iterator[Finding]:
 
 
 def smallest_std(mean: float, low: float, high: float, n: int) -> float:
-    """Return the minimum standard deviation (with divisor n) of n values that include both ends of the range."""
+    """Return the minimum standard deviation (divisor n) of n values with this mean that include `low` and `high`."""
     if n == 2:
         return float(np.std([low, high]))
     rest = (n * mean - low - high) / (n - 2)
@@ -315,7 +315,7 @@ def smallest_std(mean: float, low: float, high: float, n: int) -> float:
 
 
 def rms_readings(a: Accuracy) -> dict[str, tuple[float, float]]:
-    """Return {definition of RMSE: (minimum, maximum)} that the rounded parts allow."""
+    """Return {definition of the RMSE: (minimum, maximum)}, given the rounding of the printed means and deviations."""
     half = 0.5 * 10**-a.decimals
     mean, std = np.abs(np.array(a.mean)), np.array(a.std)
     low = np.hypot(np.maximum(mean - half, 0), np.maximum(std - half, 0))
@@ -336,7 +336,7 @@ def _fits(a: Accuracy) -> list[str]:
 
 
 def _rmse(rows: Sequence[Accuracy]) -> Iterator[Finding]:
-    """Yield a finding for each RMSE that no definition gives, and one if the rows have no definition in common."""
+    """Yield a finding for each RMSE that agrees with no definition, and one if no definition agrees with all rows."""
     for a in rows:
         if _fits(a):
             continue

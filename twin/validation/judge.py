@@ -1,4 +1,4 @@
-"""The complete validation of a robot along a trajectory: equations, mechanism, stage, motion, RCM, clearance."""
+"""Complete validation of a robot along a trajectory: equations, mechanism, stage, motion, RCM, clearance."""
 
 from __future__ import annotations
 
@@ -52,14 +52,13 @@ def judge(
     parts: frozenset[Part] = PARTS,
     known: Known | None = None,
 ) -> Report:
-    """Return the report on one robot along one trajectory.
+    """Run the validation of one robot along one trajectory and return the report.
 
     Args:
         case: the input of the validation.
-        progress: called with a description of the current step.
-        parts: the parts to run. "stage" and "motion" are compared with the mechanism's states from "equations"; without
-            this part they need `known`.
-        known: reused results.
+        progress: called with a description of the current step and the fraction done.
+        parts: the parts to run. "stage" and "motion" need the mechanism's states, from "equations" or from `known`.
+        known: results to reuse; None: compute everything.
     """
     mechanism, trajectory = case.cad.mechanism, case.trajectory
     model = ReferenceModel(mechanism)
@@ -67,7 +66,7 @@ def judge(
     known = known or Known()
     out = known.comparison or Comparison()
     looked = samples(trajectory)
-    # Parts without equations are measured on a second core meanwhile.
+    # The baked motion and the clearances do not depend on the equations: they are computed on another core meanwhile.
     apart_from_it = "motion" in parts and known.measured is None
     aside = Call(measure, mechanism, looked, case.written) if apart_from_it else contextlib.nullcontext()
     with aside as beside:
@@ -180,7 +179,7 @@ def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
 
 
 def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, progress: Progress) -> None:
-    """Compare the stage read back (C) with the CAD's mechanism (B) by the same solver; estimate rounding errors."""
+    """Compare the stage read back (C) with the CAD's mechanism (B) by one solver; estimate the rounding errors."""
     from twin.reference.sensitivity import of_rounding
     from twin.usd.check import check_stage, run_usd_validators
     from twin.usd.read import read_stage
@@ -229,7 +228,7 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
 
 
 def _motion(measured: Measured, looked: Samples, case: Case, out: Comparison, clock: Clock) -> None:
-    """Add the findings and curves of the motion and the clearances."""
+    """Add the findings and curves of the baked motion and of the clearances."""
     rows, findings = baked_rows(measured, looked, clock.phases, case.tolerances)
     if measured.written is not None:
         more, found = written_rows(measured.written, looked, clock.phases, case.tolerances, case.baked_for_it)

@@ -1,4 +1,4 @@
-"""Compare lengths of single parts, as measured on the CAD, with the numbers that the equations use."""
+"""Compare lengths measured on CAD parts with the parameters of the equations."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from twin.validation.rows import Clock, Tolerances, row
 
 
 def check_parameters(kin: Kinematics, description: Description) -> None:
-    """Raise if a declared length names a parameter that the equations do not have.
+    """Check that each declared length names a parameter of the equations.
 
     Raises:
-        TwinError: the equations have no parameter of that name.
+        TwinError: the equations have no parameter of a declared name.
     """
     for length in description.length:
         if length.parameter not in kin.parameters:
@@ -36,10 +36,10 @@ def check_parameters(kin: Kinematics, description: Description) -> None:
 def lengths(
     kin: Kinematics, cad: CadModel, clock: Clock, tolerances: Tolerances
 ) -> tuple[list[Residual], list[Finding]]:
-    """Return a row for each length that the description declares, and a finding for each that differs.
+    """Return a row for each length declared in the description, and a finding for each length that differs.
 
     Raises:
-        TwinError: as `check_parameters`.
+        TwinError: the equations have no parameter of a declared name.
     """
     check_parameters(kin, cad.description)
     rows, findings = [], []
@@ -68,7 +68,7 @@ def lengths(
 
 
 def put_down(kin: Kinematics, found: list[Finding], findings: list[Finding]) -> list[Finding]:
-    """Return the findings on the equations; if a row reads a length that differs, this length is the cause."""
+    """Return the findings on the equations; if an equation uses a length that differs, the length becomes the cause."""
     parameters = [f.cause.removeprefix("length ") for f in found]
     causes = {}
     for e in kin.formula.equations:

@@ -1,4 +1,4 @@
-"""Margins along a path: joint limits, gaps, reach, singularities, and the mechanism's own conditioning."""
+"""Margins along a path: joint limits, reach, singularity measures, and conditioning of the mechanism's Jacobians."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from twin.reference.loops import LENGTH_SCALE
 from twin.validation.rows import Clock
 
 SINGULAR = 1e-6
-"""Conditioning of the mechanism below which its own Jacobian is singular in double precision."""
+"""Conditioning below which a Jacobian of the mechanism counts as singular in double precision."""
 
 
 _SINGULAR = Kind(
@@ -26,12 +26,12 @@ _JUMP = Kind("branch.jump", "disagreement", "plan the path farther from this pos
 
 
 def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics, clock: Clock) -> dict[str, str]:
-    """Return as text the minimum margin of each joint, gap, limb and singularity measure, with its time.
+    """Return the minimum margin, with its time, of each joint, gap, limb and singularity measure, as text.
 
     Args:
-        trajectory: the motion.
-        mechanism: the mechanism with the limits.
-        paths: gaps, reach and singularity measures as planning uses them, evaluated again at every sample.
+        trajectory: the trajectory.
+        mechanism: source of the joint limits.
+        paths: the robot's planning data: gaps, reach and singularity measures, evaluated at every sample.
         clock: clock of the trajectory.
     """
     out: dict[str, str] = {}
@@ -78,16 +78,16 @@ def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics,
 def of_mechanism(
     model: ReferenceModel, posed: Run, rows: Index, clock: Clock
 ) -> tuple[dict[str, str], list[Finding], dict[str, Array]]:
-    """Return the mechanism's distance from singularities, findings, and curves.
+    """Return (facts, findings, curves) on the mechanism's distance from singularities.
 
-    While the Jacobians keep their rank, the coordinates follow the drives continuously and the assembly branch cannot
-    change. So full rank at every compared sample, and coordinates without jumps, exclude a branch switch independently
-    of the equations.
+    While the Jacobians have full rank, the coordinates follow the driven joints continuously and the assembly mode
+    cannot change. Full rank at every compared sample and coordinates without jumps therefore exclude a change of the
+    assembly mode, independently of the equations.
 
     Args:
-        model: the mechanism.
-        posed: states of the mechanism, at the samples `rows` of the trajectory.
-        rows: sample numbers of `posed` in the trajectory.
+        model: model of the mechanism.
+        posed: states of the mechanism at the samples `rows`.
+        rows: sample indices of `posed` in the trajectory.
         clock: clock of the trajectory.
     """
     found = conditioning(model, posed.x, LENGTH_SCALE)
@@ -114,9 +114,9 @@ def of_mechanism(
 
 
 def _jumps(model: ReferenceModel, posed: Run, at: Clock) -> list[Finding]:
-    """Report jumps of a passive joint between neighbouring samples: beyond the usual change.
+    """Return a finding for each passive joint with a step between neighbouring samples above its usual step.
 
-    If a driven joint jumps as well, because the samples are far apart, a passive joint may follow it.
+    Steps in which a driven joint also jumps (samples far apart) are skipped.
     """
     out = []
     floors = [2 * DEG if j.is_angle else 2 * MM for j in model.mechanism.active]
@@ -149,5 +149,5 @@ def _when(clock: Clock, k: int) -> str:
 
 
 def _usual(steps: Array) -> Array:
-    """Return the limit up to which each step (k, ...) is usual, from its neighbouring steps."""
+    """Return the largest usual value of each step (k, ...): eight times the larger neighbouring step."""
     return 8 * np.maximum(np.concatenate([steps[:1], steps[:-1]]), np.concatenate([steps[1:], steps[-1:]]))

@@ -11,7 +11,7 @@ from twin.validation.compare import Comparison
 
 
 def measures(kin: Kinematics, model: ReferenceModel, out: Comparison) -> None:
-    """Check rows (outputs of equations) that are not a joint, point or pose; skipped if other rows disagree."""
+    """Check reach, singularity measures and aspects of the equations; skipped if other rows disagree."""
     run = out.posed
     formula = kin.formula
     if run is None or not (formula.reach or formula.measures or formula.aspects):

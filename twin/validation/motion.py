@@ -1,6 +1,6 @@
-"""Checks without equations: the motion baked into USD and read back, and collisions.
+"""Checks that need no equations: the motion baked into USD and read back, and clearances between parts.
 
-`measure` takes and returns plain arrays, so that it can run in parallel with the comparison.
+`measure` takes and returns plain data, so that it can run in another process during the comparison.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from twin.validation.result import PhaseSummary, Residual
 from twin.validation.rows import Clock, Tolerances, rotation_vectors, row
 
 KEY_RATE = 60.0
-"""Key rate of baked motion in Hz."""
+"""Rate in Hz of the keys of the baked motion."""
 
 CLEARANCE_RATE = 5.0
-"""Rate in Hz at which distances between parts are measured."""
+"""Rate in Hz at which clearances are measured."""
 
 MIDDLE = 4
-"""Interval of the checked key intervals: every fourth one."""
+"""Every fourth interval between keys is checked in its middle."""
 
 TIME = 1e-6
-"""Tolerance of time codes in s."""
+"""Tolerance in s of time codes."""
 
 
 _DIFFERS = Kind("baked.differs", "disagreement", word="tolerance")
@@ -45,14 +45,14 @@ _DIFFERS = Kind("baked.differs", "disagreement", word="tolerance")
 
 @dataclass(frozen=True)
 class Samples:
-    """Sample times of a motion, with tool poses.
+    """Tool poses and joint values of a motion at the times that are checked.
 
     Attributes:
         name: name of the protocol.
-        keys, Ts_keys, q_keys: time codes (k,) in s of the baked motion, T_base_tool (k, 4, 4) and joints (k, n) there.
-        middle, Ts_middle, q_middle: times between keys.
-        sparse, Ts_sparse, q_sparse: times at which distances are measured.
-        followed: as in the trajectory.
+        keys, Ts_keys, q_keys: times (k,) in s of the baked keys, with T_base_tool (k, 4, 4) and joint values (k, n).
+        middle, Ts_middle, q_middle: the same in the middle between keys.
+        sparse, Ts_sparse, q_sparse: the same at the times at which clearances are measured.
+        followed: whether the joint values, not the tool poses, define the motion, as in the trajectory.
     """
 
     name: str
@@ -68,7 +68,7 @@ class Samples:
     followed: bool = False
 
     def links(self, model: ReferenceModel, Ts: Array, q: Array) -> dict[str, Array]:
-        """Return T_base_body (k, 4, 4) of every body at tool poses, or at joints if the mechanism made the path."""
+        """Return T_base_body (k, 4, 4) of every body at tool poses, or at joint values if `followed`."""
         run = model.run(q) if self.followed else model.run_poses(Ts, near=q)
         return model.link_poses(run.x)
 
@@ -78,12 +78,12 @@ class Measured:
     """Result of `measure`.
 
     Attributes:
-        times: time codes read back (k,) in s.
-        position, rotation: largest error (k,) of any baked link at its time codes, m and rad.
-        between: largest error (j,) in m of any link, interpolated linearly between keys.
-        clearance: distances at `Samples.sparse`, or None if no body has a mesh.
-        written: the errors of a motion that was written before, or None if there is none.
-        mates: distance between the mating parts of each joint in the CAD.
+        times: (k,) in s, time codes read back.
+        position, rotation: (k,) in m and rad, largest error of any baked link at its time codes.
+        between: (j,) in m, largest error of any link between keys, with linear interpolation.
+        clearance: clearances at the times `Samples.sparse`; None if no body has a mesh.
+        written: errors of an existing baked motion; None if there is none.
+        mates: distance between the two parts of each joint in the CAD.
     """
 
     times: Array
@@ -97,10 +97,10 @@ class Measured:
 
 @dataclass(frozen=True)
 class Written:
-    """An existing motion of a stage: file, time codes (k,) in s, and errors (k,) of its links.
+    """Errors of an existing motion of a stage: file, time codes (k,) in s, and largest errors (k,) of its links.
 
-    `missing` names moving bodies without samples. Errors are given at the intended times; they are empty if the time
-    codes differ in number or rate.
+    `missing` lists moving bodies without samples. Errors (m, rad) are given at the intended times; they are empty if
+    the time codes differ in number or rate.
     """
 
     file: str
@@ -111,7 +111,7 @@ class Written:
 
 
 def samples(trajectory: Trajectory) -> Samples:
-    """Return the samples for `measure`."""
+    """Return the checked times of a trajectory, with poses and joint values, for `measure`."""
     keys = key_times(trajectory.duration, KEY_RATE)
     middle = (0.5 * (keys[1:] + keys[:-1]))[::MIDDLE]
     sparse = np.linspace(0.0, trajectory.duration, max(2, int(trajectory.duration * CLEARANCE_RATE) + 1))
@@ -123,15 +123,15 @@ def samples(trajectory: Trajectory) -> Samples:
 
 
 def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None) -> Measured:
-    """Bake the mechanism's motion, read it back, and measure distances between parts.
+    """Bake the mechanism's motion, read it back, and measure clearances between parts.
 
     Args:
-        mechanism: the mechanism that moves.
-        samples: the sample times.
-        written: a stage with the motion baked in it before, to compare with the mechanism.
+        mechanism: the moved mechanism.
+        samples: the checked times, with poses and joint values.
+        written: a stage with an existing baked motion, to be compared with the mechanism; None if there is none.
 
     Raises:
-        AssemblyError: the mechanism cannot take the tool poses.
+        AssemblyError: the mechanism cannot be assembled at one of the tool poses.
     """
     model = ReferenceModel(mechanism)
     links = samples.links(model, samples.Ts_keys, samples.q_keys)
@@ -160,7 +160,7 @@ def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None)
 
 
 def written_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -> Written | None:
-    """Return the errors of a stage's baked motion from link poses (k, 4, 4) at times (k,) in s."""
+    """Compare a stage's baked motion with link poses (k, 4, 4) at times `keys` (k,) in s; None without a stage."""
     if root is None:
         return None
     try:
@@ -181,15 +181,15 @@ def written_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -
 def written_rows(
     written: Written, samples: Samples, phases: tuple[PhaseSummary, ...], tolerances: Tolerances, due: bool
 ) -> tuple[list[Residual], list[Finding]]:
-    """Return rows and findings on a motion that was written before.
+    """Return rows and findings on an existing baked motion.
 
     Args:
-        written: errors of the written motion, from `measure`.
+        written: errors of the existing motion, from `measure`.
         samples: the intended motion.
         phases: phases of the protocol.
         tolerances: maximum deviations that count as agreement.
-        due: whether it was made for this motion; otherwise it may be older than the protocol, and a difference is a
-            warning.
+        due: whether the motion was baked from this trajectory; if not, it may be older than the protocol, and a
+            difference is only a warning.
     """
     keys = Clock(samples.keys, phases)
     severity: Severity = "disagreement" if due else "warning"
@@ -240,7 +240,7 @@ def baked_rows(
 def clearance_facts(
     found: Clearance, times: Array, phases: tuple[PhaseSummary, ...]
 ) -> tuple[dict[str, str], list[Finding]]:
-    """Return the minimum clearance as text, and a finding for every contact."""
+    """Return the minimum clearance as text, and a finding for each contact."""
     clock = Clock(times, phases)
 
     def when(t: float) -> str:

@@ -1,4 +1,4 @@
-"""Checks of the mechanism along a protocol: RCM, limits of all joints, timing."""
+"""Checks of the mechanism along a trajectory: RCM, limits of all joints, timing."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _PASSIVE = Kind("limit.passive", "disagreement", "change the protocol, or the jo
 
 
 def about_rcm(case: Case, out: Comparison, clock: Clock) -> None:
-    """Judge the mechanism's own motion about the RCM, from registration to withdrawal."""
+    """Check the distance of the driven mechanism's shaft from the RCM, in each phase with an RCM."""
     run, trajectory, mechanism = out.driven, case.trajectory, case.cad.mechanism
     if run is None or any(r.consequence_of for r in out.residuals if r.quantity == "tool"):
         return
@@ -60,7 +60,7 @@ def about_rcm(case: Case, out: Comparison, clock: Clock) -> None:
 
 
 def passive_limits(model: ReferenceModel, out: Comparison, clock: Clock) -> None:
-    """Check the limits of passive joints: ranges, and cones of spherical joints."""
+    """Check the limits of passive joints: range of the coordinate, or cone angle of a spherical joint."""
     run = out.posed
     joints = [j for j in model.mechanism.joints if not j.active and (j.cone is not None or j.limits is not None)]
     if run is None or not joints:
@@ -97,7 +97,7 @@ def passive_limits(model: ReferenceModel, out: Comparison, clock: Clock) -> None
 
 
 def passage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock) -> None:
-    """Check the mechanism between samples, and its distance from singularities."""
+    """Check the RCM between samples, and the distance of the mechanism from singularities."""
     if out.driven is not None and not any(r.consequence_of for r in out.residuals if r.quantity == "tool"):
         rows, found = between_samples(model, case.trajectory, case.protocol.tolerances.rcm, clock)
         out.residuals += rows
@@ -110,14 +110,14 @@ def passage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock) ->
 
 
 def of_protocol(case: Case, out: Comparison) -> list[Finding]:
-    """Return facts and findings on the motion: from planning, and from its samples."""
+    """Add facts on the motion; return findings of the planner and of checks that use only the samples."""
     trajectory, mechanism = case.trajectory, case.cad.mechanism
     facts, found = timing(trajectory, mechanism, case.protocol)
     out.facts["timing, from the samples alone"] = facts
     said = [*trajectory.findings, *wide_limits(mechanism)]
     if case.paths is None or any(f.code in ("timing.clock", "timing.phases") for f in found):
         return [*said, *found]
-    # A trajectory may be older than the robot, or come from elsewhere: its own findings are not believed.
+    # A trajectory may be older than the robot or come from another program, so its own findings are recomputed.
     said += [f for f in check(trajectory, case.protocol, case.paths) if f not in said]
     clock = Clock(trajectory.t, summaries(trajectory))
     left = margins(trajectory, mechanism, case.paths, clock)

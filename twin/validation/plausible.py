@@ -1,4 +1,4 @@
-"""Implausible numbers: limits in another unit, parts of another scale."""
+"""Find implausible numbers: joint limits in a wrong unit, and parts drawn at a wrong scale or place."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from twin.model.mechanism import Mechanism
 from twin.reference.mating import LOOSE, Mate
 
 TURNS = 8 * np.pi
-"""Range of an angle in rad above which its limits are probably in another unit."""
+"""Range in rad of an angular joint above which its limits are probably in a wrong unit."""
 
 SIZES = 4.0
-"""Range of a slide divided by the size of the robot above which its limits are probably in another unit."""
+"""Range of a sliding joint, divided by the robot's size, above which its limits are probably in a wrong unit."""
 
 
 _IMPLAUSIBLE = Kind(
@@ -25,7 +25,7 @@ _APART = Kind("cad.apart", "disagreement", "check scale and place of the shapes 
 
 
 def wide_limits(mechanism: Mechanism) -> list[Finding]:
-    """Return findings on driven joints with an implausibly wide range."""
+    """Return a finding for each driven joint with an implausibly wide range."""
     size = _size(mechanism)
     out = []
     for joint in mechanism.active:
@@ -46,7 +46,7 @@ def wide_limits(mechanism: Mechanism) -> list[Finding]:
 
 
 def _size(mechanism: Mechanism) -> float:
-    """Return the diagonal in m of the box around all joints in the rest poses."""
+    """Return the diagonal in m of the box around all joint origins in the rest pose; 0 without joints."""
     places = [
         (mechanism.rest[j.parent] @ j.T_parent_joint)[:3, 3] for j in mechanism.joints if j.parent in mechanism.rest
     ]
@@ -54,7 +54,7 @@ def _size(mechanism: Mechanism) -> float:
 
 
 def apart(mates: Iterable[Mate]) -> list[Finding]:
-    """Return findings on joints whose parts do not touch each other in the CAD."""
+    """Return a finding for each joint whose two parts do not touch in the CAD."""
     return [
         _APART(
             m.joint,

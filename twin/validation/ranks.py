@@ -1,4 +1,4 @@
-"""Compare groups of users by rank tests, each column of a CSV file separately, corrected for the number of tests."""
+"""Compare groups of users by rank tests in each column of a CSV file, with a correction for the number of tests."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ _GROUP = "group"
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two groups in one measure.
+    """Rank test of two groups in one measure.
 
     Attributes:
-        measure, groups: names.
-        counts, medians: counts and medians of both groups.
-        u: Mann and Whitney's U of the first group.
-        p: two-sided; exact without ties, by the normal approximation with ties.
-        holm: p with Holm's correction for all comparisons.
-        effect: rank-biserial correlation, 1 if all of the first group are above all of the second.
+        measure, groups: names of the measure and of the two groups.
+        counts, medians: number of users and median of each group.
+        u: Mann-Whitney U of the first group.
+        p: two-sided p-value; exact without ties, normal approximation with ties.
+        holm: p-value with Holm's correction for all comparisons.
+        effect: rank-biserial correlation; 1 if every value of the first group is above every value of the second.
     """
 
     measure: str
@@ -46,12 +46,12 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Ranks(Result):
-    """Comparisons of groups of users.
+    """Rank tests of all groups of users.
 
     Attributes:
-        file: the file with the rows of users.
-        comparisons: comparisons of every two groups in every measure.
-        findings: groups that are too small for a significant result.
+        file: name of the CSV file.
+        comparisons: one per pair of groups and measure.
+        findings: warnings about groups too small for a significant result.
     """
 
     file: str
@@ -66,7 +66,7 @@ class Ranks(Result):
         return {"file": self.file, "test": "Wilcoxon-Mann-Whitney", "comparisons": [vars(c) for c in self.comparisons]}
 
     def text(self) -> Iterator[Part]:
-        """Yield a row for each comparison."""
+        """Yield a row per comparison, then the findings."""
         yield f"{self.file}: Wilcoxon-Mann-Whitney, two-sided; Holm for {len(self.comparisons)} comparisons\n"
         rows = [
             (
@@ -87,13 +87,14 @@ class Ranks(Result):
 
 
 def compare(path: Path) -> Ranks:
-    """Compare every two groups of a CSV file in every column of numbers; empty cells are skipped.
+    """Test every pair of groups in every numeric column of a CSV file; empty cells are skipped.
 
     Args:
-        path: a header with a column `group`, a row for each user.
+        path: CSV file with a header, a column `group`, and one row per user.
 
     Raises:
-        DescriptionError: the column is missing, there is only one group, or a cell is not a number (with its line).
+        DescriptionError: the column is missing, there is only one group, or a cell is not a number (with its line
+            number).
     """
     from scipy import stats
 
@@ -140,7 +141,7 @@ def _small(found: Sequence[Comparison]) -> Iterator[Finding]:
 
 
 def _read(path: Path) -> Mapping[str, Mapping[str, list[float]]]:
-    """Return values by column and group, in the order of the file."""
+    """Return the values by column and group, both in the order of the file."""
     try:
         rows = list(csv.reader(read_text(path, "CSV", "utf-8-sig").splitlines()))
     except (OSError, UnicodeDecodeError, csv.Error) as error:

@@ -1,4 +1,4 @@
-"""Result of `validate`: plain data, ready for JSON, HTML and plots."""
+"""Report of a validation: residual matrix, findings and curves, as plain data for JSON, HTML and plots."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ RowKind = Literal["length", "tool", "point", "driven", "passive", "loop", "speed
 
 @dataclass(frozen=True)
 class Residual:
-    """One row of the residual matrix.
+    """One row of the residual matrix: the deviation of one quantity between two sides.
 
     Attributes:
-        pair: the compared sides: "A-B" formula and mechanism, "B-C" mechanism and stage read back, "B-D" mechanism and
-            baked motion, "B" the mechanism by itself (loop gaps, RCM).
+        pair: the two compared sides. "A-B": equations and CAD mechanism; "B-C": mechanism and USD stage; "B-D":
+            mechanism and baked motion; "B": the mechanism alone (loop gaps, RCM).
         quantity: the compared quantity.
-        name: named point, joint, loop, or "tool".
+        name: name of the point, joint, body, loop or phase, or "tool".
         unit: "m", "rad", "m/s", "rad/s", "m/s2" or "rad/s2".
-        worst, rms: over all samples, in `unit`.
-        tolerance: largest value that counts as agreement, or None if the row is for information.
-        t, phase: when the worst value occurs.
-        component: direction in which it is largest ("x", "y", "z") or "".
+        worst, rms: largest and root-mean-square deviation over all samples, in `unit`.
+        tolerance: largest accepted deviation in `unit`; None if the row is not judged.
+        t, phase: time in s and phase of the largest deviation.
+        component: axes along which vectors deviate most ("x", "x, z", ...); "" for scalars.
         samples: number of samples compared.
-        consequence_of: name of the row that explains this row, or "".
-        note: remark for the reader, or "".
+        consequence_of: name of the row that causes this deviation; "" if none is known.
+        note: remark for the reader; may be empty.
     """
 
     pair: str
@@ -54,27 +54,36 @@ class Residual:
 
     @property
     def agrees(self) -> bool:
-        """Whether the row is within its tolerance (rows for information always are)."""
+        """Whether the deviation is within the tolerance; True for rows without a tolerance."""
         return self.tolerance is None or self.worst <= self.tolerance
 
     def finding(
         self, kind: Kind, what: str, where: str = "", *, suggestion: str = "", when: str = "", cause: str = ""
     ) -> Finding:
-        """Return a finding of this row: `what`, worst value, tolerance, and by default place and time."""
+        """Return a finding for this row with the message `what`, the largest deviation, the tolerance, place and time.
+
+        Args:
+            kind: code and severity of the finding.
+            what: the message.
+            where: the place; "" for the name of the row.
+            suggestion: how to correct the fault; "" for the suggestion of `kind`.
+            when: phase and time; "" for those of the largest deviation.
+            cause: name of the cause; "" if unknown.
+        """
         limit = None if self.tolerance is None else si(self.tolerance, self.unit)
         at = when or f"{self.phase}, t = {self.t:.2f} s"
         return kind(where or self.name, what, si(self.worst, self.unit), limit, suggestion, when=at, cause=cause)
 
 
 _SAME = 0.999
-"""Ratio within which two sizes count as equal: the first of them is then shown."""
+"""Ratio above which two deviations count as equal; the first row is then shown."""
 
 
 def headline(rows: Sequence[Residual]) -> Residual:
-    """Return the main row of several; rows that are not consequences come first."""
+    """Return the row to show for a group: the worst failed row, preferring rows that are not consequences of others."""
 
     def weight(r: Residual) -> tuple[int, float]:
-        """Rank by the ratio to tolerance, else by size; NaN is worst."""
+        """Return (class, deviation / tolerance), or the deviation itself without tolerance; NaN counts as infinite."""
         rank = 0 if r.tolerance is None else 1 if r.agrees else 2 if r.consequence_of else 3
         return rank, math.inf if math.isnan(r.worst) else r.worst / (r.tolerance or 1.0)
 
@@ -84,7 +93,7 @@ def headline(rows: Sequence[Residual]) -> Residual:
 
 @dataclass(frozen=True)
 class PhaseSummary:
-    """One phase of the protocol: name, type, start and end in s, registered RCM (3,) in m, if any."""
+    """One phase of the protocol: name, type, start and end time in s, and its RCM (3,) in m in base, or None."""
 
     name: str
     type: str
@@ -96,28 +105,30 @@ class PhaseSummary:
 
 @dataclass(frozen=True)
 class Report(Result):
-    """The validation of one robot on one protocol.
+    """Report of the validation of one robot with one protocol.
 
     Attributes:
         robot, title, source: name, title and source document of the robot.
         protocol, protocol_title: name and title of the protocol.
-        variants: chosen variant by equation; `reasons`: why the default differs from the printed equation.
+        variants: variant in use, by name of the equation.
+        reasons: why the default variant differs from the printed equation, by name of the equation.
         residuals: the residual matrix.
-        findings: from CAD, protocol, comparison, stage and clearance; they decide the verdict.
+        findings: findings of all checks (CAD, protocol, comparison, stage, clearance); they determine the verdict.
         phases: phases of the protocol, in order.
-        parameters: parameters of the formula and of the description, with provenance.
-        facts: short statements with figures (mobility, mass, sample rates, sensitivity, ...), by heading.
-        environment: versions and machine.
-        series: curves for plots, time first. Keys: "t", "q", "qd", "qdd" (k, n); "p_tool", "v_tool", "a_tool"
-            (k, 3); "angles" (k, 3) rad; "residual_tool" (k,) m, "residual_rotation" (k,) rad;
-            "rcm_error" (k,) m (NaN where none is registered); "limit_margin" (k,) m;
-            "singularity.<name>" (k,); "reach.<name>" (k,) m; "clearance_t" (j,), "clearance" (j,) m;
-            "residual_driven.<joint>" and "residual_point.<name>" on "t_coarse" (c,), as "p_tool_B", "v_tool_B" and
-            "a_tool_B" (c, 3), the tool of the mechanism driven by the equations.
-        joint_names: names for the second axis of `q`.
-        angles: names of the joints that are angles; others are lengths.
-        commands: command lines that repeat this validation ("validate") and explain it ("explain"); may be empty.
-        cure: the fix of the equations found by `explain`; "" if there is none.
+        parameters: parameters of equations, mechanism, protocol and CAD, with provenance.
+        facts: short texts with numbers (mobility, mass, sample rates, ...), by heading and name.
+        environment: software versions and machine.
+        series: arrays for plots. On the samples "t" (k,) in s: "q", "qd", "qdd" (k, n); "p_tool", "v_tool", "a_tool"
+            (k, 3); "angles" (k, 3) in rad; "residual_tool" (k,) in m; "residual_rotation" (k,) in rad; "rcm_error"
+            (k,) in m, NaN in phases without an RCM; "limit_margin" (k,) in m; "singularity.<name>" (k,);
+            "reach.<name>" (k,) in m. On the times "clearance_t" (j,) in s: "clearance" (j,) in m. On the times
+            "t_coarse" (c,) in s: "residual_driven.<joint>", "residual_point.<name>", and the tool of the mechanism
+            driven by the equations, "p_tool_B", "v_tool_B" and "a_tool_B" (c, 3).
+        joint_names: names of the joints, in the order of the columns of `q`.
+        angles: names of the joints whose coordinate is an angle; other coordinates are lengths.
+        commands: shell commands that repeat this validation ("validate") and search for the wrong equation
+            ("explain"); may be empty.
+        cure: correction of the equations found by `explain`; "" if there is none.
     """
 
     robot: str
@@ -143,12 +154,12 @@ class Report(Result):
 
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
-        """Causes of disagreements and of failed checks; the first is the headline."""
+        """Causes of the disagreements and failed checks; the first one is shown as the headline."""
         return causes(self.findings)
 
     @property
     def what_to_do(self) -> str:
-        """Return the suggestion for the first cause in one line; "" if nothing disagrees."""
+        """What to do about the first cause, in one line; "" if nothing disagrees."""
         if not self.causes:
             return ""
         first = self.causes[0]
@@ -168,11 +179,11 @@ class Report(Result):
 
     @property
     def assumed(self) -> tuple[Parameter, ...]:
-        """Return the unpublished parameters."""
+        """The parameters with provenance ASSUMED (not published)."""
         return tuple(p for p in self.parameters if p.provenance == "ASSUMED")
 
     def content(self) -> dict[str, Any]:
-        """Return plain data; the curves are left out."""
+        """Return plain data without the curves."""
         return {
             "robot": self.robot,
             "protocol": self.protocol,
@@ -212,7 +223,7 @@ class Report(Result):
 
     @property
     def verdict_line(self) -> str:
-        """The verdict as text; for a disagreement, with the two sides."""
+        """The verdict as text; for a disagreement, it states which two sides differ."""
         return _VERDICTS[self.verdict].format(SIDES[self.causes[0].side] if self.causes else "")
 
 
@@ -225,7 +236,7 @@ _WITHOUT = "AGREE: mechanism and stage agree; no equations yet"
 
 
 def _row(r: Residual) -> tuple[str, ...]:
-    """Return a residual as text: value, tolerance, place, verdict."""
+    """Return the cells of a residual's table row: largest deviation, tolerance, name, phase, verdict."""
     state = "ok" if r.agrees else f"follows from {r.consequence_of}" if r.consequence_of else "DIFFERS"
     judged = r.tolerance is not None
     return (

@@ -14,17 +14,17 @@ from twin.validation.result import PhaseSummary, Residual, RowKind
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Maximum deviations that count as agreement, SI.
+    """Largest deviations that count as agreement, in SI units.
 
-    The defaults are for geometry read in double precision: far below any drawing error, far above rounding.
+    The defaults are for geometry in double precision: far below drawing errors and far above rounding errors.
 
     Attributes:
-        position, rotation: between formula and mechanism (m, rad); prismatic joints use the first.
-        loop: gap of a closed loop in m.
-        stage_position, stage_rotation: between mechanism and stage read back (UsdPhysics frames are float32).
-        baked_position, baked_rotation: of baked link poses at their time codes.
-        speed, acceleration: of the tool, m/s and rad/s, m/s2 and rad/s2.
-        rcm: in m, for the mechanism's own motion about an enforced RCM.
+        position, rotation: between equations and mechanism, in m and rad; prismatic joints use `position`.
+        loop: gap of a closed loop, in m.
+        stage_position, stage_rotation: between mechanism and stage, in m and rad (UsdPhysics frames are float32).
+        baked_position, baked_rotation: of baked link poses at their time codes, in m and rad.
+        speed, acceleration: of the tool, in m/s or rad/s, and in m/s2 or rad/s2.
+        rcm: distance between the mechanism's shaft and an enforced RCM, in m.
     """
 
     position: float = 1e-9
@@ -39,7 +39,7 @@ class Tolerances:
     rcm: float = 1e-9
 
     def widened(self, position: float) -> Tolerances:
-        """Return tolerances for geometry known only to `position` in m; angles follow from a lever of 0.1 m."""
+        """Return tolerances for geometry known only to `position` in m; angles use a lever arm of 0.1 m."""
         p = max(position, self.position)
         r = max(position / 0.1, self.rotation)
         return Tolerances(
@@ -64,11 +64,11 @@ class Clock:
     phases: tuple[PhaseSummary, ...]
 
     def phase(self, t: float) -> str:
-        """Return the name of the phase at a time."""
+        """Return the name of the phase at a time in s."""
         return next((p.name for p in self.phases if t <= p.t1 + 1e-9), self.phases[-1].name if self.phases else "")
 
     def at(self, rows: Index) -> Clock:
-        """Return the clock of selected samples."""
+        """Return the clock of the selected samples."""
         return Clock(self.t[rows], self.phases)
 
 
@@ -82,7 +82,7 @@ def row(
     clock: Clock,
     **more: str,
 ) -> Residual:
-    """Return one row from differences (k,) or (k, 3); vectors count by their length; names the largest component."""
+    """Return a row from differences (k,), or (k, 3) compared by length, with the axes of the largest components."""
     values = np.linalg.norm(differences, axis=-1) if differences.ndim > 1 else np.abs(differences)
     i = int(np.argmax(np.where(np.isnan(values), -1.0, values))) if len(values) else 0
     component = ""
@@ -106,12 +106,12 @@ def row(
 
 
 def rotation_vectors(Ts: Array, others: Array) -> Array:
-    """Return rotation vectors (k, 3) in rad, in base, that rotate poses Ts (k, 4, 4) to the other poses."""
+    """Return rotation vectors (k, 3) in rad, in base, that rotate poses Ts (k, 4, 4) to `others` (k, 4, 4)."""
     return spatial.log_so3(others[:, :3, :3] @ np.swapaxes(Ts[:, :3, :3], 1, 2))
 
 
 def show(value: float, unit: str) -> tuple[float, str]:
-    """Return a number and unit for people: mm, µm or nm for lengths, degrees for angles."""
+    """Return a number in SI and its unit as (number, unit) for display: mm, µm or nm for lengths, ° for angles."""
     if unit.startswith("m"):
         for scale, name in ((MM, "mm"), (UM, "µm")):
             if value >= 0.1 * scale:
@@ -121,6 +121,6 @@ def show(value: float, unit: str) -> tuple[float, str]:
 
 
 def text(value: float, unit: str) -> str:
-    """Return a number with its unit for a sentence."""
+    """Return a number in SI with its unit, for display."""
     number, name = show(value, unit)
     return f"{number:.4g}{'' if name.startswith('°') else ' '}{name}"

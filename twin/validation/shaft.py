@@ -1,10 +1,10 @@
-"""Distance between shaft and RCM between samples: measured maximum, and an estimated bound.
+"""Distance between shaft and RCM between samples: measured maximum and estimated bound.
 
-Between samples the joints follow cubics through positions and speeds, as a controller interpolates, and the mechanism
-moves the shaft. The vector from the RCM to the shaft is a smooth curve. Where its cubic through the samples is longest
-or bends most (in a coarse motion: everywhere) the mechanism itself is driven and the maximum is measured. For the other
-intervals, an eighth of the squared step times the curve's second derivative estimates the maximum between two samples.
-The second derivative is taken as twice that of the samples, so this is not a proof.
+Between samples, the joints follow cubics through sampled positions and speeds, as in a controller, and the mechanism
+moves the shaft. The vector from the shaft to the RCM is then a smooth curve. The mechanism is driven, and the distance
+measured, in the intervals where the cubic through the samples is longest or bends most (in phases with few samples, in
+all intervals). In the other intervals, an eighth of the squared time step times the second derivative of the curve
+estimates the maximum. The second derivative is taken as twice that of the samples; this is an estimate, not a proof.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from twin.validation.result import Residual
 from twin.validation.rows import Clock, row, text
 
 ALL, LOOKED = 64, 12
-"""Maximum number of intervals of a phase that are measured."""
+"""(samples up to which all intervals of a phase are measured, number of intervals measured in longer phases)."""
 
 _INSIDE = np.linspace(0.0, 1.0, 9)[1:-1]
-"""Number of points in an interval; the maximum is refined by a parabola."""
+"""Positions (0 to 1) within an interval at which the distance is measured; a parabola refines the maximum."""
 
 
 _BETWEEN = Kind(
@@ -40,14 +40,15 @@ _BETWEEN = Kind(
 
 @dataclass(frozen=True)
 class Passage:
-    """Distances of the shaft from the RCM in one phase.
+    """Distance of the shaft from the RCM in one phase.
 
     Attributes:
-        phase: its name.
+        phase: name of the phase.
         enforced: whether the protocol enforces the RCM.
-        at_samples: largest distance in m at a sample.
-        between: largest distance in m that was measured between samples; `t`: its time in s.
-        bound: m, estimate of the largest distance between any samples, by the second derivative of the curve.
+        at_samples: largest distance at the samples, in m.
+        between: largest distance measured between samples, in m.
+        t: time of `between`, in s.
+        bound: estimated upper bound of the distance anywhere in the phase, in m.
         looked, intervals: number of measured intervals, and of all intervals.
     """
 
@@ -62,18 +63,24 @@ class Passage:
 
 
 def offset(Ts: Array, axis: Array, rcm: Array) -> Array:
-    """Return the vector (k, 3) in m from the nearest point of the shaft of frames Ts (k, 4, 4) to the RCM (3,)."""
+    """Return the vector (k, 3) in m from the nearest point of the shaft axis to the RCM (3,).
+
+    Args:
+        Ts: (k, 4, 4) poses of the moved frame.
+        axis: (3,) shaft direction in the moved frame.
+        rcm: (3,) in m, in the frame in which Ts is given.
+    """
     u = Ts[:, :3, :3] @ (axis / np.linalg.norm(axis))
     w = rcm - Ts[:, :3, 3]
     return w - np.sum(w * u, axis=1)[:, None] * u
 
 
 def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
-    """Return one passage for each phase with an RCM.
+    """Return the distances for each phase with an RCM.
 
     Args:
-        model: the model of the mechanism that carries the shaft.
-        trajectory: its `q` and `qd` give the motion.
+        model: model of the mechanism that carries the shaft.
+        trajectory: source of the sampled joint values `q` and speeds `qd`.
     """
     spans = [s for s in trajectory.phases if s.rcm is not None and s.stop > s.start]
     at = [_suspects(trajectory, s) for s in spans]
@@ -91,7 +98,7 @@ def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
 
 
 def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
-    """Return the intervals (their first samples) of a phase where the samples' cubic is farthest from the RCM."""
+    """Return the first samples of the intervals of a phase that are measured: largest distance or bending expected."""
     assert span.rcm is not None
     rows = np.arange(span.start, span.stop + 1)
     if len(rows) <= ALL:
@@ -102,7 +109,7 @@ def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
     a, b, m, n = e[:-1], e[1:], d[:-1], d[1:]
     curve = spatial.cubic(s, a, b, m, n)
     longest = np.linalg.norm(curve, axis=2).max(axis=0)
-    # intervals where it is long, and where it bends most: there the samples are least reliable
+    # intervals where the vector is longest, and where it bends most: the cubic is least accurate there
     bend = np.zeros(len(longest))
     if len(e) > 2:
         second = np.linalg.norm(np.diff(e, n=2, axis=0), axis=1)
@@ -113,7 +120,7 @@ def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
 
 
 def _poses(model: ReferenceModel, trajectory: Trajectory, x: Array) -> Array:
-    """Return T_base_tool (k, 4, 4) of the mechanism at fractional samples x (k,), with the joints on their cubics."""
+    """Return T_base_tool (k, 4, 4) of the driven mechanism at fractional sample indices x (k,)."""
     i = np.minimum(x.astype(int), len(trajectory.t) - 2)
     f = (x - i)[:, None]
     a, b = trajectory.q[i], trajectory.q[i + 1]
@@ -131,7 +138,7 @@ def _passage(trajectory: Trajectory, span: PhaseSpan, at: Index, seen: Array) ->
     )
     i, j = np.unravel_index(int(np.argmax(inside)), inside.shape)
     size, where = _summit(inside[i], int(j))
-    # |e| <= the chord's longer end + h^2/8 |e''|; e'' from second differences at both ends, doubled where it switches
+    # |e| <= the larger end value + h^2/8 |e''|; e'' from second differences at both ends, doubled as a safety factor
     bend = np.linalg.norm(np.diff(e, n=2, axis=0), axis=1) if len(e) > 2 else np.zeros(1)
     bend = np.pad(bend, 1, mode="edge")[: len(ends)]
     around = 2 * np.maximum(bend[:-1], bend[1:]) if len(bend) > 1 else bend
@@ -142,14 +149,14 @@ def _passage(trajectory: Trajectory, span: PhaseSpan, at: Index, seen: Array) ->
         float(ends.max()),
         float(size),
         float(trajectory.t[at[i]] + where * trajectory.step),
-        float(max(bound.max(), size, 1e-12)),  # less is rounding
+        float(max(bound.max(), size, 1e-12)),  # smaller values are rounding errors
         len(at),
         len(ends) - 1,
     )
 
 
 def _summit(values: Array, j: int) -> tuple[float, float]:
-    """Return (maximum, its position 0..1 in the interval) of a parabola through the largest value."""
+    """Return (maximum, its position 0 to 1 in the interval) of the parabola through value j and its neighbours."""
     if not 0 < j < len(values) - 1:
         return float(values[j]), float(_INSIDE[j])
     a, b, c = values[j - 1 : j + 2]
@@ -166,14 +173,14 @@ def between_samples(
     """Return a row for each phase with an RCM, and a finding if the shaft misses it only between samples.
 
     Args:
-        model: the mechanism.
-        trajectory: the motion.
-        tolerance: tolerance of the protocol in m.
+        model: model of the mechanism.
+        trajectory: the trajectory.
+        tolerance: largest accepted distance in m.
         clock: clock of the trajectory.
     """
     try:
         found = passages(model, trajectory)
-    except AssemblyError:  # the comparison reports it already
+    except AssemblyError:  # already reported by the comparison
         return [], []
     rows, findings = [], []
     for p in found:

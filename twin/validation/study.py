@@ -1,7 +1,7 @@
-"""Recompute a published user study from its printed rows: means, p-values, and findings.
+"""Recompute a published user study from its printed rows: means, p-values, and claims in the text.
 
-If the paper does not name the test of a p-value, all usual tests are computed, and the printed value agrees if one of
-them gives it to the last digit. Claims in the text are checked against the table if possible.
+If the paper does not name the test of a p-value, all usual tests are computed; the printed value agrees if one of them
+equals it in the last printed digit. Claims in the text are checked against the tables where possible.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from twin.schema import Table, at, load_toml
 
 _P = Annotated[float, Field(ge=0, le=1)]
 _HALF_DIGIT = 0.005
-"""Tolerance: half a unit of the last printed digit, for cells and for p-values."""
+"""Half a unit of the last printed digit, for table cells and p-values."""
 
 
 class Measure(Table):
-    """One column of per-user means in both environments, with the printed row for all users."""
+    """One measure: per-user means in both environments, and the printed row for all users."""
 
     name: str
     unit: str
@@ -49,7 +49,7 @@ class Rating(Table):
 
 
 class Claim(Table):
-    """A claim in the text about the ratings, in the form of a rule."""
+    """A claim in the text about the ratings, expressed as a rule."""
 
     text: str
     holds: Literal["simulation_above_physical", "every_p_below_0.05"]
@@ -68,7 +68,7 @@ class Tables(Table):
 
 @dataclass(frozen=True)
 class Row:
-    """One line of a table: as printed, and recomputed by every test."""
+    """One table row: printed p-value, recomputed p-values by test, and (physical, simulation) means."""
 
     name: str
     printed_p: float
@@ -76,7 +76,7 @@ class Row:
     means: dict[str, tuple[float, float]]
 
     def test(self) -> str:
-        """Return the name of the test that gives the printed p to its last digit, or ""."""
+        """Return the test whose p-value is nearest to the printed one within rounding; "" if none is."""
         near = [n for n, p in self.tests.items() if abs(p - self.printed_p) <= 2 * _HALF_DIGIT]
         return min(near, key=lambda n: abs(self.tests[n] - self.printed_p)) if near else ""
 
@@ -95,13 +95,13 @@ def load(path: Path) -> Tables:
     """Read a study file.
 
     Raises:
-        DescriptionError: with file, line, key, value and the allowed values.
+        DescriptionError: the file is invalid; the message has file, line, key, value and the allowed values.
     """
     return load_toml(path, Tables)
 
 
 def recompute(tables: Tables) -> tuple[list[Row], list[Finding]]:
-    """Return (recomputed lines, findings on the printed values)."""
+    """Return (recomputed rows, findings on the printed values)."""
     from scipy import stats
 
     rows: list[Row] = []
@@ -114,7 +114,7 @@ def recompute(tables: Tables) -> tuple[list[Row], list[Finding]]:
             "Welch t": float(stats.ttest_ind(a, b, equal_var=False).pvalue),
             "Mann-Whitney": float(stats.mannwhitneyu(a, b, method="asymptotic").pvalue),
         }
-        if (a != b).all():  # the exact test does not handle ties
+        if (a != b).all():  # the exact test requires differences other than zero
             tests["Wilcoxon"] = float(stats.wilcoxon(a, b, method="exact").pvalue)
         means = (float(a.mean()), float(b.mean()))
         row = Row(m.name, m.printed_p, tests, {"printed": m.printed_mean, "of the rows": means})

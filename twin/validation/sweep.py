@@ -1,12 +1,12 @@
-"""Move one joint through its whole stroke and compare the tool pose of the equations with that of the mechanism.
+"""Move one joint through its stroke and compare the tool pose of the equations with that of the mechanism.
 
-The errors of two common simplified loop models (stand-ins) are also computed. Both are fitted to the mechanism, so the
-figures are their minimum errors:
+The errors of two common simplified loop models are computed for comparison. Both are fitted to the mechanism, so these
+are the smallest errors that such models can have:
 
-    mimic    no loop: every passive joint between base and tool follows the driven one along a straight line,
-             multiplier * q + offset, as URDF's <mimic> has it
-    serial   no linkage: the tool turns about one fixed pivot by its true angle; where it does not turn, it
-             moves along one straight line
+    mimic    the loop is replaced: every passive joint between base and tool is linear in the driven joint,
+             multiplier * q + offset, as URDF's <mimic>
+    serial   the linkage is replaced: the tool turns by its true angle about one fixed pivot; a tool that does not
+             turn moves along a straight line
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from twin.validation.rows import Tolerances, rotation_vectors
 STANDINS = ("serial", "mimic")
 
 _STILL = 1e-9
-"""Change (m, rad, or quaternion) below which a coordinate counts as constant."""
+"""Change (m, rad, or quaternion component) below which a coordinate counts as constant."""
 
 
 _TOOL = Kind("stroke.tool", "disagreement", "`twin explain` finds the edit that makes them agree", word="tolerance")
@@ -40,12 +40,12 @@ _TOOL = Kind("stroke.tool", "disagreement", "`twin explain` finds the edit that 
 
 @dataclass(frozen=True)
 class Curve:
-    """Error of one model of the tool against the mechanism.
+    """Error of one model's tool pose, compared with the mechanism.
 
     Attributes:
-        offset: (k, 3) in m, in base.
-        turn: (k,) rad.
-        note: how the model was fitted, or why there is none (then `offset` and `turn` are empty).
+        offset: (k, 3) in m, position error in base.
+        turn: (k,) in rad, rotation error.
+        note: how the model was fitted, or why it is not available (`offset` and `turn` are then empty).
     """
 
     offset: Array
@@ -54,11 +54,11 @@ class Curve:
 
     @property
     def distance(self) -> Array:
-        """Length of the offset, (k,) in m."""
+        """Position error (k,) in m."""
         return np.linalg.norm(self.offset, axis=1)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return mean, standard deviation and worst, SI; None where there is no curve."""
+        """Return mean, standard deviation and maximum in SI units; None for values of an empty curve."""
         if not len(self.offset):
             return {"note": self.note, "position_max": None}
         d = self.distance
@@ -74,17 +74,17 @@ class Curve:
 
 @dataclass(frozen=True)
 class Sweep:
-    """The comparison over the stroke of one joint.
+    """Comparison over the stroke of one joint.
 
     Attributes:
-        joint: the joint that moves.
+        joint: the moved joint.
         angle: whether its coordinate is an angle.
-        q: (k,) its values in m or rad; the other joints are at home.
-        stroke: the requested limits; `q` is the part around home that can be reached.
-        gap: largest loop gap in m.
-        formula: error of the equations against the mechanism.
-        standins: errors of the simplified loop models, by name.
-        tolerance: maximum errors in m and rad that count as agreement.
+        q: (k,) values of the joint in m or rad; the other joints are at home.
+        stroke: the joint's limits; `q` covers the part around home that is reachable.
+        gap: largest loop gap, in m.
+        formula: error of the equations.
+        standins: errors of the simplified models, by name.
+        tolerance: largest errors in m and rad that count as agreement.
     """
 
     joint: str
@@ -98,12 +98,12 @@ class Sweep:
 
     @property
     def agrees(self) -> bool:
-        """Whether equations and mechanism agree over the stroke."""
+        """Whether the equations agree with the mechanism over the stroke."""
         worst = self.formula.as_dict()
         return bool(worst["position_max"] <= self.tolerance[0] and worst["rotation_max"] <= self.tolerance[1])
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data, SI."""
+        """Return plain data in SI units."""
         return {
             "joint": self.joint,
             "unit": "rad" if self.angle else "m",
@@ -128,10 +128,20 @@ def sweep(
     tolerances: Tolerances | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Sweep:
-    """Return the sweep of one active joint from limit to limit, with the other joints at home (n,).
+    """Compare equations and mechanism while one active joint moves from limit to limit.
+
+    Args:
+        kin: the equations.
+        model: model of the mechanism.
+        joint: the moved joint.
+        home: (n,) joint values of the other joints.
+        standins: simplified models to compute: "mimic", "serial".
+        samples: number of joint values between the limits.
+        tolerances: largest deviations that count as agreement; None for the defaults.
+        progress: called with the fraction done.
 
     Raises:
-        TwinError: the joint has no limits, or no part of its stroke can be reached.
+        TwinError: the joint has no limits, or no part of its stroke is reachable.
     """
     i = kin.joints.index(joint)
     limits = model.mechanism.joint(joint).limits
@@ -162,7 +172,7 @@ def sweep(
 
 
 def _formula(kin: Kinematics, q: Array, i: int, home: Array, T_home: Array) -> Array:
-    """Return the equations' tool poses (k, 4, 4), solved outwards from home; NaN without solution."""
+    """Return the equations' tool poses (k, 4, 4), solved from home towards both limits; NaN without a solution."""
     if kin.closed_forward:
         return kin.forward_many(q)
     middle = int(np.argmin(np.abs(q[:, i] - home[i])))
@@ -174,7 +184,7 @@ def _formula(kin: Kinematics, q: Array, i: int, home: Array, T_home: Array) -> A
 def _reachable(
     kin: Kinematics, model: ReferenceModel, q: Array, Ts: Array, i: int, home: Array
 ) -> tuple[Array, Array, Run]:
-    """Return the continuous part of the stroke around home where equations and mechanism both have a solution."""
+    """Return joint values, tool poses and run of the continuous part around home that both sides can solve."""
     good = np.asarray(np.isfinite(Ts).all(axis=(1, 2)), bool)
     if not good.any():
         raise KinematicsError(f"the equations have no solution anywhere on the stroke of '{kin.joints[i]}'")
@@ -195,14 +205,14 @@ def _reachable(
             down = model.run(q[middle : first - 1 if first else None : -1])
             up = model.run(q[middle : last + 1])
             break
-        except AssemblyError:  # the mechanism's stroke is shorter than the equations': cut both ends
+        except AssemblyError:  # the mechanism reaches less than the equations: shorten the range at both ends
             first, last = (first + middle + 1) // 2, (last + middle) // 2
     states = np.concatenate([down.x[::-1][:-1], up.x])
     return q[first : last + 1], Ts[first : last + 1], model.collect(states)
 
 
 def _mimic(model: ReferenceModel, run: Run, q: Array) -> Curve:
-    """Return the error of a model with linear mimic joints instead of the loops."""
+    """Return the error of the model whose passive joints are linear in the driven joint."""
     tree = model.tree
     index = {n: c for n, c in tree.configuration.items() if n not in {j.name for j in model.mechanism.active}}
     scalar = set(index.values()) | {tree.configuration[j.name] for j in model.mechanism.active}
@@ -230,7 +240,7 @@ def _mimic(model: ReferenceModel, run: Run, q: Array) -> Curve:
 
 
 def _serial(true: Array, q: Array) -> Curve:
-    """Return the error of a model with one fixed pivot (or straight line), fitted by least squares, p = c + R r."""
+    """Return the error of the model with a fixed pivot or a straight line, fitted by least squares: p = c + R r."""
     R, p = true[:, :3, :3], true[:, :3, 3]
     k = len(p)
     if spatial.rotation_angle(np.swapaxes(R[:1], 1, 2) @ R).max() < _STILL:
@@ -246,12 +256,12 @@ def _serial(true: Array, q: Array) -> Curve:
 
 @dataclass(frozen=True)
 class Strokes(Result):
-    """The strokes of several joints.
+    """Comparisons over the strokes of several joints.
 
     Attributes:
         robot: name of the robot.
-        sweeps: one for each joint.
-        requirement: (required position error of the tool in m, provenance, reason), or None.
+        sweeps: one comparison per joint.
+        requirement: (required position accuracy of the tool in m, provenance, reason), or None.
     """
 
     robot: str
@@ -262,7 +272,7 @@ class Strokes(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """A finding for each stroke over which the equations disagree with the mechanism."""
+        """One finding per stroke over which the equations disagree with the mechanism."""
         return tuple(_disagreement(s) for s in self.sweeps if not s.agrees)
 
     def content(self) -> dict[str, Any]:
@@ -275,7 +285,7 @@ class Strokes(Result):
         }
 
     def text(self) -> Iterator[Part]:
-        """Yield a row for each joint and model."""
+        """Yield a row per joint and model."""
         yield f"{self.robot} · each stroke with the other joints at home · tool against the mechanism\n"
         header = ("joint", "stroke", "model", "mean", "worst", "turned", "")
         yield Table(header, [row for s in self.sweeps for row in self._rows(s)])
@@ -302,7 +312,7 @@ class Strokes(Result):
             yield s.joint, stroke, name, *figures, f"{d['rotation_max'] / DEG:.2g}°", mark
 
     def write(self, folder: Path) -> None:
-        """Write a CSV of offsets in um for each joint."""
+        """Write one CSV file per joint with the position errors in um."""
         for s in self.sweeps:
             columns = {n: c for n, c in {"equations": s.formula, **s.standins}.items() if len(c.offset)}
             head = [f"{s.joint}_{'deg' if s.angle else 'mm'}"]

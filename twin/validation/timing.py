@@ -1,7 +1,7 @@
-"""Check the timing from the samples alone: times, joint positions and tool poses. Stated speeds are not used.
+"""Check the timing from sampled times, joint values and tool poses alone; stated speeds are not used for it.
 
-A difference of neighbouring samples gives the mean speed between them, a second difference a mean acceleration. If the
-motion keeps a limit, neither can exceed it, however coarse the samples are. So every reported excess is real.
+A first difference of samples is a mean speed, a second difference a mean acceleration. If the motion respects a limit,
+so does each mean value, however coarse the samples are. Every reported violation is therefore real.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ from twin.planning.protocol import Protocol
 from twin.planning.trajectory import Trajectory
 
 OVER = 2e-3
-"""Fraction by which a mean may exceed its limit: half of it is allowed to the plan, half is for rounding."""
+"""Accepted relative excess of a mean value: half of it is the planner's tolerance, half is for rounding."""
 
 _CLOCK = 1e-9
-"""Tolerance of sample times in s."""
+"""Tolerance in s of sample times."""
 
 _ROUNDING = 8 * np.finfo(float).eps
-"""Relative rounding of one sample; each difference divides it by the time step."""
+"""Relative rounding error of a sample; a difference quotient divides it by the time step."""
 
 
 @dataclass(frozen=True)
 class Load:
-    """Maximum load of one quantity relative to its limit.
+    """Maximum of one quantity (speed, acceleration, ...) and its limit.
 
     Attributes:
         code: code of the finding if the limit is exceeded.
-        what, where: subject and place, for messages.
+        what, where: the quantity, and the joint or place, for messages.
         unit: unit of `size` and `limit`.
-        size, limit: maximum and its limit in `unit`; infinite: no limit.
+        size, limit: maximum and limit; an infinite limit means none.
         t, phase: time in s and phase of the maximum.
     """
 
@@ -55,21 +55,21 @@ class Load:
 
     @property
     def text(self) -> str:
-        """Size, limit and time, as text."""
+        """Maximum, limit and time, as text."""
         of = f" of {self.limit:.4g} ({100 * self.size / self.limit:.0f} %)" if np.isfinite(self.limit) else ""
         return f"{self.size:.4g}{of} {self.unit}, {self.phase}, t = {self.t:.3f} s"
 
 
 def timing(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> tuple[dict[str, str], list[Finding]]:
-    """Return (load of each limit as text, findings).
+    """Check speeds and accelerations against their limits: (maximum of each quantity as text, findings).
 
     Args:
-        trajectory: only `t`, `q`, the poses and the bounds of the phases are used; `qd` and the tip's rates are judged.
-        mechanism: gives the limits of the joints.
-        protocol: gives the limits of the tip.
+        trajectory: `t`, `q`, poses and phase bounds are used; its `qd` and stated speeds of the tip are checked.
+        mechanism: source of the joint limits.
+        protocol: source of the limits of the tip.
     """
     findings = [*_clock(trajectory)]
-    if findings:  # without a clock there are no rates
+    if findings:  # without valid times no rates can be computed
         return {}, findings
     loads = [*_joints(trajectory, mechanism), *_tip(trajectory, protocol)]
     findings += [_excess(load) for load in loads if load.size > load.limit * (1 + OVER)]
@@ -167,14 +167,14 @@ def _tip(trajectory: Trajectory, protocol: Protocol) -> Iterator[Load]:
 
 
 def _tip_speeds(trajectory: Trajectory, rows: slice) -> tuple[Array, Array]:
-    """Return (velocities, angular velocities), each (k - 1, 3): means of the moved frame between its k poses."""
+    """Return mean (velocities, angular velocities), each (k - 1, 3), of the moved frame between its k poses."""
     Ts, dt = trajectory.Ts_base_frame[rows], trajectory.step
     R = Ts[:, :3, :3]
     return np.diff(Ts[:, :3, 3], axis=0) / dt, spatial.log_so3(R[1:] @ np.swapaxes(R[:-1], 1, 2)) / dt
 
 
 def _rest(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> Iterator[Finding]:
-    """Check that phases begin and end at rest: motion in one step is limited by acceleration."""
+    """Check that each phase begins and ends at rest, within the motion of one step under the acceleration limit."""
     dt = trajectory.step
     for span in trajectory.phases:
         limits = protocol.limits[span.type]
@@ -207,10 +207,10 @@ def _rest(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> I
 
 
 def _claims(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> Iterator[Finding]:
-    """Compare the stated speeds of a trajectory with the slopes of its positions.
+    """Compare the stated speeds of a trajectory with the difference quotients of its positions.
 
-    The mean of the stated speeds at both ends of a step equals the mean speed in the step, except for the effect of a
-    changing acceleration: with an acceleration limit a, the difference is at most a dt/4.
+    The average of the stated speeds at both ends of a step equals the mean speed in the step if the acceleration is
+    constant. With an acceleration limit a, the difference is at most a dt/4.
     """
     dt = trajectory.step
     for j, joint in enumerate(mechanism.active):
@@ -225,7 +225,7 @@ def _claims(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) ->
             yield _claim(trajectory, f"joint {joint.name}", joint.name, k, off[k] / factor, limit / factor, unit)
     for span in trajectory.phases:
         limits = protocol.limits[span.type]
-        rows = slice(span.start + (1 if span.start else 0), span.stop + 1)  # the shared sample is the earlier phase's
+        rows = slice(span.start + (1 if span.start else 0), span.stop + 1)  # the earlier phase has the shared sample
         v, w = _tip_speeds(trajectory, rows)
         for name, mean, given, most, unit, factor in (
             ("tip", v, trajectory.tip_velocity, limits.tip_acceleration, "mm/s", MM),
@@ -256,12 +256,12 @@ def _claim(trajectory: Trajectory, what: str, where: str, sample: int, size: flo
 
 
 def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
-    """Return the highest load of each kind, as text."""
+    """Return the maximum of each kind of quantity, as text."""
     out = {"computed from": f"{len(trajectory.t)} samples {1e3 * trajectory.step:g} ms apart, from positions alone"}
     for code in dict.fromkeys(x.code for x in loads):
         alike = [x for x in loads if x.code == code]
         most = max(alike, key=lambda x: x.size / x.limit if np.isfinite(x.limit) else 0.0)
-        if not np.isfinite(most.limit):  # without a limit: the largest of each unit
+        if not np.isfinite(most.limit):  # without a limit: the maximum per unit
             for unit in dict.fromkeys(x.unit for x in alike):
                 most = max((x for x in alike if x.unit == unit), key=lambda x: x.size)
                 note = " (no limit is given; the jerk is not continuous)" if "jerk" in code else ""

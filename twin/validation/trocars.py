@@ -1,4 +1,4 @@
-"""The trocars of a mechanism: each shaft must pass through its own trocar; stage and protocol must agree on places."""
+"""Check trocars: each shaft passes through its trocar, and stage and protocol have the trocars at the same places."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def through_trocars(case: Case, model: ReferenceModel, out: Comparison, clock: C
 
 
 def as_written(case: Case) -> list[Finding]:
-    """Return a finding for each trocar whose position in the stage's motion differs from the protocol."""
+    """Return a finding for each trocar whose position in the baked motion differs from the protocol."""
     mechanism = case.cad.mechanism
     if case.written is None or not mechanism.trocars:
         return []
@@ -48,7 +48,7 @@ def as_written(case: Case) -> list[Finding]:
     out = []
     for name, place in mechanism.trocar_places.items():
         if name not in there or (off := float(np.linalg.norm(there[name] - place))) <= SINGLE:
-            continue  # one that is not marked is told by what is compared of the stage itself
+            continue  # a trocar missing on the stage is reported by the comparison of the stage
         at = ", ".join(f"{v / MM:.3f}" for v in there[name])
         out.append(
             finding(

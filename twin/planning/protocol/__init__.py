@@ -1,16 +1,16 @@
-"""A medical protocol: waypoints, and the phases that lead through them, read from TOML.
+"""A medical protocol, read from TOML: waypoints, and phases that move the robot from one to the next.
 
-A protocol names the frame that it moves (`tool`, `endoscope_tip`, ...). Positions are those of the
-origin of this frame in base. Angles are always those of the `tool` frame, about the axes that
-`rotation` names, in order ("zyx": R_base_tool = Rz(psi) Ry(theta) Rx(phi)), so that a table of poses from a
-paper can be copied for any reference point. The shaft runs through the origin of the moved frame along `shaft_axis`,
-which is given in that frame and points from the platform to the tip. Depth is counted along the shaft from the RCM to
-that origin.
+A protocol names the frame that it moves (`tool`, `endoscope_tip`, ...). Positions are positions of the origin of this
+frame in base. Angles are always the angles of the `tool` frame, about the axes named by `rotation`, in this order
+("zyx": R_base_tool = Rz(psi) Ry(theta) Rx(phi)), so that a table of poses in a paper can be copied for any reference
+point. The shaft passes through the origin of the moved frame along `shaft_axis`, which is given in this frame and
+points from the platform to the tip. The depth is measured along the shaft from the RCM to this origin.
 
-Each phase type is one file in `phases`, which says what it does.
+Each phase type is defined in one file in `phases`.
 
-With several trocars (`[trocars_mm]`) insertion, pivot, circle and retraction name one. An insertion begins there; the
-others have the shaft in it and register it as the RCM if there is none: the instrument is already in the patient.
+If there are several trocars (`[trocars_mm]`), insertion, pivot, circle and retraction name one of them. An insertion
+begins at its trocar. For the other types, the shaft already passes through the trocar, which becomes the RCM if none is
+registered: the instrument is in the patient from the start.
 """
 
 from twin.planning.protocol.course import RcmMode as RcmMode

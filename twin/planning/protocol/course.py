@@ -1,8 +1,8 @@
 """Shapes of phases: exact poses and exact derivatives in the path parameter s in [0, 1].
 
-A line has position and angles linear in s. A motion about the RCM P has angles and depth l linear in s, and the tip
-follows from them, tip(s) = P + l(s) R(s) n with the shaft n fixed in the tool, so that the shaft passes through P at
-every s by construction, not by correction. A phase type with another shape brings its own (`phases.circle`).
+On a line, position and angles are linear in s. In a motion about the RCM P, angles and depth l are linear in s, and the
+tip is tip(s) = P + l(s) R(s) n with the shaft direction n fixed in the tool, so that the shaft passes exactly through P
+at every s. Phase types with other shapes define their own motion (`phases.circle`).
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from twin.core.spatial import Array
 
 RcmMode = Literal["enforced", "monitored"]
 RotationOrder = Literal["zyx", "xyz"]
-"""Intrinsic rotation axes in order: "zyx" is Rz Ry Rx."""
+"""Intrinsic rotation axes in their order: "zyx" is Rz Ry Rx."""
 
 _AXES = {"x": np.array([1.0, 0.0, 0.0]), "y": np.array([0.0, 1.0, 0.0]), "z": np.array([0.0, 0.0, 1.0])}
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A phase at k values of s; all in base, derivatives with respect to s.
+    """Motion of a phase at k values of s, in base; derivatives are with respect to s.
 
     Attributes:
-        Ts_base_tool: (k, 4, 4).
-        p: (k, 3) origin of the moved frame ("tip") in m; `p1`, `p2` its derivatives.
-        w1: (k, 3) rotation rate in rad per unit of s; `w2` its derivative.
-        twists: (k, 6) rate of the tool frame, linear rows first.
+        Ts_base_tool: (k, 4, 4) tool poses.
+        p: (k, 3) origin of the moved frame (the tip) in m; `p1` and `p2` are its first and second derivative.
+        w1: (k, 3) rotation rate in rad per unit of s; `w2` is its derivative.
+        twists: (k, 6) twist of the tool frame per unit of s, linear part first.
     """
 
     Ts_base_tool: Array
@@ -44,17 +44,17 @@ class Motion:
 
 @dataclass(frozen=True)
 class Course:
-    """The two ends of a phase.
+    """Start and end of a phase.
 
     Attributes:
-        T_tool_frame: (4, 4) pose of the moved frame in the tool.
-        n_tool_shaft: (3,) unit vector along the shaft towards the tip, in the tool.
+        T_tool_frame: (4, 4) pose of the moved frame in the tool frame.
+        n_tool_shaft: (3,) unit vector along the shaft towards the tip, in the tool frame.
         order: axes of the rotation angles.
-        angles0, angles1: (3,) in rad at both ends, about the axes of `order`.
-        tip0, tip1: (3,) origin of the moved frame at both ends, in base.
-        rcm: (3,) RCM in base while it is registered, else None.
-        rcm_mode: "enforced" or "monitored" while it is registered, else None.
-        depth0, depth1: depth at both ends in m (NaN without RCM).
+        angles0, angles1: (3,) angles in rad at both ends, about the axes of `order`.
+        tip0, tip1: (3,) origin of the moved frame in base in m, at both ends.
+        rcm: (3,) registered RCM in base in m; None if there is none.
+        rcm_mode: "enforced" or "monitored"; None without RCM.
+        depth0, depth1: depth in m at both ends; NaN without RCM.
     """
 
     T_tool_frame: Array
@@ -77,7 +77,7 @@ class Course:
         return self.moved(R, p, p1, np.zeros((len(s), 3)), w1, w2)
 
     def about(self, rcm: Array, s: Array) -> Motion:
-        """Return a motion about an RCM (3,) at s (k,)."""
+        """Return a motion about an RCM (3,) in base in m, at s (k,)."""
         R, w1, w2 = _turning(self.angles0, self.angles1 - self.angles0, s, self.order)
         n = R @ self.n_tool_shaft
         n1 = np.cross(w1, n)
@@ -87,24 +87,24 @@ class Course:
         return self.moved(R, rcm + depth * n, rate * n + depth * n1, 2 * rate * n1 + depth * n2, w1, w2)
 
     def moved(self, R: Array, p: Array, p1: Array, p2: Array, w1: Array, w2: Array) -> Motion:
-        """Return the motion of a frame with rotation R (k, 3, 3) at p (k, 3), and their derivatives; see `Motion`."""
-        arm = R @ self.T_tool_frame[:3, 3]  # from the tool to the moved frame
+        """Return the motion for rotations R (k, 3, 3), tip positions p (k, 3) and their derivatives; see `Motion`."""
+        arm = R @ self.T_tool_frame[:3, 3]  # from the tool's origin to the moved frame's origin, in base
         twists = np.concatenate([p1 - np.cross(w1, arm), w1], axis=1)
         return Motion(spatial.pose(R, p - arm), p, p1, p2, w1, w2, twists)
 
 
 def rotation(angles: Array, order: RotationOrder) -> Array:
-    """Return R (..., 3, 3) of angles (..., 3) in rad about the axes of `order`: "zyx" is Rz Ry Rx."""
+    """Return rotation matrices R (..., 3, 3) for angles (..., 3) in rad about the axes of `order`."""
     angles = np.asarray(angles)
     first, second, third = (spatial.exp_so3(angles[..., i, None] * _AXES[axis]) for i, axis in enumerate(order))
     return first @ second @ third
 
 
 def angles_of(R: Array, order: RotationOrder, near: Array) -> Array:
-    """Return the angles (3,) in rad of R (3, 3) about the axes of `order` that are nearest to `near` (3,).
+    """Return the angles (3,) in rad of R (3, 3), about the axes of `order`, that are nearest to `near` (3,).
 
-    A phase is linear in the angles: other angles of the same rotation would turn the tool by a full turn.
-    Where the middle angle is a right angle, the first one is that of `near`.
+    A phase is linear in the angles, so that angles that differ by a full turn would turn the tool by a full turn. If
+    the middle angle is a right angle, the first angle is taken from `near`.
     """
     a, b, c = spatial.euler_angles(R, order, near[0])
     found = np.array([[a, b, c], [a + np.pi, np.pi - b, c + np.pi]])
@@ -113,7 +113,7 @@ def angles_of(R: Array, order: RotationOrder, near: Array) -> Array:
 
 
 def _turning(start: Array, rate: Array, s: Array, order: RotationOrder) -> tuple[Array, Array, Array]:
-    """Return R (k, 3, 3), its rate (k, 3) and the derivative of the rate, all in base, angles linear in s."""
+    """Return R (k, 3, 3), its rate (k, 3) and the derivative of the rate (k, 3), in base, for angles linear in s."""
     angles = start + s[:, None] * rate
     e0, e1, e2 = (_AXES[axis] for axis in order)
     R = spatial.exp_so3(angles[:, :1] * e0)

@@ -1,4 +1,4 @@
-"""Reads a protocol file and checks that its phases follow from each other."""
+"""Read a protocol file and check that each phase can follow the phases before it."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from twin.schema import error_at, load_toml
 
 
 def load_protocol(path: str | Path, read: Read = read_bytes) -> Protocol:
-    """Return the protocol in a TOML file, as `read` gives it.
+    """Read the protocol in a TOML file; `read` returns the bytes of a file.
 
     Raises:
-        DescriptionError: the file is malformed, or its phases do not follow from each other; with file, line, key and
-            suggestion.
+        DescriptionError: the file is invalid, or a phase cannot follow the phases before it; the message contains file,
+            line, key and a suggestion.
     """
     table = load_toml(path, ProtocolTable, read)
     axis = np.array(table.shaft_axis)
@@ -98,7 +98,7 @@ def _patient(p: PatientTable) -> PatientPlace:
 
 
 def _walked(table: ProtocolTable, path: str | Path) -> Walk:
-    """Return the state after walking through all phases."""
+    """Return the state after all phases, each checked against the phases before it."""
     home = table.home or table.start
     walk = Walk(path, table.waypoints, tuple(table.trocars_mm), table.start, home, table.rcm_mm is not None)
     for name, w in table.waypoints.items():

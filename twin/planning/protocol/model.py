@@ -1,4 +1,4 @@
-"""A checked protocol: frozen, SI."""
+"""A checked protocol, immutable, in SI."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from twin.planning.protocol.phase import Phase, trocar_of
 from twin.planning.protocol.waypoint import Waypoint
 
 Direction = Literal["x", "y", "z", "turn_x", "turn_y", "turn_z"]
-"""A direction in which a frame moves, along or about an axis of base."""
+"""Direction of motion of a frame: along or about an axis of base."""
 
 DIRECTIONS: tuple[Direction, ...] = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
-"""In the order of the rows of a twist."""
+"""All directions, in the order of the rows of a twist."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the moved frame in SI: m/s, m/s2, rad/s, rad/s2; m/s3, rad/s3, infinite where none is given."""
+    """Limits of the moved frame in m/s, m/s2, m/s3 and rad/s, rad/s2, rad/s3; jerk limits may be infinite."""
 
     tip_speed: float
     tip_acceleration: float
@@ -39,7 +39,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Tolerances in SI: m, `waypoint_angle` in rad."""
+    """Tolerances of a trajectory in m; `waypoint_angle` in rad."""
 
     rcm: float
     rcm_alarm: float
@@ -52,10 +52,10 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class PatientPlace:
-    """The patient at a protocol's RCM: `body` of cad/patients by its `port`, turned by `turn` rad about z of base.
+    """Place of a patient: `body` of cad/patients, its `port` at the protocol's RCM, turned by `turn` about z of base.
 
-    `replaces` names links that are not shown together with the patient; `trocar` the one at the port, if there are
-    several.
+    `turn` is in rad. `replaces` names links that are not displayed together with the patient. `trocar` names the trocar
+    at the port, if there are several.
     """
 
     body: str
@@ -69,26 +69,26 @@ class PatientPlace:
 
 @dataclass(frozen=True)
 class Protocol:
-    """A checked protocol, in SI.
+    """A checked protocol in SI.
 
     Attributes:
-        name, title, source: what it is and where its numbers come from.
-        robot: name of the robot it is written for.
-        frame: name of the frame that it moves.
-        shaft_axis: (3,) unit vector in that frame, from the platform to the tip.
-        start: waypoint it begins at.
-        waypoints: by name.
-        phases: in order.
-        limits: by phase type; every type that is used is there.
-        tolerances: what the trajectory is judged with.
+        name, title, source: name and title of the protocol, and the source of its numbers.
+        robot: name of the robot.
+        frame: name of the moved frame.
+        shaft_axis: (3,) unit vector in the moved frame, from the platform to the tip.
+        start: name of the first waypoint.
+        waypoints: waypoints by name.
+        phases: phases in order.
+        limits: limits of each phase type in use, by type.
+        tolerances: tolerances of the finished trajectory.
         rotation: axes of the waypoints' angles, in their order.
-        trocars: (3,) in base in m, by name: where the mechanism has them, and where phases that name one go in; ""
-            is the only one of the mechanism. One that is not named is as drawn.
-        rcm: (3,) in base in m, if one is registered from the start: the instrument is in the patient already.
-        free: directions of the moved frame that waypoints leave open; the mechanism decides them. None: those that the
-            robot's freedoms leave, and every waypoint is a pose that the robot takes.
-        patient: or None; then `no_patient` may give the reason.
-        findings: of reading it (warnings only).
+        trocars: positions (3,) in base in m, by name; "" is the only trocar of the mechanism. Trocars of the mechanism
+            that are not given are as drawn.
+        rcm: (3,) in base in m, RCM registered from the start (the instrument is already in the patient), or None.
+        free: directions of the moved frame that waypoints do not prescribe and the mechanism determines. None: those
+            outside the robot's freedoms, and every waypoint is a pose that the robot can assume.
+        patient: place of the patient, or None; `no_patient` may then state the reason.
+        findings: warnings from reading the file.
     """
 
     name: str
@@ -112,9 +112,9 @@ class Protocol:
 
     @property
     def first_rcm(self) -> Array | None:
-        """The first RCM, (3,) in base: the trocar, the one registered from the start, or where an insertion begins.
+        """The first RCM (3,) in base in m: a trocar, the RCM registered from the start, or the start of an insertion.
 
-        None if there is none, or if only the mechanism knows its trocar.
+        None if there is none, or if only the mechanism defines its trocar.
         """
         if "" in self.trocars or self.rcm is not None:
             return self.trocars.get("", self.rcm)
@@ -128,13 +128,13 @@ class Protocol:
         return None
 
     def places_of(self, trocars: Sequence[str]) -> dict[str, Array]:
-        """Return where the protocol has those trocars that a mechanism holds by a joint, (3,) in base in m, by name.
+        """Return the positions (3,) in base in m, by name, of the mechanism's trocars that the protocol places.
 
         Args:
             trocars: names of the mechanism's trocars.
 
         Raises:
-            ProtocolError: a placed trocar is not in the mechanism and not used by a phase.
+            ProtocolError: a trocar of the protocol is neither in the mechanism nor used by a phase.
         """
         held = ", ".join(trocars)
         if "" in self.trocars and len(trocars) != 1:
@@ -153,7 +153,7 @@ class Protocol:
         return {n or trocars[0]: p for n, p in self.trocars.items() if not n or n in trocars}
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return every number that decides the motion, with its provenance."""
+        """Return every number that affects the motion, with its provenance."""
         out: list[Parameter] = []
 
         def add(name: str, value: float, unit: str, factor: float, provenance: Provenance, note: str) -> None:

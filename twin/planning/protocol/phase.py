@@ -1,6 +1,6 @@
-"""Base classes of phase types: the table in the file, the conditions on earlier phases, and the path.
+"""Base classes of phase types: table in the file, conditions on earlier phases, and path.
 
-Each type is one file in `phases` with its table and its phase. There is no other list of the types.
+Each type is defined in one file in `phases`, with a table class and a phase class. There is no other list of types.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ Trocar = Annotated[
 JointValue = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*_(deg|mm)$")]
 
 
-# -- in the file ----------------------------------------------------------------------------------------------------
+# -- tables in the file ------------------------------------------------------------------------------------------------
 
 
 class Walk:
-    """The state while walking through a protocol's phases.
+    """State of a protocol between two phases, used to check the order of phases.
 
     Attributes:
-        trocars: names of [trocars_mm].
-        home: waypoint that `home` leads to.
+        trocars: names in [trocars_mm].
+        home: name of the home waypoint.
         inside: whether an RCM is registered.
-        here: waypoint at which the robot is, None if it is at none.
-        goal: waypoint at which the phase ends, None if it ends at none.
-        stays: whether the phase ends where it began.
-        used: waypoints that phases have used so far.
+        here: name of the waypoint at which the robot is; None if it is at none.
+        goal: name of the waypoint at which the current phase ends; None if it ends at none.
+        stays: whether the current phase ends where it began.
+        used: names of the waypoints used so far.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Walk:
         home: str,
         inside: bool,
     ) -> None:
-        """Begin at waypoint `start` of the file at `path`; `inside`: an RCM is registered already."""
+        """Begin at the waypoint `start` of the file at `path`; `inside`: whether an RCM is already registered."""
         self._path, self._waypoints, self.trocars, self.home = path, waypoints, trocars, home
         self.inside, self.here, self.used = inside, start, {start, home}
         self._keys: tuple[Key, ...] = ()
@@ -63,7 +63,7 @@ class Walk:
         self.stays = False
 
     def follow(self, place: int, phase: PhaseTable) -> None:
-        """Check the next phase.
+        """Check the next phase, at index `place` in the file, and update the state.
 
         Raises:
             DescriptionError: the phase cannot follow the phases before it.
@@ -73,29 +73,29 @@ class Walk:
         self.here = self.here if self.stays else self.goal
 
     def wrong(self, key: Key | None, message: str) -> DescriptionError:
-        """Return an error at a key of the phase."""
+        """Return an error at a key of the current phase; None: at the phase."""
         return error_at(self._path, self._keys if key is None else (*self._keys, key), message)
 
     def outside(self, kind: str) -> None:
-        """Require that no RCM is registered."""
+        """Raise an error if an RCM is registered."""
         if self.inside:
             raise self.wrong(
                 "type", f"the instrument is still in the patient: put a retraction to depth 0 before this {kind}"
             )
 
     def registered(self, kind: str) -> None:
-        """Require that an RCM is registered."""
+        """Raise an error if no RCM is registered."""
         if not self.inside:
             raise self.wrong("type", f"no RCM is registered yet: put an insertion before this {kind}")
 
     def through(self, trocar: str | None) -> None:
-        """Use the trocar that the phase names as the RCM."""
+        """Register the trocar that the phase names, if any, as the RCM."""
         if trocar is not None and trocar not in self.trocars:
             raise self.wrong("trocar", f"{unknown('trocar', trocar, self.trocars)}: [trocars_mm] gives the places")
         self.inside = self.inside or trocar is not None
 
     def go(self, goal: str, why: str, *needs: Literal["position_mm", "depth_mm", "joints"], key: Key = "to") -> None:
-        """Set the waypoint at which the phase ends; it must have one of the needed keys."""
+        """Set the waypoint at which the phase ends, and check that it has one of the keys `needs`."""
         self.target(goal, (*self._keys, key), why, *needs)
         self.goal = goal
         self.used.add(goal)
@@ -103,14 +103,14 @@ class Walk:
             raise self.wrong(key, f"the phase has no length: it begins at '{goal}' already; remove it")
 
     def target(self, name: str, keys: tuple[Key, ...], why: str, *needs: str) -> None:
-        """Require a waypoint with one of the needed keys, if any are needed."""
+        """Check that a waypoint exists and has one of the keys `needs`, if any."""
         if name not in self._waypoints:
             raise error_at(self._path, keys, unknown("waypoint", name, self._waypoints))
         if needs and all(getattr(self._waypoints[name], n) is None for n in needs):
             raise error_at(self._path, keys, f"waypoint '{name}' has no {' or '.join(needs)}, which {why} needs")
 
     def once(self, joints: Iterable[str], keys: tuple[Key, ...] | None = None) -> None:
-        """Require that no joint is given twice."""
+        """Check that no joint is given twice."""
         moved = [key.rsplit("_", 1)[0] for key in joints]
         for joint in moved:
             if moved.count(joint) > 1:
@@ -124,7 +124,7 @@ class PhaseTable(Table):
     name: Identifier
 
     rank: ClassVar[int]
-    """Position of the type in lists of the types."""
+    """Position of the type in lists of types."""
 
     in_patient: ClassVar[bool] = False
     """Whether the instrument is in the patient during the phase."""
@@ -147,29 +147,30 @@ class PhaseTable(Table):
 
     @classmethod
     def kind_of(cls) -> str:
-        """Return the type of the phases of this class, as `type` in the file."""
+        """Return the value of `type` in the file for phases of this class."""
         return cls.model_fields["type"].annotation.__args__[0]  # type: ignore[union-attr]
 
 
-# -- as a path ------------------------------------------------------------------------------------------------------
+# -- phases as paths ---------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Begin:
-    """The state at the start of a phase.
+    """State at the start of a phase.
 
     Attributes:
-        where: protocol and phase, for messages.
-        waypoints: those of the protocol, by name.
+        where: names of protocol and phase, for messages.
+        waypoints: waypoints of the protocol, by name.
         order: rotation axes of `angles`, in order.
-        n_tool_shaft: (3,) unit vector along the shaft, in the tool.
-        tolerance: in m, within which the shaft is on the RCM.
-        by_mechanism: True if the mechanism gives the tool path; if False, waypoints given by joint values have no
+        n_tool_shaft: (3,) unit vector along the shaft, in the tool frame.
+        tolerance: largest accepted distance in m between shaft and RCM.
+        by_mechanism: whether the mechanism determines the tool path; if False, waypoints with joint values have no
             known tool pose.
-        angles, tip: (3,) orientation in rad and (3,) position in m of the frame that the phase moves.
-        shaft: (3,) in base.
-        rcm: (3,) in base, or None. depth: in m, NaN without RCM.
-        mode: of the phase before, None if there is none.
+        angles, tip: (3,) orientation in rad and (3,) position in m of the moved frame.
+        shaft: (3,) unit vector along the shaft in base.
+        rcm: (3,) registered RCM in base in m, or None.
+        depth: depth in m; NaN without RCM.
+        mode: RCM mode of the previous phase, or None.
     """
 
     where: str
@@ -186,25 +187,25 @@ class Begin:
     mode: RcmMode | None
 
     def pose(self, name: str) -> tuple[Array, Array]:
-        """Return angles and place (3,) of a waypoint; for joint values: the present ones.
+        """Return angles (3,) in rad and position (3,) in m of a waypoint; the current ones if it has joint values.
 
         Raises:
-            ProtocolError: the waypoint has no place.
+            ProtocolError: the waypoint has no position.
         """
         if self.by_mechanism and self.waypoints[name].joints is not None:
             return self.angles, self.tip
         return pose_of(self.waypoints, name, self.where.partition(":")[0])
 
     def refuse(self, text: str) -> ProtocolError:
-        """Return an error that names the phase."""
+        """Return an error whose message begins with the names of protocol and phase."""
         return ProtocolError(f"{self.where}: {text}")
 
 
 def pose_of(waypoints: Mapping[str, Waypoint], name: str, protocol: str) -> tuple[Array, Array]:
-    """Return angles (3,) in rad and place (3,) in m of a waypoint.
+    """Return angles (3,) in rad and position (3,) in m of a waypoint.
 
     Raises:
-        ProtocolError: it has no place.
+        ProtocolError: the waypoint has no position.
     """
     waypoint = waypoints[name]
     if waypoint.position is None:
@@ -215,9 +216,9 @@ def pose_of(waypoints: Mapping[str, Waypoint], name: str, protocol: str) -> tupl
 
 @dataclass(frozen=True)
 class End:
-    """The state at the end of a phase: angles, position and RCM (3,), waypoint, mode, depths in m; see `Begin`.
+    """State at the end of a phase: angles, position and RCM (3,), waypoint, RCM mode, and depth in m; see `Begin`.
 
-    `depth0` is the depth at its start if the phase registers an RCM there; None: unchanged.
+    `depth0` is the depth in m at the start, if the phase registers an RCM there; None: the depth is unchanged.
     """
 
     angles: Array
@@ -231,14 +232,14 @@ class End:
 
 @dataclass(frozen=True)
 class Phase(ABC):
-    """A phase, in SI.
+    """A phase in SI.
 
     Attributes:
-        type: as in the file.
-        registers: whether it registers an RCM at its start.
-        places: whether it moves straight to a waypoint `to`, outside the patient.
-        by_joints: whether it moves the driven joints if its waypoint has joint values.
-        has_length: whether its end must differ from its start.
+        type: value of `type` in the file.
+        registers: whether the phase registers an RCM at its start.
+        places: whether the phase is a straight motion to a waypoint `to`, outside the patient.
+        by_joints: whether the phase moves the driven joints if its waypoint has joint values.
+        has_length: whether the end of the phase must differ from its start.
     """
 
     name: str
@@ -250,18 +251,18 @@ class Phase(ABC):
 
     @abstractmethod
     def end_after(self, at: Begin) -> End:
-        """Return the end of the phase.
+        """Return the state at the end of the phase.
 
         Raises:
             ProtocolError: the phase cannot be carried out.
         """
 
     def motion(self, course: Course, s: Array) -> Motion:
-        """Return the motion at s (k,): straight, unless the type says otherwise."""
+        """Return the motion at s (k,): a straight line, unless the phase type overrides it."""
         return course.line(s)
 
     def depth_at(self, course: Course, s: float) -> float:
-        """Return the depth in m at s (NaN without RCM)."""
+        """Return the depth in m at s; NaN without RCM."""
         return course.depth0 + s * (course.depth1 - course.depth0)
 
     def leaves(self) -> bool:
@@ -274,5 +275,5 @@ class Phase(ABC):
 
 
 def trocar_of(phase: Phase) -> str:
-    """Return the name of the trocar that a phase keeps; "" if it names none."""
+    """Return the name of the trocar that a phase uses; "" if it names none."""
     return getattr(phase, "trocar", "")

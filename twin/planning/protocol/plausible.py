@@ -1,6 +1,6 @@
-"""Numbers of a protocol that look like another unit: metres for millimetres, radians for degrees.
+"""Warn about numbers of a protocol that look like another unit: metres for millimetres, radians for degrees.
 
-Each number is possible, so it only gives a warning.
+Such numbers are possible, so they cause warnings, not errors.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from twin.planning.protocol.phases.insertion import InsertionTable
 from twin.planning.protocol.tables import ProtocolTable
 
 _TIP, _TURN = (0.2, 2000.0), (1.0, 720.0)
-"""Ranges of plausible speeds in mm/s and deg/s."""
+"""Plausible ranges of tip speed in mm/s and rotation speed in deg/s."""
 
 _RAMP = (2e-3, 30.0)
-"""Plausible range in s of the time from rest to maximum speed; a tenth of it for the time to maximum acceleration."""
+"""Plausible range in s of the time from rest to full speed; for the time to full acceleration, a tenth of it."""
 
 _DEPTH = 0.5
-"""Depth in mm below which an insertion depth looks like metres."""
+"""Insertion depth in mm below which the number looks like metres."""
 
 _NEAR, _FAR = 1.0, 100.0
-"""Distances from the origin in mm: below the first a position looks like metres, if another exceeds the second."""
+"""Distances in mm from the origin: a position below the first looks like metres if another exceeds the second."""
 
 
 def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
-    """Yield a warning for each number that would be usual in another unit."""
+    """Yield a warning for each number that is implausible in its unit but usual in another."""
     for name, w in table.waypoints.items():
         if w.angles_deg is not None and _radians(w.angles_deg):
             shown = ", ".join(f"{a:g}" for a in w.angles_deg)
@@ -70,12 +70,12 @@ def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
 
 
 def _radians(angles: tuple[float, ...] | list[float]) -> bool:
-    """Return whether angles that are given in degrees are round numbers only if they are radians."""
+    """Return whether angles given in degrees look like radians: converted to degrees, they become round numbers."""
     some = [a for a in angles if a != 0]
     if not some or max(abs(a) for a in some) > 2 * np.pi + 1e-3:
         return False
     in_degrees = np.rad2deg(some)
-    # half a unit of the fourth digit: who writes radians writes that many
+    # tolerance of 0.02 deg: rounding of radians with four digits
     round_there = all(abs(a - round(a)) < 0.02 and abs(a) > 0.9 for a in in_degrees)
     round_here = any(abs(20 * a - round(20 * a)) < 1e-6 for a in some)
     return round_there and not round_here

@@ -1,4 +1,4 @@
-"""The protocol file as pydantic tables: keys, units and types."""
+"""Tables of the protocol file in pydantic: keys, units and types."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class PatientTable(Table):
 if TYPE_CHECKING:
     PhaseType = str
     AnyPhaseTable = PhaseTable
-else:  # what is found in `phases`
+else:  # the types found in `phases`
     PhaseType = Literal[tuple(TABLES)]
     AnyPhaseTable = Annotated[Union[tuple(TABLES.values())], Field(discriminator="type")]  # noqa: UP007
 

@@ -1,4 +1,4 @@
-"""A waypoint of a protocol: frozen, SI."""
+"""A waypoint of a protocol, immutable, in SI."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from twin.core.units import DEG, MM
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A pose, an attitude, or values of driven joints.
+    """A pose, an orientation about the RCM, or values of driven joints.
 
     Attributes:
-        name: identifier.
-        angles: (3,) in rad about `Protocol.rotation`; zero where `joints` are given.
-        position: (3,) in m, of a pose. depth: m, of an attitude about the RCM.
-        label, provenance, note: for people.
-        joints: value by driven joint, in m or rad; one that is not named is as drawn. None: no joint values.
-        angle_joints: those of them that were given in degrees.
+        name: name of the waypoint.
+        angles: (3,) in rad about the axes of `Protocol.rotation`; zero if `joints` are given.
+        position: (3,) in m, for a pose; None otherwise.
+        depth: depth in m, for an orientation about the RCM; None otherwise.
+        label, provenance, note: text for readers.
+        joints: values of driven joints in m or rad, by name; other joints are as drawn. None: no joint values.
+        angle_joints: names in `joints` whose values were given in degrees.
     """
 
     name: str
@@ -35,7 +36,7 @@ class Waypoint:
 
 
 def joint_values(given: Mapping[str, float]) -> tuple[dict[str, float], frozenset[str]]:
-    """Return values in SI by joint of `NAME_deg` and `NAME_mm`, and which of them were given in degrees."""
+    """Return (values in SI by joint for keys `NAME_deg` and `NAME_mm`, names of the joints given in degrees)."""
     split = [(*key.rsplit("_", 1), value) for key, value in given.items()]
     joints = {joint: value * (DEG if unit == "deg" else MM) for joint, unit, value in split}
     return joints, frozenset(j for j, unit, _ in split if unit == "deg")

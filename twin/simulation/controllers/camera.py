@@ -1,7 +1,8 @@
-"""Two hands drag the scene: pan, tilt, zoom by their midpoint, roll by the line between them, eqs (3), (4) corrected.
+"""Move the camera by both hands: pan, tilt, zoom by their midpoint, roll by the line between them, eqs (3), (4).
 
-The camera turns about its remote centre: T = Ry(pan) Rx(tilt) Tz(-depth) Rz(roll), looking along -z, x to the right and
-y up in the picture. The scene moves with the hands, so the camera moves in the opposite direction.
+The equations are used in their corrected reading. The camera turns about its remote centre: T = Ry(pan) Rx(tilt)
+Tz(-depth) Rz(roll), with the view along -z, x to the right and y up in the picture. The scene moves with the hands, so
+the camera moves in the opposite direction.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ X, Y, Z = np.eye(3)
 
 @dataclass(frozen=True)
 class Drag:
-    """Parameters of dragging a camera.
+    """Parameters of the camera motion by both hands.
 
     Attributes:
-        scale: scale of the motion of the hands' midpoint (0.2 as in the da Vinci Research Kit).
-        lever: distance in m from the remote centre to the dragged scene, beyond the lens (ASSUMED).
-        lower, upper: limits of pan, tilt, depth, roll in rad and m.
-        rate: largest rates of pan, tilt, depth, roll in rad/s and m/s.
+        scale: scene motion per motion of the hands' midpoint (0.2 as in the da Vinci Research Kit).
+        lever: distance in m from the lens to the scene; the lens is at `depth` from the remote centre (ASSUMED).
+        lower, upper: limits of pan, tilt, depth and roll in rad and m.
+        rate: largest rates of pan, tilt, depth and roll in rad/s and m/s.
     """
 
     scale: float = 0.2
@@ -40,14 +41,14 @@ class Drag:
 
 
 class Dragging:
-    """A camera controlled by two hands, tick by tick.
+    """Control law that moves a camera by two hands, tick by tick.
 
     Attributes:
-        at: (4,) pan, tilt in rad, depth in m, roll in rad.
+        at: (4,) current pan, tilt in rad, depth in m, roll in rad.
     """
 
     def __init__(self, at: Array, dt: float, drag: Drag | None = None, laws: Console | None = None) -> None:
-        """Start at `at` (4,): pan, tilt, depth, roll."""
+        """Start at `at` (4,): pan, tilt, depth, roll; dt is the duration of a tick in s."""
         self.at, self.dt, self.drag, self.laws = np.array(at, float), dt, drag or Drag(), laws or console()
         self._hold: tuple[Array, Array, Array] | None = None
 
@@ -55,9 +56,9 @@ class Dragging:
         """Return pan, tilt, depth, roll (4,) in rad and m after one tick.
 
         Args:
-            right: (3,) position of the right hand in the axes of the picture, in m; the origin has no effect.
-            left: (3,) position of the left hand.
-            coupled: whether the pedals enable dragging.
+            right: (3,) position of the right hand in m in the axes of the picture, from any fixed origin.
+            left: (3,) position of the left hand in m, in the same axes.
+            coupled: whether the hands move the camera (camera pedal pressed).
         """
         if not coupled:
             self._hold = None
@@ -68,7 +69,7 @@ class Dragging:
         turn = self.laws.turns(right_0, right, left_0, left, Z)[0]
         d = self.drag.scale * ((right + left) - (right_0 + left_0)) / 2
         rho = at[3] - turn
-        along = d[0] * np.cos(rho) - d[1] * np.sin(rho)  # pan and tilt do not roll with the picture
+        along = d[0] * np.cos(rho) - d[1] * np.sin(rho)  # the axes of pan and tilt do not roll with the picture
         across = d[1] * np.cos(rho) + d[0] * np.sin(rho)
         reach = at[2] + self.drag.lever
         wanted = at + np.array([along / reach, -across / reach, d[2], -turn])
@@ -79,16 +80,16 @@ class Dragging:
 
 
 def view(at: Array) -> Array:
-    """Return the pose (4, 4) of the picture in the frame of the remote centre; at: pan, tilt, depth, roll in rad, m."""
+    """Return the pose (4, 4) of the picture about the remote centre; at: pan, tilt, depth, roll in rad and m."""
     R = spatial.exp_so3(at[0] * Y) @ spatial.exp_so3(at[1] * X)
     return spatial.pose(R @ spatial.exp_so3(at[3] * Z), -at[2] * R[:, 2])
 
 
 def looking(T: Array) -> Array:
-    """Return pan, tilt, depth, roll (4,) of a picture at T (4, 4) about the remote centre: the inverse of `view`.
+    """Return pan, tilt, depth and roll (4,) for a picture at T (4, 4) about the remote centre: inverse of `view`.
 
     Raises:
-        WorldError: the line of sight passes the remote centre.
+        WorldError: the line of sight does not pass through the remote centre.
     """
     R, z = T[:3, :3], T[:3, 2]
     pan, tilt, depth = np.arctan2(z[0], z[2]), -np.arcsin(np.clip(z[1], -1, 1)), -float(T[:3, 3] @ z)
@@ -103,10 +104,10 @@ def looking(T: Array) -> Array:
 
 
 class HandsToCamera(Block):
-    """Reads `<right>.pose`, `<left>.pose` (16,) and `console.mode`.
+    """Reads `<right>.pose`, `<left>.pose` (16,) and `console.mode`; moves a camera.
 
-    Writes `<camera>.at` (4,), pan, tilt, depth and roll, `<camera>.view` (16,) in the World, and `<camera>.goal` (16,),
-    the pose of the tool in the base of the camera's arm.
+    Writes `<camera>.at` (4,): pan, tilt, depth and roll; `<camera>.view` (16,): pose of the picture in the World; and
+    `<camera>.goal` (16,): tool pose in the base of the camera's arm.
     """
 
     def __init__(
@@ -124,13 +125,13 @@ class HandsToCamera(Block):
 
         Args:
             camera: name of the camera and of its arm in the World.
-            right: device of the right hand.
-            left: device of the left hand.
-            law: the dragging and its start.
-            T_view_hand: (4, 4) {H} in the frame of the picture.
-            T_world_centre: (4, 4) frame of the remote centre: the picture's frame at pan, tilt, depth, roll 0.
-            T_world_base: (4, 4) base of its arm; default: the origin.
-            T_view_tool: (4, 4) tool of its arm in the frame of the picture; default: identity.
+            right: name of the right hand.
+            left: name of the left hand.
+            law: control law with the start values.
+            T_view_hand: (4, 4) pose of {H} in the frame of the picture.
+            T_world_centre: (4, 4) frame of the remote centre: the picture's frame at pan, tilt, depth and roll 0.
+            T_world_base: (4, 4) base of the camera's arm; None: the World's origin.
+            T_view_tool: (4, 4) tool of the camera's arm in the frame of the picture; None: identity.
         """
         self.camera, self.right, self.left, self.law = camera, right, left, law
         self._R, self._T_world_centre = T_view_hand[:3, :3], T_world_centre
@@ -139,7 +140,7 @@ class HandsToCamera(Block):
         self.outputs = self._signals()
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
-        """Drag while the camera pedal is down."""
+        """Move the camera while the camera pedal is pressed."""
         right, left = (self._R @ signals[f"{n}.pose"].reshape(4, 4)[:3, 3] for n in (self.right, self.left))
         before = self.law.at
         return (

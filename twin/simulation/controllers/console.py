@@ -1,10 +1,10 @@
-"""Equations (1) to (7) of the paper on an affordable console for robotic surgery training, and their readings.
+"""Equations (1) to (7) of the paper on an affordable console for robotic surgery training, in several readings.
 
 A hand (frame {H}) moves a tool (robot base {RB}). T is the pose of {H} in {RB}, W the pose of the handle in {H}, P the
-pose of the tool in {RB}, each (4, 4) in m; index 0 is before the motion, 1 after it. Two hands turn the camera: p_R,
-p_L (3,) in m, n (3,) the unit vector out of the picture. A reading is one interpretation of an equation: "paper" as
-printed; "conjugate" makes eq. (2) a change of frame; "decoupled", the correct one, moves the tool's point by the hand's
-point and rotates the tool about its own point.
+pose of the tool in {RB}, each (4, 4) in m; index 0 is before the motion, index 1 after it. Two hands turn the camera:
+p_R, p_L (3,) in m, n (3,) the unit vector out of the picture. A reading is an interpretation of an equation. "paper" is
+the equation as printed. "conjugate" uses a change of frame in eq. (2). "decoupled", the correct reading, moves the
+tool's origin by the motion of the handle's origin, and rotates the tool about its own origin.
 """
 
 from __future__ import annotations
@@ -23,11 +23,10 @@ from twin.formula.equations import Equations
 PAPER = "A novel affordable user interface for robotic surgery training"
 
 STIFFNESS, DAMPING, LARGEST = 600.0, 10.0, 3.3
-"""Stiffness and damping of a surface in N/m and N s/m.
+"""Stiffness in N/m and damping in N s/m of a surface, and largest force in N of the pen.
 
-The printed 0.6 and 0.01 have no unit and are read in N/mm and N s/mm (ASSUMED);
-
-largest force of the pen in N (ASSUMED: its maker's figure).
+The printed numbers 0.6 and 0.01 have no unit; N/mm and N s/mm are ASSUMED. The largest force is ASSUMED as well, from
+the manufacturer of the pen.
 """
 
 equation = Equations(PAPER, variant="decoupled")
@@ -41,7 +40,7 @@ equation = Equations(PAPER, variant="decoupled")
     why="rotations change frame by R_T alone, translations by R_T and the scale; each body rotates about its own point",
 )
 def eq2(W_0, W_1, T, scale):
-    """Rotation and translation of the tool in {RB}, (4, 4); use it with eq. (1) of the same reading."""
+    """Return the rotation and translation of the tool in {RB}, (4, 4), for eq. (1) in the same reading."""
     R = T[:3, :3]
     dW = pose(R @ W_1[:3, :3] @ W_0[:3, :3].T @ R.T, scale * R @ (W_1[:3, 3] - W_0[:3, 3]))
     return dW
@@ -49,14 +48,14 @@ def eq2(W_0, W_1, T, scale):
 
 @equation.variant("paper", of=eq2, why="as printed: T on the left only, not its inverse on the right; no scale")
 def eq2_paper(W_0, W_1, T):
-    """Motion of the tool by the printed equation."""
+    """Return the motion (4, 4) of the tool by the printed equation."""
     dW = T @ (W_1 @ inverse(W_0))
     return dW
 
 
 @equation.variant("conjugate", of=eq2, why="a change of frame, but the tool turns about the hand's point, no scale")
 def eq2_conjugate(W_0, W_1, T):
-    """Return the motion of the tool (4, 4): the motion of the hand W_1 W_0^-1 in the frame that T leads to."""
+    """Return the motion (4, 4) of the tool: the hand motion W_1 W_0^-1, expressed in {RB} by T."""
     dW = T @ (W_1 @ inverse(W_0)) @ inverse(T)
     return dW
 
@@ -69,21 +68,21 @@ def eq2_conjugate(W_0, W_1, T):
     why="the tool turns about its own point",
 )
 def eq1(dW, P_0):
-    """Pose of the tool after the motion, (4, 4) in {RB}."""
+    """Return the tool pose (4, 4) in {RB} after the motion."""
     P_1 = pose(dW[:3, :3] @ P_0[:3, :3], dW[:3, 3] + P_0[:3, 3])
     return P_1
 
 
 @equation.variant("paper", of=eq1, why="as printed: one product: the tool rotates about the origin of {RB}")
 def eq1_paper(dW, P_0):
-    """Pose of the tool by the printed equation."""
+    """Return the tool pose (4, 4) by the printed equation."""
     P_1 = dW @ P_0
     return P_1
 
 
 @equation.variant("conjugate", of=eq1, why="as printed")
 def eq1_conjugate(dW, P_0):
-    """Pose of the tool by the printed equation."""
+    """Return the tool pose (4, 4) by the printed equation."""
     P_1 = dW @ P_0
     return P_1
 
@@ -96,7 +95,7 @@ def eq1_conjugate(dW, P_0):
     variant="paper",
 )
 def eq3(p_R0, p_R1, p_L0, p_L1):
-    """Displacements of both hands, (3,) each."""
+    """Return the displacements (3,) of both hands in m."""
     d_R = p_R1 - p_R0
     d_L = p_L1 - p_L0
     return d_R, d_L
@@ -111,7 +110,7 @@ def eq3(p_R0, p_R1, p_L0, p_L1):
     why="the angle of the line between the hands about the line of sight: it does not depend on the origin",
 )
 def eq4(p_R0, p_L0, d_R, d_L, n):
-    """Rotation about n in rad, counter-clockwise positive; corrected: the same for both hands."""
+    """Return the rotations about n in rad, counter-clockwise positive; corrected: equal for both hands."""
     v = p_R0 - p_L0
     w = v + d_R - d_L
     turn_R = arctan2(cross(v, w) @ n, v @ w - (v @ n) * (w @ n))
@@ -121,7 +120,7 @@ def eq4(p_R0, p_L0, d_R, d_L, n):
 
 @equation.variant("paper", of=eq4, why="as printed: p_1 x p_0 of each hand, in m^2, about the origin of the frame")
 def eq4_paper(p_R0, p_L0, d_R, d_L, n):
-    """Components of the cross products along n, as printed, for both hands."""
+    """Return the components of the cross products along n for both hands, as printed."""
     turn_R = cross(p_R0 + d_R, p_R0) @ n
     turn_L = cross(p_L0 + d_L, p_L0) @ n
     return turn_R, turn_L
@@ -136,14 +135,14 @@ def eq4_paper(p_R0, p_L0, d_R, d_L, n):
     why="SI units, zero outside the surface, never pulling inwards, limited to the device's maximum",
 )
 def eq5(x, v):
-    """Force in N along the inward direction of the surface; x in m, v in m/s, positive inwards."""
+    """Return the force in N along the inward normal of the surface; x in m and v in m/s, positive inwards."""
     F = clip(-STIFFNESS * x - DAMPING * v, -LARGEST, 0.0) if x > 0 else 0.0
     return F
 
 
 @equation.variant("paper", of=eq5, why="as printed: 0.6 and 0.01 without units; read as N/mm, the only plausible units")
 def eq5_paper(x, v):
-    """Force by the printed equation."""
+    """Return the force by the printed equation."""
     F = -STIFFNESS * x - DAMPING * v
     return F
 
@@ -156,7 +155,7 @@ def eq5_paper(x, v):
     why="displacements are compared with the motion of the hand, not with eq. (2)",
 )
 def eq7(P_0, P_1, W_0, W_1, T, scale):
-    """Error of the console: rotation and translation in m, (4, 4)."""
+    """Return the error (4, 4) of the console: rotation, and translation in m."""
     R = T[:3, :3]
     wanted = R @ W_1[:3, :3] @ W_0[:3, :3].T @ R.T
     off = P_1[:3, 3] - P_0[:3, 3] - scale * R @ (W_1[:3, 3] - W_0[:3, 3])
@@ -166,7 +165,7 @@ def eq7(P_0, P_1, W_0, W_1, T, scale):
 
 @equation.variant("paper", of=eq7, why="as printed: the tool's motion is compared with eq. (2) itself")
 def eq7_paper(P_0, P_1, W_0, W_1, T):
-    """Error of the console by the printed equations."""
+    """Return the error (4, 4) of the console by the printed equations."""
     err = (P_1 @ inverse(P_0)) @ inverse(T @ (W_1 @ inverse(W_0)))
     return err
 
@@ -179,7 +178,7 @@ READINGS: Mapping[str, Mapping[str, str]] = {
     "conjugate": {"eq1": "conjugate", "eq2": "conjugate"},
     "decoupled": {},
 }
-"""Names of readings for all equations, with their differences from the correct reading."""
+"""Readings of the whole console by name: the variant of each equation that differs from the correct reading."""
 
 
 @dataclass(frozen=True)
@@ -188,11 +187,11 @@ class Console:
 
     Attributes:
         name, title, source: name, title and source document of the console.
-        variants: the reading of each equation.
-        laws: the function of each equation; a test may replace it.
+        variants: reading of each equation, by name.
+        laws: function of each equation, by name; tests may replace them.
         force_model: name of the force model of eq. (5).
-        force_units: units of stiffness and damping; "" if none is printed.
-        turn_unit: unit of the output of eq. (4).
+        force_units: units of stiffness and damping; "" if not printed.
+        turn_unit: unit of the result of eq. (4).
     """
 
     name: str
@@ -205,12 +204,12 @@ class Console:
     turn_unit: str
 
     def tool(self, P_0: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
-        """Return the next pose (4, 4) of the tool in {RB} by eqs (2) and (1)."""
+        """Return the next tool pose (4, 4) in {RB}, by eqs (2) and (1)."""
         dW = self.laws["eq2"](W_0, W_1, T, scale)
         return self.laws["eq1"](dW, P_0)
 
     def turns(self, p_R0: Array, p_R1: Array, p_L0: Array, p_L1: Array, n: Array) -> tuple[float, float]:
-        """Return the camera roll by eqs (3) and (4): (from the right hand, from the left hand)."""
+        """Return the camera roll in `turn_unit`, by eqs (3) and (4): (from the right hand, from the left hand)."""
         d_R, d_L = self.laws["eq3"](p_R0, p_R1, p_L0, p_L1)
         right, left = self.laws["eq4"](p_R0, p_L0, d_R, d_L, n)
         return float(right), float(left)
@@ -220,7 +219,7 @@ class Console:
         return float(self.laws["eq5"](depth, rate))
 
     def error(self, P_0: Array, P_1: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
-        """Return the error (4, 4) of a motion by eq. (7)."""
+        """Return the error (4, 4) of a tool motion by eq. (7)."""
         return self.laws["eq7"](P_0, P_1, W_0, W_1, T, scale)
 
 
@@ -228,10 +227,10 @@ def console(variants: Mapping[str, str] | None = None) -> Console:
     """Return the paper's console.
 
     Args:
-        variants: reading by equation, for the equations that differ from the correct reading.
+        variants: readings that differ from the correct one, by equation; None: all equations are corrected.
 
     Raises:
-        KinematicsError: there is no such equation or reading.
+        KinematicsError: there is no equation or reading of this name.
     """
     chosen = {name: e.default for name, e in EQUATIONS.items()}
     for name, reading in (variants or {}).items():

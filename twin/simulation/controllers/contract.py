@@ -1,4 +1,4 @@
-"""Requirements on any teleoperation controller, tested on an ideal tool."""
+"""Requirements on any teleoperation controller, tested with an ideal tool."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from twin.simulation.controllers.teleoperation import Teleoperation
 
 @dataclass(frozen=True)
 class ClutchReport:
-    """Tool motion after the pedal is pressed again with the handle displaced and at rest.
+    """Tool motion when the pedal is pressed again after the handle was moved with the pedal up.
 
     Attributes:
-        handle: displacement of the handle while the pedal was up, in units of its coordinates.
-        jump: distance that the tool moved afterwards, in the same units.
-        keeps: whether the tool moved less than a billionth of the handle's motion.
+        handle: displacement of the handle while the pedal was up, in the unit of its coordinates.
+        jump: distance that the tool moved afterwards, in the same unit.
+        keeps: whether `jump` is at most 1e-9 of `handle`.
     """
 
     handle: float
@@ -27,7 +27,7 @@ class ClutchReport:
 
 
 def play(controller: Teleoperation, handle: Array, pedal: Array, tool: Array) -> Array:
-    """Return the tool positions (k + 1, n) of an ideal tool, for handle positions (k, n) and pedal (k,)."""
+    """Return the positions (k + 1, n) of an ideal tool for handle positions (k, n) and pedal states (k,)."""
     out = [np.asarray(tool, float)]
     for x, pressed in zip(handle, pedal, strict=True):
         out.append(out[-1] + controller.dt * controller.step(x, out[-1], bool(pressed)))
@@ -35,9 +35,9 @@ def play(controller: Teleoperation, handle: Array, pedal: Array, tool: Array) ->
 
 
 def clutch(make: Callable[[], Teleoperation], distance: float = 0.03, hold: float = 4.0) -> ClutchReport:
-    """Press, release, move the handle by `distance`, press again, and hold; each for `hold` seconds.
+    """Test the clutch: press, release, move the handle by `distance`, press again; each step lasts `hold` in s.
 
-    A controller passes if the tool does not move after the second press.
+    The controller passes if the tool does not move after the second press.
     """
     controller = make()
     n, ticks = len(controller.offset), round(hold / controller.dt)

@@ -1,9 +1,9 @@
-"""A hand moves a tool: the start condition, the motion law, and the handling of jumps of the hand.
+"""Move a tool by a hand: start condition, control law, and jumps of the hand.
 
-The law is that of the da Vinci Research Kit: p = p0 + s (h - h0) and R = R_H A0, where A0 = R_H0^T R0 is the constant
-attitude between hand and tool since the hand was coupled (index 0). Here it is computed by eqs (1), (2) of `console`.
-The hand is coupled anew after the clutch, when the motion scale or the frame of the view changes, and when the hand
-jumps.
+The control law is that of the da Vinci Research Kit: p = p0 + s (h - h0) and R = R_H A0. A0 = R_H0^T R0 is the constant
+rotation between hand and tool since the hand was coupled (index 0). Here it is computed by eqs (1) and (2) of
+`console`. The hand is coupled again after the clutch, when the motion scale or the frame of the view changes, and when
+the hand jumps.
 """
 
 from __future__ import annotations
@@ -28,13 +28,14 @@ SCALE = (0.05, 1.0)
 
 @dataclass(frozen=True)
 class Start:
-    """Condition under which a hand begins to move the tool.
+    """Condition that must be met before a hand moves the tool.
 
     Attributes:
-        attitude, again: largest angle in rad between hand and tool at the start, and after a clutch.
-        grip, roll: travel in rad of the gripper, and of the handle about its axis, that proves that a person holds the
-            handle.
-        together: limit of the sum of both travels, each divided by its threshold.
+        attitude, again: largest angle in rad between hand and tool at the first start, and after a clutch.
+        grip, roll: gripper travel in rad, or rotation of the handle about its axis in rad, that shows that a person
+            holds the handle.
+        together: if the sum of grip and roll travel exceeds this fraction of the sum of both thresholds, it also shows
+            this.
     """
 
     attitude: float = 5 * DEG
@@ -44,17 +45,17 @@ class Start:
     together: float = 0.8
 
     def shown(self, grip: float, roll: float) -> bool:
-        """Return whether travels in rad of gripper and roll prove that a person holds the handle."""
+        """Return whether the travels in rad of gripper and handle roll show that a person holds the handle."""
         return grip >= self.grip or roll >= self.roll or grip + roll > self.together * (self.grip + self.roll)
 
 
 @dataclass(frozen=True)
 class Pace:
-    """Maximum speed of a tool, and steps of a hand that count as a jump; ASSUMED: no console publishes them.
+    """Maximum speed of a tool, and threshold for jumps of a hand; ASSUMED: no console publishes them.
 
     Attributes:
         speed, turn: maximum speeds of the tool, in m/s and rad/s.
-        jump, twist: largest step of the hand within one tick, in m and rad; beyond it, the hand is coupled anew.
+        jump, twist: largest hand motion in one tick, in m and rad; after a larger one, the hand is coupled again.
     """
 
     speed: float = 0.5
@@ -64,13 +65,13 @@ class Pace:
 
 
 class Following:
-    """Moves the tool of one arm by a hand, tick by tick.
+    """Control law that moves the tool of one arm by a hand, tick by tick.
 
     Attributes:
         goal: (4, 4) commanded pose of the tool in {RB}.
-        started: whether the start condition has been met.
-        follows: whether the tool follows the hand now.
-        jumps: number of jumps of the hand.
+        started: whether the start condition was met.
+        follows: whether the tool currently follows the hand.
+        jumps: number of jumps of the hand so far.
     """
 
     def __init__(
@@ -88,11 +89,11 @@ class Following:
         Args:
             tool: (4, 4) pose of the tool in {RB}.
             dt: duration of one tick in s.
-            aligns: whether motors of the device align its handle with the tool; the tool then follows once they are
-                aligned.
-            start: the start condition.
-            pace: maximum speeds, and what counts as a jump.
-            laws: equations of the console; default: their correct reading.
+            aligns: whether motors of the device align the handle with the tool; the tool then follows only after the
+                alignment.
+            start: the start condition; None: the defaults.
+            pace: maximum speeds and thresholds of jumps; None: the defaults.
+            laws: equations of the console; None: the correct reading.
         """
         self.goal, self.dt, self.aligns = np.array(tool, float), dt, aligns
         self.start, self.pace, self.laws = start or Start(), pace or Pace(), laws or console()
@@ -105,19 +106,19 @@ class Following:
         self._seen: tuple[Array, float, float, float, float] | None = None
 
     def step(self, hand: Array, grip: float, tool: Array, T: Array, scale: float, coupled: bool = True) -> Array:
-        """Return the goal (4, 4) in {RB}.
+        """Return the commanded tool pose (4, 4) in {RB} after one tick.
 
         Args:
-            hand: W (4, 4), pose of the handle in {H}.
+            hand: (4, 4) pose W of the handle in {H}.
             grip: angle of the gripper in rad.
-            tool: present pose (4, 4) of the tool in {RB}.
+            tool: (4, 4) current tool pose in {RB}.
             T: (4, 4) pose of {H} in {RB}.
-            scale: tool motion per hand motion; limited to `SCALE`.
-            coupled: whether the pedals couple this hand to this tool.
+            scale: tool motion per hand motion, limited to `SCALE`.
+            coupled: whether the pedals connect this hand with this tool.
         """
         if self._rests(hand, T, scale, coupled):
             return self.goal
-        if not _rigid(hand):  # nothing moves by what is no pose
+        if not _rigid(hand):  # ignore an invalid pose
             self.follows, self._hold, self._hand = False, None, None
             return self.goal
         hand, scale = np.array(hand, float), min(max(float(scale), SCALE[0]), SCALE[1])
@@ -142,7 +143,7 @@ class Following:
         return self.goal
 
     def _rests(self, hand: Array, T: Array, scale: float, coupled: bool) -> bool:
-        """Return whether nothing has changed since a tick after which nothing was left to do: most ticks are so."""
+        """Return whether the input is unchanged and the goal already reached, so that the tick needs no computation."""
         given = (hand.tobytes(), T.tobytes(), scale, coupled)
         same, self._given = given == self._given, given
         return same and self.follows and self.goal is self._wanted
@@ -164,13 +165,13 @@ class Following:
         way = hand[:3, 3] - last[:3, 3]
         if way @ way > self.pace.jump**2:
             return True
-        # |R - R'|_F^2 = 4 (1 - cos angle): no logarithm in a tick
+        # |R - R'|_F^2 = 4 (1 - cos angle): faster than a matrix logarithm
         apart = hand[:3, :3] - last[:3, :3]
         return float(np.sum(apart * apart)) > 4 * (1 - np.cos(self.pace.twist))
 
 
 def _rigid(T: Array, tolerance: float = 1e-6) -> bool:
-    """Return whether T (4, 4) is a pose; for one pose this is far faster than `spatial.is_pose`."""
+    """Return whether T (4, 4) is a rigid pose; much faster than `spatial.is_pose` for a single pose."""
     (a, b, c, x), (d, e, f, y), (g, h, i, z), last = np.asarray(T, float).tolist()
     off = (
         a * a + b * b + c * c - 1,
@@ -179,14 +180,14 @@ def _rigid(T: Array, tolerance: float = 1e-6) -> bool:
         a * d + b * e + c * f,
         a * g + b * h + c * i,
         d * g + e * h + f * i,
-        0.0 * (x + y + z),  # NaN, and infinity, fail the comparison
+        0.0 * (x + y + z),  # NaN for NaN and infinity, which fails the comparison
     )
     right_handed = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0
     return all(abs(o) < tolerance for o in off) and right_handed and last == [0.0, 0.0, 0.0, 1.0]
 
 
 def _towards(T: Array, wanted: Array, way: float, turn: float) -> Array:
-    """Return the pose at most `way` in m and `turn` in rad from T towards `wanted`."""
+    """Return the pose reached from T towards `wanted`, by at most `way` in m and `turn` in rad."""
     step = wanted[:3, 3] - T[:3, 3]
     length = float(np.sqrt(step @ step))
     apart = wanted[:3, :3] - T[:3, :3]
@@ -208,9 +209,9 @@ class Arm:
     """An arm that a hand can control.
 
     Attributes:
-        robot: its name in the World.
-        kin: its equations.
-        T_world_base: (4, 4) its base in the World.
+        robot: name of the robot in the World.
+        kin: the robot's equations.
+        T_world_base: (4, 4) pose of the robot's base in the World.
     """
 
     robot: str
@@ -219,12 +220,12 @@ class Arm:
 
 
 class HandToPose(Block):
-    """Reads a hand, the pedals and encoders; writes the goals of its arms, of which one at a time follows the hand.
+    """Reads a hand, pedals and encoders; writes tool goals of arms, of which one at a time follows the hand.
 
     Reads `<hand>.pose` (16,), W in {H} row by row, `<hand>.grip` in rad, `<device>.scale`, `console.mode`,
-    `console.taps`, `<robot>.encoder` of each arm and, if there is a camera, `<camera>.view` (16,) in the World.
-    Writes `<robot>.goal` (16,), pose of the tool in the robot's base, `<robot>.follows`, 0 or 1, and `<robot>.jumps`,
-    how often its hand jumped. A quick tap of the clutch leads the next arm.
+    `console.taps`, `<robot>.encoder` of each arm and, for a movable camera, `<camera>.view` (16,) in the World. Writes
+    `<robot>.goal` (16,), the tool pose in the robot's base, `<robot>.follows` (0 or 1), and `<robot>.jumps`, the number
+    of jumps of the hand. A quick tap of the clutch selects the next arm.
     """
 
     def __init__(
@@ -241,14 +242,14 @@ class HandToPose(Block):
         start: Start | None = None,
         pace: Pace | None = None,
     ) -> None:
-        """Begin with the first arm.
+        """Start with the first arm.
 
         Args:
-            hand: device of the handle.
-            device: device of pedals and scale.
+            hand: name of the hand.
+            device: name of the device of pedals and scale.
             arms: the arms, in the order in which taps select them.
-            q: joints (n,) of each arm at the start.
-            T_view_hand: (4, 4) {H} in the frame of the picture.
+            q: joint values (n,) of each arm at the start.
+            T_view_hand: (4, 4) pose of {H} in the frame of the picture.
             view: (4, 4) frame of the picture in the World, or the name of the camera that writes this frame.
             dt: duration of one tick in s.
             aligns: see `Following`.
@@ -268,7 +269,7 @@ class HandToPose(Block):
         self.outputs |= {f"{a.robot}.{n}": 0.0 for a in arms for n in ("follows", "jumps")}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
-        """Move the selected arm; the others are at rest."""
+        """Move the selected arm; the other arms remain at rest."""
         pose, grip = signals[f"{self.hand}.pose"].reshape(4, 4), float(signals[f"{self.hand}.grip"][0])
         T_world_view = signals[f"{self.view}.view"].reshape(4, 4) if isinstance(self.view, str) else self.view
         tools = signals["console.mode"][0] == TOOLS
@@ -277,7 +278,7 @@ class HandToPose(Block):
         out: dict[str, Array | float] = {}
         for i, (arm, law) in enumerate(zip(self.arms, self._laws, strict=True)):
             coupled = tools and i == active
-            if coupled and not law.follows:  # where it is counts when it is taken hold of
+            if coupled and not law.follows:  # the tool's current pose is used when the hand is coupled
                 self._tools[i] = arm.kin.forward(signals[f"{arm.robot}.encoder"], self._tools[i])
             T = self._T_base_world[i] @ T_world_view @ self._T_view_hand
             out[f"{arm.robot}.goal"] = law.step(pose, grip, self._tools[i], T, scale, coupled).ravel()

@@ -1,7 +1,7 @@
-"""A gripper moves a jaw: its offset is calibrated, only the lower limit is clamped, and the clutch causes no jump.
+"""Move a jaw by a gripper, with a calibrated offset, a lower limit, and no jump after the clutch.
 
-As in the da Vinci Research Kit, the jaw follows the gripper at up to 720 deg/s; after a clutch at up to 36 deg/s until
-it is within 2 deg of the gripper.
+As in the da Vinci Research Kit, the jaw follows the gripper at up to 720 deg/s. After a clutch it follows at up to 36
+deg/s until its difference from the gripper is below 2 deg.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from twin.simulation.world import Block, Signals
 
 @dataclass(frozen=True)
 class Grip:
-    """Parameters by which a gripper moves a jaw, in rad and rad/s.
+    """Parameters of a jaw's motion by a gripper, in rad and rad/s.
 
     Attributes:
-        travel: travel of the gripper that moves the jaw from its lower to its upper end.
-        fast, slow: largest rates of the jaw: usually, and after a clutch.
-        near: difference to the gripper below which a slow jaw becomes fast again.
+        travel: travel of the gripper that moves the jaw from its lower to its upper angle.
+        fast, slow: largest rates of the jaw: normally, and after a clutch.
+        near: difference from the gripper below which the slow rate ends.
     """
 
     travel: float = 60 * DEG
@@ -32,21 +32,21 @@ class Grip:
 
 
 class Jaw:
-    """The jaw of one arm, tick by tick.
+    """Control law of the jaw of one arm, tick by tick.
 
     Attributes:
-        angle: of the jaw, in rad.
-        closed: smallest angle of the gripper in rad before it moved the jaw; there the gripper counts as closed.
+        angle: current angle of the jaw in rad.
+        closed: smallest gripper angle in rad before the gripper first moved the jaw; it counts as closed.
     """
 
     def __init__(self, lower: float, upper: float, angle: float, dt: float, grip: Grip | None = None) -> None:
-        """Start at an angle (rad); `lower` is the clamped limit, `upper` the angle at the open gripper."""
+        """Start at `angle` in rad; `lower` is the lower limit, `upper` the angle for an open gripper, both in rad."""
         self.lower, self.upper, self.angle, self.dt, self.grip = lower, upper, angle, dt, grip or Grip()
         self.closed = np.inf
         self._slow, self._led = True, False
 
     def step(self, grip: float, follows: bool) -> float:
-        """Return the angle of the jaw in rad; it is constant while the arm does not follow."""
+        """Return the angle of the jaw in rad after one tick; it is constant while the arm does not follow the hand."""
         if not self._led:
             self.closed = min(self.closed, grip)
         if not follows:
@@ -63,7 +63,7 @@ class Jaw:
 
 
 class GripToJaw(Block):
-    """Reads `<hand>.grip` and `<robot>.follows`, writes `<robot>.jaw` in rad."""
+    """Reads `<hand>.grip` and `<robot>.follows`; writes `<robot>.jaw` in rad."""
 
     def __init__(self, hand: str, robot: str, jaw: Jaw) -> None:
         """Connect a gripper to a jaw."""

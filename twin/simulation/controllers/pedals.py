@@ -1,4 +1,4 @@
-"""Two pedals of a console: they select what the hands control; quick taps change arms."""
+"""Two pedals of a console that select what the hands control; quick taps of the clutch change the arm."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from twin.core.spatial import Array
 from twin.simulation.world import Block, Signals
 
 TOOLS, FREE, CAMERA = 0.0, 1.0, 2.0
-"""Modes: the hands control the instruments; nothing (clutch); the camera."""
+"""Values of `console.mode`: the hands control the instruments; nothing (clutch); the camera."""
 
 TAP = 0.25
 """Longest duration in s of a quick tap of the clutch (ASSUMED)."""
 
 
 class Pedals(Block):
-    """Reads `<device>.clutch` and `<device>.camera`, writes `console.mode` and `console.taps` (count of taps).
+    """Reads `<device>.clutch` and `<device>.camera`; writes `console.mode` and `console.taps` (number of quick taps).
 
-    The clutch has priority: with both pedals down, the hands control nothing. The same holds while the device is silent
-    (`<device>.silent` is 1, if it writes this signal); silence is not a tap.
+    The clutch has priority: with both pedals pressed, the hands control nothing. The hands also control nothing while
+    the device is silent (if it writes `<device>.silent`, and this is 1); silence does not count as a tap.
     """
 
     def __init__(self, device: str, tap: float = TAP) -> None:
-        """Connect to the pedals of a device; both start released."""
+        """Connect to the pedals of a device; both pedals start released."""
         self.device, self.tap = device, tap
         self._taps = 0
-        self._since: float | None = None  # time at which the clutch went down; infinity: unknown
+        self._since: float | None = None  # time in s at which the clutch was pressed; infinity: unknown
         self.outputs = {"console.mode": TOOLS, "console.taps": 0.0}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, float | Array]:

@@ -1,4 +1,4 @@
-"""Playback of a planned protocol."""
+"""Playback of a planned trajectory."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from twin.simulation.world import Block, Signals
 
 
 class ProtocolPlayer(Block):
-    """Writes `<robot>.command` (n,), the joints of a trajectory at the tick's time; at its end the robot rests."""
+    """Writes `<robot>.command` (n,), the joint values of a trajectory; after its end, the robot is at rest."""
 
     def __init__(self, robot: str, trajectory: Trajectory) -> None:
         """Start at t = 0."""
@@ -18,5 +18,5 @@ class ProtocolPlayer(Block):
         self.outputs = {self.command: trajectory.q[0]}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
-        """Return the joints of the trajectory at t."""
+        """Return the joint values of the trajectory at t."""
         return {self.command: self.trajectory.joints(np.array([t]))[0]}

@@ -1,4 +1,4 @@
-"""Joints for a commanded pose, tick by tick, within joint limits and rates."""
+"""Compute joint values for a commanded tool pose, tick by tick, within joint and speed limits."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from twin.simulation.limits import Limits
 from twin.simulation.world import Block, Signals
 
 _NEAR = 0.05
-"""Largest step in rad or m within one tick for which the closed-form inverse is used.
+"""Largest joint step in rad or m per tick for which the closed-form inverse is used.
 
-A larger step may lead to another posture.
+A larger step may belong to another working mode.
 """
 
 
 class PoseToJoints(Block):
-    """Reads `<robot>.goal` (16,), pose of the tool in base, and `<robot>.encoder`; writes `<robot>.command` (n,).
+    """Reads `<robot>.goal` (16,), the tool pose in base, and `<robot>.encoder`; writes `<robot>.command` (n,).
 
-    The closed-form inverse is used if it is near and within the limits; else a step by the Jacobian, as far as the
-    limits allow. A joint that does not move the tool follows `<robot>.jaw` in rad, if there is such a signal, else it
-    is at rest.
+    The closed-form inverse is used if its result is near and within the limits; otherwise a Jacobian step, as far as
+    the limits allow. A joint that does not move the tool follows `<robot>.jaw` in rad if this signal exists; otherwise
+    it is at rest.
     """
 
     def __init__(self, robot: str, kin: Kinematics, q: Array, limits: Limits, solver: Solver = "damped") -> None:
-        """Start at joints q (n,)."""
+        """Start at joint values q (n,)."""
         self.robot, self.kin, self.limits = robot, kin, limits
         self.solver: Solver = solver
         self._T = kin.forward(q)
@@ -35,12 +35,12 @@ class PoseToJoints(Block):
         self.outputs = {f"{robot}.command": q}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
-        """Do one step towards the goal."""
+        """Make one step towards the goal."""
         q, goal = signals[f"{self.robot}.encoder"], signals[f"{self.robot}.goal"].reshape(4, 4)
         jaw = signals[f"{self.robot}.jaw"] if f"{self.robot}.jaw" in signals else q[self.kin.auxiliary]
         given = (q.tobytes(), goal.tobytes(), jaw.tobytes())
         if self.kin.closed_inverse and given == self._given:
-            return self._said  # the same question has the same answer
+            return self._said  # unchanged input: return the previous result
         self._given = given
         command = self._closed(q, goal, dt)
         if command is None:
@@ -59,6 +59,6 @@ class PoseToJoints(Block):
             return None
         lower, upper = self.limits.steps(q, dt)
         step = found - q
-        # Comparisons with NaN, where there is no inverse, are false.
+        # Comparisons with NaN (no inverse) are false.
         near = (step >= np.maximum(lower, -_NEAR)) & (step <= np.minimum(upper, _NEAR))
         return found if near.all() else None

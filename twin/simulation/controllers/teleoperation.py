@@ -1,7 +1,7 @@
-"""The mid-level controller of the SHER 3.0 simulation paper: handle and pedal to rates of the tool, eqs (5)-(7).
+"""The mid-level controller of the SHER 3.0 simulation paper: tool rates from handle and pedal, eqs (5) to (7).
 
-Coordinates are whatever the robot's equations use (SHER: x, y, z in m, psi, theta in rad), one scale for each. The
-paper's Ms is 5x5 while its poses have six freedoms; so this file uses six coordinates, or as many as the robot has.
+The coordinates are those of the robot's equations (SHER: x, y, z in m, psi, theta in rad), with one scale each. The
+paper's Ms is 5x5 although its poses have six freedoms; this file uses as many coordinates as the robot's equations.
 """
 
 from __future__ import annotations
@@ -17,21 +17,22 @@ from twin.kinematics import Kinematics
 from twin.simulation.world import Block, Signals
 
 Clutch = Literal["printed", "corrected"]
-"""Eq. (7). printed: the offset acts only in the tick of the pedal's rising edge, and the tool jumps one tick later.
+"""Reading of eq. (7).
 
-corrected: the offset is kept until the next rising edge.
+"printed": the offset is applied only in the tick of the pedal's rising edge, and the tool jumps one tick later.
+"corrected": the offset is applied until the next rising edge.
 """
 
 
 @dataclass(frozen=True)
 class Gains:
-    """Gains, each (n,) or a number for all coordinates.
+    """Gains of the controller, each (n,) or one number for all coordinates.
 
-    No value is printed. ASSUMED defaults: scale 0.1 (a tenth of the hand's motion), proportional gain 5 /s without
-    integral and derivative, so that the tool does not overshoot.
+    The paper prints no values. ASSUMED defaults: scale 0.1 (a tenth of the hand's motion) and proportional gain 5 /s,
+    without integral and derivative gain, so that the tool does not overshoot.
 
     Attributes:
-        scale: Ms, tool motion for each handle motion.
+        scale: Ms, tool motion per handle motion.
         kp, ki, kd: gains of eq. (5), in 1/s, 1/s^2 and 1.
         limit: maximum rate of the tool, in m/s or rad/s.
     """
@@ -44,18 +45,18 @@ class Gains:
 
 
 class Teleoperation:
-    """Turns handle positions Xo, tool positions X and the pedal Mp into tool rates u, tick by tick.
+    """Computes tool rates u from handle positions Xo, tool positions X and the pedal Mp, tick by tick.
 
     Attributes:
-        gains, dt, clutch: the arguments.
-        offset: (n,) Mc, the clutch compensation in use.
+        gains, dt, clutch: as passed to the constructor.
+        offset: (n,) Mc, the current clutch compensation.
     """
 
     def __init__(self, gains: Gains, dt: float, clutch: Clutch = "corrected", coordinates: int = 5) -> None:
-        """Set up for `coordinates` coordinates and ticks of dt in s.
+        """Set up the controller for a number of coordinates and ticks of dt in s.
 
         Raises:
-            KinematicsError: dt is not positive, or the clutch is unknown.
+            KinematicsError: dt is not positive, or `clutch` is unknown.
         """
         if not dt > 0:
             raise KinematicsError(f"dt is {dt} s; it must be above 0")
@@ -67,11 +68,11 @@ class Teleoperation:
         self._pressed = False
 
     def step(self, handle: Array, tool: Array, pedal: bool) -> Array:
-        """Return u (n,), the commanded rate of the tool, in m/s or rad/s; zero while the pedal is up.
+        """Return u (n,), the commanded tool rate in m/s or rad/s; zero while the pedal is up.
 
         Args:
-            handle: Xo (n,) position of the handle.
-            tool: X (n,) position of the tool.
+            handle: (n,) Xo, position of the handle.
+            tool: (n,) X, position of the tool.
             pedal: Mp, whether the pedal is pressed.
         """
         g = self.gains
@@ -82,24 +83,24 @@ class Teleoperation:
         elif self.clutch == "printed":
             self.offset = np.zeros_like(apart)
         self._pressed = bool(pedal)
-        if not pedal:  # the paper says in words only: the pedal gates the output
+        if not pedal:  # stated in the paper's text only: the output is zero while the pedal is up
             return np.zeros_like(apart)
         e = apart - self.offset  # eq. (6)
-        if rising:  # otherwise integral and derivative would cause a jump
+        if rising:  # without this reset, integral and derivative would cause a jump
             self._sum, self._last = np.zeros_like(e), e
         total = self._sum + e * self.dt
         u = g.kp * e + g.ki * total + g.kd * (e - self._last) / self.dt  # eq. (5)
         bounded = np.clip(u, -np.asarray(g.limit), g.limit)
-        self._sum = np.where(bounded == u, total, self._sum)  # no wind-up while the output is held
+        self._sum = np.where(bounded == u, total, self._sum)  # no integrator wind-up while the output is limited
         self._last = e
         return bounded
 
 
 class HandToTool(Block):
-    """Reads `<device>.handle` (n,), `<device>.pedal` and `<robot>.encoder`, writes `<robot>.rate` (n,) of the tool."""
+    """Reads `<device>.handle` (n,), `<device>.pedal`, `<robot>.encoder`; writes the tool rate `<robot>.rate` (n,)."""
 
     def __init__(self, robot: str, device: str, kin: Kinematics, q: Array, law: Teleoperation) -> None:
-        """Begin at joints q (n,); the period of this block is the law's dt."""
+        """Start at joint values q (n,); the period of this block is `law.dt`."""
         self.robot, self.device, self.kin, self.law, self.period = robot, device, kin, law, law.dt
         self._T, self.outputs = kin.forward(q), {f"{robot}.rate": np.zeros_like(law.offset)}
 

@@ -1,9 +1,9 @@
-"""Joint steps towards a desired pose, from the Jacobian, within joint and rate limits.
+"""Joint steps towards a desired tool pose, from the Jacobian, within joint and speed limits.
 
-Algorithm 2.1 of the SHER 3.0 simulation paper minimises C = J(q) qd - (X_des - X_curr) by sequential least
-squares programming. As printed C is a vector, and subtracts a displacement from a rate. The plausible meaning, which
-both solvers here minimise, is |J dq - gain (X_des - X_curr)|^2 for a joint step dq = qd dt, with the rotation of X_des
-- X_curr as a rotation vector in base, and a radian counts as much as the characteristic length.
+Algorithm 2.1 of the SHER 3.0 simulation paper minimises C = J(q) qd - (X_des - X_curr) by sequential least squares
+programming. As printed, C is a vector, and a displacement is subtracted from a rate. Both solvers here minimise the
+plausible meaning, |J dq - gain (X_des - X_curr)|^2 for a joint step dq = qd dt. The rotation in X_des - X_curr is a
+rotation vector in base; 1 rad is equivalent to the characteristic length.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from twin.simulation.world import Block, Signals
 Solver = Literal["slsqp", "damped"]
 
 _DAMPING = 1e-4
-"""Damping relative to the weighed Jacobian's size: far below any tracking error, bounded at a singularity."""
+"""Damping relative to the size of the weighted Jacobian: far below tracking errors, limits steps near singularities."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """Result of one tick.
+    """Result of one joint step.
 
     Attributes:
-        q: (n,) joints after it.
+        q: (n,) joint values after the step.
         dq: (n,) the step.
-        residual: remaining pose error to first order, in m (rotations by the characteristic length).
-        saturated: (n,) bool, which joints are at a limit.
+        residual: remaining pose error to first order, in m (rotations times the characteristic length).
+        saturated: (n,) bool, whether each joint is at a limit.
     """
 
     q: Array
@@ -44,7 +44,7 @@ class Step:
 
 
 def pose_error(T: Array, T_desired: Array) -> Array:
-    """Return (6,): translation in m and rotation vector in rad, both in base, that lead from T to T_desired."""
+    """Return the pose error (6,) from T to T_desired: translation in m and rotation vector in rad, both in base."""
     turn = spatial.log_so3(T_desired[:3, :3] @ T[:3, :3].T)
     return np.concatenate([T_desired[:3, 3] - T[:3, 3], turn])
 
@@ -59,20 +59,21 @@ def step(
     gain: float = 1.0,
     seed: Array | None = None,
 ) -> Step:
-    """Return the joints one tick nearer to a desired pose.
+    """Return the joint values after one step towards a desired pose.
 
     Args:
-        kin: the equations; they need a forward equation.
-        q: (n,) present joints in m or rad.
-        T_desired: (4, 4).
-        dt: length of the tick in s.
+        kin: the equations, with a forward equation.
+        q: (n,) current joint values in m or rad.
+        T_desired: (4, 4) desired tool pose in base.
+        dt: duration of the step in s.
         limits: limits of the joints.
         solver: "slsqp" as in the paper, or "damped" least squares.
-        gain: fraction of the error to correct in this tick, (0, 1].
-        seed: (4, 4) a pose near the present one; iterated forward equations are then a thousand times faster.
+        gain: fraction of the error to correct in this step, in (0, 1].
+        seed: (4, 4) pose near the current one, which makes iterative forward equations a thousand times faster; None:
+            no seed.
 
     Raises:
-        KinematicsError: a value is not finite, or no Jacobian exists there.
+        KinematicsError: a value is not finite, or there is no Jacobian at q.
     """
     q = np.asarray(q, float)
     if not (np.isfinite(q).all() and np.isfinite(T_desired).all() and dt > 0):
@@ -82,7 +83,7 @@ def step(
     J = weight[:, None] * (kin.jacobian(q=q) if kin.closed_forward else kin.jacobian(T))
     e = gain * weight * pose_error(T, T_desired)
     lower, upper = limits.steps(q, dt)
-    # Columns in metres of tool motion, so that slides and turns are damped alike.
+    # Columns in m of tool motion, so that lengths and angles are damped equally.
     scale = np.where(kin.revolute, 1.0 / kin.characteristic_length, 1.0)
     solve = _slsqp if solver == "slsqp" else _damped
     dq = np.clip(scale * solve(J * scale, e, lower / scale, upper / scale), lower, upper)
@@ -91,23 +92,23 @@ def step(
 
 
 class ToolToJoints(Block):
-    """Reads `<robot>.rate` (n,) of the tool's coordinates and `<robot>.encoder`, writes `<robot>.command`, the joints.
+    """Reads tool rates `<robot>.rate` (n,) and `<robot>.encoder`; writes joint values `<robot>.command` (n,).
 
-    Each rate is applied for `ticks` steps along a straight line from the tool's pose at its arrival; zero keeps the
-    command.
+    Each rate is applied for `ticks` steps along a straight line, starting at the tool's pose when it arrives. A rate of
+    zero leaves the command unchanged.
     """
 
     def __init__(
         self, robot: str, kin: Kinematics, q: Array, limits: Limits, ticks: int, solver: Solver = "damped"
     ) -> None:
-        """Begin at joints q (n,); a new rate arrives every `ticks` steps."""
+        """Start at joint values q (n,); a new rate arrives every `ticks` steps."""
         self.robot, self.kin, self.limits, self.ticks = robot, kin, limits, ticks
         self.solver: Solver = solver
         self._T, self._start, self._count = kin.forward(q), np.zeros(0), 0
         self.outputs = {f"{robot}.command": q}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
-        """Do the next step along the line."""
+        """Make the next step along the line."""
         done = self._count % self.ticks
         self._count += 1
         rate = signals[f"{self.robot}.rate"]
@@ -123,7 +124,7 @@ class ToolToJoints(Block):
 
 
 def _damped(J: Array, e: Array, lower: Array, upper: Array) -> Array:
-    """Return the x that minimises |J x - e|^2 + damping^2 |x|^2 between bounds."""
+    """Return the x that minimises |J x - e|^2 + damping^2 |x|^2 within bounds."""
     n = J.shape[1]
     mu = _DAMPING * np.linalg.norm(J) / np.sqrt(n)
     x = np.linalg.solve(J.T @ J + mu**2 * np.eye(n), J.T @ e)
@@ -137,17 +138,17 @@ def _damped(J: Array, e: Array, lower: Array, upper: Array) -> Array:
     free = ~fixed
     A = np.vstack([J[:, free], mu * np.eye(free.sum())])
     b = np.concatenate([e - J[:, fixed] @ lower[fixed], np.zeros(free.sum())])
-    size = max(float(np.abs(b).max()), 1e-15)  # the solver's tolerances are absolute
+    size = max(float(np.abs(b).max()), 1e-15)  # scale the problem: the solver's tolerances are absolute
     x = lower.copy()
     x[free] = size * lsq_linear(A, b / size, (lower[free] / size, upper[free] / size), method="bvls").x
     return x
 
 
 def _slsqp(J: Array, e: Array, lower: Array, upper: Array) -> Array:
-    """Return the x that minimises |J x - e|^2 between bounds, by sequential least squares programming."""
+    """Return the x that minimises |J x - e|^2 within bounds, by sequential least squares programming."""
     from scipy.optimize import minimize
 
-    size = max(float(np.abs(e).max()), 1e-15)  # the stopping rule is absolute: 1 um squared is below it
+    size = max(float(np.abs(e).max()), 1e-15)  # scale the problem: the absolute stopping limit exceeds (1 um)^2
     target = e / size
 
     def cost(x: Array) -> tuple[float, Array]:

@@ -1,1 +1,1 @@
-"""Devices: each writes the state of its handle, pedals and buttons."""
+"""Devices: blocks that write the state of handles, pedals and buttons."""

@@ -1,6 +1,6 @@
-"""Two hands and pedals as somebody outside gives them: the newest state of each counts, and silence stops both.
+"""Two hands and pedals with states from outside the World; the newest state counts, and silence stops the hands.
 
-Who owns a socket or a page hands states to `give`; nothing here knows where they come from.
+The owner of a network connection or web page passes states to `give`; this module does not depend on their origin.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from twin.simulation.world import Block, Signals
 _LEAP = 1000
 """Largest gap in the sequence numbers of received states that counts as packet loss.
 
-After a larger gap states are rejected until the device has been silent for a while."""
+After a larger gap, states are rejected until the device has been silent."""
 
 
 @dataclass(frozen=True)
 class HandState:
-    """What is said of one hand.
+    """State of one hand.
 
     Attributes:
         hand: 0 right, 1 left.
-        clutch, camera: pedals, as this hand's message has them.
-        number: one more each time.
-        pose: W (4, 4) in {H}.
+        clutch, camera: whether these pedals are pressed.
+        number: sequence number, increased by one per state.
+        pose: (4, 4) pose W of the handle in {H}.
         grip: angle of the gripper in rad.
     """
 
@@ -43,25 +43,25 @@ class HandState:
 
 
 class GivenHands(Block):
-    """Writes `<hand>.pose` (16,), `<hand>.grip`, `<hand>.lost`, and the pedals of both hands.
+    """Writes `<hand>.pose` (16,), `<hand>.grip`, `<hand>.lost`, and the pedals for both hands.
 
-    The pedals are `<device>.clutch`, `<device>.camera`; `<device>.ignored` counts what changed nothing.
-    `<device>.silent` is 1 while a hand has been silent for `patience`: nothing moves until it is heard again.
+    `<device>.clutch` and `<device>.camera` are the pedals; `<device>.ignored` counts ignored states and scales.
+    `<device>.silent` is 1 if a hand has sent no state for `patience`: nothing moves until it sends one again.
     """
 
     def __init__(
         self, device: str, hands: Sequence[str] = ("right", "left"), scale: float = 0.5, patience: float = 0.25
     ) -> None:
-        """Wait for states.
+        """Prepare to receive states.
 
         Args:
-            device: name of the pedals.
+            device: name of the device of the pedals.
             hands: names of the right and the left hand.
-            scale: `<device>.scale` until `rescale` is called.
-            patience: s without a state after which a hand is silent.
+            scale: value of `<device>.scale` until `rescale` is called.
+            patience: time in s without a state after which a hand counts as silent.
 
         Raises:
-            WorldError: there are not two hands.
+            WorldError: the number of hands is not two.
         """
         if len(hands) != 2:
             raise WorldError(f"device '{device}' has {len(hands)} hands; it needs two, right and left")
@@ -73,16 +73,16 @@ class GivenHands(Block):
         self.outputs = self._signals(0.0)
 
     def give(self, state: HandState) -> None:
-        """Take the state of one hand."""
+        """Pass in a new state of one hand; it is used in the next tick."""
         self._new.append(state)
 
     def leave(self) -> None:
-        """Take the hands away: they are silent in the next tick, whoever gives states then."""
+        """Disconnect the hands: they are silent in the next tick, even if new states arrive."""
         self._new.clear()
         self._heard, self._left = [-math.inf] * 2, True
 
     def rescale(self, scale: float) -> None:
-        """Set the motion scale from the next tick on. One that is not finite and positive is ignored and counted."""
+        """Set the motion scale from the next tick on; ignore and count a value that is not finite and positive."""
         if math.isfinite(scale) and scale > 0:
             self._scale = scale
         else:
@@ -90,15 +90,15 @@ class GivenHands(Block):
 
     @property
     def heard(self) -> int:
-        """Number of the state that was taken last for both hands; -1 before there is one."""
+        """Sequence number of the last state received from both hands (the smaller one); -1 before the first states."""
         return min(-1 if last is None else last.number for last in self._last)
 
     def silent(self, hand: int, t: float) -> bool:
-        """Return whether a hand has been silent for longer than the patience, at t in s."""
+        """Return whether a hand has been silent for longer than `patience`, at time t in s."""
         return t - self._heard[hand] > self.patience
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike]:
-        """Write what was said last."""
+        """Use the states that arrived since the last tick."""
         new, self._new = self._new, []
         for state in new:
             self._order(state, t)

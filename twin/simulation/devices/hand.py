@@ -1,8 +1,9 @@
-"""A simulated operator with a random seed, who does a task with handle and clutch pedal.
+"""A simulated operator, with a random seed, who performs a task with a handle and a clutch pedal.
 
-The hand moves by minimum jerk (Flash and Hogan, J. Neurosci. 5(7), 1985) towards the remaining error, has tremor in
-the physiological band, and clutches when the handle leaves its comfortable range: pedal up, handle back to the middle,
-pedal down. Speeds, pauses and tremor are ASSUMED: the paper gives results of its users, but no hand motions.
+The hand moves with minimum jerk (Flash and Hogan, J. Neurosci. 5(7), 1985) to reduce the remaining error, and has
+tremor in the physiological frequency band. When the handle leaves its comfortable range, the operator clutches: pedal
+up, handle back to the middle, pedal down. Speeds, pauses and tremor are ASSUMED: the paper publishes results of its
+users, but no hand motions.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from twin.kinematics import Kinematics
 from twin.simulation.world import Block, Signals
 
 _STALLED = 12
-"""Number of strokes without progress after which the operator gives up."""
+"""Number of strokes (single hand motions) without progress after which the operator gives up."""
 
 
 @dataclass(frozen=True)
@@ -27,11 +28,12 @@ class Hand:
     """Parameters of the hand motion, SI; all ASSUMED.
 
     Attributes:
-        reach: comfortable range of the handle about its middle, in m and rad.
+        reach: comfortable range of the handle on either side of its middle, in m and rad.
         speed: mean speed of a stroke, in m/s and rad/s.
-        pause: rest in s after a stroke, until the tool's motion is seen.
-        tremor: rms amplitude in m; tremor_band in Hz.
-        misjudge: standard deviation of each stroke as a fraction of its length.
+        pause: time in s after a stroke until the operator sees the tool's motion.
+        tremor: rms amplitude in m.
+        tremor_band: frequency band of the tremor in Hz.
+        misjudge: standard deviation of the error of a stroke, as a fraction of its length.
     """
 
     reach: tuple[float, float] = (0.05, 0.9)
@@ -44,7 +46,7 @@ class Hand:
 
 @dataclass(frozen=True)
 class Goal:
-    """A goal for the tool: name, pose T_base_tool (4, 4), tolerance in m, and whether it is an insertion."""
+    """A goal of the tool: name, pose T_base_tool (4, 4), tolerance in m, and whether it is the end of an insertion."""
 
     name: str
     T_base_tool: Array
@@ -53,12 +55,12 @@ class Goal:
 
 
 def minimum_jerk(s: Array) -> Array:
-    """Return the fraction of the way (k,) at fractions of the time s (k,) in [0, 1]: 10 s^3 - 15 s^4 + 6 s^5."""
+    """Return the fraction of the path (k,) at fractions s (k,) of the time in [0, 1]: 10 s^3 - 15 s^4 + 6 s^5."""
     return s**3 * (10 - 15 * s + 6 * s**2)
 
 
 def tremor(rng: np.random.Generator, hand: Hand, lines: int = 24) -> Callable[[float], Array]:
-    """Return tremor (3,) in m as a function of time: sines of random phase in the hand's band, with its amplitude."""
+    """Return tremor (3,) in m as a function of time in s: sines with random phases in the hand's frequency band."""
     f = rng.uniform(*hand.tremor_band, (lines, 3))
     phase = rng.uniform(0, 2 * np.pi, (lines, 3))
     amplitude = hand.tremor * np.sqrt(2 / lines / 3)
@@ -66,13 +68,13 @@ def tremor(rng: np.random.Generator, hand: Hand, lines: int = 24) -> Callable[[f
 
 
 class ScriptedHand(Block):
-    """Writes `hand.handle` (n,), with tremor, `hand.pedal`, 0 or 1, and `hand.goal`, number of the goal or -1.
+    """Writes `hand.handle` (n,) with tremor, `hand.pedal` (0 or 1), and `hand.goal`: index of the goal, or -1.
 
-    It sees the tool pose (`<robot>.q`) between two strokes, and ends when the last goal is reached or a goal is given
-    up.
+    The operator sees the tool pose (from `<robot>.q`) between two strokes. The device ends when the last goal is
+    reached, or when the operator gives up a goal.
 
     Attributes:
-        missed: the goal that it gave up; "" if none.
+        missed: name of the goal that the operator gave up; "" if there is none.
     """
 
     def __init__(
@@ -89,13 +91,13 @@ class ScriptedHand(Block):
         """Connect to a robot.
 
         Args:
-            robot: its name in the World.
-            kin: its equations, in whose coordinates the handle moves.
-            goals: the goals in order.
-            scale: tool motion per handle motion, as the operator assumes it: (n,) or a number.
+            robot: name of the robot in the World.
+            kin: the robot's equations; the handle moves in their coordinates.
+            goals: the goals, in order.
+            scale: tool motion per handle motion that the operator assumes, (n,) or one number.
             period: time in s between two outputs.
             seed: seed of tremor and errors.
-            hand: parameters of its motion.
+            hand: parameters of the hand motion; None: the defaults.
             progress: called with the name of each goal and the fraction of goals done.
 
         Raises:
@@ -115,7 +117,7 @@ class ScriptedHand(Block):
         self.outputs = {"hand.handle": self._handle, "hand.pedal": 0.0, "hand.goal": -1.0}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike] | None:
-        """Return the signals of the next tick."""
+        """Return the signals of this tick; None after the last goal."""
         self._signals = signals
         pedal = next(self._pedals, None)
         if pedal is None:
@@ -138,7 +140,7 @@ class ScriptedHand(Block):
         return self.kin.program.coordinates_of_pose.one(self._T.ravel())
 
     def _work(self) -> Iterator[bool]:
-        """Yield the state of the pedal for each period."""
+        """Yield the state of the pedal in each period."""
         hand, angular, scale = self.hand, self._angular, self._scale
         reach = np.where(angular, hand.reach[1], hand.reach[0])
         yield from self._hold(0.2, False)
@@ -168,13 +170,13 @@ class ScriptedHand(Block):
                 return
 
     def _move(self, to: Array, seconds: float, pedal: bool) -> Iterator[bool]:
-        """Move the handle by minimum jerk; yield for each period."""
+        """Move the handle with minimum jerk; yield the state of the pedal in each period."""
         start, k = self._handle.copy(), max(1, round(seconds / self.period))
         for s in minimum_jerk(np.arange(1, k + 1) / k):
             self._handle = start + s * (to - start)
             yield pedal
 
     def _hold(self, seconds: float, pedal: bool) -> Iterator[bool]:
-        """Hold the handle at rest; yield for each period."""
+        """Hold the handle at rest; yield the state of the pedal in each period."""
         for _ in range(round(seconds / self.period)):
             yield pedal

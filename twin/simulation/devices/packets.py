@@ -1,12 +1,12 @@
-"""Hands and pedals out of packets: what pens and other programs send, in a documented layout, however it arrives.
+"""Hands and pedals from packets, in a documented layout, sent by haptic pens or other programs over any connection.
 
-A packet is 84 bytes, little-endian: "TWNH", version (u8, 1), hand (u8: 0 right, 1 left), pedals (u8: 1 clutch, 2
-camera), 0 (u8), number (u32, one more each time, for each hand), time of the sender (u64, us, not used), position in
-{H} (3 float64, m), attitude (4 float64, unit quaternion, w first), gripper (float64, rad). Forces go back in 36 bytes:
-"TWNF", version, hand, 0, 0 (u8 each), number of the packet that is answered (u32), force in {H} (3 float64, N).
+A packet from a hand has 84 bytes, little-endian: "TWNH", version (u8, 1), hand (u8: 0 right, 1 left), pedals (u8: 1
+clutch, 2 camera), 0 (u8), sequence number (u32, per hand), time of the sender (u64, us, not used), position in {H} (3
+float64, m), orientation (4 float64, unit quaternion, w first), gripper (float64, rad). The answer with the force has 36
+bytes: "TWNF", version, hand, 0, 0 (u8 each), sequence number of the answered packet (u32), force in {H} (3 float64, N).
 
-Who owns the socket hands packets to `take`; nothing here knows a network. A packet that is late, twice there, broken or
-has another layout changes nothing and is counted.
+The owner of the socket passes packets to `take`; this module does not use the network. A packet that is late, repeated,
+damaged or in another layout is ignored and counted.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ _MAGIC, _ANSWER, _VERSION = b"TWNH", b"TWNF", 1
 _CLUTCH, _CAMERA = 1, 2
 
 _FAR, _OPEN = 10.0, 2 * math.pi
-"""Largest coordinate in m and angle of a gripper in rad that are believed."""
+"""Largest accepted coordinate in m and gripper angle in rad."""
 
 
 def pack(
     hand: int, number: int, pose: Array, grip: float, clutch: bool = False, camera: bool = False, time: int = 0
 ) -> bytes:
-    """Return the 84 bytes of a packet; pose (4, 4) in {H}, grip in rad, time in us."""
+    """Return the 84 bytes of a packet; pose (4, 4) of the handle in {H}, grip in rad, time in us."""
     q = spatial.quat_from_matrix_wxyz(pose[:3, :3])
     pedals = _CLUTCH * clutch + _CAMERA * camera
     return HAND.pack(_MAGIC, _VERSION, hand, pedals, 0, number % 2**32, time, *pose[:3, 3], *q, grip)
 
 
 def unpack(data: bytes) -> HandState | None:
-    """Return what a packet says; None if it has another layout, or numbers that no hand has."""
+    """Return the hand state in a packet; None if the layout is wrong or a number is implausible."""
     if len(data) != HAND.size:
         return None
     magic, version, hand, pedals, zero, number, _, *numbers = HAND.unpack(data)
     p, q, grip = numbers[:3], numbers[3:7], numbers[7]
     if (magic, version, zero) != (_MAGIC, _VERSION, 0) or hand > 1 or pedals > _CLUTCH + _CAMERA:
         return None
-    # NaN and infinity fail the comparisons.
+    # NaN and infinity fail these comparisons.
     if not all(abs(x) <= _FAR for x in p) or not abs(grip) <= _OPEN or not abs(math.hypot(*q) - 1) <= 1e-3:
         return None
     pose = spatial.pose(spatial.matrix_from_quat_wxyz(q), p)
@@ -54,10 +54,10 @@ def unpack(data: bytes) -> HandState | None:
 
 
 class Packets(GivenHands):
-    """Hands whose states come as packets; a packet that changes nothing is counted in `<device>.ignored`."""
+    """Hands whose states arrive as packets; ignored packets are counted in `<device>.ignored`."""
 
     def take(self, data: bytes) -> int | None:
-        """Take the bytes of one packet; return the hand if they have the layout, so that it can be answered."""
+        """Process the bytes of one packet; return the hand (0 or 1) to answer, or None if the layout is wrong."""
         state = unpack(data)
         if state is None:
             self._ignored += 1
@@ -66,7 +66,7 @@ class Packets(GivenHands):
         return state.hand
 
     def answer(self, hand: int, force: ArrayLike) -> bytes:
-        """Return the packet that brings a force (3,) in {H} in N back to a hand."""
+        """Return the packet with a force (3,) in {H} in N, to be sent to a hand."""
         last = self._last[hand]
         number = last.number if last else 0
         return FORCE.pack(_ANSWER, _VERSION, hand, 0, 0, number, *np.asarray(force, float))

@@ -1,4 +1,4 @@
-"""Playback of signals from a recording, to repeat a World."""
+"""Playback of recorded signals, to repeat a World."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from twin.simulation.world import Block, Recording, Signals
 
 
 class Recorded(Block):
-    """Writes recorded signals tick by tick, without the changes by hazards, until the recording ends."""
+    """Writes recorded signals tick by tick, as they were before hazards changed them, until the recording ends."""
 
     def __init__(self, recording: Recording, *signals: str) -> None:
-        """Select signals by name; `hand` selects all signals that begin with `hand.`.
+        """Select signals by name; `hand` selects all signals whose names begin with `hand.`.
 
         Raises:
-            WorldError: no signal has this name, or the recording has no tick.
+            WorldError: no signal has this name, or the recording is empty.
         """
         own = [n for n in recording.sizes if not n.endswith(".written")]
         for wanted in signals:
@@ -29,7 +29,7 @@ class Recorded(Block):
         self.outputs = {name: rows[0] for name, rows in self._rows.items()}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array] | None:
-        """Return the next row."""
+        """Return the next row; None at the end of the recording."""
         if self._tick == self._count:
             return None
         self._tick += 1

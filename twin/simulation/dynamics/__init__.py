@@ -1,1 +1,1 @@
-"""Dynamics of a robot: its masses, plants that move it under efforts, and a computed-torque controller."""
+"""Dynamics of a robot: masses, plants driven by efforts, and a computed-torque controller."""

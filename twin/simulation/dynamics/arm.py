@@ -1,4 +1,4 @@
-"""The robot model of controller and plant: a mechanism with masses, its friction, and the limits of its motors."""
+"""Robot model used by controller and plant: a mechanism with masses, friction, and effort limits of the motors."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from twin.simulation.dynamics.inertia import Inertias, parameters, weighed
 
 @dataclass(frozen=True)
 class Arm:
-    """A mechanism with n active joints, and the other parameters of its dynamics. Arrays are in the order of q.
+    """A mechanism with n active joints, with its dynamic parameters; arrays are in the order of q.
 
     Attributes:
-        mechanism: a body for each moving part, each with a mass.
-        rotor: (n,) inertia in kg m2 or kg at the joints, in addition to the inertia of the mechanism's actuators.
-        friction: (n,) viscous, N m s/rad or N s/m, at the joints.
+        mechanism: the mechanism, with a mass for each moving body.
+        rotor: (n,) inertia in kg m2 or kg at the joints, in addition to that of the mechanism's actuators.
+        friction: (n,) viscous friction at the joints, N m s/rad or N s/m.
         limit: (n,) largest efforts of the motors in N m or N; infinite if unknown.
-        parameters: numbers of the inertia file, with provenance.
-        mjcf: the mechanism as MJCF text, if MuJoCo moves it.
+        parameters: numbers from the inertia file, with provenance.
+        mjcf: the mechanism as MJCF text, for simulation in MuJoCo; "" if not available.
     """
 
     mechanism: Mechanism
@@ -39,19 +39,19 @@ class Arm:
 
     @property
     def motors(self) -> tuple[str, ...]:
-        """Names of the motors (n,); a joint that is driven directly is its own motor."""
+        """Names of the n motors; a directly driven joint is its own motor."""
         return self.mechanism.motor_names
 
     @property
     def effort_units(self) -> tuple[str, ...]:
-        """Unit of the effort of each motor."""
+        """Unit of the effort of each motor, "N m" or "N"."""
         kinds = {a.name: a.is_angle for a in self.mechanism.actuators}
         angles = (kinds.get(m, j.is_angle) for m, j in zip(self.motors, self.mechanism.active, strict=True))
         return tuple("N m" if angle else "N" for angle in angles)
 
     @property
     def masses(self) -> dict[str, float]:
-        """Mass in kg that each joint of the tree moves, without the masses beyond the next joint."""
+        """Mass in kg of the body that each tree joint moves, by name of the joint."""
         bodies = {b.name: b.inertia for b in self.mechanism.bodies}
         return {j.name: m.mass for j in self.mechanism.tree if (m := bodies[j.child]) is not None}
 
@@ -65,11 +65,11 @@ class Arm:
         return efforts @ self._outward
 
     def dynamics(self, factors: ArrayLike = 1.0, friction: ArrayLike | None = None) -> Dynamics:
-        """Return the equations of motion, also with wrong masses or friction.
+        """Return the equations of motion, optionally with wrong masses or friction.
 
         Args:
-            factors: factors of masses and tensors, one for each key of `masses`; mass centres and rotors are unchanged.
-            friction: (n,) friction instead of the true one.
+            factors: factors of masses and tensors, one per key of `masses`; mass centres and rotors are unchanged.
+            friction: (n,) friction to use instead of the true one; None: the true one.
         """
         names = [j.child for j in self.mechanism.tree]
         known = dict(zip(names, np.broadcast_to(np.asarray(factors, float), len(names)), strict=True))
@@ -82,13 +82,13 @@ def arm(mechanism: Mechanism, table: Inertias | None = None, *, cited: bool = Tr
     """Return the robot model of a mechanism.
 
     Args:
-        mechanism: its drives and actuators give the motors' limits, unless the inertia file gives them.
-        table: the inertia file of the robot, if it has one.
-        cited: whether masses are those of the file; else those of the mechanism.
+        mechanism: the mechanism; its drives and actuators define the motors' limits that the inertia file does not.
+        table: inertia file of the robot; None if there is none.
+        cited: whether to use the masses of the file; otherwise those of the mechanism.
         instrument: whether the last link of the file carries its instrument.
 
     Raises:
-        MechanismError: a moving body has no mass; or the file does not match the mechanism.
+        MechanismError: a moving body has no mass, or the file does not match the mechanism.
     """
     masses = table if cited else None
     if masses is not None:
@@ -126,11 +126,11 @@ def arm(mechanism: Mechanism, table: Inertias | None = None, *, cited: bool = Tr
 
 
 def without_fixed(mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism without shapes; bodies that are fixed to each other become one, with their masses added.
+    """Return the mechanism without shapes, with bodies that are fixed to each other combined into one.
 
-    Passive joints that move no mass and that no loop, coupling or tool needs are left out.
+    Passive joints that move no mass and are not part of a loop, a coupling or the path to the tool are removed.
     """
-    at: dict[str, tuple[str, Array]] = {mechanism.base: (mechanism.base, np.eye(4))}  # body: carrier, T_carrier_body
+    at: dict[str, tuple[str, Array]] = {mechanism.base: (mechanism.base, np.eye(4))}  # body -> carrier, T_carrier_body
     for joint in mechanism.tree:
         name, T = at[joint.parent]
         fixed = joint.type == "fixed"

@@ -1,14 +1,14 @@
-"""Masses, inertias and drives of a robot from TOML, each number with its origin.
+"""Masses, inertias and drives of a robot, read from TOML, each number with its provenance.
 
-A link is the part that one joint moves. Its mass centre and tensor are given in its frame by Khalil and Kleinfinger's
-modified Denavit-Hartenberg form. This frame is found on the mechanism with all joints at zero: z is along the joint's
-axis, x along the x of the base, and the origin is the point of the axis that is nearest to the axis of the next link in
-the file. For the last link, and for an axis parallel to the next one, it is the point nearest to the origin of the link
-before.
+A link is the part moved by one joint. Its mass centre and tensor are given in its frame in the modified
+Denavit-Hartenberg form of Khalil and Kleinfinger. This frame is determined on the mechanism with all joints at zero: z
+is along the joint axis, x is along x of the base, and the origin is the point of the axis that is nearest to the axis
+of the next link in the file. For the last link, and if the next axis is parallel, the origin is the point of the axis
+that is nearest to the origin of the previous link.
 
 Source: W. Khalil, J.-F. Kleinfinger, A new geometric notation for open and closed-loop robots, Proc. IEEE Int. Conf.
-Robotics and Automation (1986) 1174-1179: T_previous_link = Rx(alpha) Tx(d) Rz(theta) Tz(r), so that all x are parallel
-where every theta is zero.
+Robotics and Automation (1986) 1174-1179: T_previous_link = Rx(alpha) Tx(d) Rz(theta) Tz(r), so that the x axes of all
+frames are parallel if every theta is zero.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ NAME = "inertia.toml"
 """Name of the file in a robot's CAD folder."""
 
 _ALONG = 1e-6
-"""Tolerance in rad of perpendicular and parallel axes: far above rounding."""
+"""Tolerance in rad for perpendicular and parallel axes: far above rounding errors."""
 
 _UNITS = {"rotor": ("kg m2", "kg"), "friction": ("N m s/rad", "N s/m"), "torque": ("N m", "N")}
-"""Allowed units of each quantity, for revolute and prismatic joints."""
+"""Units of each quantity, for revolute and prismatic joints."""
 
 _Positive = Annotated[float, Field(gt=0)]
 _NotNegative = Annotated[float, Field(ge=0)]
@@ -129,7 +129,7 @@ def load(path: Path) -> Inertias:
     """Read an inertia file.
 
     Raises:
-        DescriptionError: file, line, key, value and the allowed values; also for an impossible tensor.
+        DescriptionError: the file is invalid or a tensor impossible; the message has file, line, key and value.
     """
     table = load_toml(path, Inertias)
     names = [link.joint for link in table.link]
@@ -143,7 +143,7 @@ def of_robot(folder: Path) -> Inertias:
     """Read `inertia.toml` of a robot's CAD folder.
 
     Raises:
-        DescriptionError: the file does not exist: without masses, torques cannot be computed.
+        DescriptionError: the file does not exist or is invalid; without masses, torques cannot be computed.
     """
     path = Path(folder) / NAME
     if not path.is_file():
@@ -152,16 +152,16 @@ def of_robot(folder: Path) -> Inertias:
 
 
 def weighed(table: Inertias, mechanism: Mechanism, *, instrument: bool = True) -> Mechanism:
-    """Return a mechanism with only the masses of the file: each link's mass is on the body that its joint moves.
+    """Return the mechanism with the masses of the file only; each link's mass is on the body that its joint moves.
 
     Args:
-        table: the file.
-        mechanism: bodies that are fixed to a link's body have no mass of their own.
+        table: the inertia file.
+        mechanism: the mechanism; bodies that are fixed to a link's body get no mass.
         instrument: whether the last link carries its instrument.
 
     Raises:
-        MechanismError: the file names a joint that the mechanism does not have, or a joint whose frame is ambiguous.
-            AssemblyError: the mechanism cannot be assembled with all joints at zero.
+        MechanismError: a joint of the file is not in the mechanism, or its link frame is ambiguous.
+        AssemblyError: the mechanism cannot be assembled with all joints at zero.
     """
     links = [_inertia(link) for link in table.link]
     if instrument and table.instrument is not None:
@@ -176,7 +176,7 @@ def weighed(table: Inertias, mechanism: Mechanism, *, instrument: bool = True) -
 
 
 def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> list[Array]:
-    """Return T_base_link (4, 4) of each link, all joints at zero; see the docstring of this file."""
+    """Return T_base_link (4, 4) of each link with all joints at zero; see the module docstring."""
     known = {j.name: j for j in mechanism.tree if len(j.free_axes) == 1}
     lines = []
     for link in table.link:
@@ -199,7 +199,7 @@ def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> l
         toward, along = lines[i + 1] if i + 1 < len(lines) else (before, z)
         across = along - (along @ z) * z
         step = (toward - p) @ z
-        if np.linalg.norm(across) > _ALONG:  # the foot of the common normal
+        if np.linalg.norm(across) > _ALONG:  # axes not parallel: foot of the common normal
             step -= (along @ z) * ((toward - p) @ across) / (across @ across)
         else:
             step = (before - p) @ z
@@ -213,7 +213,7 @@ def _inertia(solid: _Solid) -> Inertia:
 
 
 def parameters(table: Inertias) -> Iterator[Parameter]:
-    """Yield every number of the file with its origin."""
+    """Yield every number of the file with its provenance."""
     for owner, solid in (*((link.joint, link) for link in table.link), ("instrument", table.instrument)):
         if solid is None:
             continue

@@ -1,4 +1,4 @@
-"""Plants under joint efforts: MuJoCo with a given MJCF, or the controller's own equations."""
+"""Plants driven by joint efforts: MuJoCo with an MJCF, or the equations of the controller's model."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from twin.core.spatial import Array
 from twin.reference.dynamics import Dynamics, State
 
 STEP = 0.25e-3
-"""Integration step in s: four steps for each tick at 1 kHz."""
+"""Integration step in s: four steps per tick at 1 kHz."""
 
 _STRIDES = (0.02, 0.1)
-"""Largest step (m, rad) of an active joint while loops are closed from home."""
+"""Largest step (m, rad) of an active joint while the loops are closed from home."""
 
 
 class Plant(Protocol):
-    """A plant driven by efforts in its n active joints."""
+    """Interface of a plant driven by efforts in its n active joints."""
 
     @property
     def q(self) -> Array:
-        """Joints (n,) in rad or m."""
+        """Joint values (n,) in rad or m."""
         ...
 
     @property
@@ -33,7 +33,7 @@ class Plant(Protocol):
         ...
 
     def reset(self, q: ArrayLike, qd: ArrayLike) -> None:
-        """Set the state q (n,), qd (n,)."""
+        """Set the state to joint values q (n,) and rates qd (n,)."""
         ...
 
     def advance(self, efforts: Array, duration: float) -> None:
@@ -42,9 +42,9 @@ class Plant(Protocol):
 
 
 class ModelPlant:
-    """A mechanism that moves by the equations of `Dynamics`, integrated by Runge-Kutta of fourth order.
+    """A mechanism that moves according to `Dynamics`, integrated by the Runge-Kutta method of fourth order.
 
-    It is not independent of the controller's model: it shows only the errors of the control.
+    It is not independent of the controller's model, so that it shows only the errors of the control.
     """
 
     def __init__(self, dynamics: Dynamics, step: float = STEP) -> None:
@@ -53,7 +53,7 @@ class ModelPlant:
         self.q = self.qd = np.zeros(dynamics.n)
 
     def reset(self, q: ArrayLike, qd: ArrayLike) -> None:
-        """Set the state q (n,), qd (n,)."""
+        """Set the state to joint values q (n,) and rates qd (n,)."""
         self.q, self.qd, self._state = np.array(q, float), np.array(qd, float), None
 
     def advance(self, efforts: Array, duration: float) -> None:
@@ -75,14 +75,14 @@ class ModelPlant:
 
 
 class MujocoPlant:
-    """A mechanism in MuJoCo: an engine independent of the controller's model.
+    """A mechanism in MuJoCo, an engine that is independent of the controller's model.
 
-    Its drives, stops and contacts are switched off; loops are closed by the constraints of the MJCF. Efforts are
-    constant between two ticks of the controller; integration is Runge-Kutta of fourth order; gravity is that of the
-    MJCF.
+    Actuators, joint limits and contacts of the MJCF are disabled; loops are closed by its constraints, and gravity is
+    that of the MJCF. Efforts are constant between two ticks of the controller. Integration is by the Runge-Kutta method
+    of fourth order.
 
     Attributes:
-        model, data: MuJoCo's.
+        model, data: MuJoCo's model and data.
     """
 
     def __init__(
@@ -92,13 +92,14 @@ class MujocoPlant:
 
         Args:
             mjcf: text of an MJCF without meshes, with a keyframe named home.
-            joints: names of its n active joints, in the order of q.
+            joints: names of the n active joints, in the order of q.
             rotor: (n,) inertia in kg m2 or kg at the joints, in addition to that of the MJCF.
-            friction: (n,) viscous, N m s/rad or N s/m.
+            friction: (n,) viscous friction, N m s/rad or N s/m.
             step: integration step in s.
 
         Raises:
-            TwinError: MuJoCo is not installed. MechanismError: MuJoCo rejects the file.
+            TwinError: MuJoCo is not installed.
+            MechanismError: MuJoCo rejects the MJCF.
         """
         self._mujoco = mujoco = _engine()
         try:
@@ -107,14 +108,14 @@ class MujocoPlant:
             raise MechanismError(f"MuJoCo rejects the masses or joints: {error}") from error
         model.opt.timestep, model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_RK4
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-        bits = mujoco.mjtDisableBit  # MuJoCo would restart the simulation without an error
+        bits = mujoco.mjtDisableBit  # by default, MuJoCo resets a diverging simulation without raising an error
         model.opt.disableflags |= int(bits.mjDSBL_AUTORESET | bits.mjDSBL_ACTUATION | bits.mjDSBL_LIMIT)
         model.opt.disableflags |= int(bits.mjDSBL_CONTACT)
         ids = [model.joint(name).id for name in joints]
         self._places, self._rates = model.jnt_qposadr[ids], model.jnt_dofadr[ids]
         self._free = np.setdiff1d(np.arange(model.nv), self._rates)
         model.dof_armature[self._rates] += np.asarray(rotor, float)
-        damping = model.dof_damping  # newer versions keep polynomials, of which the first term is the linear one
+        damping = model.dof_damping  # in newer versions a polynomial, whose first coefficient is the linear one
         (damping if damping.ndim == 1 else damping[:, 0])[self._rates] = friction
         self._angles = model.jnt_type[ids] == mujoco.mjtJoint.mjJNT_HINGE
         self.data = mujoco.MjData(model)
@@ -123,19 +124,19 @@ class MujocoPlant:
 
     @property
     def q(self) -> Array:
-        """Present joints (n,) in rad or m."""
+        """Current joint values (n,) in rad or m."""
         return self.data.qpos[self._places]
 
     @property
     def qd(self) -> Array:
-        """Present rates (n,) in rad/s or m/s."""
+        """Current rates (n,) in rad/s or m/s."""
         return self.data.qvel[self._rates]
 
     def reset(self, q: ArrayLike, qd: ArrayLike) -> None:
-        """Set the state q (n,), qd (n,), with loops closed from home.
+        """Set the state to joint values q (n,) and rates qd (n,); loops are closed starting from home.
 
         Raises:
-            MechanismError: the loops do not close there.
+            MechanismError: the loops cannot be closed at q.
         """
         data, q, qd = self.data, np.asarray(q, float), np.asarray(qd, float)
         self._mujoco.mj_resetDataKeyframe(self.model, data, self.model.key("home").id)
@@ -151,7 +152,7 @@ class MujocoPlant:
         data.qvel[self._free] = -np.linalg.pinv(J[:, self._free], rcond=1e-9) @ (J[:, self._rates] @ qd)
 
     def _close(self) -> Array:
-        """Close the loops by Gauss-Newton on the engine's constraints, active joints held; return their Jacobian."""
+        """Close the loops, with active joints held, by Gauss-Newton on MuJoCo's constraints; return their Jacobian."""
         mujoco, model, data = self._mujoco, self.model, self.data
         for _ in range(20):
             mujoco.mj_fwdPosition(model, data)

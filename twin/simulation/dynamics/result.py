@@ -1,4 +1,4 @@
-"""Result of computed-torque control: errors with exact and wrong models, efforts, findings."""
+"""Result of a computed-torque simulation: errors with exact and wrong models, efforts, findings."""
 
 from __future__ import annotations
 
@@ -26,28 +26,28 @@ from twin.simulation.dynamics.track import (
 )
 
 EXACT = "exact model"
-"""Name of the run without mismatch."""
+"""Name of the run without model mismatch."""
 
 SOURCES = {
     "cited": "masses, mass centres and tensors as cited in inertia.toml",
     "cad": "masses, mass centres and tensors from shapes and densities of the CAD (ASSUMED where marked)",
 }
-"""Sources of masses, as text."""
+"""Description of the source of the masses, by key."""
 
 
 @dataclass(frozen=True)
 class Tracking(Result):
-    """Runs under computed torque control along one protocol.
+    """Runs with computed-torque control along one protocol.
 
     Attributes:
-        robot, protocol, title: names, and the title of the protocol.
+        robot, protocol, title: names of robot and protocol, and title of the protocol.
         inertia: source of the masses, a key of `SOURCES`.
         arm: the robot model.
         motion: the desired motion.
-        phases: (name, type, begin, end in s) of each phase of the protocol.
-        mismatch: fraction by which the masses of the wrong models differ.
-        runs: runs by name; the run with the exact model is first.
-        curves: runs over inertia errors, by name; empty if not requested.
+        phases: (name, type, start in s, end in s) of each phase of the protocol.
+        mismatch: relative error of the masses in the wrong models.
+        runs: runs by name, first the run with the exact model.
+        curves: runs with different inertia errors, by name; empty if not requested.
     """
 
     kind: ClassVar[str] = "track"
@@ -69,17 +69,17 @@ class Tracking(Result):
 
     @property
     def duration(self) -> float:
-        """Seconds of the motion."""
+        """Duration of the motion in s."""
         return float(self.motion.t[-1] - self.motion.t[0])
 
     @cached_property
     def efforts(self) -> list[EffortRow]:
-        """Peak and rms efforts of the motors over all runs."""
+        """Peak and rms effort of each motor over all runs."""
         return effort_table(self.arm, *self.runs.values())
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """Exceeded limits."""
+        """Findings on exceeded limits of tip error and motor effort."""
         return tuple(f for name, run in self.runs.items() for f in _judged(name, run, self.arm))
 
     @property
@@ -107,7 +107,7 @@ class Tracking(Result):
         }
 
     def text(self) -> Iterator[Part]:
-        """Yield the parts of the text."""
+        """Yield the parts of the printed result."""
         c = self.runs[EXACT].conditions
         yield f"{self.robot} · {self.title} · {self.duration:.3f} s, moved by {c.plant}"
         yield (
@@ -130,7 +130,7 @@ class Tracking(Result):
         yield from by_severity(self.findings)
 
     def write(self, folder: Path) -> None:
-        """Write track.csv: time, tip and RCM errors of every run, then joint errors and efforts of the worst one."""
+        """Write track.csv: time, tip and RCM errors of every run, then joint errors and efforts of the worst run."""
         columns, head = [self.motion.t], ["t_s"]
         for name, r in self.runs.items():
             label = _label(name)
@@ -184,7 +184,7 @@ def _effort(row: EffortRow) -> tuple[str, ...]:
 
 
 def _label(name: str) -> str:
-    """Return the name of a run as part of a column's name: "links -5 %" is links_minus_5_percent."""
+    """Return the name of a run as part of a column name: "links -5 %" becomes links_minus_5_percent."""
     for sign, word in (("±", " either "), ("+", " plus "), ("-", " minus "), ("%", " percent "), (",", " ")):
         name = name.replace(sign, word)
     return "_".join(name.replace(".", "p").split())

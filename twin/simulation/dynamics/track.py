@@ -1,14 +1,14 @@
-"""Computed-torque control of a robot along a motion, and the tip error caused by model mismatch.
+"""Simulate computed-torque control of a robot along a motion, and the tip error caused by model mismatch.
 
     effort = M(q) [qdd_d + Kv (qd_d - qd) + Kp (q_d - q)] + C(q, qd) qd + g(q) + F qd,   Kp = w^2, Kv = 2 w
 
-Model and plant are different. The plant is the robot as stated; the controller's model may be wrong in masses and
-tensors (rotors are taken as known) and in friction. The controller reads the joints once a tick, exactly or in encoder
-steps, and its efforts are held until the next tick. With an exact model, this hold causes the only error: an effort
-that is correct when the tick begins is half a tick old on average, while friction, gravity and acceleration change. So
-the equations are evaluated at the predicted state in the middle of the tick (`Conditions.middle`); measurement and
-feedback are unchanged. Efforts are commanded to the motors, which saturate at their limits. Errors are those of the
-true joints at the ticks.
+The plant is the robot as stated. The controller's model may be wrong in masses and tensors (rotors are assumed known)
+and in friction. The controller reads the joints once per tick, exactly or in encoder steps; its efforts are constant
+until the next tick. With an exact model, this hold is the only cause of errors: an effort that is correct at the start
+of a tick is on average half a tick old, while friction, gravity and acceleration change. Therefore the equations are
+evaluated at the state predicted for the middle of the tick (`Conditions.middle`); measurement and feedback are
+unchanged. Efforts are commanded to the motors, which saturate at their limits. Errors are those of the true joint
+values at the ticks.
 """
 
 from __future__ import annotations
@@ -28,43 +28,40 @@ from twin.simulation.dynamics.arm import Arm
 from twin.simulation.dynamics.plant import STEP, ModelPlant, MujocoPlant, Plant
 
 ENCODER = 2 * np.pi / (4096 * 4 * 50)
-"""Angle in rad at the link of one encoder step: 4096 lines, read fourfold, gear ratio 50.
+"""Angle in rad at the link of one encoder step: 4096 lines, fourfold evaluation, gear ratio 50.
 
-ASSUMED: the encoders of the PA-10 are
-
-not published; the gear follows from the rotors at motor and link. A prismatic joint has steps of this number times
-`LENGTH_SCALE` m.
+ASSUMED: the encoders of the PA-10 are not published; the gear ratio follows from the rotor inertias at motor and link.
+A prismatic joint has steps of this number times `LENGTH_SCALE` in m.
 """
 
 EXACT_LIMIT, TIP_LIMIT = 10e-6, 1e-3
-"""Limits of the tip error in m: with an exact model (only the hold of one tick), and as the paper reports."""
+"""Limits of the tip error in m: with an exact model (hold of one tick only), and with a wrong one (the paper's)."""
 
 _LOST = 1.0
-"""Joint error in rad (times `LENGTH_SCALE` in m) beyond which control is lost."""
+"""Joint error in rad (times `LENGTH_SCALE` in m) beyond which the robot has diverged."""
 
 _OFTEN = 200
-"""Number of ticks between two reports of progress."""
+"""Number of ticks between two progress reports."""
 
 PlantName = Literal["mujoco", "pinocchio"]
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """Conditions of a run besides the motion.
+    """Conditions of a run, except the motion.
 
     Attributes:
-        rate: ticks of the controller per second.
-        w: rad/s, Kp = w^2, Kv = 2 w for each joint.
-        inertia_error: masses and tensors of the controller's model are wrong by this fraction.
-        signs: None: all parts are too heavy (for a positive error); a number: seed of a random sign for each part.
-        friction_known: the model has the plant's friction.
-        friction_error: fraction by which the model's friction is wrong if it is not known; with `signs`, of random
-            sign.
-        quantisation: encoder step in rad, `LENGTH_SCALE` times it in m; 0: exact positions and velocities.
-        velocity_cutoff: in Hz, of the first-order low-pass on differences of quantised positions.
-        saturation: efforts stop at the limits of the motors.
-        middle: the equations are evaluated for the middle of the tick rather than for its beginning.
-        plant: "mujoco" (independent of the model), or "pinocchio" (the model's own equations).
+        rate: ticks of the controller per s.
+        w: control bandwidth in rad/s: Kp = w^2 and Kv = 2 w for each joint.
+        inertia_error: relative error of masses and tensors in the controller's model.
+        signs: seed of a random sign of the error of each part; None: the same sign for all parts (positive: too heavy).
+        friction_known: whether the model has the plant's friction.
+        friction_error: relative error of the model's friction if it is not known; with `signs`, of random sign.
+        quantisation: encoder step in rad, times `LENGTH_SCALE` in m; 0: exact positions and velocities.
+        velocity_cutoff: cut-off frequency in Hz of the first-order low-pass for differences of quantised positions.
+        saturation: whether efforts are limited to the limits of the motors.
+        middle: whether the equations are evaluated for the middle of the tick, instead of its start.
+        plant: "mujoco" (independent of the model) or "pinocchio" (the model's own equations).
     """
 
     rate: float = 1000.0
@@ -80,7 +77,7 @@ class Conditions:
     plant: PlantName = "mujoco"
 
     def realistic(self, inertia_error: float, signs: int | None = None) -> Conditions:
-        """Return these conditions with a wrong model: inertia by a fraction, friction unknown, encoder steps."""
+        """Return these conditions with a wrong model: given inertia error, unknown friction, encoder steps."""
         return replace(self, inertia_error=inertia_error, signs=signs, friction_known=False, quantisation=ENCODER)
 
 
@@ -89,11 +86,11 @@ class Motion:
     """The desired motion, one row per tick.
 
     Attributes:
-        t: (k,) s, equally spaced.
-        q, qd, qdd: (k, n) in rad or m, per s, per s2.
-        T_tool_tip: (4, 4) tip in the tool frame.
+        t: (k,) times in s, equally spaced.
+        q, qd, qdd: (k, n) joint values in rad or m, and their derivatives per s and per s2.
+        T_tool_tip: (4, 4) pose of the tip in the tool frame.
         shaft: (3,) direction of the instrument in the tip frame.
-        rcm: (k, 3) in base in m, the point through which the shaft must pass (NaN: no RCM at that time), or None.
+        rcm: (k, 3) in base in m, point through which the shaft must pass; NaN without RCM at that time. None: never.
     """
 
     t: Array
@@ -107,16 +104,16 @@ class Motion:
 
 @dataclass(frozen=True)
 class Run:
-    """One motion under control.
+    """Simulated motion under control.
 
     Attributes:
         conditions: conditions of the run.
-        t: (k,) s.
-        tip_error: (k,) m, distance of the tip from its desired position.
-        joint_error: (k, n) rad or m, desired minus true.
-        rcm_error: (k,) m, from the RCM to the true shaft; NaN where there is none.
-        effort: (k, n) N m or N of the motors, as applied from this tick to the next.
-        saturated: (k, n) bool, where the motor's limit cut the effort.
+        t: (k,) times in s.
+        tip_error: (k,) distance in m of the tip from its desired position.
+        joint_error: (k, n) desired minus true joint values, in rad or m.
+        rcm_error: (k,) distance in m from the RCM to the true shaft; NaN without RCM.
+        effort: (k, n) motor efforts in N m or N, applied from this tick to the next.
+        saturated: (k, n) bool, whether the motor's limit reduced the effort.
     """
 
     conditions: Conditions
@@ -139,12 +136,12 @@ class Run:
 
     @property
     def rcm_max(self) -> float | None:
-        """Largest distance from RCM to shaft in m; None if there never is an RCM."""
+        """Largest distance in m from the RCM to the shaft; None if there is no RCM during the motion."""
         seen = self.rcm_error[np.isfinite(self.rcm_error)]
         return float(seen.max()) if seen.size else None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return conditions and largest errors as plain data."""
+        """Return the conditions and the largest errors as plain data."""
         return {
             "conditions": vars(self.conditions),
             "tip_max_m": self.tip_max,
@@ -156,7 +153,7 @@ class Run:
 
 @dataclass(frozen=True)
 class EffortRow:
-    """Efforts of one motor in N m or N; a joint that is driven directly is its own motor. `limit` None: unknown."""
+    """Efforts of one motor in N m or N; a directly driven joint is its own motor. `limit` is None if unknown."""
 
     joint: str
     unit: str
@@ -166,7 +163,7 @@ class EffortRow:
 
     @property
     def margin(self) -> float | None:
-        """Margin to the limit at the peak: 1 for zero effort, 0 at the limit, negative beyond the limit."""
+        """Relative margin at the peak: 1 for zero effort, 0 at the limit, negative beyond; None without a limit."""
         return None if self.limit is None else 1.0 - self.peak / self.limit
 
     def as_dict(self) -> dict[str, Any]:
@@ -175,24 +172,24 @@ class EffortRow:
 
 
 def model_of(arm: Arm, conditions: Conditions = Conditions()) -> Dynamics:
-    """Return the controller's model of the robot under these conditions."""
+    """Return the controller's model of the robot under the given conditions."""
     c, parts, n = conditions, len(arm.masses), len(arm.friction)
-    # Masses and frictions have independent random errors.
+    # The errors of masses and of frictions are independent.
     drawn = signs(parts + n, c.signs)
     off = 0.0 if c.friction_known else c.friction_error
     return arm.dynamics(1.0 + c.inertia_error * drawn[:parts], arm.friction * (1.0 + off * drawn[parts:]))
 
 
 def signs(n: int, seed: int | None) -> Array:
-    """Return n signs +1 or -1: all +1 without a seed, random with one."""
+    """Return n signs: all +1 if seed is None, otherwise random +1 or -1."""
     return np.ones(n) if seed is None else np.random.default_rng(seed).choice([-1.0, 1.0], n)
 
 
 def plant_of(arm: Arm, conditions: Conditions = Conditions()) -> Plant:
-    """Return the true robot in the engine of the conditions.
+    """Return the true robot in the simulation engine of the conditions.
 
     Raises:
-        TwinError: there is no such engine, it is not installed, or the robot has no MJCF.
+        TwinError: the engine is unknown or not installed, or the robot has no MJCF.
     """
     if conditions.plant == "mujoco":
         if not arm.mjcf:
@@ -209,14 +206,12 @@ def run(
     conditions: Conditions = Conditions(),
     progress: Callable[[float], None] = lambda part: None,
 ) -> Run:
-    """Simulate the robot under computed-torque control, and return its tracking errors.
+    """Simulate the robot under computed-torque control along a motion; return its tracking errors.
 
-    The robot starts on the motion, at rest or with the motion's speed.
-
-    `progress` is called with the fraction done.
+    The robot starts on the motion, with the motion's speed. `progress` is called with the fraction done.
 
     Raises:
-        TwinError: the motion is of another robot, its samples do not match the control rate, or the robot diverges.
+        TwinError: the motion does not fit the robot or the control rate, or the robot diverges.
     """
     c, tick = conditions, 1.0 / conditions.rate
     k, n = _checked(arm, motion, c)
@@ -271,7 +266,7 @@ def curve(
     conditions: Conditions = Conditions(),
     progress: Callable[[float], None] = lambda part: None,
 ) -> list[Run]:
-    """Return a run for each inertia error; everything else as in the conditions."""
+    """Return one run per inertia error; the other conditions are unchanged."""
     out = []
     for i, fraction in enumerate(fractions):
         out.append(run(arm, motion, replace(conditions, inertia_error=float(fraction))))
@@ -280,7 +275,7 @@ def curve(
 
 
 def effort_table(arm: Arm, *runs: Run) -> list[EffortRow]:
-    """Return peak and root mean square effort of each motor over all runs, against its limit."""
+    """Return peak and root-mean-square effort of each motor over all runs, with its limit."""
     effort = np.vstack([r.effort for r in runs])
     peak, rms = np.abs(effort).max(axis=0), np.sqrt(np.mean(effort**2, axis=0))
     return [
@@ -290,12 +285,12 @@ def effort_table(arm: Arm, *runs: Run) -> list[EffortRow]:
 
 
 def _measured(q: Array, step: Array) -> Array:
-    """Return joints as the encoders measure them."""
+    """Return joint values as the encoders measure them, in multiples of `step`; exact if step is 0."""
     return step * np.round(q / step) if step.all() else q
 
 
 def _checked(arm: Arm, motion: Motion, c: Conditions) -> tuple[int, int]:
-    """Return the shape (k, n) of a motion; raise if it does not fit the robot and the rate."""
+    """Return the shape (k, n) of a motion; raise `TwinError` if it does not fit the robot and the control rate."""
     k, n = len(motion.t), len(arm.friction)
     for name, values in (("q", motion.q), ("qd", motion.qd), ("qdd", motion.qdd)):
         if values.shape != (k, n) or not np.isfinite(values).all():

@@ -1,1 +1,1 @@
-"""Hazards: each changes one signal of a World when triggered."""
+"""Hazards: each changes one signal of a World while it is active."""

@@ -1,1 +1,1 @@
-"""Plants: each takes a command and writes the state of its robot or deformable after the tick."""
+"""Plants: blocks that read a command and write the state of their robot or deformable after the tick."""

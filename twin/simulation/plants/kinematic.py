@@ -1,4 +1,4 @@
-"""A kinematic robot: its joints follow the command within limits and rates."""
+"""A robot without dynamics: its joints follow the command within position and speed limits."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from twin.simulation.world import Block, Signals
 
 
 class Kinematic(Block):
-    """Takes `<robot>.command` (n,), the commanded joints; writes `<robot>.q`, their positions, and `<robot>.encoder`.
+    """Reads joint commands `<robot>.command` (n,); writes joint values as `<robot>.q` and `<robot>.encoder`.
 
-    The encoder reads the joints exactly. Controllers use it and not q, so that a hazard of the encoder reaches them.
+    The encoder is exact. Controllers read the encoder instead of q, so that a hazard of the encoder affects them.
     """
 
     def __init__(self, robot: str, q: ArrayLike, limits: Limits) -> None:
@@ -23,14 +23,14 @@ class Kinematic(Block):
         self.outputs = self._signals()
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
-        """Move towards the command."""
+        """Move the joints towards the command."""
         command = signals[f"{self.robot}.command"]
         if self._rests and np.array_equal(command, self.q):
             return {}
         wanted = command - self.q
         lower, upper = self.limits.steps(self.q, dt)
         dq = np.minimum(np.maximum(wanted, lower), upper)
-        # an allowed target is reached exactly, without rounding of a difference
+        # a target within the limits is reached exactly, without rounding errors of the difference
         self.q = np.where(dq == wanted, command, self.q + dq)
         self._rests = not dq.any()
         return self._signals()

@@ -1,4 +1,4 @@
-"""Parts of a World: blocks, which write signals, and hazards, which change one between two blocks."""
+"""Parts of a World: blocks, which write signals, and hazards, which change a signal between two blocks."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from twin.simulation.world.signals import Signals
 
 
 class Block(ABC):
-    """A device, a controller or a plant: it reads any signal and writes its own.
+    """A device, a controller or a plant: a block reads any signals and writes its own.
 
-    Its outputs depend only on the signals, the time and its own state, so that the same input gives the same bytes.
-    Random numbers come from a generator seeded in its constructor. No wall clock, no file, no network.
+    The outputs depend only on the signals, the time and the block's own state, so that equal inputs give equal bytes.
+    Random numbers come from a generator that is seeded in the constructor. A block uses no wall clock, file or network.
 
     Attributes:
-        outputs: the signals that it alone writes, "<owner>.<what>", with their values before the first tick.
-        period: seconds between two steps, a multiple of the World's tick; 0: every tick.
+        outputs: the signals that only this block writes, named "<owner>.<what>", with their initial values.
+        period: time in s between two steps, a multiple of the World's tick; 0: every tick.
     """
 
     outputs: Mapping[str, ArrayLike]
@@ -27,28 +27,28 @@ class Block(ABC):
 
     @abstractmethod
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike] | None:
-        """Return the new values; a signal that is left out keeps its value.
+        """Return the new values of signals; a signal that is not returned is unchanged.
 
-        A device returns None when its input has ended: the World ends before this tick.
+        A device returns None when its input has ended; the World then ends before this tick.
 
         Args:
-            signals: the present signals; devices see those of the end of the tick before.
-            t: begin of the tick in s.
-            dt: time in s until the next step.
+            signals: the current signals; devices see the signals at the end of the previous tick.
+            t: start of the tick in s.
+            dt: time in s until the next step of this block.
         """
 
 
 class Hazard(ABC):
-    """Changes one signal after the block that writes it, before another block reads it.
+    """Changes one signal after the block that writes it, before any other block reads it.
 
-    A hazard belongs to one World, like a block.
+    A hazard, like a block, is used in one World only.
 
     Attributes:
-        signal: name of the signal; `<signal>.written` keeps the value that its block wrote.
+        signal: name of the changed signal; the value that the block wrote is in `<signal>.written`.
     """
 
     signal: str
 
     @abstractmethod
     def change(self, t: float, value: Array) -> ArrayLike:
-        """Return the value that replaces `value` (n,) in the tick that begins at t in s."""
+        """Return the value that replaces `value` (n,) in the tick that starts at t in s."""

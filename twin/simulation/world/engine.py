@@ -1,4 +1,4 @@
-"""The World: each tick runs devices, controllers and plants, with hazards between them, and records every signal."""
+"""The World: each tick runs devices, controllers and plants, with hazards between them, and records all signals."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from twin.simulation.world.signals import Signals
 
 @dataclass(frozen=True)
 class Placed:
-    """A mechanism and its place T_world_base (4, 4); a robot has the signal `<name>.q`, its active joints (n,)."""
+    """A mechanism and its pose T_world_base (4, 4); the signal `<name>.q` of a robot has its active joints (n,)."""
 
     name: str
     mechanism: Mechanism
@@ -31,7 +31,7 @@ class Placed:
 
 @dataclass(frozen=True)
 class _Run:
-    """A block, the number of ticks between its steps, the signals that it writes, and the hazards of these signals."""
+    """A block, the number of ticks between its steps, the signals it writes, and the hazards of these signals."""
 
     block: Block
     every: int
@@ -40,16 +40,16 @@ class _Run:
 
 
 class World:
-    """Robots, props, deformables, and the blocks that move them.
+    """Robots, props and deformables, with the blocks that move them.
 
-    The same blocks made with the same seeds give the same bytes, independent of the wall clock. Pacing, pictures and
-    network are outside of the World. A tick runs all devices, then controllers and plants in the given order; each
-    hazard acts after the block that writes its signal. Contact and tissue are plants after the robots.
+    Equal blocks with equal seeds give equal bytes, independent of the wall clock. Pacing, display and network are
+    outside the World. A tick runs all devices, then the controllers, then the plants, in the given order; each hazard
+    acts after the block that writes its signal. Contact and tissue are plants after those of the robots.
 
     Attributes:
         dt: duration of one tick in s.
-        tick: number of ticks done.
-        signals: present signals.
+        tick: number of completed ticks.
+        signals: current signals.
         ended: whether the input of a device has ended.
     """
 
@@ -66,11 +66,11 @@ class World:
         dt: float = 1e-3,
         records: bool = True,
     ) -> None:
-        """Connect the blocks; without `records` no row is kept: a session of hours needs no memory.
+        """Connect the blocks; without `records`, no ticks are stored, so that long sessions need no memory.
 
         Raises:
-            WorldError: two robots, props or deformables have one name, two blocks write one signal, a robot has no
-                plant, the signal of a hazard does not exist, or a period is not a multiple of dt.
+            WorldError: two robots, props or deformables have the same name, two blocks write the same signal, a robot
+                has no plant, the signal of a hazard does not exist, or a period is not a multiple of dt.
         """
         if not dt > 0:
             raise WorldError(f"dt is {dt:g} s; it must be above 0")
@@ -85,7 +85,7 @@ class World:
             if hazard.signal not in writers:
                 raise WorldError(unknown("signal", hazard.signal, writers))
             initial[f"{hazard.signal}.written"] = initial[hazard.signal]
-        self.signals = Signals(dict(sorted(initial.items())))  # the order of a row does not depend on the blocks
+        self.signals = Signals(dict(sorted(initial.items())))  # order of a row: independent of the order of blocks
         self._devices = [self._run(b, hazards) for b in devices]
         self._moved = [self._run(b, hazards) for b in (*controllers, *plants)]
         for robot in robots:
@@ -123,11 +123,11 @@ class World:
 
     @property
     def t(self) -> float:
-        """Begin of the next tick in s."""
+        """Start of the next tick in s."""
         return self.tick * self.dt
 
     def step(self, ticks: int = 1) -> bool:
-        """Run a number of ticks; return False if the input of a device ended before they were done.
+        """Run `ticks` ticks; return False if the input of a device ended before.
 
         Raises:
             WorldError: a block reads a missing signal, writes a signal of another block, or writes a number that is not
@@ -137,7 +137,7 @@ class World:
             if self.ended:
                 return False
             t = self.t
-            # No device sees what another writes in this tick; if one has ended, nothing has changed yet.
+            # No device sees the output of another device in this tick; if one has ended, no signal has changed yet.
             said = [(run, self._ask(run, t)) for run in self._devices]
             if any(out is None for _, out in said):
                 self.ended = True
@@ -153,10 +153,10 @@ class World:
         return True
 
     def run(self) -> Recording:
-        """Run until the input of a device ends, and return all ticks.
+        """Run until the input of a device ends; return the recording.
 
         Raises:
-            WorldError: there is no device whose input can end.
+            WorldError: there is no device.
         """
         if not self._devices:
             raise WorldError("this World has no device whose input ends; go on with step(ticks)")
@@ -165,12 +165,12 @@ class World:
         return self.recording()
 
     def recording(self) -> Recording:
-        """Return all ticks until now."""
+        """Return the recording of all ticks so far."""
         sizes = self.signals.sizes
         return Recording(self.dt, dict(sizes), np.array(self._log, float).reshape(-1, sum(sizes.values())))
 
     def frame(self) -> Frame:
-        """Return a snapshot of the World at its current time (link poses, vertices); the World does not change."""
+        """Return the link poses and vertices at the current time; the World does not change."""
         poses = {p.name: self._poses(p) for p in chain(self._robots, self._props)}
         fields = {}
         for d in self._deformables:

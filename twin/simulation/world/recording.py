@@ -1,6 +1,6 @@
-"""Recordings of a World: one row with all signals for each tick, and their file.
+"""Recording of a World, one row with all signals per tick, and its file format.
 
-A `twin-world` file is one line of JSON, the `Head`, followed by the rows: float64, little-endian, row after row.
+A `twin-world` file is one line of JSON (`Head`), followed by the rows as little-endian float64, row by row.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from twin.schema import Table
 from twin.simulation.world.signals import NAME, columns
 
 _LONGEST_HEAD = 1_000_000
-"""Number of bytes."""
+"""Maximum length of the first line in bytes."""
 
 _Name = Annotated[str, Field(pattern=f"^{NAME}$")]
 
@@ -52,8 +52,8 @@ class Recording:
 
     Attributes:
         dt: duration of one tick in s.
-        sizes: count of numbers of each signal by name, in the order of a row.
-        rows: (k, m), one for each tick.
+        sizes: number of values of each signal, by name, in the order of a row.
+        rows: (k, m) one row per tick.
     """
 
     dt: float
@@ -62,11 +62,11 @@ class Recording:
 
     @property
     def t(self) -> Array:
-        """Begin of each tick, (k,) in s."""
+        """Start of each tick (k,) in s."""
         return np.arange(len(self.rows), dtype=float) * self.dt
 
     def __getitem__(self, name: str) -> Array:
-        """Return a signal (k, n).
+        """Return a signal (k, n) by name.
 
         Raises:
             WorldError: there is no such signal.
@@ -76,7 +76,7 @@ class Recording:
         return self.rows[:, columns(self.sizes)[name]]
 
     def to_bytes(self) -> bytes:
-        """Return the bytes of the file."""
+        """Return the content of the file."""
         body = self.rows.astype("<f8").tobytes()
         head = {
             "schema": "twin-world",
@@ -89,7 +89,7 @@ class Recording:
         return json.dumps(head).encode() + b"\n" + body
 
     def write(self, path: Path) -> None:
-        """Write the file, all at once or not at all.
+        """Write the file atomically: a failure leaves no incomplete file.
 
         Raises:
             OutputError: the file cannot be written.
@@ -99,7 +99,7 @@ class Recording:
 
 
 def read_recording(path: Path) -> Recording:
-    """Return the recording in a file.
+    """Read the recording in a file.
 
     Raises:
         WorldError: the file is missing, truncated, changed since it was written, or not a `twin-world` file of version

@@ -1,4 +1,4 @@
-"""Named signals: everything that the blocks of a World exchange, in one row of numbers."""
+"""Named signals: all values that the blocks of a World exchange, in one row of numbers."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from twin.core.errors import WorldError, unknown
 from twin.core.spatial import Array
 
 NAME = r"[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)+"
-"""Pattern of signal names."""
+"""Regular expression of signal names."""
 
 
 def columns(sizes: Mapping[str, int]) -> dict[str, slice]:
-    """Return the columns of a row of each signal, from the count of numbers of each signal."""
+    """Return the columns of each signal in a row, from the number of values of each signal."""
     ends = np.cumsum([0, *sizes.values()]).tolist()
     return {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:], strict=False)}
 
 
 class Signals:
-    """Vectors by name, "<owner>.<what>": `hand.pedal`, `sher.encoder`; SI.
+    """Vectors in SI by name, "<owner>.<what>", for example `hand.pedal` or `sher.encoder`.
 
-    Reading returns a copy, which a block may keep. Only the World writes.
+    Reading returns a copy that a block may store. Only the World writes.
     """
 
     def __init__(self, initial: Mapping[str, ArrayLike]) -> None:
-        """Start with values, each a number or (n,).
+        """Store the initial values, each a number or an array (n,).
 
         Raises:
-            WorldError: a name is not "<owner>.<what>".
+            WorldError: a name does not have the form "<owner>.<what>".
         """
         if wrong := [name for name in initial if not re.fullmatch(NAME, name)]:
             raise WorldError(f"signal '{wrong[0]}' must be called <owner>.<what>, in small letters, digits and _")
@@ -41,7 +41,7 @@ class Signals:
         self._columns = columns(self.sizes)
 
     def __getitem__(self, name: str) -> Array:
-        """Return a signal (n,).
+        """Return a signal (n,) by name.
 
         Raises:
             WorldError: there is no such signal.
@@ -55,10 +55,10 @@ class Signals:
         return name in self.sizes
 
     def write(self, name: str, value: ArrayLike) -> None:
-        """Set a signal.
+        """Set the value of a signal.
 
         Raises:
-            WorldError: the signal has another count of numbers.
+            WorldError: the signal has another number of values.
         """
         value = np.asarray(value, float)
         if value.size != self.sizes[name]:
@@ -66,10 +66,10 @@ class Signals:
         self.row[self._columns[name]] = value.ravel()
 
     def check(self, t: float) -> None:
-        """Raise if a number is not finite.
+        """Check that all values are finite.
 
         Raises:
-            WorldError: a number is not finite; the message gives signal and time.
+            WorldError: a value is not finite; the message has the signal and the time `t` in s.
         """
         if not np.isfinite(self.row).all():
             name = next(n for n, c in self._columns.items() if not np.isfinite(self.row[c]).all())

@@ -1,1 +1,1 @@
-"""Explaining a disagreement: which row of which equation, why, and the smallest edit of its source that fixes it."""
+"""Explain a disagreement: locate the wrong row of an equation, and find the smallest source edit that fixes it."""

@@ -1,4 +1,4 @@
-"""Edits of the equations that were tried, and the search result for a group of rows (assignments of equations)."""
+"""Candidate edits of the equations with their residuals, and the search result for a group of rows (assignments)."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from twin.validation.explain.rows import Place, Step
 from twin.validation.explain.source import Edit
 
 TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
-"""Kinds of edits that change one token, as misprints do. Other kinds have a lower rank."""
+"""Kinds of edits that change one token, like a misprint; other kinds are ranked after them."""
 
 REST = ("transpose", "order", "parenthesis", "surplus", "missing")
 
 _ORDER = (*TOKENS, *REST)
 
 Key = tuple[str, int, int]
-"""Key of a row, independent of the symbol it assigns: (equation, statement, position)."""
+"""Key of a row (assignment), independent of the assigned symbol: (equation, statement, position)."""
 
 
 @dataclass
 class Candidate:
-    """One or two edits of one equation that were tried.
+    """One or two edits of one equation, with the residuals that result.
 
     Attributes:
         step: the equation.
-        edits: one or two.
-        extra: values of the aliases that the edits use.
-        scores: worst residual of each row that the edits change.
-        broken: whether a row that agreed now disagrees.
-        hollow: whether a fixed row becomes empty (true for any values of its symbols).
-        dropped: symbols that a fixed row no longer depends on.
-        changed: residuals of the rows that were judged before.
+        edits: one or two edits.
+        extra: values of names that the edits define.
+        scores: worst residual of each row that the edits change, in units of the tolerance.
+        broken: whether a row that agreed before the edits disagrees.
+        hollow: whether a fixed row becomes trivial, that is, holds for any values of its symbols.
+        dropped: symbols on which a fixed row no longer depends.
+        changed: residuals (k, entries) of the changed rows.
     """
 
     step: Step
@@ -50,17 +50,17 @@ class Candidate:
     dropped: tuple[str, ...] = ()
 
     def over(self, rows: Iterable[Key], base: dict[Key, float]) -> float:
-        """Return the worst residual over the given rows."""
+        """Return the worst residual over the given rows; rows without a score have the residual in `base`."""
         return max(self.scores.get(k, base[k]) for k in rows)
 
     @property
     def serves(self) -> bool:
-        """Whether the candidate may be proposed: it breaks no row and makes none empty."""
+        """Whether the candidate may be proposed: no row breaks, and no fixed row becomes trivial."""
         return not self.broken and not self.hollow
 
     @property
     def rank(self) -> tuple[int, int, int, int]:
-        """Rank among equally good candidates."""
+        """Sort key among candidates that fix the same rows; smaller is better."""
         kinds = [_ORDER.index(e.kind) if e.kind in _ORDER else len(_ORDER) for e in self.edits]
         new_argument = sum(e.define is not None and not e.define[1] for e in self.edits)
         length = sum(abs(len(e.new) - len(e.old)) + len(e.new) + len(e.old) for e in self.edits)
@@ -70,18 +70,18 @@ class Candidate:
 
 @dataclass
 class Found:
-    """Search result for one group of rows: exact candidates, and the runner-up.
+    """Search result for one group of rows: the edits that fix them, and the best edit that does not.
 
-    A way is a function that fixes the rows; its readings are different edits that make this function.
+    A cure is a function that fixes the rows. Its readings are different edits that result in this function.
 
     Attributes:
-        rows: the group.
-        cures: functions that fix the group, each with all its readings.
-        runner_up: the best edit that is not exact.
-        after, next: worst residual of the best edit, and of the runner-up.
-        tried: number of edits evaluated.
-        complete: whether every edit, and every pair if no single edit is exact, was tried.
-        seconds: duration of the search for pairs.
+        rows: the rows of the group.
+        cures: cures of the group, each a list of its readings.
+        runner_up: the best edit that does not fix the group; None if there is none.
+        after, next: worst residual of the best edit and of the runner-up, in units of the tolerance.
+        tried: number of evaluated edits.
+        complete: whether every single edit was tried, and, if none is exact, every pair.
+        seconds: duration of the search for pairs, in s.
     """
 
     rows: list[Key]
@@ -95,9 +95,9 @@ class Found:
 
     @property
     def credible(self) -> bool:
-        """Whether one small edit fixes the rows and drops no symbol, so that the search can stop.
+        """Whether a single edit fixes the rows without dropping a symbol, so that the search can stop.
 
-        Two edits are not enough to stop: one changed number that explains the same rows is simpler.
+        Two edits are not enough to stop: one changed number could explain the same rows more simply.
         """
         return bool(self.cures) and len(self.cures[0][0].edits) == 1 and not self.cures[0][0].dropped
 
@@ -108,7 +108,7 @@ def key(place: Place) -> Key:
 
 
 def aliases(judge: Judge, step: Step, change: Sequence[Edit]) -> dict[str, Any] | None:
-    """Return the values of names that edits introduce with a definition; None if a name has no value."""
+    """Return the values of the names that edits define; None if one has no value."""
     out: dict[str, Any] = {}
     for e in change:
         if e.define and e.define[1]:
@@ -124,10 +124,13 @@ def aliases(judge: Judge, step: Step, change: Sequence[Edit]) -> dict[str, Any] 
 def residuals(
     judge: Judge, equation: str, change: Sequence[Edit], extra: dict[str, Any] | None = None
 ) -> dict[Key, Array] | None:
-    """Return the residuals of the rows that edits change, by any judge of the same formula; None if there are none.
+    """Return the residuals of the rows that edits of an equation change; None if the edits cannot be evaluated.
 
-    Without edits: the residuals of all unchanged rows. `extra` are values of names that the edits use; default:
-    aliases.
+    Args:
+        judge: any judge of the formula.
+        equation: name of the edited equation.
+        change: the edits; if empty, the residuals of all unedited rows are returned.
+        extra: values of names that the edits define; None: they are computed.
     """
     if not change:
         return {key(p): r for p, r in judge.residuals.items()}
@@ -141,5 +144,5 @@ def residuals(
 
 
 def scores(changed: dict[Key, Array]) -> dict[Key, float]:
-    """Return the worst residual of each row."""
+    """Return the worst residual of each row, in units of the tolerance."""
     return {k: worst(r) for k, r in changed.items()}

@@ -1,4 +1,4 @@
-"""Statements with sums and products in a fixed order: equal texts then mean the same."""
+"""Statements with the operands of sums and products in a fixed order, so that equal texts mean the same."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from twin.validation.explain.source import Edit, Source, Statement, apply
 
 
 def canonical(source: Source, statement: Statement, change: list[Edit]) -> str:
-    """Return the edited statement with sums and products in a fixed order: equal texts mean the same."""
+    """Return the edited statement with the operands of sums and products in a fixed order."""
     text = apply(source.data, [e for e in change if e.statement == statement.index], statement.start, statement.end)
     text = text[len("return") :].strip() if statement.returns else text
     tree = ast.parse(text)

@@ -1,4 +1,4 @@
-"""Conventions under which formula and mechanism agree: Euler angles, units, signs, offsets, axes, handedness, DH form.
+"""Find conventions under which formula and mechanism agree: Euler angles, units, signs, axes, and others.
 
 Each convention is tried as a whole, because no edit of a single row is equivalent to it.
 """
@@ -34,7 +34,7 @@ _NAMED = (
 
 
 def conventions(judge: Judge) -> list[Convention]:
-    """Return the conventions that fix rows, sorted by the number of rows that they fix."""
+    """Return the conventions that fix rows; those that fix most rows come first."""
     if not judge.failing():
         return []
     with np.errstate(all="ignore"):
@@ -49,7 +49,7 @@ def _name(p: Place) -> str:
 
 
 def _cured(judge: Judge, other: Judge) -> tuple[list[Place], float] | None:
-    """Return the rows that agree under another judge, with their residuals; None if another row then disagrees."""
+    """Return the rows that another judge fixes, and their worst residual; None if no row, or if another row breaks."""
     bad = judge.failing()
     now = {(p.equation, p.statement, p.position): worst(r) for p, r in other.residuals.items()}
     for p in judge.residuals:
@@ -73,11 +73,11 @@ def _turns(axis: str, a: Array) -> Array:
 
 
 ORDERS = tuple("".join(o) for o in product("xyz", repeat=3) if o[0] != o[1] and o[1] != o[2])
-"""The twelve sequences of axes."""
+"""The twelve axis sequences of Euler angles."""
 
 
 def _euler(judge: Judge) -> Iterator[Convention]:
-    """Yield the sequence of axes, with signs, with which the rows agree."""
+    """Yield the Euler sequence and signs with which the rows agree."""
     truth = judge.truth
     angles = [n for n, unit in truth.coordinates if unit == "rad"]
     if len(angles) != 3:
@@ -122,7 +122,7 @@ def _euler(judge: Judge) -> Iterator[Convention]:
 
 
 def _angles_in(judge: Judge) -> Iterator[Convention]:
-    """Yield whether the rows expect degrees, or millimetres."""
+    """Yield the unit if the rows agree with angles in degrees or lengths in millimetres."""
     truth = judge.truth
     for kind, factor, text in (
         ("angle", 180 / np.pi, "the rows take angles in degrees; they are given in radians"),
@@ -144,7 +144,7 @@ def _angles_in(judge: Judge) -> Iterator[Convention]:
             q = next((x for x in other.residuals if (x.equation, x.statement, x.position) == (p.equation, p.statement, p.position)), None)  # noqa: E501  # fmt: skip
             if q is None or worst(r) <= 1 or truth.kinds[p.symbol] == "pose":
                 continue
-            # Outputs may come in either unit: the value must match one of them.
+            # Outputs may be in either unit: one of both values must agree.
             value = other.residuals[q] / (factor if truth.kinds[p.symbol] == kind else 1.0)
             if worst(value) <= 1 or worst(other.residuals[q]) <= 1:
                 cured.append((p, min(worst(value), worst(other.residuals[q]))))
@@ -153,7 +153,7 @@ def _angles_in(judge: Judge) -> Iterator[Convention]:
 
 
 def _scalars(judge: Judge) -> Iterator[Convention]:
-    """Yield signs, units and offsets (zeros) of rows that are linear in the mechanism's value."""
+    """Yield signs, units and zero offsets of rows that are linear in the mechanism's value."""
     truth, values = judge.truth, said(judge)
     groups: dict[str, list[tuple[Place, float]]] = {}
     for place in judge.failing():
@@ -193,7 +193,7 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
 
 
 def _axes(judge: Judge) -> Iterator[Convention]:
-    """Yield other axes of named points: permuted, mirrored, or in another unit."""
+    """Yield permuted, mirrored or rescaled axes with which the named points agree."""
     truth, values = judge.truth, said(judge)
     pairs = []
     for name, symbol in judge.formula.points.items():
@@ -236,7 +236,7 @@ def signed_permutations() -> list[Array]:
 
 
 def _frames(judge: Judge) -> Iterator[Convention]:
-    """Yield fixed rotations of base or tool by which a pose differs, or that the pose is inverted."""
+    """Yield fixed rotations of base or tool, or the inversion of the pose, with which a pose agrees."""
     for place in judge.failing():
         if judge.truth.kinds[place.symbol] != "pose":
             continue
@@ -272,7 +272,7 @@ def _frames(judge: Judge) -> Iterator[Convention]:
 
 
 def _dh(judge: Judge) -> Iterator[Convention]:
-    """Yield helper functions that multiply the rows of a Denavit-Hartenberg table in the wrong form."""
+    """Yield helper functions that use the wrong Denavit-Hartenberg form (standard or modified)."""
     for step in judge.steps:
         bad = [p for p in judge.failing() if p.equation == step.equation.name]
         if not bad or step.stage == "helper":
@@ -304,7 +304,13 @@ def _dh(judge: Judge) -> Iterator[Convention]:
 
 
 def _dh_row(kind: str, order: tuple[int, ...], *values: Any) -> Matrix:
-    """Return the matrix of one table row; `order`: positions of alpha, a, theta, d in a helper's arguments."""
+    """Return the matrix of one row of a Denavit-Hartenberg table.
+
+    Args:
+        kind: "standard" or "modified".
+        order: positions of alpha, a, theta and d in `values`.
+        values: the arguments of the helper.
+    """
     alpha, a, theta, d = (np.atleast_1d(np.asarray(values[i], float)) for i in order)
     k = max(len(x) for x in (alpha, a, theta, d))
     alpha, a, theta, d = (np.broadcast_to(x, (k,)) for x in (alpha, a, theta, d))
@@ -320,7 +326,7 @@ def _dh_row(kind: str, order: tuple[int, ...], *values: Any) -> Matrix:
 
 
 def dh_form(function: FunctionType) -> tuple[str, tuple[int, ...]] | None:
-    """Return ("standard" or "modified", positions of alpha, a, theta, d) of a function of such a row, else None."""
+    """Return ("standard" or "modified", positions of alpha, a, theta, d) if a function is a DH row; else None."""
     if function.__code__.co_argcount != 4:
         return None
     probe = (0.3, 0.7, 1.1, 0.45)

@@ -1,4 +1,4 @@
-"""Which rows of a formula were judged: by value, by rows that depend on them, or by the states where they vanish."""
+"""Count the judged rows of a formula: compared by value, used by a judged row, or tested where they vanish."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from twin.validation.explain.suspects import passed
 
 @dataclass(frozen=True)
 class Coverage:
-    """Number of rows (outputs of equations), and the unchecked rows, each with the reason."""
+    """Number of rows (outputs of equations), and texts on the unjudged rows with the reason."""
 
     rows: int
     left: tuple[str, ...]
@@ -26,7 +26,7 @@ class Coverage:
 
 
 def margins(judge: Judge, model: ReferenceModel, parameters: dict[str, float] | None = None) -> list[Judged]:
-    """Return reach, singularity measures and aspects as the mechanism judges them."""
+    """Return the results of checking reach, singularity measures and aspects with the mechanism."""
     formula, run = judge.formula, judge.truth.run
     if run is None or not (formula.reach or formula.measures or formula.aspects):
         return []
@@ -38,9 +38,9 @@ def margins(judge: Judge, model: ReferenceModel, parameters: dict[str, float] | 
 
 
 def coverage(judge: Judge, judged: list[Judged]) -> Coverage:
-    """Return the coverage of all rows; `judged`: the results for the margins."""
+    """Return the coverage of all rows; `judged` are the results of `margins`."""
     done = {(p.equation, p.symbol) for p in judge.residuals}
-    unjudged = {(r.equation, r.symbol): r for r in judged if r.status == "not judged"}  # by one meaning of two, too
+    unjudged = {(r.equation, r.symbol): r for r in judged if r.status == "not judged"}  # in at least one of its uses
     told = {(r.equation, r.symbol) for r in judged} - set(unjudged)
     done |= passed(judge, done | told) | told
     steps: dict[str, Step] = {s.equation.name: s for s in judge.steps}

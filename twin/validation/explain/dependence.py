@@ -1,8 +1,8 @@
-"""Measured dependence of rows on symbols: a repair must not make a row trivial.
+"""Measure on which symbols the rows depend, to reject repairs that make a row trivial.
 
-A row that reads its own unknown (q1 = ... q2 - q1 ...) agrees trivially if an edit makes it q1 = q1, or a copy of
-another row. A factor of zero makes any row agree. The residuals at the mechanism's poses do not show such edits, but
-the change of the residuals when one symbol is perturbed does.
+A row with its unknown on the right side (q1 = ... q2 - q1 ...) agrees trivially if an edit changes it to q1 = q1 or to
+a copy of another row; a zero factor makes any row agree. Residuals at the mechanism's poses do not reveal such edits.
+The change of the residuals after the perturbation of one symbol does.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from twin.validation.explain.rows import Step
 from twin.validation.explain.source import Edit, Source
 
 _STIR = 1e-3
-"""Relative perturbation of a symbol; it must change a row that depends on the symbol."""
+"""Relative perturbation of a symbol, to test whether a row depends on it."""
 
 _STILL = 1e-9
-"""Change of a residual that counts as rounding, relative to the residual (in units of the tolerance, at least 1)."""
+"""Largest change of a residual that counts as rounding, relative to the larger of the residual and the tolerance."""
 
 _STEP = 1e-5
-"""Step (m, rad) of numeric derivatives by the unknowns of an implicit equation."""
+"""Step (m, rad) of numeric derivatives with respect to the unknowns of an implicit equation."""
 
 _PARALLEL = 1e-6
-"""Minimum independent part of a row's gradient; with less the row is redundant."""
+"""Minimum relative size of the part of a row's gradient that is independent of the other rows."""
 
 
 class Dependence:
-    """Sensitivity of the rows of a formula to their symbols, at the mechanism's poses and at other values."""
+    """Dependence of the rows of a formula on symbols, at the mechanism's poses and at other values."""
 
     def __init__(self, judge: Judge, shaken: Judge) -> None:
-        """Set up with the judge, and with the same formula at values that belong to no mechanism."""
+        """Store the judge, and a judge of the same formula at perturbed values that no mechanism has."""
         self.judge = judge
         self.bases = (judge, shaken)
         self._stirred: dict[tuple[int, str, frozenset[str], str], Judge] = {}
@@ -46,7 +46,7 @@ class Dependence:
         self._read: dict[tuple[str, Key], set[str]] = {}
 
     def judged(self, c: Candidate, rows: Collection[Key]) -> None:
-        """Return the candidate with `hollow` (whether a fixed row becomes empty) and the symbols that it drops."""
+        """Set the candidate's `hollow` (a fixed row is trivial) and `dropped` (symbols it no longer depends on)."""
         if not rows:
             return
         if any(not self.determined(c, k) for k in rows):
@@ -58,25 +58,25 @@ class Dependence:
         for k in rows:
             dropped |= before[k] - after[k]
         c.dropped = tuple(sorted(dropped))
-        # What is still written there and has no effect was multiplied with zero, or taken from itself. One edit may
-        # undo just that (a zero that was misprinted); two are too many to believe it.
+        # A symbol that is still in the text but has no effect was multiplied by zero or cancelled. A single edit may
+        # correctly restore a zero that was misprinted; for two edits this is not credible.
         c.hollow = any(before[k] and not after[k] for k in rows) or (len(c.edits) > 1 and bool(dropped - _touched(c)))
 
     def reads(self, step: Step, row: Key, rows: Collection[Key] = ()) -> set[str]:
-        """Return the symbols that an unedited row depends on."""
+        """Return the symbols on which an unedited row depends; `rows`: further rows to evaluate in the same run."""
         name = step.equation.name
         if (name, row) not in self._read:
             for k, found in self._answers(step, (), {row, *rows}).items():
                 self._read[name, k] = found
         return self._read[name, row]
 
-    # -- which symbols ----------------------------------------------------------------------------------------
+    # -- symbols of rows ----------------------------------------------------------------------------------------
 
     def _answers(self, step: Step, change: Sequence[Edit], rows: Collection[Key]) -> dict[Key, set[str]]:
-        """Return the inputs of an equation on which rows depend, before or after edits."""
+        """Return the symbols on which each row depends, after `change` (empty: unedited)."""
         name = step.equation.name
         equations = frozenset({name})
-        if any(k[0] != name for k in rows):  # an unknown of this equation passes the dependence on
+        if any(k[0] != name for k in rows):  # rows of later equations depend on symbols through this equation
             later = self.judge.steps[self.judge.steps.index(self.judge.step(name)) :]
             equations = frozenset(s.equation.name for s in later if s.stage == step.stage)
         out: dict[Key, set[str]] = {k: set() for k in rows}
@@ -84,7 +84,7 @@ class Dependence:
             at = residuals(base, name, change)
             if at is None:
                 continue
-            # An output that a later row reads is a symbol of that row, with the mechanism's value.
+            # An output that a later row uses is also a symbol of that row, with the mechanism's value.
             for symbol in (*step.inputs, *(n for n in step.equation.outputs if n in step.held - set(step.inputs))):
                 moved = self._moved(i, step, equations, symbol)
                 if moved is None:
@@ -94,18 +94,18 @@ class Dependence:
                     continue
                 for k in rows:
                     if symbol == self._symbol[k] and symbol not in step.inputs:
-                        continue  # it is the left side
+                        continue  # the symbol is the left side
                     if symbol not in out[k] and k in at and k in there and _differ(at[k], there[k]):
                         out[k].add(symbol)
         return out
 
     def _moved(self, i: int, step: Step, equations: frozenset[str], symbol: str) -> Judge | None:
-        """Return a judge with one symbol perturbed, for the equations that read it."""
+        """Return a judge of the given equations with one symbol perturbed; None if the symbol has no value."""
         at = (i, step.equation.name, equations, symbol)
         if at not in self._stirred:
             base = self.bases[i]
             mine = base.step(step.equation.name)
-            # Earlier results are reused.
+            # Results of earlier equations are reused.
             values = {**mine.computed, **base.truth.symbols}
             if symbol not in values:
                 return None
@@ -113,13 +113,13 @@ class Dependence:
             self._stirred[at] = base.on(base.truth.with_parameters(values), equations)
         return self._stirred[at]
 
-    # -- what implicit rows determine ---------------------------------------------------------------------------
+    # -- unknowns of implicit rows ---------------------------------------------------------------------------
 
     def determined(self, c: Candidate, row: Key) -> bool:
-        """Return whether a row, after edits, still determines its unknown, given the other rows of its equation.
+        """Return whether an edited row still determines its unknown, given the other rows of its equation.
 
-        This can only fail for an equation that reads its own outputs. The gradient of each of its rows (right side
-        minus left side) by these outputs is taken at the mechanism's poses; that of the edited row must not lie in the
+        Only an equation that uses its own outputs can fail. The gradient (right side minus left side) of each row with
+        respect to these outputs is computed at the mechanism's poses; the gradient of the edited row must not be in the
         span of the others.
         """
         step = self.judge.step(row[0])
@@ -190,7 +190,7 @@ def _differ(a: Array, b: Array) -> bool:
 
 
 def _touched(c: Candidate) -> set[str]:
-    """Return the symbols in the replaced text, read directly or through earlier assignments."""
+    """Return the symbols in the text replaced by the edits, directly or through earlier assignments."""
     out: set[str] = set()
     for e in c.edits:
         try:

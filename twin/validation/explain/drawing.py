@@ -1,7 +1,7 @@
-"""Parts that do not meet in the CAD: which of the two is wrong, and whether this explains the wrong rows.
+"""Find the faulty part for joints whose parts do not meet in the CAD, and test whether it explains the wrong rows.
 
-Each suspected part is corrected in the CAD, and the rows are judged against the resulting mechanism. Evidence in the
-CAD (lengths, identical parts, closing loops) has priority over the rows.
+Each suspected part is corrected in the CAD, and the rows are compared with the resulting mechanism. Evidence in the CAD
+(lengths, identical parts, closing loops) has priority over the rows.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from twin.validation.explain.judge import Judge
 from twin.validation.explain.result import PartOff
 
 CODES = ("cad.meeting", "cad.tilt")
-"""Codes of findings about parts that do not meet."""
+"""Codes of findings about joints whose parts do not meet."""
 
 _MOST = 12
-"""Maximum number of tried combinations of parts."""
+"""Maximum number of combinations of parts that are tried."""
 
 _OPEN = (1e-8, 1e-7)
-"""Gap in m and in rad above which a loop does not close."""
+"""Gaps in m and rad above which a loop is open."""
 
 _TIMES = {"mm": "mm", "deg": "°"}
 
 
 @dataclass(frozen=True)
 class Corrected:
-    """The CAD with its faults corrected.
+    """The CAD with its faulty parts corrected.
 
     Attributes:
-        findings: joints that do not meet, from the CAD reader.
-        parts: the faulty parts, one for each fault.
-        model, judge: the corrected mechanism, and the rows judged against it; None if nothing could be corrected.
-        agrees: whether every row then agrees.
+        findings: findings of the CAD reader on joints whose parts do not meet.
+        parts: the faulty parts, one per fault.
+        model, judge: model of the corrected mechanism, and judge of the rows with it; None if nothing was corrected.
+        agrees: whether every row agrees with the corrected mechanism.
     """
 
     findings: tuple[Finding, ...]
@@ -52,7 +52,7 @@ class Corrected:
 
 @dataclass(frozen=True)
 class _Tried:
-    """The CAD with one choice of parts corrected."""
+    """The CAD with one combination of parts corrected; `model` and `judge` are None if it cannot be assembled."""
 
     chosen: tuple[Suspect, ...]
     model: ReferenceModel | None = None
@@ -68,12 +68,12 @@ class _Tried:
 
     @property
     def agrees(self) -> bool:
-        """Whether every row agrees."""
+        """Whether every row agrees with the corrected mechanism."""
         return self.judge is not None and bool(self.judge.residuals) and not self.judge.failing()
 
     @property
     def rank(self) -> tuple[int, bool, bool, int]:
-        """Score of the explanation; evidence in the CAD counts first."""
+        """Score of this combination; evidence in the CAD counts before the rows."""
         off = len(self.judge.failing()) if self.judge is not None else 10**6
         return sum(s.score for s in self.chosen), self.closes, self.agrees, -off
 
@@ -84,12 +84,12 @@ def correct(
     judged: Callable[[ReferenceModel], Judge],
     progress: Callable[[float], None] = lambda f: None,
 ) -> Corrected | None:
-    """Return the faults of the CAD, and the rows judged against the corrected CAD; None if every joint meets.
+    """Find the faults of the CAD and judge the rows with the corrected CAD; None if the parts of every joint meet.
 
     Args:
-        formula: the equations; their lengths are evidence if the description declares them.
+        formula: the equations; lengths declared in the description are evidence.
         cad: the CAD model as read.
-        judged: function that makes the judge of the rows for a mechanism.
+        judged: function that returns the judge of the rows for a mechanism.
         progress: called with the fraction done.
     """
     findings = tuple(f for f in cad.findings if f.code in CODES)
@@ -122,7 +122,7 @@ def _put_right(cad: CadModel, chosen: Sequence[Suspect], judged: Callable[[Refer
     try:
         model = ReferenceModel(frames.moved(cad.mechanism, cad.description, faces, given))
         return _Tried(tuple(chosen), model, judged(model))
-    except TwinError:  # the mechanism cannot be assembled, or hardly moves
+    except TwinError:  # the mechanism cannot be assembled, or can hardly be moved
         return _Tried(tuple(chosen))
 
 
@@ -154,7 +154,7 @@ def _part(
 def _decide(
     chosen: Suspect, others: list[Suspect], top: _Tried, tried: Sequence[_Tried]
 ) -> tuple[str, list[str], list[Suspect]]:
-    """Return (kind of evidence, see `PartOff.told_by`; the reason; the alternatives)."""
+    """Return (kind of evidence as in `PartOff.told_by`, evidence as text, alternative parts)."""
     why = [*chosen.for_it, *(text for s in others for text in s.against_it)]
     if not others:
         return "joints", [*why, "the other joints of the second part meet, so this part is wrong"], []

@@ -1,6 +1,6 @@
-"""Every small edit of a row: of names, trigonometric functions, signs, operators, numbers, indices, parentheses, terms.
+"""Generate small edits of a row: names, functions, signs, operators, numbers, indices, parentheses, terms.
 
-An edit is a replacement in the text of the file. Edits with invalid Python or without a value are dropped when tried.
+An edit replaces text of the file. Edits that are not valid Python, or have no value, are dropped when they are tried.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ _OPERATORS: dict[type[ast.operator], tuple[str, tuple[str, ...]]] = {
     ast.Div: ("/", ("*",)),
 }
 _LONG = 48
-"""Maximum number of tokens over which a parenthesis is moved."""
+"""Maximum number of tokens by which a parenthesis is moved."""
 
 
 @dataclass(frozen=True)
 class Pool:
-    """Replacements of a name: `names` that exist at a statement, and `aliases` (name -> expression) to define."""
+    """Names that an edit may insert: existing `names`, and `aliases` (name -> expression) to be defined."""
 
     names: frozenset[str]
     aliases: dict[str, str]
     parameters: frozenset[str]
     arguments: frozenset[str]
-    unknown: frozenset[str]  # the statement reads them, but no equation yields them: misspelt
+    unknown: frozenset[str]  # used by the statement but computed by no equation: probably misspelt
 
 
 def pool(
     source: Source, statement: Statement, available: set[str], parameters: set[str], scope: Container[str]
 ) -> Pool:
-    """Return the names that a statement could use: symbols of the flow, earlier locals, aliases in the file's style."""
+    """Return the names that a statement could use: known symbols, earlier local variables, and aliases."""
     local, readable = source.names_at(statement)
-    if isinstance(statement.node, ast.For):  # its lines read names that earlier lines of the loop assign
+    if isinstance(statement.node, ast.For):  # its lines may use names assigned by earlier lines of the loop
         local |= set(statement.writes)
         readable |= set(statement.writes)
     names = {n for n in available if n.isidentifier()} | local
@@ -93,7 +93,7 @@ def _assigned(node: ast.stmt) -> list[tuple[str, ast.expr]]:
 
 
 def edits(source: Source, statement: Statement, pool: Pool, kinds: Container[str]) -> Iterator[Edit]:
-    """Yield the edits of given kinds of one statement."""
+    """Yield the edits of a statement that have one of the given kinds."""
     seen: set[tuple[int, int, str]] = set()
     writer = _Writer(source, statement, pool)
     for make in (_names, _calls, _signs, _operators, _numbers, _sides, _terms, _factors):
@@ -133,7 +133,7 @@ class _Writer:
         return self.source.text(*self.source.span(node))
 
     def need(self, name: str) -> tuple[str, str] | None:
-        """Return the definition that a name needs."""
+        """Return the definition (name, expression) that a name requires; None if it needs none."""
         if name in self.pool.aliases:
             return name, self.pool.aliases[name]
         return None if name in self.pool.arguments else (name, "")
@@ -155,7 +155,7 @@ def _stem(name: str) -> str:
 
 
 def kind_of_name(old: str, new: str, parameters: frozenset[str], aliases: dict[str, str] | None = None) -> str:
-    """Return the kind of a name change: index, trig, parameter or name."""
+    """Return the kind of edit that replaces a name by another: "index", "trig", "parameter" or "name"."""
     if _stem(old) == _stem(new):
         return "index"
     if new in (aliases or {}) or (old[:2] in ("c_", "s_") and new[:2] in ("c_", "s_")):
@@ -168,7 +168,7 @@ def _names(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     for node in _expressions(root):
         if not isinstance(node, ast.Name) or _is_called(w, node):
             continue
-        old = node.id  # a module, as in symbolic.pose, is not a name of the flow
+        old = node.id  # a module, as in symbolic.pose, is not a symbol
         if old not in w.pool.names | w.pool.arguments | w.pool.unknown:
             continue
         for new in choices:
@@ -242,7 +242,7 @@ def _operators(w: _Writer, root: ast.AST) -> Iterator[Edit]:
         sign, others = _OPERATORS[type(node.op)]
         start, end = w.source.span(node.left)[1], w.source.span(node.right)[0]
         gap = w.source.text(start, end)
-        at = gap.find(sign)  # parentheses may stand before or after it
+        at = gap.find(sign)  # there may be parentheses before or after the sign
         if at < 0:
             continue
         at += len(gap[:at].encode()) - at
@@ -290,7 +290,7 @@ def _numbers(w: _Writer, root: ast.AST) -> Iterator[Edit]:
 
 
 def _sides(w: _Writer, root: ast.AST) -> Iterator[Edit]:
-    """Yield edits of the index on the left side of an implicit row."""
+    """Yield edits of the index of the symbol on the left side of an implicit row."""
     s = w.statement
     if root is not s.node or not isinstance(s.node, ast.Assign) or not isinstance(s.node.targets[0], ast.Name):
         return
@@ -303,7 +303,7 @@ def _sides(w: _Writer, root: ast.AST) -> Iterator[Edit]:
 
 
 def _terms(w: _Writer, root: ast.AST) -> Iterator[Edit]:
-    """Yield edits that remove terms and factors, or add squares, roots and terms."""
+    """Yield edits that remove a term or factor, or add a square, a root or a term."""
     for node in _expressions(root):
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub | ast.Mult | ast.Div | ast.MatMult):
             yield w.replace(node, w.text(node.left), "surplus")
@@ -346,7 +346,7 @@ def _factors(w: _Writer, root: ast.AST) -> Iterator[Edit]:
 
 
 def _parentheses(w: _Writer, root: ast.AST) -> Iterator[Edit]:
-    """Yield edits of parentheses: one end moved, a pair removed, a pair added."""
+    """Yield edits of parentheses: move one end, remove a pair, add a pair."""
     start, end = w.source.span(root)
     if isinstance(root, ast.Return) and root.value is not None:
         start, end = w.source.span(root.value)
@@ -367,7 +367,7 @@ def _parentheses(w: _Writer, root: ast.AST) -> Iterator[Edit]:
         form = shape(new)
         if form and form not in done:
             done.add(form)
-            # The shortest edit that shows both ends.
+            # The shortest replaced text that contains both ends.
             a = next((i for i in range(min(len(text), len(new))) if text[i] != new[i]), 0)
             b = next((i for i in range(min(len(text), len(new)) - a) if text[-1 - i] != new[-1 - i]), 0)
             while a and (text[a - 1].isalnum() or text[a - 1] == "_"):

@@ -1,4 +1,4 @@
-"""Explain a disagreement: check rows and invariants, search repairs, identify parameters, search conventions."""
+"""Explain a disagreement: check rows and invariants, then search repairs, wrong parameters and conventions."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from twin.validation.explain.weigh import weigh
 Progress = Callable[[str, float], None]
 
 _FLOOR = 1e-6
-"""Minimum residual, in units of the tolerance, by which a ratio is divided."""
+"""Smallest divisor, in units of the tolerance, of a ratio of residuals."""
 
 
 def known(
@@ -47,8 +47,8 @@ def known(
 ) -> Truth:
     """Return the mechanism's values of the formula's symbols at sampled poses.
 
-    A redundant mechanism has many solutions for a pose. The solution near the formula's joints is used if the formula
-    agrees with it; else the sampled solution, if fewer rows are wrong with it.
+    A redundant mechanism has many solutions for a pose. The solution nearest to the formula's own joint values is used
+    if no row is wrong with it, or fewer rows than with the sampled solution.
     """
     run = sample(model, progress=lambda f: progress("sample the mechanism", f))
     if not (model.redundant and formula.has("inverse")):
@@ -58,7 +58,7 @@ def known(
         extra_joints = model.mechanism.extra_joints(j.name for j in formula.joints)
         q = compile_formula(formula, variants, parameters, extra_joints).inverse_many(run.Ts_base_tool)
         near = model.run_poses(run.Ts_base_tool, near=np.where(np.isfinite(q), q, run.q))
-    except TwinError:  # rows of equations that are out of reach are reported one by one
+    except TwinError:  # equations without a solution are reported row by row
         return sampled
     gathered = gather(formula, near, model, parameters)
     off = len(Judge(formula, variants, gathered).failing())
@@ -80,23 +80,23 @@ def explain(
     root: Path | None = None,
     cad: CadModel | None = None,
 ) -> Explanation:
-    """Explain where and why a formula disagrees with a mechanism, and find edits that make it agree.
+    """Explain where and why a formula disagrees with a mechanism, and find edits after which they agree.
 
     Args:
         robot: name of the robot.
         formula: the equations.
-        model: the independent model.
-        variants: the variants to judge; default: the default of each equation.
+        model: the independent model of the mechanism.
+        variants: the variants to judge, by equation; None: the default variant of each equation.
         parameters: values in SI that replace published ones.
-        tolerance: maximum deviation that counts as agreement.
-        truth: the mechanism's values, if they are known already.
+        tolerance: largest deviation that counts as agreement; None for the default.
+        truth: the mechanism's values, if already computed.
         progress: called with a description of the current step and the fraction done.
         budget: time limit in s of the search for two edits.
-        root: messages name files relative to this folder.
-        cad: the CAD that the model was made from; parts that do not meet are analysed first.
+        root: folder to which file names in messages are relative; None: absolute names.
+        cad: the CAD of the model; joints whose parts do not meet are analysed first. None: not analysed.
 
     Raises:
-        TwinError: nothing could be judged.
+        TwinError: no row could be judged.
     """
     seconds: dict[str, float] = {}
     clock = time.perf_counter()
@@ -120,7 +120,7 @@ def explain(
         drawn = Judge(formula, variants, truth, tolerance)
         lap("judge")
     except TwinError:
-        if corrected is None or corrected.judge is None:  # as drawn it cannot be posed: the corrected drawing is judged
+        if corrected is None or corrected.judge is None:  # if only the corrected CAD can be posed, it is judged
             raise
     judge = drawn or (corrected.judge if corrected is not None else None)
     assert judge is not None
@@ -160,7 +160,7 @@ def explain(
     search = Search(judge, lambda f: progress("try edits", f))
     if identified is None:
         found, lost = held_out(judge, model, *search.run(budget))
-    else:  # one number explains everything: only a single edit would be as good
+    else:  # one changed number explains everything: only a single edit would be equally simple
         single = search.run(0.0) if shared(judge, search.targets) else ([], search.failing)
         found, lost = held_out(judge, model, *single)
     lap("repair")
@@ -254,7 +254,7 @@ def _row(judge: Judge, place: Place, found: list[Found], root: Path | None) -> R
 
 
 def _margin(judge: Judge, m: Judged, root: Path | None) -> Row:
-    """Return the wrong row for a margin that the mechanism contradicts."""
+    """Return the wrong row for a reach, measure or aspect that contradicts the mechanism."""
     kind = {"reach": f"margin of reach '{m.name}'", "aspect": "aspect"}.get(m.kind, f"singularity measure '{m.name}'")
     size = m.size if m.size is not None and m.unit else float("nan")
     step = next((s for s in judge.steps if s.equation.name == m.equation), None)
@@ -298,7 +298,7 @@ def _means(judge: Judge, symbol: str) -> str:
 
 
 def _term(c: Candidate) -> str:
-    """Return the summand of a row that an edit touches."""
+    """Return the summand of a row that contains an edit, with its sign; "" if there is none."""
     import ast
 
     source, e = c.step.source, c.edits[0]
@@ -317,7 +317,7 @@ def _term(c: Candidate) -> str:
 
 
 def _in_changed_rows(c: Candidate) -> bool:
-    """Whether all edits are in a variant's own function."""
+    """Return whether all edits are in the variant's own function, not in the rows that it shares with the default."""
     source = c.step.source
     return all(e.function == source.name and source.statements[e.statement].home is source.node for e in c.edits)
 
@@ -333,7 +333,7 @@ def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair
     cures = []
     for way in f.cures:
         own = [c for c in way if c.edits[0].function == c.step.source.name] or way
-        own = [c for c in own if _in_changed_rows(c)] or own  # an edit of a shared row also changes the default reading
+        own = [c for c in own if _in_changed_rows(c)] or own  # an edit of a shared row would also change the default
         plain = [c for c in own if all(e.kind in TOKENS for e in c.edits)] or own[:1]
         cures.append(tuple(_reading(search, c, root) for c in plain))
     tie = ""

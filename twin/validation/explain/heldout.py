@@ -1,4 +1,4 @@
-"""Check repairs at states that the search did not use, with other swivels of a redundant mechanism."""
+"""Check repairs at states that the search did not use."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from twin.validation.explain.truth import gather, sample
 _STATES, _SEED = 12, 101
 
 _ROUNDING = 10
-"""Maximum residual of a repaired row at fresh states, in units of the tolerance: chance exceeds it by thousands."""
+"""Largest residual of a correct repair at fresh states, in units of the tolerance; wrong ones exceed it by far."""
 
 
 def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list[Key]) -> tuple[list[Found], list[Key]]:
-    """Return the search results without the cures that fail at states which the search did not use.
+    """Return (search results without the cures that fail at fresh states, rows without a cure).
 
-    A row that agrees at every searched state but not at others agrees by chance, or because of a common property of
-    those states.
+    A row that agrees at all states of the search but not at others agrees by coincidence, or because of a common
+    property of those states.
     """
     fresh = _fresh(judge, model)
     if fresh is None or not any(f.cures for f in found):
@@ -36,7 +36,7 @@ def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list
 
 
 def _fresh(judge: Judge, model: ReferenceModel) -> Judge | None:
-    """Return the formula at other states; None if rows that agreed are wrong at them."""
+    """Return a judge of the formula at fresh states; None if rows that agreed before are wrong there."""
     try:
         run = sample(model, _STATES, _SEED, regular=model.redundant)
     except TwinError:
@@ -48,8 +48,8 @@ def _fresh(judge: Judge, model: ReferenceModel) -> Judge | None:
 
 
 def _holds(fresh: Judge, c: Candidate, rows: list[Key], off: set[Key]) -> bool:
-    """Return whether a candidate makes the rows agree at fresh states."""
-    if c.extra:  # names defined by the edit have values only at the states of the search
+    """Return whether the rows agree at fresh states after a candidate's edits."""
+    if c.extra:  # names defined by the edits have values only at the states of the search
         return True
     step = fresh.step(c.step.equation.name)
     residuals = evaluate(fresh, step, c.edits)

@@ -1,4 +1,4 @@
-"""If numbers rather than the form are wrong: fit parameters to the mechanism, and find unidentifiable combinations."""
+"""Fit the parameters of the equations to the mechanism, and find combinations that cannot be identified."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from twin.validation.explain.judge import Judge, worst
 from twin.validation.explain.result import Identified, Moved
 
 _BLIND = 1e-7
-"""Relative size of singular values below which a combination of parameters has no effect."""
+"""Relative singular value below which a combination of parameters has no effect on the rows."""
 
 _STEPS = 30
 _SLIPS = ((1e3, "metres for millimetres"), (1e-3, "millimetres for metres"), (np.pi / 180, "radians for degrees"),
@@ -22,7 +22,7 @@ _SLIPS = ((1e3, "metres for millimetres"), (1e-3, "millimetres for metres"), (np
 
 @dataclass(frozen=True)
 class Fit:
-    """Parameters fitted by Gauss-Newton: values in SI, residuals in units of the tolerance, Jacobian by parameter."""
+    """Result of a Gauss-Newton fit: values in SI, residuals in units of the tolerance, Jacobian by parameter."""
 
     names: tuple[str, ...]
     values: Array
@@ -31,19 +31,19 @@ class Fit:
 
     @property
     def worst(self) -> float:
-        """Worst residual."""
+        """Worst residual, in units of the tolerance."""
         return worst(self.residual)
 
 
 class Numbers:
-    """The rows of a formula as functions of its parameters; `complete`: whether every wrong row has a value."""
+    """Residuals of the rows as functions of the parameters; `complete`: whether every wrong row has a value."""
 
     def __init__(self, judge: Judge, noise: float = 0.0, seed: int = 0) -> None:
-        """Take the rows from a judge; `noise` (in units of the tolerance) is added to the mechanism's values."""
+        """Store the rows; `noise`: standard deviation, in units of the tolerance, added to the mechanism's values."""
         self.judge = judge
         self.start = {n: float(np.asarray(judge.truth.symbols[n])) for n in (p.name for p in judge.formula.parameters)}
         bad = judge.failing()
-        # Helpers often only repeat the error of a printed row: they count where the printed rows agree.
+        # Helpers often only repeat the error of a printed row: they are used only if the printed rows agree.
         printed = any(self._printed(p.equation) for p in bad)
         mine = [p for p in judge.residuals if not printed or self._printed(p.equation)]
         self.rows = [p for p in mine if np.isfinite(judge.residuals[p]).all()]
@@ -55,13 +55,13 @@ class Numbers:
         return self.judge.step(equation).stage != "helper"
 
     def residual(self, values: dict[str, float]) -> Array:
-        """Return the residuals of all rows with other parameters, in one vector."""
+        """Return the residuals of all rows for parameter values in SI, as one vector."""
         other = self.judge.on(self.judge.truth.with_parameters(values))
         missing = np.full(1, np.nan)
         return np.concatenate([other.residuals.get(p, missing).ravel() for p in self.rows]) + self.noise
 
     def used(self) -> list[Parameter]:
-        """Return the parameters that change at least one row."""
+        """Return the parameters on which at least one row depends."""
         base = self.residual(self.start)
         out = []
         for p in self.judge.formula.parameters:
@@ -72,7 +72,7 @@ class Numbers:
         return out
 
     def fit(self, names: tuple[str, ...]) -> Fit:
-        """Fit some parameters by least squares: Gauss-Newton with step halving, minimum norm where unidentifiable."""
+        """Fit the named parameters by least squares (Gauss-Newton, step halving; minimum norm if not identifiable)."""
         x: Array = np.array([self.start[n] for n in names], float)
         scale = np.maximum(np.abs(x), 0.01)
 
@@ -108,15 +108,16 @@ def identify(
     noise: float = 0.0,
     alone: bool = False,
 ) -> Identified | None:
-    """Return the parameters that explain the wrong rows; None if no parameter changes these rows.
+    """Return the parameters whose change explains the wrong rows; None if no parameter affects these rows.
 
-    Single parameters are tried first: if several suffice alone, they are alternatives. Then all are fitted together.
+    Single parameters are tried first; if several suffice, each alone, they are alternatives. Then all are fitted
+    together.
 
     Args:
         judge: the judged rows.
         progress: called with the fraction done.
-        noise: standard deviation in units of the tolerance that is added to the mechanism's values.
-        alone: try single parameters only; return None if none is exact.
+        noise: standard deviation, in units of the tolerance, of noise added to the mechanism's values.
+        alone: try single parameters only; return None if none makes every row agree.
     """
     numbers = Numbers(judge, noise)
     if alone and not (numbers.complete and judge.failing()):
@@ -157,9 +158,9 @@ def identify(
 
 
 def _covariance(fit: Fit, noise: float) -> Array:
-    """Return the covariance in SI, from the residuals, but not below rounding of the mechanism's own values.
+    """Return the covariance of the fitted values in SI, from the residuals; at least the effect of rounding.
 
-    Rows without a derivative are left out: at the end of the reach one side has no real solution.
+    Rows without a derivative are left out: at the limit of the reach, one side has no real solution.
     """
     known = np.isfinite(fit.J).all(axis=1) & np.isfinite(fit.residual)
     J, residual = fit.J[known], fit.residual[known]
@@ -179,7 +180,7 @@ def _moved(p: Parameter, numbers: Numbers, fit: Fit, i: int, noise: float) -> Mo
 
 
 def _slip(name: str, start: float, value: float, values: dict[str, float]) -> str:
-    """Return the likely meaning of a fitted value: another unit, another sign, another parameter; "" if nothing."""
+    """Return the probable mistake in a value: another unit, sign or parameter; "" if none is recognised."""
     ratio = value / start if start else float("nan")
     for slip, text in _SLIPS:
         if abs(ratio / slip - 1) < 1e-6:
@@ -189,7 +190,7 @@ def _slip(name: str, start: float, value: float, values: dict[str, float]) -> st
 
 
 def _blind(fit: Fit, parameters: list[Parameter]) -> tuple[str, ...]:
-    """Return the combinations of parameters that change no row, by SVD of the scaled Jacobian."""
+    """Return the combinations of parameters that affect no row, from the SVD of the scaled Jacobian."""
     if not np.isfinite(fit.J).all() or not fit.J.any():
         return ()
     scale = np.maximum(np.linalg.norm(fit.J, axis=0), 1e-300)
@@ -205,7 +206,7 @@ def _blind(fit: Fit, parameters: list[Parameter]) -> tuple[str, ...]:
 
 
 def _sparse(null: Array) -> Array:
-    """Return a basis of the same space with many zero entries: reduced row echelon form, largest pivots first."""
+    """Return a sparse basis of the same null space: reduced row echelon form, largest pivots first."""
     A = null.copy()
     for row in range(len(A)):
         rest = np.abs(A[row:])

@@ -1,4 +1,4 @@
-"""Invariants of any formula: rigid bodies, rods of constant length, closed loops, rotations, dimensions."""
+"""Check invariants of any formula: rigid bodies, constant rod lengths, closed loops, rotations, dimensions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LOOP = Kind("invariant.loop", "disagreement", word="tolerance")
 
 
 def said(judge: Judge) -> dict[str, Any]:
-    """Return the formula's value of each symbol that the mechanism also gives, computed from true inputs."""
+    """Return the formula's values of the symbols that the mechanism also has, computed from the mechanism's values."""
     truth, out = judge.truth, {}
     units = {"length": judge.tolerance.length, "angle": judge.tolerance.angle}
     for place, r in judge.residuals.items():
@@ -40,7 +40,7 @@ def said(judge: Judge) -> dict[str, Any]:
 
 
 def solved(judge: Judge) -> dict[str, Any]:
-    """Return the outputs of implicit equations, solved simultaneously, because their rows depend on each other."""
+    """Return the outputs of implicit equations, solved simultaneously because their rows depend on each other."""
     out: dict[str, Any] = {}
     k = judge.truth.k
     for step in judge.steps:
@@ -59,7 +59,7 @@ def solved(judge: Judge) -> dict[str, Any]:
             continue
         A = np.stack([c - b for c in columns if c is not None], axis=2)
         if not np.allclose(A.sum(axis=2) * 2 + b, tested, atol=1e-9) or not np.isfinite(A).all():
-            continue  # not linear in them
+            continue  # the rows are not linear in the outputs
         M = np.eye(n) - A
         if np.linalg.cond(M).max() < 1e12:
             x = np.linalg.solve(M, b[..., None])[..., 0]
@@ -68,7 +68,7 @@ def solved(judge: Judge) -> dict[str, Any]:
 
 
 def invariants(judge: Judge, model: ReferenceModel) -> list[Finding]:
-    """Return the violated invariants as text; none if the formula agrees."""
+    """Return findings on violated invariants; none if the formula agrees."""
     values = {**said(judge), **solved(judge)}
     out = [*_rigid(judge, model, values), *_rods(judge, model, values), *_loops(judge, model, values)]
     return [*out, *_rotations(judge), *_dimensions(judge)]
@@ -84,14 +84,14 @@ def _points(judge: Judge, values: dict[str, Any]) -> dict[str, Array]:
 
 
 def _off(judge: Judge, name: str) -> bool:
-    """Whether the rows of a named point are wrong."""
+    """Return whether a row of a named point is wrong."""
     symbol = judge.formula.points[name]
     bad = {p.symbol for p in judge.failing()}
     return bool(bad & ({symbol} if isinstance(symbol, str) else set(symbol)))
 
 
 def _rigid(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
-    """Check that points of one body keep their distances."""
+    """Yield a finding if points of one body do not keep their distances."""
     placed = _points(judge, values)
     bodies: dict[str, list[str]] = {}
     for p in model.mechanism.points:
@@ -130,7 +130,7 @@ def _distance(
 
 
 def _rods(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
-    """Check that links keep their lengths with the formula's joint values."""
+    """Yield a finding for each link whose length changes with the formula's joint values."""
     truth = judge.truth
     active = {j.name for j in model.mechanism.active if j.name in values}
     wrong = {n for n in active if _moved(judge, n, values[n])}
@@ -159,7 +159,7 @@ def _rods(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterat
 
 
 def _moved(judge: Judge, name: str, value: Any) -> bool:
-    """Whether a joint value of the formula differs from the mechanism's."""
+    """Return whether the formula's value of a joint differs from the mechanism's."""
     return not worst(judge.difference(name, value)) <= 1
 
 
@@ -173,7 +173,7 @@ def _centre(joint: Joint, body: str, poses: dict[str, Array]) -> Array:
 
 
 def _loops(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
-    """Check that loops close at the formula's joints, with the other joints at the mechanism's values."""
+    """Yield a finding for each loop that is open at the formula's joint values, with true values of other joints."""
     truth = judge.truth
     names = [n for n in model.tree.configuration if n in values and _moved(judge, n, values[n])]
     if truth.run is None or not names or not model.mechanism.loops:
@@ -197,7 +197,7 @@ def _loops(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Itera
 
 
 def _rotations(judge: Judge) -> Iterator[Finding]:
-    """Check that poses computed by rows contain rotations: orthogonal and right-handed."""
+    """Yield a finding for each computed pose whose rotation matrix is not orthogonal and right-handed."""
     for step in judge.steps:
         for name, value in outputs(judge, step.equation.name).items():
             if not isinstance(value, Matrix) or value.shape not in ((3, 3), (4, 4)):
@@ -215,7 +215,7 @@ def _rotations(judge: Judge) -> Iterator[Finding]:
 
 
 def outputs(judge: Judge, equation: str, given: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Return the outputs of an equation, unchecked; nothing if it cannot be run."""
+    """Return the outputs of an equation without comparison; empty if it cannot be evaluated."""
     step = judge.step(equation)
     if step.missing or not step.before:
         return {}
@@ -237,7 +237,7 @@ _SCALE = 1.25
 
 
 def _dimensions(judge: Judge) -> Iterator[Finding]:
-    """Check dimensions: if all lengths are scaled by a factor, computed lengths scale and angles do not change."""
+    """Yield a finding for each wrong row whose error does not scale with all lengths: its dimension is wrong."""
     failing = judge.failing()
     if not failing:
         return
@@ -285,5 +285,5 @@ def _scaled(judge: Judge) -> Truth:
 
 
 def unit(kind: str) -> tuple[str, float]:
-    """Return unit and scale in which residuals of a kind are shown."""
+    """Return (unit, scale in SI) in which residuals of a kind are displayed."""
     return ("deg", DEG) if kind == "angle" else ("mm", MM)

@@ -1,8 +1,8 @@
-"""Judge a formula row by row (a row is one assignment): inputs and expected result are the mechanism's values.
+"""Compare a formula with the mechanism row by row (a row is one assignment), with the mechanism's values as inputs.
 
-An intermediate symbol that the mechanism knows (a named point, a passive joint) is replaced by its true value as soon
-as it has been judged, so that later rows are not affected by a wrong one. Other symbols are computed and passed on; all
-rows between two known symbols are then suspected together.
+An intermediate symbol that the mechanism also has (a named point, a passive joint) is compared and then replaced by the
+mechanism's value, so that a wrong row does not affect later rows. Other symbols are computed and passed on; if a row
+disagrees, all rows since the last known symbol are suspected.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ STAGES: tuple[Stage, ...] = ("inverse", "forward", "helper")
 
 
 Residuals = dict[Place, Array]
-"""Residuals by row: differences from the mechanism in units of the tolerance, (k, entries)."""
+"""Residuals (k, entries) by row: differences from the mechanism in units of the tolerance."""
 
 
 class Judge:
-    """A formula in chosen variants, compared with the truth."""
+    """A formula in chosen variants, compared with the mechanism's values."""
 
     def __init__(
         self,
@@ -46,7 +46,15 @@ class Judge:
         tolerance: Tolerance | None = None,
         replaced: Mapping[str, Rows] | None = None,
     ) -> None:
-        """Take the formula; `replaced` are functions by equation that replace the chosen variant."""
+        """Compare a formula with the truth.
+
+        Args:
+            formula: the equations.
+            variants: chosen variants, by equation; None for the defaults.
+            truth: the mechanism's values of the symbols.
+            tolerance: largest deviation that counts as agreement; None for the default.
+            replaced: functions that replace the chosen variant, by equation.
+        """
         self.formula, self.truth, self.tolerance = formula, truth, tolerance or Tolerance()
         self.variants = choose(formula, variants)
         self.rebuild = Rebuilder()
@@ -64,7 +72,7 @@ class Judge:
                 self._run_stage(stage)
 
     def on(self, truth: Truth, only: Collection[str] | None = None) -> Judge:
-        """Return the judge of the same formula, or of some of its equations, with another truth."""
+        """Return a judge of the same formula with another truth; `only`: equations to run, None for all."""
         other = copy.copy(self)
         other.truth, other.residuals, other.notes, other._zeros = truth, {}, [], {}
         other.steps = [
@@ -93,11 +101,11 @@ class Judge:
         return Step(equation, variant, source, codes, scope, (*required, *optional), tuple(required), plain=row)
 
     def step(self, equation: str) -> Step:
-        """Return the step of an equation."""
+        """Return the step of the equation with this name."""
         return next(s for s in self.steps if s.equation.name == equation)
 
     def helpers(self, step: Step) -> list[Helper]:
-        """Return the plain functions of formula files that a step calls."""
+        """Return the plain functions, written in formula files, that a step calls."""
         if step.equation.name in self._helpers:
             return self._helpers[step.equation.name]
         seen: dict[int, Helper] = {}
@@ -165,7 +173,7 @@ class Judge:
                 computed.setdefault(name, value)
 
     def _stuck(self, step: Step, s: Statement, found: Residuals) -> None:
-        """Count the remaining outputs of an equation as wrong, because it uses an unknown name."""
+        """Count the outputs of an equation from this statement on as wrong, because it uses an unknown name."""
         step.stuck = True
         late = [(t, i, name) for t in step.source.statements[s.index :] for i, name in enumerate(t.writes)]
         last = step.source.statements[-1]
@@ -182,13 +190,13 @@ class Judge:
         return name in self.truth.symbols or name in computed
 
     def _place(self, step: Step, edits: list[Edit] | None = None, extra: Mapping[str, Any] | None = None) -> None:
-        """Set, for each state, the swivel that minimises the residuals of the rows that read it."""
+        """Set the swivel angle of each state to the value that minimises the residuals of the rows that use it."""
 
         def rows(angle: Array) -> Residuals:
             step.free = {self.truth.free: angle}
             return self._retry(step, edits or [], extra or {}, True, onwards=False)
 
-        with contextlib.suppress(Exception):  # errors of the rows are raised again where they are caught
+        with contextlib.suppress(Exception):  # the same errors are raised and handled when the rows are run
             step.free = {self.truth.free: fitted(rows, self.truth.k)}
 
     def _environment(self, step: Step, computed: Mapping[str, Any]) -> dict[str, Any]:
@@ -198,7 +206,7 @@ class Judge:
         return {**step.scope, **{n: known[n] for n in step.inputs if n in known}}
 
     def _check(self, step: Step, s: Statement, names: Iterable[str], env: dict[str, Any], found: Residuals) -> None:
-        """Store the residuals of a statement's outputs, and replace the outputs by the true values."""
+        """Store the residuals of a statement's outputs, then replace the outputs by the mechanism's values."""
         for i, name in enumerate(names):
             if name in step.held:
                 said = plain.outside(step.plain, env[name])
@@ -224,7 +232,7 @@ class Judge:
         return out
 
     def difference(self, name: str, value: Any) -> Array:
-        """Return value minus truth in units of the tolerance, (k, entries)."""
+        """Return the difference between a value and the truth, (k, entries) in units of the tolerance."""
         true, kind = self.truth.symbols[name], self.truth.kinds[name]
         if value is true:
             return self._zeros.setdefault(name, np.zeros_like(to_array(true, self.truth.k)))
@@ -241,18 +249,18 @@ class Judge:
             return d
         return d / self.tolerance.length
 
-    # -- trying ----------------------------------------------------------------------------------------
+    # -- trials of edits ----------------------------------------------------------------------------------------
 
     def trial(self, step: Step, edits: list[Edit], extra: Mapping[str, Any] | None = None) -> Residuals:
-        """Return the residuals that an edited equation changes; call it with numpy's warnings off.
+        """Return the residuals of the rows that edits change; call it with numpy's warnings off.
 
         Args:
-            step: the equation.
-            edits: edits of its own statements, or of one helper function.
-            extra: values of names that the edits use.
+            step: the edited equation.
+            edits: edits of its statements, or of one helper function.
+            extra: values of names that the edits define.
 
         Raises:
-            Exception: any exception of the edited code, also SyntaxError.
+            Exception: any exception of the edited code, including SyntaxError.
         """
         own = [e for e in edits if e.function == step.source.name and e.path == step.source.path]
         foreign = [e for e in edits if e not in own]
@@ -271,7 +279,7 @@ class Judge:
                 scope[name] = old
 
     def _from_before(self, step: Step, edits: list[Edit]) -> Residuals:
-        """Return the residuals of a step whose inputs come from the same edited helper in an earlier step."""
+        """Return the residuals of a step that are changed through an earlier step with the same edited helper."""
         for earlier in self.steps[: self.steps.index(step)]:
             passes = set(earlier.equation.outputs) - set(self.truth.kinds)
             calls = any(h.source.name == edits[0].function for h in self.helpers(earlier))
@@ -283,7 +291,7 @@ class Judge:
         return {}
 
     def _patch(self, step: Step, edits: list[Edit]) -> list[tuple[dict[str, Any], str, Any]]:
-        """Install an edited helper; return a function that restores the original."""
+        """Install an edited helper; return (globals, name, original function) of each place, to restore it."""
         helper = next(h for h in self.helpers(step) if h.source.name == edits[0].function)
         scope: dict[str, Any] = dict(helper.function.__globals__)
         exec(helper.source.whole(edits), scope)
@@ -314,7 +322,7 @@ class Judge:
                     writes[i] = tuple(e.new if w == e.old else w for w in s.writes)
         env = self._environment(step, step.computed) if anew else plain.copied(step.before[first])
         anew |= step.stuck  # there is no earlier result to reuse
-        for name in {e.define[0] for e in edits if e.define and not e.define[1]}:  # edits make them new arguments
+        for name in {e.define[0] for e in edits if e.define and not e.define[1]}:  # new arguments of the function
             for known in (k for k in (step.computed, self.truth.symbols) if name in k):
                 env.setdefault(name, plain.inside(step.plain, known[name]))
         for name, value in extra.items():
@@ -328,7 +336,7 @@ class Judge:
                 if s.returns:
                     return found
                 after = step.before[s.index + 1]
-                for name in mine:  # unchanged: its inputs have not changed
+                for name in mine:  # these outputs are unchanged, because their inputs are
                     env[name] = plain.copied({name: after[name]})[name]
                     dirty.discard(name)
                 continue
@@ -349,7 +357,7 @@ class Judge:
             if not changed & set(later.inputs):
                 computed = {**later.gave, **computed}
                 continue
-            # Do not reuse it: a helper that it calls may be edited.
+            # Do not reuse the result: a helper called by this equation may be edited.
             env = {**plain.copied(later.before[0]), **later.scope}
             if later.plain is not None:
                 env |= plain.arguments(later.plain, {**self.truth.symbols, **computed})
@@ -362,21 +370,21 @@ class Judge:
             changed |= {n for n in new if n not in self.truth.kinds}
             computed |= {n: v for n, v in new.items() if n in changed or n not in computed}
 
-    # -- what is wrong -----------------------------------------------------------------------------------
+    # -- failing rows -----------------------------------------------------------------------------------
 
     def failing(self) -> list[Place]:
-        """Return the rows whose residual exceeds the tolerance or has no value."""
+        """Return the rows whose residual exceeds the tolerance or is NaN."""
         return [p for p, r in self.residuals.items() if not worst(r) <= 1]
 
 
 def worst(r: Array) -> float:
-    """Return the largest magnitude, infinite where a value is missing."""
+    """Return the largest absolute residual; infinity if one is NaN."""
     top = float(np.abs(r).max(initial=0.0))
     return top if top == top else float("inf")
 
 
 def evaluate(judge: Judge, step: Step, edits: list[Edit], extra: Mapping[str, Any] | None = None) -> Residuals | None:
-    """Return the residuals of a trial, or None if the edited text is not a valid formula."""
+    """Return the residuals of `Judge.trial`, or None if the edited text cannot be run."""
     try:
         return judge.trial(step, edits, extra)
     except Exception:

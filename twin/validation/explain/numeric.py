@@ -1,8 +1,8 @@
-"""The functions of a formula file on numpy arrays: one call evaluates many samples, without compilation.
+"""Run the functions of a formula file on NumPy arrays: one call evaluates many samples, without compilation.
 
-A function is rebuilt with globals in which every CasADi name is replaced by a numpy equivalent. Scalars are arrays (k,)
-or floats, matrices are `Matrix`. Helpers that the function calls, in its own file or another one of ours or of the
-user, are rebuilt in the same way.
+A function is rebuilt with globals in which each CasADi name is replaced by a NumPy equivalent. Scalars are arrays (k,)
+or floats, matrices are `Matrix` objects. Helpers called by the function, in its file or in another formula file, are
+rebuilt in the same way.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ _SYMBOLIC = "twin.formula.symbolic"
 
 
 class Matrix:
-    """Matrices that behave like SX for k samples at once; `a` is (k or 1, rows, columns)."""
+    """k matrices at once with the operations of `casadi.SX`; `a` has the shape (k or 1, rows, columns)."""
 
-    __array_ufunc__ = None  # numpy scalars and arrays leave mixed operations to this class
+    __array_ufunc__ = None  # mixed operations with NumPy values use the operators of this class
     __slots__ = ("a",)
 
     def __init__(self, a: Array) -> None:
@@ -31,7 +31,7 @@ class Matrix:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(rows, columns) of one sample."""
+        """(rows, columns) of each matrix."""
         return self.a.shape[1], self.a.shape[2]
 
     @property
@@ -46,7 +46,7 @@ class Matrix:
     def __getitem__(self, key: Any) -> Any:
         rows, columns = self.shape
         if not isinstance(key, tuple):
-            if columns != 1:  # one index counts down the columns
+            if columns != 1:  # as in CasADi, a single index counts down the columns
                 flat = Matrix(np.swapaxes(self.a, 1, 2).reshape(len(self.a), -1, 1))
                 return flat[key, 0]
             key = (key, 0)
@@ -104,7 +104,7 @@ def _at(i: Any, n: int) -> int:
 
 
 def _as(x: Any) -> Matrix:
-    """Return a scalar, an array (k,) or a list of rows as a matrix."""
+    """Convert a scalar, an array (k,) or a list of rows to a matrix."""
     if isinstance(x, Matrix):
         return x
     a = np.asarray(x, float)
@@ -128,7 +128,7 @@ def _stack(args: tuple, axis: int) -> Any:
 
 
 def _one(op: Callable) -> Callable:
-    """Return an elementwise function of one scalar or matrix; numpy's function would write into a second argument."""
+    """Return an elementwise function of one scalar or matrix (numpy's own takes a second argument as output)."""
 
     def apply(x: Any) -> Any:
         return _apply(op, x) if isinstance(x, Matrix) else op(x)
@@ -137,7 +137,7 @@ def _one(op: Callable) -> Callable:
 
 
 def _two(op: Callable) -> Callable:
-    """Return an elementwise function of two scalars or matrices."""
+    """Return a function of two scalars or matrices, applied elementwise."""
 
     def apply(x: Any, y: Any) -> Any:
         return _apply(op, x, y) if isinstance(x, Matrix) or isinstance(y, Matrix) else op(x, y)
@@ -186,7 +186,7 @@ def _inv(A: Any) -> Matrix:
 
 
 class _SX:
-    """`casadi.SX` and `casadi.DM` with the functions that equations use."""
+    """NumPy counterpart of `casadi.SX` and `casadi.DM`, with the functions that equations use."""
 
     def __call__(self, *args: Any) -> Any:
         if len(args) == 2:
@@ -273,15 +273,15 @@ def _pose(R: Any, p: Any) -> Matrix:
 
 
 _FAST = {"rotation_x": _turn(0), "rotation_y": _turn(1), "rotation_z": _turn(2), "pose": _pose}
-"""Functions of `symbolic` with a separate numpy form."""
+"""Functions of `symbolic` that have their own NumPy version."""
 
 
 class Rebuilder:
-    """Rebuilds functions for arrays; one instance shares its rebuilt functions."""
+    """Rebuilds functions for arrays; each function is rebuilt only once per instance."""
 
     def __init__(self) -> None:
         self._done: dict[int, Any] = {}
-        self._keep: list[Any] = []  # keep the functions alive, so that their ids stay unique
+        self._keep: list[Any] = []  # references to the functions, so that their ids stay unique
 
     def function(self, f: Callable) -> Callable:
         """Return the function rebuilt with numeric globals, defaults and closure."""
@@ -317,7 +317,7 @@ class Rebuilder:
         return self._done[id(home)]
 
     def value(self, x: Any) -> Any:
-        """Return the numeric counterpart of a global, or the global itself if it has none."""
+        """Return the numeric counterpart of a global, or the global itself if there is none."""
         if isinstance(x, types.ModuleType):
             if x.__name__.split(".")[0] == "casadi":
                 return types.SimpleNamespace(**_FUNCTIONS)
@@ -346,17 +346,17 @@ _NOT_OURS = {
     *("dataclasses", "typing"),
     *(f"twin.formula.{m}" for m in ("contract", "functions", "lift", "quantities", "rows", "scalar")),
 }
-"""Modules whose functions run unchanged: NumPy replaces their operations on symbols."""
+"""Modules whose functions run unchanged: their operations on symbols also work with NumPy values."""
 
 
 def _ours(f: types.FunctionType) -> bool:
-    """Whether a function is part of some formula: it can reach CasADi, or functions that do."""
+    """Return whether a function may use CasADi, directly or through helpers, and must be rebuilt."""
     module = f.__globals__.get("__name__", "")
     return "site-packages" not in f.__code__.co_filename and module not in _NOT_OURS
 
 
 def of_formula(f: types.FunctionType) -> bool:
-    """Whether a function that a formula calls is the formula's own, not one of the library's."""
+    """Return whether a function that a formula calls is in a formula file, not in the library."""
     path = Path(f.__code__.co_filename)
     return path != Path(__file__) and not {"kinematics", "formula"} & set(path.parts[-2:-1])
 
@@ -369,7 +369,7 @@ def _missing(name: str) -> Callable:
 
 
 def to_array(x: Any, k: int) -> Array:
-    """Return a scalar or matrix as (k, entries); entries row by row."""
+    """Return a scalar or matrix as an array (k, entries), row by row."""
     a = x.a.reshape(len(x.a), -1) if isinstance(x, Matrix) else np.asarray(x, float).reshape(-1, 1)
     if len(a) == k:
         return a
@@ -377,5 +377,5 @@ def to_array(x: Any, k: int) -> Array:
 
 
 def named(symbols: Mapping[str, Any], names: list[str]) -> dict[str, Any]:
-    """Return those of the named symbols that exist."""
+    """Return the symbols with the given names, as far as they exist."""
     return {n: symbols[n] for n in names if n in symbols}

@@ -1,8 +1,8 @@
-"""Find missing joint offsets: with them, and fixed poses of base and tool, a computed pose equals the mechanism's.
+"""Find missing joint offsets: with these, and fixed rotations of base and tool, a pose agrees with the mechanism.
 
-A Denavit-Hartenberg table without offsets cannot be corrected by an edit of one row. An offset of the first or the last
-angle is only a rotation of base or tool; for the other angles, quarter turns are tried, a few angles at a time. Offsets
-of lengths are solved for.
+A Denavit-Hartenberg table without joint offsets cannot be corrected by an edit of one row. An offset of the first or
+last angle is equivalent to a rotation of base or tool. For the other angles, quarter turns of up to three angles are
+tried. Offsets of lengths are computed by least squares.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from twin.validation.explain.result import Convention
 
 _QUARTERS = (np.pi / 2, -np.pi / 2, np.pi)
 _MOST = 3
-"""Maximum number of angles with an offset at once."""
+"""Maximum number of angles with an offset."""
 
 _TRIALS = 400
 _ALIKE = 1e-9
-"""Mean square of the rotation residual below which the rotations agree."""
+"""Mean squared rotation residual below which the rotations agree."""
 
 
 def offsets(judge: Judge) -> Iterator[Convention]:
-    """Yield the offsets with which a forward formula's pose agrees, with the fewest angles."""
+    """Yield the offsets of the fewest angles with which a forward formula's pose agrees."""
     for place in judge.failing():
         step = judge.step(place.equation)
         if step.stage != "forward" or judge.truth.kinds[place.symbol] != "pose":
@@ -66,7 +66,7 @@ def _search(judge: Judge, place: Place) -> tuple[str, float] | None:
 
 
 def _said(judge: Judge, place: Place, moved: dict[str, float]) -> Array | None:
-    """Return the formula's pose (k, 4, 4) with joints moved by offsets; None if it has no value."""
+    """Return the formula's pose (k, 4, 4) after joint offsets; None if it has no value."""
     truth = judge.truth
     symbols = {**truth.symbols, **{n: truth.symbols[n] + v for n, v in moved.items()}}
     other = judge.on(replace(truth, symbols=symbols), {s.equation.name for s in judge.steps if s.stage == "forward"})
@@ -81,9 +81,9 @@ def _said(judge: Judge, place: Place, moved: dict[str, float]) -> Array | None:
 
 
 def _ends(F: Array, R: Array) -> tuple[Array, Array] | None:
-    """Return the turns of base and tool (3, 3) by which R = base F tool at all poses (k, 3, 3); None if there are none.
+    """Return rotations of base and tool (3, 3) with R = base F tool at all poses (k, 3, 3); None if there are none.
 
-    base^T R - F tool = 0 is linear in both; it must have exactly one solution direction.
+    base^T R - F tool = 0 is linear in both unknowns; the solution must be unique up to a factor.
     """
     eye = np.eye(3)
     A = np.stack([np.hstack([np.kron(eye, r.T), -np.kron(f, eye)]) for f, r in zip(F, R, strict=True)])
@@ -98,7 +98,7 @@ def _ends(F: Array, R: Array) -> tuple[Array, Array] | None:
 def _placed(
     judge: Judge, place: Place, moved: dict[str, float], slides: list[str], T: Array, base: Array, tool: Array
 ) -> tuple[str, float] | None:
-    """Return (text on the offsets with which positions agree as well, remaining residual), or None."""
+    """Return (text on the offsets, worst residual) if the positions also agree with the rotations, or None."""
     true = judge.truth.symbols[place.symbol].a
     want = true[:, :3, 3] @ base - T[:, :3, 3]
     along = []
@@ -134,7 +134,7 @@ def _text(moved: dict[str, float], shifts: dict[str, float], base: Array, tool: 
 
 
 def axes_text(P: Array) -> str:
-    """Return a rotation as text: "x = -y, ..." for quarter turns, else axis and angle."""
+    """Return a rotation as text: "x = -y, ..." for quarter turns, otherwise its angle."""
     if np.abs(np.abs(P).max(axis=1) - 1).max() < 1e-6:
         rows = [(int(np.argmax(np.abs(r))), r) for r in P]
         return ", ".join(f"{a} = {'-' if r[i] < 0 else ''}{'xyz'[i]}" for a, (i, r) in zip("xyz", rows, strict=True))

@@ -1,9 +1,9 @@
-"""Two edits at once: for each pair of positions, all replacements at both are tried in one evaluation.
+"""Search pairs of edits: for two positions in the text, all combinations of replacements are tried in one evaluation.
 
-A position whose token is a number or a name of a scalar takes all its replacements together: the token becomes a choice
-whose value, an array, has one entry for each combination of replacements of the two positions. Edits that change the
-form (operators, signs, functions, indices) are tried one by one. A few samples exclude nearly all pairs; the remaining
-pairs are checked like any other edit.
+If a token is a number or the name of a scalar, all its replacements are evaluated at once: the token is replaced by an
+array with one entry per combination of replacements at the two positions. Edits that change the form (operators, signs,
+functions, indices) are tried one by one. A few samples exclude nearly all pairs; the remaining pairs are checked like
+single edits.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ from twin.validation.explain.rows import Step
 from twin.validation.explain.source import Edit
 
 _PLACES = 2
-"""Number of the mechanism's samples at which pairs are excluded; one more sample does not belong to the mechanism."""
+"""Number of the mechanism's samples used to exclude pairs; one perturbed sample is added."""
 
 _AWAY = 100
-"""Distance in statements from the row that a token of another function counts as."""
+"""Distance from the row, in statements, that is assumed for a token in another function."""
 
 _MANY = 4096
-"""Maximum number of combinations of replacements in one evaluation."""
+"""Maximum number of combinations in one evaluation."""
 
 
 @dataclass(frozen=True)
 class _Position:
-    """A token and its replacements: edits of the same bytes. `free`: all are tried at once."""
+    """A token and the edits that replace it; `free`: whether all replacements can be evaluated at once."""
 
     edits: tuple[Edit, ...]
     free: bool
@@ -54,10 +54,18 @@ class _Position:
 
 
 class Pairs:
-    """Pairs of edits of one equation, and of the functions that it calls, for one row."""
+    """Search for pairs of edits of one equation and the functions it calls, to fix one row."""
 
     def __init__(self, judge: Judge, shaken: Judge, step: Step, row: Key, edits: Sequence[Edit]) -> None:
-        """Take the formula, the same at perturbed values, and the single edits of one token that change the row."""
+        """Set up the search.
+
+        Args:
+            judge: the judged formula.
+            shaken: judge of the formula at perturbed values.
+            step: the equation.
+            row: the row to fix.
+            edits: single edits of one token that change the row.
+        """
         self.judge, self.shaken, self.step, self.row = judge, shaken, step, row
         self.evaluated = 0
         self._tiled: dict[int, Judge] = {}
@@ -71,7 +79,7 @@ class Pairs:
         self.total = n * (n - 1) // 2
 
     def found(self, deadline: float) -> Iterator[tuple[Edit, Edit]]:
-        """Yield pairs that agree at a few poses, but not at perturbed values; stop at the deadline.
+        """Yield pairs with which the row agrees at a few poses but not at perturbed values; stop at the deadline.
 
         Call it with numpy's warnings off.
         """
@@ -89,9 +97,9 @@ class Pairs:
         return self.evaluated >= self.total
 
     def _order(self) -> Iterator[tuple[_Position, _Position]]:
-        """Yield pairs of positions, the nearest to each other first: in one statement, in one function, then others.
+        """Yield pairs of positions, nearest first: in one statement, then in one function, then in different functions.
 
-        Pairs at equal distance are sorted by their distance from the row. Two misprints are often close to each other.
+        Pairs at equal distance are sorted by their distance from the row. Two misprints are often near each other.
         """
         groups: dict[tuple[str, str, int], list[_Position]] = {}
         for p in self.positions:
@@ -110,7 +118,7 @@ class Pairs:
                 yield from itertools.product(groups[k], groups[other])
 
     def _sorted(self, edits: Sequence[Edit]) -> list[_Position]:
-        """Group edits of the same token; edits that can be tried together come first."""
+        """Group the edits by token; tokens whose replacements can be evaluated at once come first."""
         together: dict[tuple[str, int, int], list[Edit]] = {}
         alone: list[_Position] = []
         for e in edits:
@@ -122,14 +130,14 @@ class Pairs:
         for group in together.values():
             position = _Position(tuple(group), True)
             done = self._residual([self._choice(position, 0)], position.edits, (len(group), 1))
-            if done is None:  # for instance a name that is not defined yet
+            if done is None:  # for example, a name that is not yet defined
                 alone += [_Position((e,), False) for e in group if self._residual([e], [e], (1, 1)) is None]
                 group = [e for e in group if all(p.edits[0] is not e for p in alone)]
                 if not group:
                     continue
                 position = _Position(tuple(group), True)
                 done = self._residual([self._choice(position, 0)], position.edits, (len(group), 1))
-            odd = set(range(len(group))) if done is None else self._pick[0].odd  # matrices, lists: one by one
+            odd = set(range(len(group))) if done is None else self._pick[0].odd  # matrices and lists: one by one
             alone += [_Position((e,), False) for i, e in enumerate(group) if i in odd]
             scalar = tuple(e for i, e in enumerate(group) if i not in odd)
             free += [_Position(scalar, True)] if scalar else []
@@ -149,19 +157,22 @@ class Pairs:
         if r is None:
             return
         on, off = np.abs(r[:, :_PLACES]).max(axis=(1, 2)), np.abs(r[:, _PLACES:]).max(axis=(1, 2))
-        for c in np.flatnonzero((on <= 1) & ~(off <= 1e-3)):  # not a number counts as off the mechanism
+        for c in np.flatnonzero((on <= 1) & ~(off <= 1e-3)):  # NaN counts as disagreement at perturbed values
             i, j = divmod(int(c), shape[1])
             yield a.edits[i], b.edits[j]
 
     def _choice(self, p: _Position, axis: int) -> Edit:
-        """Return the edit that puts a choice of all replacements in a position, or the only replacement."""
+        """Return the edit that inserts all replacements of a token as an array, or its only replacement."""
         if not p.free:
             return p.edits[0]
         words = ", ".join(e.new for e in p.edits)
         return dataclasses.replace(p.edits[0], new=f"{_NAMES[axis]}({words})", kind="choice", define=None)
 
     def _residual(self, change: list[Edit], edits: Sequence[Edit], shape: tuple[int, int]) -> Array | None:
-        """Return the row's residuals (combinations, samples, entries) after edits; the last sample is perturbed."""
+        """Return the row's residuals (combinations, samples, entries) after edits; the last sample is perturbed.
+
+        Return None if the edited text has no value.
+        """
         count = shape[0] * shape[1]
         n = 1 << (count - 1).bit_length()
         judge = self._judge(n)
@@ -193,7 +204,7 @@ class Pairs:
         return any(e.function != self.step.source.name for e in change)
 
     def _judge(self, n: int) -> Judge:
-        """Return the judge at the few samples, repeated n times."""
+        """Return a judge at the few samples, repeated for n combinations."""
         if n not in self._tiled:
             step, other = self.step, self.shaken.step(self.step.equation.name)
             on = {**step.computed, **self.judge.truth.symbols}
@@ -217,11 +228,11 @@ class Pairs:
 
 
 _NAMES = ("_first_", "_second_")
-"""Names of the choices in the edited text."""
+"""Names of the two `_Choice` functions in the edited text."""
 
 
 class _Choice:
-    """A function that combines its arguments: combination (i, j) has the i-th first and the j-th second one."""
+    """Function that expands its arguments to all combinations: (i, j) uses the i-th first and the j-th second one."""
 
     def __init__(self, axis: int) -> None:
         self.axis = axis
@@ -250,7 +261,7 @@ class _Choice:
 
 
 def _is_value(e: Edit) -> bool:
-    """Whether an edit replaces one number or scalar by another, so that both can be tried in one array."""
+    """Return whether an edit replaces a number or scalar by another, so that both can be entries of one array."""
     if e.kind not in ("name", "parameter", "trig", "index", "number", "exponent"):
         return False
     old, new = (_parsed(t) for t in (e.old, e.new))

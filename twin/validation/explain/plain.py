@@ -1,4 +1,4 @@
-"""Evaluate a plain formula on arrays: an object in a NumPy array holds all samples of a scalar; rows run unchanged."""
+"""Run a plain formula on many samples: each scalar is an object that holds all its samples, the code runs unchanged."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from twin.validation.explain.source import Source
 
 
 class Samples(Scalar):
-    """A scalar that holds its values (k,) at all samples."""
+    """A scalar with its values (k,) at all samples."""
 
     __slots__ = ()
     functions = {**{n: getattr(np, n) for n in METHODS}, "if_else": np.where}  # noqa: RUF012
 
 
 def enter(x: Any) -> Any:
-    """Convert a value of the judge for use inside a plain function: to numbers, objects, arrays of objects."""
+    """Convert a value of the judge to the form that a plain function uses: a number, object or array of objects."""
     if isinstance(x, Matrix):
         _, rows, columns = x.a.shape
         out = np.array([[Samples(x.a[:, i, j]) for j in range(columns)] for i in range(rows)], dtype=object)
@@ -33,7 +33,7 @@ def enter(x: Any) -> Any:
 
 
 def leave(x: Any) -> Any:
-    """Convert a value from a plain function for the judge: to numbers, arrays (k,), matrices."""
+    """Convert a value of a plain function to the form that the judge uses: a number, array (k,) or matrix."""
     if isinstance(x, Samples):
         return np.asarray(x.x, float)
     if isinstance(x, np.ndarray) and x.ndim in (1, 2):
@@ -44,35 +44,35 @@ def leave(x: Any) -> Any:
 
 
 def inside(row: PlainRows | None, x: Any) -> Any:
-    """Convert a value of the judge to the form inside a function."""
+    """Convert a value from the judge's form to the form used inside a function."""
     return x if row is None or row.casadi else enter(x)
 
 
 def outside(row: PlainRows | None, x: Any) -> Any:
-    """Convert a value inside a function to the form of the judge."""
+    """Convert a value from the form used inside a function to the judge's form."""
     return x if row is None or row.casadi else leave(x)
 
 
 def arguments(row: PlainRows, symbols: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of a plain function from the symbols of the flow."""
+    """Return the arguments of a plain function, from the values of the symbols."""
     if row.casadi:
         return row.arguments(symbols, lambda x: x, lambda *q: Matrix(np.stack(np.broadcast_arrays(*q), 1)[:, :, None]))
     return row.arguments(symbols, enter, lambda *q: np.array([enter(x) for x in q], dtype=object))
 
 
 def parts(row: PlainRows, value: Any) -> list[Any]:
-    """Split the result of a plain function into one value for each output."""
+    """Split the result of a plain function into one value per output."""
     if row.casadi:
         return row.spread(value, lambda x: [x[i] for i in range(x.numel())] if isinstance(x, Matrix) else None)
     return [leave(v) for v in row.spread(value, entries)]
 
 
 _FILLED = frozenset((list, dict, np.ndarray))
-"""Types of values that statements may change in place."""
+"""Types of values that a statement may change in place."""
 
 
 def copied(scope: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a scope with copies of its lists and arrays: statements may change them."""
+    """Return a scope with copies of its lists, dicts and object arrays, because statements may change them."""
     own = dict(scope)
     for n, x in scope.items():
         if type(x) in _FILLED and (type(x) is not np.ndarray or x.dtype == object):
@@ -81,9 +81,9 @@ def copied(scope: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def held(source: Source, outputs: tuple[str, ...]) -> set[str]:
-    """Return the outputs that have a name in the function: assigned once, and returned at their position under it.
+    """Return the outputs whose variable has the output's name: assigned once, and returned at the output's position.
 
-    Other variables may have the name of an output by chance.
+    Other variables may have the name of an output by coincidence.
     """
     returned = getattr(source.statements[-1].node, "value", None)
     if isinstance(returned, ast.Dict):

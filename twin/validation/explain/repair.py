@@ -1,4 +1,4 @@
-"""The smallest edits of the source that make the rows agree, and how unique they are."""
+"""Search the smallest edits of the source after which the rows agree, and determine how unique they are."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from twin.validation.explain.source import Edit, Source, Statement, patched
 from twin.validation.explain.suspects import available, suspects
 
 _WHOLE = 12
-"""Maximum number of repairs of a kind that are tried in the whole formula."""
+"""Maximum number of repairs per cure that are checked on the whole formula."""
 
 _SHARED = 3
-"""Number of edits of each group of rows that are tried together with a second edit in the remaining rows."""
+"""Number of edits per repaired group that are tried together with a second edit for the remaining rows."""
 
 _SHARED_PART = 0.2
-"""Maximum fraction of the time for two edits that this takes."""
+"""Maximum fraction of the time for pairs that is used for edits shared with other rows (`_SHARED`)."""
 
 _SAME = 1e-7
-"""Relative difference below which two edited rows are the same function, also at perturbed values."""
+"""Relative difference of residuals, also at perturbed values, below which two edited rows are the same function."""
 
 
 class Search:
@@ -47,17 +47,17 @@ class Search:
         self.base = {key(p): worst(r) for p, r in judge.residuals.items()}
         self.raw = {key(p): r for p, r in judge.residuals.items()}
         bad = judge.failing()
-        # What no printed equation says (helpers) often only repeats their error: it is looked at when they are right.
+        # Wrong helpers often only repeat the error of a printed equation: they are searched if all others agree.
         self.targets = [p for p in bad if judge.step(p.equation).stage != "helper"] or bad
         self.failing = [key(p) for p in self.targets]
         self.tried = 0
-        self.senseless: list[tuple[Step, Edit]] = []  # alone they give no number; together with another edit they may
+        self.senseless: list[tuple[Step, Edit]] = []  # edits without a value; a second edit may change that
         self.parameters = {p.name for p in judge.formula.parameters}
 
     # -- one edit ------------------------------------------------------------------------------------------
 
     def own_sites(self) -> list[tuple[Step, Statement]]:
-        """Return the statements of the equations on which a failing row depends."""
+        """Return the statements on which a failing row depends."""
         out: dict[tuple[str, int], tuple[Step, Statement]] = {}
         for place in self.targets:
             for equation, indices in suspects(self.judge, place).items():
@@ -67,13 +67,13 @@ class Search:
         return list(out.values())
 
     def singles(self, kinds: Container[str], only: Container[tuple[str, int]] | None = None) -> list[Candidate]:
-        """Return every single edit of given kinds that can be evaluated, in all these statements or in some."""
+        """Evaluate the single edits of given kinds in these statements; `only`: (equation, statement) to use."""
         out: list[Candidate] = []
         sites = [x for x in self.own_sites() if only is None or (x[0].equation.name, x[1].index) in only]
         for n, (step, statement) in enumerate(sites):
             self.progress(n / len(sites))
             choice = pool(step.source, statement, available(self.judge, step), self.parameters, step.scope)
-            # Other equations may call this one.
+            # Other equations may call this equation's function.
             others = [s for s in self.judge.steps if s is not step and not s.missing and self._calls(s, step.source)]
             for edit in edits(step.source, statement, choice, kinds):
                 candidate = self._everywhere([step, *others] if not edit.define else [step], [edit])
@@ -87,7 +87,7 @@ class Search:
         return any((h.source.name, h.source.path) == (source.name, source.path) for h in self.judge.helpers(step))
 
     def in_helpers(self, kinds: Container[str]) -> list[Candidate]:
-        """Return every single edit of the plain functions that these statements call."""
+        """Evaluate the single edits of given kinds in the plain functions that these statements call."""
         out: list[Candidate] = []
         reached: dict[int, tuple[Helper, list[Step]]] = {}
         for step in {id(s): s for s, _ in self.own_sites()}.values():
@@ -96,7 +96,7 @@ class Search:
         for n, (helper, steps) in enumerate(reached.values()):
             self.progress(n / len(reached))
             source = helper.source
-            # An edit of a helper takes effect wherever it is called, also in rows that agree.
+            # An edited helper affects every equation that calls it, also rows that agree.
             others = [s for s in self.judge.steps if any(h.function is helper.function for h in self.judge.helpers(s))]
             every = [*steps, *(s for s in others if s not in steps and not s.missing)]
             for statement in source.statements:
@@ -110,9 +110,9 @@ class Search:
         return out
 
     def _everywhere(self, steps: list[Step], change: list[Edit]) -> Candidate | None:
-        """Return the candidate of an edited helper, judged in every equation that calls it."""
+        """Return the candidate for an edited helper, judged in every equation that calls it; None if not valid."""
         first: Candidate | None = None
-        passed: set[str] = set()  # equations judged already, including all edited equations before them
+        passed: set[str] = set()  # equations already judged; the equations after them use the edited outputs
         for step in sorted(steps, key=self.judge.steps.index):
             if step.equation.name in passed:
                 continue
@@ -136,7 +136,7 @@ class Search:
         return first
 
     def attempt(self, step: Step, change: list[Edit]) -> Candidate | None:
-        """Return the candidate, or None if the edited formula is not valid."""
+        """Return the candidate for edits of one equation, or None if the edited formula is not valid."""
         self.tried += 1
         extra = aliases(self.judge, step, change)
         found = None if extra is None else evaluate(self.judge, step, change, extra)
@@ -152,7 +152,7 @@ class Search:
 
     @cached_property
     def shaken(self) -> Judge:
-        """The formula at perturbed values that belong to no mechanism."""
+        """The formula at perturbed values that no mechanism has."""
         return self.judge.on(self.judge.truth.perturbed())
 
     @cached_property
@@ -162,24 +162,24 @@ class Search:
 
     @cached_property
     def dependence(self) -> Dependence:
-        """The dependences of the rows on symbols."""
+        """Dependence of the rows on symbols."""
         return Dependence(self.judge, self.shaken)
 
     # -- groups ---------------------------------------------------------------------------------------------
 
     def run(self, budget: float = 8.0) -> tuple[list[Found], list[Key]]:
-        """Return (results by groups of rows, rows that neither one edit nor two can fix)."""
+        """Search repairs with a time limit in s for pairs; return (results by group of rows, rows without a repair)."""
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter(
                 "ignore", SyntaxWarning
-            )  # a moved parenthesis may call a number: this is tried, and fails
+            )  # a moved parenthesis may make Python call a number; such an edit is tried and fails
             return self._run(budget)
 
     def _run(self, budget: float) -> tuple[list[Found], list[Key]]:
         singles: list[Candidate] = []
         left = list(self.failing)
         groups: list[list[Key]] = []
-        # One token first; where nothing of that kind serves, terms, factors and parentheses; then the functions called.
+        # First one token; if this is not enough, terms, factors and parentheses; then the called functions.
         for more in (
             lambda: self.singles(TOKENS),
             lambda: self.singles(REST),
@@ -192,7 +192,7 @@ class Search:
             new = self._cover(singles, left)
             groups += new
             left = [k for k in left if not any(k in g for g in new)]
-        # Where one token serves, what else could be meant in the same statement is looked at as well.
+        # If one token suffices, all other edits of the same statement are tried as well, as alternatives.
         looked = {(c.step.equation.name, c.edits[0].statement) for g in groups for c in self._exact(g, singles)}
         if not any(c.edits[0].kind in REST for c in singles):
             singles += self.singles(REST, looked)
@@ -204,10 +204,10 @@ class Search:
                 k, began = left[0], time.monotonic()
                 shared = [c for g in groups for c in self._exact(g, singles)[:_SHARED]]
                 pairs, complete = self._pairs(k, singles, shared, deadline) if budget > 0 else ([], False)
-                # An edit that fixes this row may fix others as well.
+                # An edit that fixes this row may also fix others.
                 group = next((g for g in self._cover(pairs, left) if k in g), [])
                 for f in [f for f in out if group and f.cures and self._exact([*group, *f.rows], pairs)]:
-                    group += f.rows  # another wrong row is fixed as well
+                    group += f.rows  # the pair also fixes another wrong row
                     out.remove(f)
                 f = self._found(group or [k], pairs if group else [], [*singles, *pairs])
                 f.complete, f.seconds = complete, time.monotonic() - began
@@ -217,7 +217,7 @@ class Search:
         return out, lost
 
     def _cover(self, candidates: list[Candidate], rows: list[Key]) -> list[list[Key]]:
-        """Return groups of rows that one edit fixes, the largest first."""
+        """Return groups of rows that a single edit fixes, the largest group first."""
         left, groups = set(rows), []
         cures = [frozenset(k for k, s in c.scores.items() if s <= 1 and k in left) for c in candidates if c.serves]
         while left:
@@ -247,7 +247,7 @@ class Search:
         return residuals(self.first, c.step.equation.name, c.edits) is not None
 
     def _distinct(self, exact: list[Candidate], rows: list[Key]) -> list[list[Candidate]]:
-        """Sort exact candidates into functions, and each function into canonically different readings."""
+        """Group exact candidates by the resulting function; keep one candidate per different canonical text."""
         cures: list[tuple[dict[Key, Array] | None, list[Candidate], set[str]]] = []
         for c in exact:
             value = self._off_the_mechanism(c, rows)
@@ -263,7 +263,7 @@ class Search:
         return [w[1] for w in cures]
 
     def _best(self, cures: list[list[Candidate]]) -> list[list[Candidate]]:
-        """Drop repairs that leave more rows of the whole formula wrong than another repair."""
+        """Drop the repairs after which more rows of the whole formula are wrong than after another repair."""
         if sum(map(len, cures)) < 2:
             return cures
         left = {id(c): self._left(c) for way in cures for c in way[:_WHOLE]}
@@ -272,7 +272,7 @@ class Search:
         return [way for way in kept if way]
 
     def _left(self, c: Candidate) -> int | None:
-        """Return the number of wrong rows in the whole formula after edits; None for edits outside its own file."""
+        """Return the number of wrong rows of the whole formula after edits; None if edits are outside its file."""
         formula = self.judge.formula
         home = formula.equations[0]
         path = Path(inspect.unwrap(home.variants[home.default]).__code__.co_filename)  # type: ignore[attr-defined]
@@ -302,7 +302,7 @@ class Search:
         return next(h.source for h in self.judge.helpers(c.step) if (h.source.path, h.source.name) == (path, name))
 
     def _off_the_mechanism(self, c: Candidate, rows: list[Key]) -> dict[Key, Array] | None:
-        """Return the residuals of a candidate at perturbed values: they distinguish functions."""
+        """Return the residuals of a candidate at perturbed values, to compare functions; None if there are none."""
         found = residuals(self.shaken, c.step.equation.name, c.edits)
         if not found:
             return None
@@ -314,7 +314,10 @@ class Search:
     def _pairs(
         self, k: Key, singles: list[Candidate], shared: list[Candidate], deadline: float
     ) -> tuple[list[Candidate], bool]:
-        """Return pairs of edits that agree, also nearly: by sums of effects of any kind, then all pairs of tokens."""
+        """Return (pairs of edits with which row k agrees or nearly agrees, whether all pairs were tried).
+
+        First, pairs of any kind whose separate effects add up to the residual; then, all pairs of tokens.
+        """
         mine = [c for c in singles if k in c.changed and c.changed[k].shape == self.raw[k].shape]
         mine = [c for c in mine if np.isfinite(c.changed[k]).all()]
         out: list[Candidate] = []
@@ -343,7 +346,7 @@ class Search:
                 for j in order[lo : min(hi, lo + 50)]:
                     add(c, mine[j])
         now = time.monotonic()
-        for a in shared:  # an edit that fixes other rows may be half of the fix of this one
+        for a in shared:  # an edit that fixes other rows may be one half of the repair of this row
             for b in singles:
                 if k in b.scores and time.monotonic() < now + _SHARED_PART * (deadline - now):
                     add(a, b)
@@ -361,10 +364,10 @@ class Search:
         return out, complete
 
     def _moving(self, k: Key, singles: list[Candidate]) -> list[tuple[Step, list[Edit]]]:
-        """Return the edits of one token that change a row, by the equation in which they are tried."""
+        """Return the edits of one token that change a row, grouped by the equation in which they are tried."""
         mine = self.judge.step(k[0])
         called = {(h.source.path, h.source.name) for h in self.judge.helpers(mine)}
-        blind = not np.isfinite(self.raw[k]).all()  # then one edit alone may have no effect
+        blind = not np.isfinite(self.raw[k]).all()  # the row has no value: one edit alone may show no effect
         some = [(c.step, c.edits[0]) for c in singles if blind or _moves(c, k, self.raw[k])]
         out: dict[str, tuple[Step, list[Edit]]] = {}
         for first, e in [*some, *(self.senseless if mine.stuck else ())]:
@@ -380,7 +383,7 @@ def _moves(c: Candidate, k: Key, raw: Array) -> bool:
 
 
 def _same(a: dict[Key, Array], b: dict[Key, Array]) -> bool:
-    """Whether two edited equations are equivalent: residuals equal up to a constant factor."""
+    """Return whether two edited equations are equivalent: their residuals differ by a constant factor only."""
     if a.keys() != b.keys():
         return False
     for k in a:

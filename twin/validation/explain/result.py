@@ -1,4 +1,4 @@
-"""Result of `explain`: plain data, ready for JSON and for the terminal."""
+"""Result of `explain`, as plain data for JSON and for the terminal."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from twin.core.units import decimals
 
 @dataclass(frozen=True)
 class Row:
-    """One wrong row of the formula.
+    """One wrong row (assignment) of the formula.
 
     Attributes:
-        equation, variant, symbol: name, variant and symbol of the row.
+        equation, variant, symbol: equation and variant of the row, and the symbol it computes.
         file, line: place of the row.
-        text: the row.
-        term: the part of the row that the best repair changes, or "".
-        means: the named point, joint or pose that the symbol stands for.
-        off: worst difference; unit "mm" or "deg".
-        share: fraction of the judged poses at which it is wrong.
-        worst_at, least_at: poses with the largest and smallest difference.
-        why: text instead of a difference, for a row that is judged by the states where it vanishes (`off` is NaN, or in
-            `unit`).
+        text: text of the row.
+        term: summand of the row that the best repair changes; "" if there is none.
+        means: meaning of the symbol: a named point, a joint or the tool pose.
+        off: largest difference, in `unit` ("mm" or "deg").
+        share: fraction of the judged poses at which the row is wrong.
+        worst_at, least_at: poses with the largest and the smallest difference.
+        why: explanation for a row that is tested at the states where it vanishes; `off` is then NaN or a value in
+            `unit`.
     """
 
     equation: str
@@ -46,7 +46,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Change:
-    """One edit for people and tools: the line before, and after all edits."""
+    """One edit, with its source line before the edit and after all edits."""
 
     file: str
     line: int
@@ -58,12 +58,12 @@ class Change:
 
 @dataclass(frozen=True)
 class Reading:
-    """Edits that, together, make the rows agree.
+    """Edits after which, together, the rows agree.
 
     Attributes:
-        changes: one or two; `after` of each is its line after all changes.
-        diff: all changes as one unified diff, including new definitions.
-        note: further manual changes, or "".
+        changes: one or two edits.
+        diff: all edits as one unified diff, including new definitions.
+        note: further changes to make by hand, or "".
         dropped: symbols on which a row no longer depends after the edits.
     """
 
@@ -78,16 +78,16 @@ class Repair:
     """A repair of rows of a formula.
 
     Attributes:
-        rows: the rows that it fixes, "eq1.X_S1".
+        rows: the fixed rows, as "eq1.X_S1".
         before, after: worst residual of these rows before and after the repair, in units of the tolerance.
-        margin: worst residual of the runner-up divided by that of the repair; 0 if there is no repair.
-        runner_up: the best edit that is not exact, and its residual.
-        cures: each a list of readings (edits) that make the same function. The judged poses cannot decide between
-            several cures; no pose can decide between the readings of one cure.
-        tie: why the paper or the data do not decide, or "".
-        tried: number of edits.
-        complete: whether every edit of the kinds known here was tried.
-        seconds: duration of the search for pairs of edits; 0 if one edit is exact.
+        margin: worst residual of the runner-up divided by that of the repair; 0 without a repair.
+        runner_up: the best edit that does not fix the rows, and its residual, as text.
+        cures: possible repairs, each a list of readings (edits) that result in the same function. The judged poses
+            cannot distinguish several cures; no pose can distinguish the readings of one cure.
+        tie: why the data do not determine one repair, or "".
+        tried: number of edits tried.
+        complete: whether every edit that the search can generate was tried.
+        seconds: duration of the search for pairs of edits in s; 0 if one edit is exact.
         note: further remarks, mainly if there is no repair.
     """
 
@@ -106,12 +106,12 @@ class Repair:
 
 @dataclass(frozen=True)
 class Moved:
-    """A parameter whose changed value explains the difference.
+    """A parameter whose changed value explains the differences.
 
     Attributes:
-        name, unit: name and unit of the parameter; the values below are in this unit.
-        formula, fitted, sigma: value in the formula, value that fits the mechanism, its standard deviation.
-        note: for instance "metres for millimetres", or "".
+        name, unit: name of the parameter, and unit of the values below.
+        formula, fitted, sigma: value in the formula, value fitted to the mechanism, and its standard deviation.
+        note: probable mistake, such as "metres for millimetres", or "".
     """
 
     name: str
@@ -128,12 +128,12 @@ class Identified:
 
     Attributes:
         exact: whether the fitted values make all rows agree.
-        before, after: worst residual in units of the tolerance.
-        moved: changed parameters; with `alternatives`, each alone explains the difference.
-        alternatives: whether the entries of `moved` exclude each other.
-        blind: combinations of parameters that the rows do not depend on.
-        covariance: (n, n) of `names`, in SI.
-        names: the parameters that were fitted.
+        before, after: worst residual before and after the fit, in units of the tolerance.
+        moved: changed parameters; with `alternatives`, each one alone explains the differences.
+        alternatives: whether the entries of `moved` are alternatives.
+        blind: combinations of parameters on which no row depends.
+        covariance: (n, n) covariance of the fitted parameters, in SI.
+        names: names (n) of the fitted parameters.
     """
 
     exact: bool
@@ -153,7 +153,7 @@ class Convention:
     Attributes:
         kind: "euler", "unit", "sign", "offset", "axes", "handedness", "dh".
         message: one sentence.
-        rows: the rows that it fixes.
+        rows: the fixed rows.
         after: worst remaining residual, in units of the tolerance.
     """
 
@@ -165,17 +165,17 @@ class Convention:
 
 @dataclass(frozen=True)
 class PartOff:
-    """Joints that do not meet in the CAD for one reason, and the faulty part.
+    """A faulty part of the CAD: some joints do not meet because of it.
 
     Attributes:
-        joints: names of the joints.
-        part, features: the faulty part and its features; "" if no single part explains it.
-        told_by: kind of evidence: "drawing" (lengths, identical parts), "joints" (the other joints of the second part
-            meet), "loops" (they close only with this part corrected), "rows" (they agree only with this part
-            corrected), or "" if undecided between this part and `others`.
-        why: the evidence.
-        others: alternatives.
-        message: one sentence.
+        joints: names of the joints that do not meet.
+        part, features: the faulty part and its features; "" if no single part explains the joints.
+        told_by: kind of evidence. "drawing": lengths or identical parts; "joints": the other joints of the second part
+            meet; "loops": the loops close only with this part corrected; "rows": the rows agree only with this part
+            corrected; "": undecided between this part and `others`.
+        why: the evidence, as text.
+        others: alternative parts.
+        message: the result in one sentence.
     """
 
     joints: tuple[str, ...]
@@ -189,25 +189,25 @@ class PartOff:
 
 @dataclass(frozen=True)
 class Explanation(Result):
-    """The result of `explain`.
+    """Result of `explain`.
 
     Attributes:
-        robot, variants: robot and variants that were judged.
-        outcome: the verdict. "agree": nothing to explain. "disagree": explained or not. "unchecked": something was
-            not judged.
-        explained: whether every wrong row has an exact repair, exact numbers or an exact convention, or agrees with the
+        robot, variants: name of the robot, and judged variant by equation.
+        outcome: the verdict. "agree": nothing to explain; "disagree": rows are wrong; "unchecked": some rows were not
+            judged.
+        explained: whether every wrong row is explained by an exact repair, exact numbers, an exact convention, or the
             corrected CAD.
         samples: number of judged poses.
-        invariants: violated invariants.
+        invariants: findings on violated invariants.
         rows: the wrong rows.
         repairs, identified, conventions: possible fixes.
-        notes: parts that were not judged, and why.
+        notes: texts on parts that were not judged, with the reason.
         judged, rows_of_formula: number of judged rows, and of all rows.
-        seconds: duration of each step.
+        seconds: duration of each step in s.
         lead: kind of the explanation: "drawing", "edits", "numbers", "edits or numbers" (equally simple),
-            "conventions", or "" if there is nothing to explain or no explanation.
-        drawing: joints that do not meet in the CAD.
-        parts: faulty parts of the CAD, if joints do not meet.
+            "conventions"; "" if there is none.
+        drawing: findings on joints that do not meet in the CAD.
+        parts: the faulty parts of the CAD.
     """
 
     robot: str
@@ -232,12 +232,12 @@ class Explanation(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """Return the outcome."""
+        """The outcome."""
         return self.outcome
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Faults of the CAD, and violated invariants."""
+        """Findings on the CAD and on violated invariants."""
         return (*self.drawing, *self.invariants)
 
     def content(self) -> dict[str, Any]:
@@ -316,7 +316,7 @@ class Explanation(Result):
 
 
 def _drawn(x: Explanation) -> str:
-    """Return the summary if the CAD explains the disagreement."""
+    """Return the summary for a disagreement that the CAD explains."""
     if not x.rows:
         return "parts do not meet in the CAD; every row agrees"
     rows = f"{len(x.rows)} row{'s' if len(x.rows) > 1 else ''} off"

@@ -1,4 +1,4 @@
-"""The rows of a formula: the place of each in the file, its expected value, and its equation."""
+"""Rows of a formula (assignments): their place in the file, their equation, and the tolerances."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from twin.validation.explain.source import Source
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Maximum deviations that count as agreement, in m and rad."""
+    """Largest deviations that count as agreement, in m and rad."""
 
     length: float = 1e-9
     angle: float = 1e-8
@@ -21,7 +21,7 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Place:
-    """One row: an output of an equation, at the statement that assigns or returns it."""
+    """One row: an output of an equation, and the statement that assigns or returns it."""
 
     equation: str
     variant: str
@@ -33,10 +33,10 @@ class Place:
 
 @dataclass
 class Step:
-    """One equation, ready to be run statement by statement.
+    """One equation, prepared to be run statement by statement.
 
-    `known` are its outputs that the mechanism also gives, `held` those of them by which a statement may be judged,
-    `free` the values (k,) of a parameter that differs for each state (the swivel).
+    `known`: outputs that the mechanism also has. `held`: known outputs with a variable of the same name, which can be
+    compared at its assignment. `free`: values (k,) of a parameter that differs between states (the swivel).
     """
 
     equation: Equation
@@ -73,7 +73,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Helper:
-    """A plain function that rows call: its source, its numeric form, and the names through which rows reach it."""
+    """A plain function that rows call: its source and its numeric version."""
 
     source: Source
     function: FunctionType

@@ -1,4 +1,4 @@
-"""The source of a function of symbols: its statements, their positions in the file, and edits of their text."""
+"""Source of a formula function: its statements, their positions in the file, and edits of their text."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from twin.formula.loader import text_of
 from twin.validation.explain.tidy import tidy
 
 OUT = "_out_"
-"""Name under which a run function stores its return value."""
+"""Name under which an executed function stores its return value."""
 
 
 @dataclass(frozen=True)
 class Edit:
-    """A change of the text of one file.
+    """One replacement in the text of a file.
 
     Attributes:
-        path, line: place of the change; lines count from 1.
-        start, end: bytes of the file that are replaced.
+        path, line: file and line (from 1).
+        start, end: range of bytes of the file that is replaced.
         old, new: old and new text.
         kind: "name", "index", "trig", "sign", "operator", "number", "parenthesis", "missing", "surplus", ...
         statement: index of the statement in its function.
-        function: name of that function.
-        define: (name, expression) that the new text needs and the function does not have yet, or None.
+        function: name of the function.
+        define: (name, expression) of a definition that the new text requires, or None.
     """
 
     path: Path
@@ -47,7 +47,7 @@ class Edit:
 
     @property
     def text(self) -> str:
-        """The edit as a phrase for people."""
+        """The edit as a short phrase."""
         old, new = self.old.strip(), self.new.strip()
         if not old:
             return f"insert `{new}`"
@@ -56,10 +56,11 @@ class Edit:
 
 @dataclass(frozen=True)
 class Statement:
-    """One top-level statement of a function; `start` and `end` are bytes of the file.
+    """One top-level statement of a function, in the bytes `start` to `end` of the file.
 
-    `home` is the definition that contains it, and `new` whether only rows of that definition may read its result: a
-    variant runs its changed rows among the rows of the function that it changes (`twin.formula.equations`).
+    `home` is the function definition that contains the statement. `new` means that only statements in the same
+    definition may use its result: a variant inserts its changed rows into the rows of another function
+    (`twin.formula.equations`).
     """
 
     index: int
@@ -79,7 +80,7 @@ class Statement:
         return isinstance(self.node, ast.Return)
 
     def reads_at(self, position: int) -> set[str]:
-        """Return the names that the value at one position of an assignment or return reads."""
+        """Return the names that are used for the value at one position of an assignment or return."""
         value = self.node.value  # type: ignore[attr-defined]
         if isinstance(value, ast.Tuple) and position < len(value.elts):
             value = value.elts[position]
@@ -87,21 +88,21 @@ class Statement:
 
 
 class Source:
-    """The text of one function.
+    """Text of one function.
 
     Attributes:
-        path, name: file and name.
-        data: the whole file.
-        node: the definition of the function.
-        arguments: names of its arguments.
-        statements: its body without the docstring.
+        path, name: file, and name of the function.
+        data: bytes of the whole file.
+        node: definition of the function.
+        arguments: names of the arguments.
+        statements: statements of the body without the docstring.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        """Find the source of a function.
+        """Read the source of a function.
 
         Raises:
-            KinematicsError: the function has no source that can be edited (a lambda, a built-in, a decorated wrapper).
+            KinematicsError: the function has no editable source (a lambda, a built-in, a decorated wrapper).
         """
         body = rows(function)
         f = inspect.unwrap(function)
@@ -117,11 +118,11 @@ class Source:
         self.plain = bool(body) and isinstance(body[-1].node, ast.Return) and not inner
 
     def names_at(self, statement: Statement) -> tuple[set[str], set[str]]:
-        """Return the names that have a value at a statement, and those of them that its own assignments read."""
+        """Return the names with a value at a statement, and those of them that its own definition can use."""
         before = [s for s in self.statements[: statement.index] if not s.new or s.home is statement.home]
         own = {a.arg for a in ast.walk(statement.home.args) if isinstance(a, ast.arg)}
         there = {w for s in before for w in s.writes} | own
-        if statement.home is not self.statements[-1].home:  # a changed row: it gets the other symbols as arguments
+        if statement.home is not self.statements[-1].home:  # a changed row: other symbols become its arguments
             return there, own | {w for s in before if s.home is statement.home for w in s.writes}
         return there, there
 
@@ -132,38 +133,38 @@ class Source:
         loops = [n.target for n in ast.walk(node) if isinstance(n, ast.comprehension | ast.For)]
         reads -= {n.id for target in loops for n in ast.walk(target) if isinstance(n, ast.Name)}
         writes = [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
-        calls = {  # out += [...], out.append(...): the name is read and written
+        calls = {  # out += [...], out.append(...): the name is both used and assigned
             n.value.id for n in ast.walk(node) if isinstance(n, ast.Attribute) and isinstance(n.value, ast.Name)
         }
         if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
             reads.add(node.target.id)
         if isinstance(node, ast.Expr | ast.For):
             writes += sorted(calls)
-        for n in ast.walk(node):  # q[i] = ...: part of what the name holds is written
+        for n in ast.walk(node):  # q[i] = ...: an entry of the variable is assigned
             if isinstance(n, ast.Subscript) and isinstance(n.ctx, ast.Store) and isinstance(n.value, ast.Name):
                 writes.append(n.value.id)
         reading, writing = frozenset(reads), tuple(dict.fromkeys(writes))
         return Statement(index, node, start, end, node.lineno, node.col_offset, reading, writing, row.home, row.new)
 
     def span(self, node: ast.AST) -> tuple[int, int]:
-        """Return (first byte, end byte) of a node of this file."""
+        """Return (first byte, end byte) of a syntax node of this file."""
         start = self._starts[node.lineno - 1] + node.col_offset  # type: ignore[attr-defined]
         return start, self._starts[node.end_lineno - 1] + node.end_col_offset  # type: ignore[attr-defined]
 
     def line_of(self, offset: int) -> int:
-        """Return the line, from 1, of a byte."""
+        """Return the line (from 1) of a byte offset."""
         return int(self.data.count(b"\n", 0, offset)) + 1
 
     def text(self, start: int, end: int) -> str:
-        """Return a part of the file."""
+        """Return the text of a range of bytes."""
         return self.data[start:end].decode()
 
     def edited(self, statement: Statement, edits: Iterable[Edit] = ()) -> str:
-        """Return the text of a statement after edits of it."""
+        """Return the text of a statement after its edits."""
         return apply(self.data, edits, statement.start, statement.end)
 
     def compiled(self, statement: Statement, edits: Iterable[Edit] = ()) -> CodeType:
-        """Return compiled code of a statement, to run in one dictionary; a return stores its value under `OUT`.
+        """Return a statement compiled for execution in one dictionary; a return stores its value under `OUT`.
 
         Raises:
             SyntaxError: the edited text is not valid Python.
@@ -176,11 +177,11 @@ class Source:
         return _code(text, self.path)
 
     def whole(self, edits: Iterable[Edit] = ()) -> CodeType:
-        """Return code that redefines the function after edits; the function is at the top level of its file.
+        """Return code that redefines the function after edits; the function must be at the top level of its file.
 
         Raises:
-            SyntaxError: the edited text is not valid Python, or the function is a variant, whose text is in several
-                places.
+            SyntaxError: the edited text is not valid Python, or the function is a variant (its text is in several
+                places).
         """
         if any(s.home is not self.node for s in self.statements):
             raise SyntaxError(f"{self.name}() changes rows of another function")
@@ -189,12 +190,12 @@ class Source:
 
 @lru_cache(maxsize=4096)
 def _code(text: str, path: Path) -> CodeType:
-    """Return compiled text; cached, because one edit is combined with many others."""
+    """Compile a text; the result is cached, because one edit is combined with many others."""
     return compile(text, f"{path}", "exec")
 
 
 def apply(data: bytes, edits: Iterable[Edit], start: int, end: int) -> str:
-    """Return bytes start..end of a file after the edits in this range."""
+    """Return the bytes `start` to `end` of a file as text, after the edits in this range."""
     out, at = [], start
     for e in sorted(edits, key=lambda e: (e.start, e.end)):
         out += [data[at : e.start], e.new.encode()]
@@ -203,7 +204,7 @@ def apply(data: bytes, edits: Iterable[Edit], start: int, end: int) -> str:
 
 
 def patched(edits: Iterable[Edit]) -> str:
-    """Return the whole file after edits, including the definitions that they need."""
+    """Return the whole file after edits, including the definitions that the edits require."""
     edits = list(dict.fromkeys(edits))
     data = edits[0].path.read_bytes()
     extra = {d for e in edits if e.define for d in definitions(data, e)}
@@ -211,7 +212,7 @@ def patched(edits: Iterable[Edit]) -> str:
 
 
 def finished(data: bytes, edits: list[Edit]) -> list[Edit]:
-    """Return equivalent edits of a file with tidied statements."""
+    """Return equivalent edits that also tidy the edited statements."""
     tree = _tree(data)
     starts = _starts(data)
 
@@ -252,11 +253,11 @@ def _starts(data: bytes) -> list[int]:
 
 
 def diff(edits: Iterable[Edit], shown: str | None = None) -> str:
-    """Return the unified diff of edits of one file, without context; including the definitions that they need.
+    """Return the unified diff of edits of one file, without context, including the definitions that they require.
 
     Args:
         edits: edits of one file.
-        shown: name of the file in the head; default: its path.
+        shown: file name in the header of the diff; None: its path.
     """
     edits = list(edits)
     old, name = edits[0].path.read_text(encoding="utf-8"), shown or str(edits[0].path)
@@ -264,7 +265,7 @@ def diff(edits: Iterable[Edit], shown: str | None = None) -> str:
 
 
 def definitions(data: bytes, edit: Edit) -> list[Edit]:
-    """Return the edits that define what an edit needs: an alias next to similar ones, or one more argument."""
+    """Return the edits that insert a required definition: an alias beside similar ones, or a new argument."""
     assert edit.define is not None
     name, expression = edit.define
     tree = _tree(data)
@@ -275,7 +276,7 @@ def definitions(data: bytes, edit: Edit) -> list[Edit]:
 
     around = [f for f in ast.walk(tree) if isinstance(f, ast.FunctionDef)]
     around = [f for f in around if f.lineno <= edit.line <= f.end_lineno]  # type: ignore[operator]
-    for f in [f for f in around if f.name == edit.function] or around:  # a row that a variant leaves is elsewhere
+    for f in [f for f in around if f.name == edit.function] or around:  # a row shared by a variant is in another one
         if not expression:
             last = f.args.args[-1]
             return [_insertion(edit, end(last), f", {name}", last.lineno)]

@@ -1,4 +1,4 @@
-"""Dependences of a row: the statements before it, and the symbols that it could use."""
+"""Find the statements on which a row depends, and the symbols that it could use."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from twin.validation.explain.rows import Place, Step
 
 
 def suspects(judge: Judge, place: Place) -> dict[str, set[int]]:
-    """Return the statements, by equation, that the value of a row depends on."""
+    """Return the indices of the statements on which the value of a row depends, by equation."""
     out: dict[str, set[int]] = {}
     _trace(judge, judge.step(place.equation), place.statement, place.position, out, set())
     return out
 
 
 def shared(judge: Judge, places: Sequence[Place]) -> bool:
-    """Return whether a single statement or called function could be wrong for all of several rows."""
+    """Return whether all given rows use a common statement or function, which alone could be wrong."""
     every = [suspects(judge, place) for place in places]
     statements = [{(equation, i) for equation, indices in s.items() for i in indices} for s in every]
     called = [{h.source.name for equation in s for h in judge.helpers(judge.step(equation))} for s in every]
@@ -25,7 +25,7 @@ def shared(judge: Judge, places: Sequence[Place]) -> bool:
 
 
 def passed(judge: Judge, rows: set[tuple[str, str]]) -> set[tuple[str, str]]:
-    """Return the outputs (equation, symbol) that rows of other equations use and that are judged with them."""
+    """Return the outputs (equation, symbol) that are judged indirectly, because rows of other equations use them."""
     seen: set[str] = set()
     for equation, symbol in sorted(rows):
         step = next((s for s in judge.steps if s.equation.name == equation), None)
@@ -39,13 +39,13 @@ def passed(judge: Judge, rows: set[tuple[str, str]]) -> set[tuple[str, str]]:
 
 
 def available(judge: Judge, step: Step) -> set[str]:
-    """Return the symbols that exist in the flow when an equation runs."""
+    """Return the symbols that are available when an equation is evaluated."""
     names = {p.name for p in judge.formula.parameters}
     if step.stage == "inverse":
         names |= {*judge.formula.coordinates.names, POSE_SYMBOL}
     elif step.stage == "forward":
         names |= {j.name for j in judge.formula.joints}
-    else:  # all that the mechanism knows, but for what this equation and later ones are there to give
+    else:  # all symbols of the mechanism, except outputs of this equation and of later ones
         later = judge.steps[judge.steps.index(step) :]
         names |= set(judge.truth.symbols) - {n for s in later for n in s.equation.outputs}
     return names | set(step.computed) | set(step.inputs)

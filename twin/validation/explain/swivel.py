@@ -1,4 +1,4 @@
-"""The parameter of a redundant mechanism, state by state: the value that minimises the residuals of its rows."""
+"""Fit the free angle (swivel) of a redundant mechanism in each state, so that the residuals of its rows are minimal."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from twin.core.spatial import Array
 from twin.validation.explain.rows import Place
 
 _GRID = 12
-"""Number of tried angles in a full turn."""
+"""Number of start angles in a full turn."""
 
 _REFINE = 6
 _STEP = 1e-6
-"""(number of Gauss-Newton steps, difference in rad for their slopes)."""
+"""(number of Gauss-Newton steps, step in rad of their numeric derivatives)."""
 
 
 def fitted(rows: Callable[[Array], Mapping[Place, Array]], states: int) -> Array:
-    """Return the angles (states,) in rad that minimise the residuals of `rows` at each state.
+    """Return the angles (states,) in rad that minimise the residuals of `rows` in each state.
 
-    A pose determines a redundant mechanism except for this angle, and the mechanism does not define its zero: rows are
-    judged with the best angle.
+    A pose determines a redundant mechanism except for this angle, and the mechanism does not define its zero. Rows are
+    therefore judged with the best angle.
     """
 
     def residuals(angle: Array) -> Array:

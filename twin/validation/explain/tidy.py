@@ -9,20 +9,20 @@ Span = tuple[int, int]
 """(first byte, end byte) of a part of a text."""
 
 _NEAR = 3
-"""Number of bytes around an edit that may be tidied; the other text is unchanged."""
+"""Number of bytes around an edit in which the text may be tidied."""
 
 _OPPOSITE = {ast.Add: b"-", ast.Sub: b"+"}
 _ATOM = (ast.Name, ast.Constant, ast.Call, ast.Subscript, ast.Attribute)
 
 
 def tidy(text: bytes, edited: Sequence[Span]) -> bytes:
-    """Tidy a one-line Python statement where it was edited, and return it; its meaning does not change.
+    """Return a one-line Python statement, tidied around its edits; its meaning does not change.
 
     Text that is not valid Python is returned unchanged.
 
     Args:
-        text: the statement, after the edits.
-        edited: the parts of the text that were edited.
+        text: the statement after the edits.
+        edited: the edited parts of the text.
     """
     for _ in range(8):
         tree = _parsed(text)
@@ -54,7 +54,7 @@ def _is_near(span: Span, edited: Sequence[Span]) -> bool:
 
 
 def _changes(text: bytes, tree: ast.Module) -> Iterator[tuple[Span, bytes]]:
-    """Yield replacements that do not change the meaning."""
+    """Yield (part, replacement) pairs that do not change the meaning."""
     starts = [0]
     for line in text.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
@@ -95,7 +95,7 @@ def _changes(text: bytes, tree: ast.Module) -> Iterator[tuple[Span, bytes]]:
 
 
 def _leading(node: ast.expr) -> ast.UnaryOp | None:
-    """Return the minus sign at the begin of a product, or None."""
+    """Return the minus sign at the beginning of a product, or None."""
     while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div | ast.MatMult):
         node = node.left
     return node if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) else None

@@ -1,4 +1,4 @@
-"""Tokens of an expression, and texts composed of them."""
+"""Split expressions into tokens, and replace parts of a text."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def tokens_of(text: str) -> list[tuple[int, str, int, int]]:
 
 
 def shape(text: str) -> str:
-    """Return an expression in a form independent of spaces; empty if it is not an expression."""
+    """Return an expression in a form that does not depend on spaces; "" if it is not an expression."""
     try:
         return ast.dump(ast.parse(text.strip()))
     except (SyntaxError, ValueError):
@@ -33,7 +33,7 @@ def shape(text: str) -> str:
 
 
 def cut(text: str, parts: list[tuple[int, int, str]]) -> str:
-    """Return a text in which parts, given in order, are replaced."""
+    """Return a text after replacing parts (start, end, new text), which must be in order."""
     for a, b, new in reversed(parts):
         text = text[:a] + new + text[b:]
     return text

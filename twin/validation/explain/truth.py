@@ -1,4 +1,4 @@
-"""True values of a formula's symbols at sampled poses of the independent model."""
+"""The mechanism's values of a formula's symbols, at sampled poses of the independent model."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ SAMPLES = 24
 """Number of poses at which a formula is judged."""
 
 _SPREAD = 0.06
-"""Half width of the sampled box around each posture, as a fraction of each joint's range."""
+"""Half width of the sampled box around each posture, as a fraction of the joint's range."""
 
 _REGULAR = 0.1
-"""Conditioning of a posture, relative to the best posture, below which it is near a singularity."""
+"""Conditioning, relative to the best posture, below which a posture is near a singularity and skipped."""
 
 Kind = Literal["length", "angle", "pose"]
 
 
 @dataclass(frozen=True)
 class Truth:
-    """Symbols with their true values.
+    """Values of the symbols according to the mechanism.
 
     Attributes:
-        symbols: float (parameters), (k,) arrays or matrices, SI.
-        kinds: kind of each symbol that the mechanism gives, without parameters.
+        symbols: values in SI: floats (parameters), arrays (k,) or matrices.
+        kinds: kind of each symbol that the mechanism has, without parameters.
         k: number of samples.
-        Ts: (k, 4, 4) tool poses.
-        run: the states of the mechanism.
+        Ts: (k, 4, 4) tool poses in base.
+        run: states of the mechanism; None if there are none.
         coordinates: names and units of the pose coordinates, for messages.
-        borrowed: symbols that are not named points, but that a helper equates with one.
-        free: the parameter of a redundant mechanism (its swivel), or "". Each state has its own value, known only from
-            the rows that read it.
+        borrowed: symbols that are not named points but equal one, because a helper passes it on unchanged.
+        free: name of the free parameter (swivel) of a redundant mechanism, or "". It has its own value in each state,
+            known only from the rows that use it.
     """
 
     symbols: Mapping[str, Any]
@@ -57,11 +57,11 @@ class Truth:
     free: str = ""
 
     def with_parameters(self, values: Mapping[str, Any]) -> Truth:
-        """Return the truth with other parameters."""
+        """Return the truth with other parameter values in SI."""
         return replace(self, symbols={**self.symbols, **values})
 
     def perturbed(self, seed: int = 1) -> Truth:
-        """Return values near the truth that no mechanism can have: they reveal coincidental agreement."""
+        """Return randomly perturbed values that no mechanism can have; they reveal coincidental agreement."""
         rng = np.random.default_rng(seed)
 
         def shake(x: Any) -> Any:
@@ -83,7 +83,7 @@ class Truth:
         return replace(self, symbols={n: cut(v) for n, v in self.symbols.items()}, k=1, Ts=self.Ts[:1])
 
     def pose_text(self, i: int) -> str:
-        """Return the coordinates of one sample as text, in mm and degrees."""
+        """Return the pose coordinates of sample i as text, in mm and degrees."""
         parts = []
         for name, unit in self.coordinates:
             value = float(np.broadcast_to(self.symbols[name], (self.k,))[i])
@@ -100,7 +100,7 @@ def sample(
 ) -> Run:
     """Return states of the mechanism around its postures (without postures: around the rest poses).
 
-    With `regular`, postures near a singularity, where a state belongs to several branches, are skipped.
+    With `regular`, postures near a singularity, where several assembly modes meet, are skipped.
 
     Raises:
         TwinError: the mechanism cannot be moved.
@@ -136,7 +136,7 @@ def sample(
 
 
 def _solved(model: ReferenceModel, q: Array, start: Assembly) -> list[Array]:
-    """Return the states at the joint values q (k, n) that can be reached; solved all at once, or one by one."""
+    """Return the reachable states at joint values q (k, n), solved together or, if that fails, one by one."""
     try:
         return list(model.solve_many(q, start).x) if len(q) else []
     except AssemblyError:
@@ -148,7 +148,7 @@ def _solved(model: ReferenceModel, q: Array, start: Assembly) -> list[Array]:
 
 
 def gather(formula: Formula, run: Run, model: ReferenceModel, parameters: Mapping[str, float] | None = None) -> Truth:
-    """Return the true values of the formula's symbols at states of the mechanism."""
+    """Return the values of the formula's symbols at states of the mechanism."""
     rebuild = Rebuilder()
     k = len(run.x)
     symbols: dict[str, Any] = {p.name: float(p.value) for p in formula.parameters} | dict(parameters or {})
@@ -186,7 +186,7 @@ def gather(formula: Formula, run: Run, model: ReferenceModel, parameters: Mappin
 
 
 def _free(formula: Formula, model: ReferenceModel) -> str:
-    """Return the angle that inverse rows read and forward rows do not, if the mechanism is redundant; else ""."""
+    """Return the angle that inverse rows use and forward rows do not, if the mechanism is redundant; else ""."""
     if not (model.redundant and formula.has("inverse") and formula.has("forward")):
         return ""
     read: dict[str, set[str]] = {"inverse": set(), "forward": set()}
@@ -200,7 +200,7 @@ def _free(formula: Formula, model: ReferenceModel) -> str:
 
 
 def _passed_on(formula: Formula) -> dict[str, list[tuple[str, int | None]]]:
-    """Return {output: arguments} for outputs of helpers that are equal to an argument or a column of arguments."""
+    """Return {output: arguments} for helper outputs that equal an argument, or a column of arguments."""
     out: dict[str, list[tuple[str, int | None]]] = {}
     for equation in formula.equations:
         if equation.stage != "helper":

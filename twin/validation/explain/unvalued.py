@@ -1,4 +1,4 @@
-"""Symbols that equations read but that have no value, and the probably intended parameters."""
+"""Find symbols that equations use but that have no value, and the parameters that were probably meant."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from twin.validation.explain.judge import Judge, worst
 def unvalued(judge: Judge) -> list[Finding]:
     """Return a finding for every symbol without a value.
 
-    A parameter with a value that no equation reads may be the missing symbol under another name: each such parameter is
-    tried, and the rows are checked against the mechanism.
+    An unused parameter may be the missing symbol under another name. Each one is tried as its value, and the rows are
+    compared with the mechanism.
     """
     formula, truth = judge.formula, judge.truth
     given = {n for e in formula.equations for n in e.outputs} | set(truth.symbols)
@@ -40,7 +40,7 @@ def unvalued(judge: Judge) -> list[Finding]:
 
 
 def _holds(judge: Judge, name: str, parameter: str, equations: list[str]) -> bool:
-    """Return whether the rows of some equations agree when a symbol has the value of a parameter."""
+    """Return whether the rows of the equations agree if a symbol has the value of a parameter."""
     symbols = judge.truth.symbols
     computed = {n: v for e in equations for n, v in judge.step(e).computed.items()}
     truth = judge.truth.with_parameters({**computed, **symbols, name: symbols[parameter]})

@@ -1,6 +1,6 @@
 """Select the simpler explanation: edits of the source, or changed numbers.
 
-An explanation counts by its number of changes. One changed number that makes every row agree is simpler than two edits,
+The simpler explanation has fewer changes. One changed number after which every row agrees is simpler than two edits,
 and as simple as one.
 """
 
@@ -16,7 +16,7 @@ Lead = Literal["edits", "numbers", "edits or numbers", ""]
 
 
 def weigh(found: Sequence[Found], lost: Sequence[Key], identified: Identified | None) -> Lead:
-    """Return the explanation of every wrong row with the fewest changes: "edits", "numbers", both, or ""."""
+    """Return the simplest explanation of all wrong rows: "edits", "numbers", "edits or numbers", or "" if none."""
     numbers = _numbers(identified)
     changes = None if lost or not found else sum(len(f.cures[0][0].edits) for f in found if f.cures)
     if numbers is None:
@@ -28,7 +28,7 @@ def weigh(found: Sequence[Found], lost: Sequence[Key], identified: Identified | 
 
 
 def _numbers(identified: Identified | None) -> int | None:
-    """Return the number of parameters that must change for every row to agree, or None if no change is enough."""
+    """Return the number of parameters whose change makes every row agree; None if this is impossible."""
     if identified is None or not identified.exact or not identified.moved:
         return None
     return 1 if identified.alternatives else len(identified.moved)

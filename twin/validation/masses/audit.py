@@ -1,10 +1,11 @@
-"""A published table of first and second moments of mass, compared with physical limits.
+"""Check published tables of first and second moments of mass against physical limits.
 
-With tensor J and first moment h about one origin, Sigma = tr(J)/2 I - J is the second moment of the mass itself. A body
-is physically possible only if J and Sigma are positive definite (the latter is the triangle inequality) and its mass m
-makes [[Sigma, h], [h', m]] positive semidefinite, that is m >= h' Sigma^-1 h. This is the only check of masses that
-were never published. It also determines the sign of the products of inertia: if they are printed as +integral(x y dm),
-as CAD programs do, they must be negated in the tensor, and only the correct sign gives plausible masses.
+With the inertia tensor J and the first moment h about one origin, Sigma = tr(J)/2 I - J is the matrix of second
+moments. A body is physically possible only if J and Sigma are positive definite (for Sigma this is the triangle
+inequality) and its mass m makes [[Sigma, h], [h', m]] positive semidefinite, that is, m >= h' Sigma^-1 h. If no masses
+were published, this is the only possible check of them. It also shows the sign of the products of inertia: products
+printed as +integral(x y dm), as CAD programs do, must be negated in the tensor, and only the correct sign gives
+plausible masses.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ Cell = Literal["mx", "my", "mz", "xx", "yy", "zz", "xy", "xz", "yz"]
 Products = Literal["as printed", "negated"]
 
 _LOST = re.compile(r"(-?)(\d)(\d+)([eE][-+]\d+)")
-"""A number in scientific notation without its decimal mark."""
+"""Number in scientific notation without its decimal mark."""
 
 
 class First(Table):
@@ -40,7 +41,7 @@ class First(Table):
 
 
 class Second(Table):
-    """Second moments in kg m2, products with the printed sign."""
+    """Second moments in kg m2, with the printed sign of the products."""
 
     xx: float
     yy: float
@@ -51,7 +52,7 @@ class Second(Table):
 
 
 class Repair(Table):
-    """A misprinted cell."""
+    """A misprinted table cell, with the number as printed."""
 
     cell: Cell
     printed: str
@@ -59,7 +60,7 @@ class Repair(Table):
 
 
 class Body(Table):
-    """One row of the tables."""
+    """One table row: a body's first and second moments, and its misprinted cells."""
 
     name: str
     first: First
@@ -76,7 +77,7 @@ class Body(Table):
 
 
 class Exhibit(Table):
-    """The file of an exhibit (published tables); rows are ordered from the base outwards."""
+    """File with published tables (an exhibit); its rows are ordered from the base outwards."""
 
     title: str
     source: str
@@ -89,12 +90,12 @@ class Row:
 
     Attributes:
         name: name of the row.
-        definite: J is positive definite for both signs of the products.
-        slack: kg m2, sum of the two smaller principal moments minus the largest; negative breaks the triangle
+        definite: whether J is positive definite with either sign of the products.
+        slack: kg m2, sum of the two smaller principal moments minus the largest; negative values violate the triangle
             inequality.
-        mass_printed: kg, smallest mass with the products as printed; infinite if no mass is possible.
-        mass_negated: kg, with the products negated.
-        repaired: cells that had to be repaired.
+        mass_printed: kg, minimum mass with the products as printed; infinite if no mass is possible.
+        mass_negated: kg, minimum mass with the products negated; infinite if no mass is possible.
+        repaired: names of the misprinted cells that were repaired.
     """
 
     name: str
@@ -110,20 +111,20 @@ class Row:
 
 
 def load(path: Path) -> Exhibit:
-    """Read an exhibit.
+    """Read a file with published tables.
 
     Raises:
-        DescriptionError: file, line, key, value and the allowed values; also a repair that contradicts the rule of
-            `reread`.
+        DescriptionError: the file is invalid, or a repair contradicts `reread`; the message has file, line, key, value
+            and the allowed values.
     """
     return load_toml(path, Exhibit)
 
 
 def reread(printed: str) -> float:
-    """Return a printed number: digits before an exponent have lost the decimal mark after the first one.
+    """Return a printed number, with its decimal mark restored if it is missing.
 
-    Other words are removed. "Type 896572e-06" is 8.96572e-06. A number with its mark, a point or a comma, is read
-    unchanged.
+    A number in scientific notation without decimal mark gets the mark after the first digit: "Type 896572e-06" is
+    8.96572e-06 (words before the number are dropped). Other numbers, with point or comma, are read as printed.
     """
     text = printed.split()[-1].replace(",", ".")
     found = _LOST.fullmatch(text)
@@ -131,7 +132,7 @@ def reread(printed: str) -> float:
 
 
 def tensor(body: Body, products: Products) -> Array:
-    """Return J (3, 3) in kg m2 with the printed products unchanged, or negated."""
+    """Return the inertia tensor J (3, 3) in kg m2, with the products as printed or negated."""
     s = body.second
     sign = -1.0 if products == "negated" else 1.0
     xy, xz, yz = sign * s.xy, sign * s.xz, sign * s.yz
@@ -139,7 +140,7 @@ def tensor(body: Body, products: Products) -> Array:
 
 
 def recompute(exhibit: Exhibit) -> tuple[list[Row], list[Finding]]:
-    """Return (rows with their physical limits, findings on the tables)."""
+    """Return (rows with their physical limits, findings)."""
     rows = []
     for body in exhibit.body:
         h = np.array([body.first.mx, body.first.my, body.first.mz])
@@ -170,13 +171,13 @@ def recompute(exhibit: Exhibit) -> tuple[list[Row], list[Finding]]:
 
 
 def convention(rows: list[Row]) -> Products:
-    """Return the sign of the products ("printed" or "negated") that requires less total mass."""
+    """Return the sign of the products, "as printed" or "negated", with the smaller total minimum mass."""
     plain, negated = (sum(getattr(r, m) for r in rows) for m in ("mass_printed", "mass_negated"))
     return "negated" if negated < plain else "as printed"
 
 
 def falling(rows: list[Row], products: Products) -> bool:
-    """Return whether the minimum masses decrease from row to row, as they do for composites of links."""
+    """Return whether the minimum masses decrease from row to row, as for links combined with all outer links."""
     masses = [r.mass_negated if products == "negated" else r.mass_printed for r in rows]
     return len(masses) > 1 and all(a > b for a, b in pairwise(masses))
 

@@ -1,4 +1,4 @@
-"""Collect the stated masses of a robot: computed from its CAD, on its stage, in `inertia.toml`, in printed tables."""
+"""Collect the stated masses of a robot from its CAD, its USD stage, `inertia.toml`, or published tables."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from twin.validation.masses import audit
 from twin.validation.masses.possible import Judged, Stated, judged, least_mass, stated
 
 PLAIN = 1.02
-"""Minimum ratio of required masses that decides the sign of the products."""
+"""Minimum ratio of the minimum masses for both signs of the products, above which the sign is decided."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """One source that states masses.
+    """One source of masses.
 
     Attributes:
-        title: name and place of the source.
-        bodies: one for each row or body.
-        findings: findings on all bodies together.
+        title: name of the source.
+        bodies: the judged bodies, one per row or link.
+        findings: findings that concern all bodies together.
     """
 
     title: str
@@ -35,12 +35,12 @@ class Source:
 
     @property
     def all_findings(self) -> list[Finding]:
-        """Findings on single bodies, then on all bodies together."""
+        """Findings on single bodies, followed by findings on all bodies together."""
         return [*(f for b in self.bodies for f in b.findings), *self.findings]
 
 
 def of_mechanism(mechanism: Mechanism, title: str) -> Source:
-    """Return the bodies of a weighed mechanism, or of one that was read from a file with masses."""
+    """Judge the bodies of a mechanism with masses, computed from the CAD or read from a file."""
     bodies, without = [], []
     for body in mechanism.bodies:
         if body.inertia is None:
@@ -56,10 +56,11 @@ def of_mechanism(mechanism: Mechanism, title: str) -> Source:
 
 
 def of_table(folder: Path, mechanism: Mechanism) -> Source:
-    """Return the links of `inertia.toml` in a CAD folder, each with the shapes of its body.
+    """Judge the links in `inertia.toml` of a CAD folder, each with the shapes of its body.
 
     Raises:
-        DescriptionError: the file is malformed. MechanismError: the file belongs to another mechanism.
+        DescriptionError: the file is invalid.
+        MechanismError: the file belongs to another mechanism.
     """
     table = inertia.of_robot(folder)
     stating = inertia.weighed(table, mechanism, instrument=False)
@@ -74,10 +75,10 @@ def of_table(folder: Path, mechanism: Mechanism) -> Source:
 
 
 def of_exhibit(path: Path) -> Source:
-    """Return the rows of printed tables without masses, with the sign of the products that requires less mass.
+    """Judge the rows of published tables without masses, with the sign of the products that requires less mass.
 
     Raises:
-        DescriptionError: the file is malformed.
+        DescriptionError: the file is invalid.
     """
     exhibit = audit.load(path)
     rows = []
@@ -89,9 +90,9 @@ def of_exhibit(path: Path) -> Source:
 
 
 def of_moments(title: str, rows: list[tuple[str, Array, Array, Array]]) -> Source:
-    """Return rows of (name, first moments (3,), xx yy zz, xy xz yz) without masses.
+    """Judge rows without masses: (name, first moments (3,) in kg m, [xx, yy, zz] and [xy, xz, yz] in kg m2).
 
-    The products are as printed or negated, whichever requires less mass.
+    The products are used as printed or negated, whichever requires less mass.
     """
     least = {sign: [least_mass(_tensor(m, sign * p), h) for _, h, m, p in rows] for sign in (1, -1)}
     total = {sign: sum(values) for sign, values in least.items()}

@@ -1,8 +1,8 @@
 """Find the probable mistake in a tensor that does not fit its shapes: sign, decimal mark, axes, point of reference.
 
-The shapes, filled with uniform density, have a tensor to compare with. No real body is uniform, so a difference alone
-proves nothing. But if exactly one small change of the stated numbers turns a bad match into a good one, the change is
-reported.
+The stated tensor is compared with that of the shapes filled with uniform density. No real body is uniform, so a
+difference alone proves nothing. A mistake is reported only if exactly one small change of the stated numbers turns a
+bad match into a good one.
 """
 
 from __future__ import annotations
@@ -18,37 +18,37 @@ from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 
 BAD, GOOD, GAIN = 0.35, 0.3, 0.35
-"""Limits of the relative misfit.
+"""Limits of the relative misfit between stated tensor and filled shapes.
 
-Above the first, an explanation is searched; an explanation must be below the second, and better than the stated tensor
-by the third (a factor). Hollow and mixed bodies differ from filled shapes by 0.1 to 0.3.
+Above BAD, an explanation is searched. The explanation must have a misfit below GOOD, and below GAIN times the original
+misfit. Hollow or mixed bodies differ from filled shapes by 0.1 to 0.3.
 """
 
 SIGN = 0.04
-"""Relative size of the products below which their sign is undetermined."""
+"""Relative size of the products of inertia below which their sign cannot be determined."""
 
 CLEAR = 2.0
-"""Factor by which the best explanation must be better than another kind of explanation."""
+"""Minimum ratio between the misfits of the second-best and the best kind of explanation, to name only one."""
 
 _NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
 _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def misfit(tensor: Array, shape: Array) -> float:
-    """Return the difference of two tensors per mass (3, 3), relative to the second."""
+    """Return the norm of the difference of two tensors per mass (3, 3), relative to `shape`."""
     return float(np.linalg.norm(tensor - shape) / np.linalg.norm(shape))
 
 
 def guesses(name: str, source: str, tensor: Array, centre: Array, mass: float, shape: Array | None) -> list[Finding]:
-    """Return the probable mistake in a body's tensor; nothing if the tensor fits or no mistake explains it.
+    """Return a warning with the probable mistake in a body's tensor; empty if the tensor fits or nothing explains it.
 
     Args:
         name: name of the body.
-        source: where the tensor is stated.
-        tensor: (3, 3) kg m2 about the mass centre, as stated.
-        centre: (3,) m, mass centre in the frame of the tensor.
-        mass: kg.
-        shape: (3, 3) m2, tensor per mass of the shapes about their own centre; None: no comparison.
+        source: name of the source of the tensor.
+        tensor: (3, 3) in kg m2 about the mass centre, as stated.
+        centre: (3,) in m, mass centre in the frame of the tensor.
+        mass: mass in kg.
+        shape: (3, 3) in m2, tensor per mass of the shapes about their own centre; None: no shapes to compare.
     """
     if shape is None:
         return []
@@ -56,7 +56,7 @@ def guesses(name: str, source: str, tensor: Array, centre: Array, mass: float, s
     tried = sorted(_readings(tensor, centre, mass), key=lambda r: misfit(r[2] / mass, shape))
     signs = [r for r in tried if r[0] == "sign"]
     if now < BAD:
-        # products are small beside the moments: their signs have a measure of their own
+        # products are small compared with the moments, so their sign is judged by the products alone
         products = np.array([shape[p] for p in _PLACES[3:]])
         stated = np.array([tensor[p] / mass for p in _PLACES[3:]])
         if np.linalg.norm(products) < SIGN * np.abs(shape).max():
@@ -90,7 +90,7 @@ def _finding(kind: str, words: str, name: str, source: str, now: float, best: fl
 
 
 def _readings(tensor: Array, centre: Array, mass: float) -> Iterator[tuple[str, str, Array]]:
-    """Yield (kind, words, tensor about the mass centre) of every other reading of the stated numbers."""
+    """Yield (kind of mistake, message, corrected tensor about the mass centre) for each possible mistake."""
     flipped = 2 * np.diag(np.diag(tensor)) - tensor
     yield "sign", "the products of inertia seem to have the other sign (+integral of x y dm)", flipped
     for order in permutations(range(3)):

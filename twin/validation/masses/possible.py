@@ -1,9 +1,9 @@
-"""Check whether mass, first moments and inertia are physically possible and fit the shapes.
+"""Check whether mass, first moments and inertia of a body are physically possible and fit its shapes.
 
-Everything is computed from the numbers alone. The pseudo-inertia [[Sigma, h], [h', m]], Sigma the second moments of the
-mass, must be positive definite: this includes the triangle inequality and the minimum mass. With shapes, the mass
-centre must lie within their convex hull, and the density must be that of a material; see `guess` for probable mistakes
-in a tensor that does not fit.
+The pseudo-inertia [[Sigma, h], [h', m]], with the second moments Sigma, first moment h and mass m, must be positive
+definite; this includes the triangle inequality and the minimum mass. If the shapes are known, the mass centre must be
+inside their convex hull, and the density must be that of a real material. `guess` finds probable mistakes in a tensor
+that does not fit the shapes.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ from twin.validation.masses import solid
 from twin.validation.masses.guess import guesses
 
 DENSITY = (30.0, 25000.0)
-"""Plausible range of the density in kg/m3 (mass / volume of closed shapes): foam and hollow castings to tungsten."""
+"""Plausible density in kg/m3 (mass / volume of closed shapes), from foam and hollow castings to tungsten."""
 
 BESIDE = 2 * MM
-"""Distance by which a mass centre may be outside the hull of the shapes: shapes are coarse and may be incomplete."""
+"""Accepted distance in m of a mass centre outside the hull of the shapes, which may be coarse and incomplete."""
 
 DEFINITE = 1e-9
-"""Minimum ratio of the smallest to the largest eigenvalue of the pseudo-inertia for a body with any thickness."""
+"""Minimum ratio of the smallest to the largest eigenvalue of the pseudo-inertia of a body that is not flat."""
 
 
 @dataclass(frozen=True)
 class Stated:
-    """Stated mass data of one body, in one frame.
+    """Stated mass data of one body, in one frame of the body.
 
     Attributes:
-        name, source: name of the body, and where its masses are stated.
-        mass: kg, or None if not given.
-        first: (3,) kg m.
-        tensor: (3, 3) kg m2 about the origin of the frame.
-        meshes: its shapes in the same frame; may be empty.
-        own_shapes: whether the shapes have the same source as the masses: then a contradiction is a disagreement, else
-            a warning.
+        name, source: name of the body, and source of its mass data.
+        mass: mass in kg; None if not stated.
+        first: (3,) in kg m, first moment of mass.
+        tensor: (3, 3) in kg m2, inertia about the origin of the frame.
+        meshes: shapes of the body in the same frame; may be empty.
+        own_shapes: whether shapes and masses have the same source; a contradiction is then a disagreement, otherwise a
+            warning.
     """
 
     name: str
@@ -57,16 +57,17 @@ class Stated:
 
 @dataclass(frozen=True)
 class Judged:
-    """What follows from the stated mass data of a body.
+    """Quantities and findings derived from the stated mass data of a body.
 
     Attributes:
         name, source, mass: as stated.
-        least: kg, minimum mass with these moments; infinite if they are impossible.
-        slack: kg m2, sum of the two smaller principal moments minus the largest, about the mass centre (the origin if
-            no mass is given).
-        definite: smallest divided by largest eigenvalue of the pseudo-inertia, lengths in radii of gyration.
-        density: kg/m3, NaN without closed shapes or mass.
-        outside: m, distance of the mass centre from the hull of the shapes (0 within); NaN without shapes or mass.
+        least: kg, minimum mass for the stated moments; infinite if they are impossible.
+        slack: kg m2, sum of the two smaller principal moments minus the largest, about the mass centre (about the
+            origin if no mass is stated).
+        definite: ratio of the smallest to the largest eigenvalue of the pseudo-inertia, with lengths in radii of
+            gyration.
+        density: kg/m3; NaN without closed shapes or without mass.
+        outside: m, distance of the mass centre from the hull of the shapes, 0 if inside; NaN without shapes or mass.
         findings: the faults.
     """
 
@@ -86,7 +87,7 @@ class Judged:
 
 
 def stated(name: str, source: str, inertia: Inertia, meshes: tuple[Mesh, ...] = (), own_shapes: bool = True) -> Stated:
-    """Return the `Stated` data, about the origin of its frame, of an inertia about the mass centre."""
+    """Return `Stated` data about the origin of the body frame, from an inertia about the mass centre."""
     p = np.asarray(inertia.p_body_com, float)
     far = inertia.mass * ((p @ p) * np.eye(3) - np.outer(p, p))
     return Stated(
@@ -95,12 +96,12 @@ def stated(name: str, source: str, inertia: Inertia, meshes: tuple[Mesh, ...] = 
 
 
 def second(tensor: Array) -> Array:
-    """Return the second moments (3, 3) of the mass for a tensor (3, 3) about the same point."""
+    """Return the second moments (3, 3) of mass for an inertia tensor (3, 3) about the same point."""
     return 0.5 * np.trace(tensor) * np.eye(3) - tensor
 
 
 def _pseudo(tensor: Array, first: Array, mass: float) -> Array:
-    """Return the pseudo-inertia (4, 4) with lengths in radii of gyration and the mass as unit: no dimensions."""
+    """Return the dimensionless pseudo-inertia (4, 4): lengths in radii of gyration, masses relative to the mass."""
     P = Inertia(mass, first / mass, _about_centre(tensor, first, mass)).pseudo()
     length = np.sqrt(max(abs(float(np.trace(P[:3, :3]))), 1e-300) / mass)
     scale = np.array([1 / length, 1 / length, 1 / length, 1.0])
@@ -108,7 +109,7 @@ def _pseudo(tensor: Array, first: Array, mass: float) -> Array:
 
 
 def least_mass(tensor: Array, first: Array) -> float:
-    """Return the minimum mass in kg of a body with tensor (3, 3) and first moment (3,); infinite if impossible."""
+    """Return the minimum mass in kg for a tensor (3, 3) and first moment (3,); infinite if no mass is possible."""
     S = second(tensor)
     if not np.all(np.isfinite(S)) or np.linalg.eigvalsh(S)[0] <= 0:
         return float("inf")
@@ -116,7 +117,7 @@ def least_mass(tensor: Array, first: Array) -> float:
 
 
 def judged(body: Stated) -> Judged:
-    """Return what follows from a body's stated data."""
+    """Check a body's stated mass data; return derived quantities and findings."""
     found: list[Finding] = []
     mass, first = body.mass, np.asarray(body.first, float)
     tensor = 0.5 * (body.tensor + body.tensor.T)
@@ -167,7 +168,7 @@ def _about_centre(tensor: Array, first: Array, mass: float) -> Array:
 
 
 def _shape_tensor(body: Stated) -> Array | None:
-    """Return the tensor per mass (3, 3) in m2 of the shapes about their own centre, or None if one is open."""
+    """Return the tensor per mass (3, 3) in m2 of the filled shapes about their centre; None if a mesh is open."""
     m = solid.of_meshes(body.meshes)
     if m is None or m.volume <= 0:
         return None
@@ -200,18 +201,18 @@ def _against_shapes(body: Stated, first: Array, mass: float | None, say) -> tupl
 
 
 def hull_distance(p: Array, meshes: Sequence[Mesh]) -> float:
-    """Return how far in m a point (3,) lies outside the convex hull of meshes; 0 within."""
+    """Return the distance in m from a point (3,) to the convex hull of meshes; 0 inside."""
     from scipy.optimize import nnls
     from scipy.spatial import ConvexHull, QhullError
 
     vertices = np.concatenate([m.vertices for m in meshes])
     try:
         hull = ConvexHull(vertices)
-    except QhullError:  # all in one plane
+    except QhullError:  # all vertices are in one plane
         return float(np.linalg.norm(vertices - p, axis=1).min())
     if (hull.equations[:, :3] @ p + hull.equations[:, 3]).max() <= 0:
         return 0.0
-    # nearest point of the hull: weights that are not negative and sum to one
+    # nearest point of the hull: non-negative weights of the corners with sum one
     corners = vertices[hull.vertices]
     scale = float(np.ptp(corners, axis=0).max())
     A = np.vstack([(corners - p).T / scale, np.full(len(corners), 1e3)])

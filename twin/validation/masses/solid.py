@@ -1,4 +1,4 @@
-"""Moments of a closed triangle mesh, summed over signed tetrahedra: independent of the library that weighs the CAD."""
+"""Moments of a closed triangle mesh, summed over signed tetrahedra; independent of the library of the CAD build."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from twin.core.spatial import Array
 from twin.model.mechanism import Mesh
 
 _SECOND = (np.ones((4, 4)) + np.eye(4)) / 20.0
-"""Integral of the products of the four corner weights over a tetrahedron of volume 1."""
+"""Integrals of the products of two barycentric coordinates over a tetrahedron of volume 1."""
 
 
 @dataclass(frozen=True)
 class Moments:
-    """Moments of a solid about the origin, for density 1.
+    """Moments of a solid about the origin, for density 1 (after `scaled`: for a density in kg/m3).
 
     Attributes:
-        volume: m3; negative if the faces look inwards.
-        first: (3,) m4.
-        second: (3, 3) m5, the integral of x x'.
+        volume: m3; negative if the faces are oriented inwards.
+        first: (3,) in m4, first moment.
+        second: (3, 3) in m5, second moments: the integral of x x'.
     """
 
     volume: float
@@ -32,19 +32,19 @@ class Moments:
         return Moments(self.volume + other.volume, self.first + other.first, self.second + other.second)
 
     def scaled(self, density: float) -> Moments:
-        """Return the moments for a density in kg/m3: mass, first moment, second moment."""
+        """Return the moments for a density in kg/m3: mass in kg, first moment in kg m, second moments in kg m2."""
         return Moments(density * self.volume, density * self.first, density * self.second)
 
 
 def moments(vertices: Array, triangles: np.ndarray) -> Moments:
-    """Return the moments of the volume enclosed by a closed mesh.
+    """Return the moments of the volume inside a closed mesh.
 
     Args:
-        vertices: (n, 3) m.
-        triangles: (m, 3), counter-clockwise seen from outside.
+        vertices: (n, 3) in m.
+        triangles: (m, 3) vertex indices, counter-clockwise seen from outside.
     """
     corners = np.asarray(vertices, float)[np.asarray(triangles)]
-    shift = corners.reshape(-1, 3).mean(axis=0)  # far from the origin differences of large numbers would be left
+    shift = corners.reshape(-1, 3).mean(axis=0)  # far from the origin, differences of large numbers lose precision
     corners = corners - shift
     volumes = np.einsum("ki,ki->k", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
     volume = float(volumes.sum())
@@ -56,12 +56,12 @@ def moments(vertices: Array, triangles: np.ndarray) -> Moments:
 
 
 def tensor(second: Array) -> Array:
-    """Return the inertia tensor (3, 3) of second moments (3, 3) about the same point."""
+    """Return the inertia tensor (3, 3) for second moments (3, 3) about the same point."""
     return np.trace(second) * np.eye(3) - second
 
 
 def closed(triangles: np.ndarray) -> bool:
-    """Return whether every edge is used once in each direction: only then does a mesh enclose a volume."""
+    """Return whether every edge is used once in each direction, so that the mesh encloses a volume."""
     t = np.asarray(triangles, np.int64)
     edges = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
     n = int(edges.max(initial=0)) + 1

@@ -13,4 +13,4 @@ for _module in iter_modules(__path__):
 TABLES: dict[str, type[PhaseTable]] = {
     t.kind_of(): t for t in sorted(PhaseTable.__subclasses__(), key=lambda t: t.rank)
 }
-"""The tables of phases by their `type`."""
+"""Table classes of the phase types, by `type`."""

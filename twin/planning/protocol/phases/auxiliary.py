@@ -1,4 +1,4 @@
-"""auxiliary: joints that do not move the tool (a jaw) to their values; the tool is at rest."""
+"""auxiliary: move joints that do not move the tool (a jaw) to given values; the tool is at rest."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class AuxiliaryTable(PhaseTable):
     rank: ClassVar[int] = 2
 
     def follow(self, walk: Walk) -> None:
-        """End at the waypoint where the phase begins."""
+        """Check the joints; the phase ends at the waypoint where it begins."""
         walk.once(self.joints)
         walk.stays = True
 
@@ -30,9 +30,9 @@ class AuxiliaryTable(PhaseTable):
 
 @dataclass(frozen=True)
 class Auxiliary(Phase):
-    """Move auxiliary joints (a jaw) synchronously to `joints`, values by name in m or rad. The tool is at rest.
+    """Move auxiliary joints (a jaw) synchronously to `joints`: values in m or rad by name. The tool is at rest.
 
-    `angle_joints` are the joints that were given in degrees.
+    `angle_joints` are the names of the joints whose values were given in degrees.
     """
 
     joints: Mapping[str, float]

@@ -1,4 +1,4 @@
-"""circle: full circles of the tip; with an RCM the shaft turns about it without spin, else the attitude is constant."""
+"""circle: full circles of the tip, with the shaft through the RCM without spin; without RCM, constant orientation."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Trocar, 
 from twin.schema import Vector, at
 
 _NO_RADIUS = 1e-9
-"""Tolerance in m of the radius."""
+"""Radius in m below which there is no circle."""
 
 
 class CircleTable(PhaseTable):
@@ -40,7 +40,7 @@ class CircleTable(PhaseTable):
         return self
 
     def follow(self, walk: Walk) -> None:
-        """End at the waypoint where the phase begins."""
+        """Register the trocar, if named; the phase ends at the waypoint where it begins."""
         walk.through(self.trocar)
         walk.stays = True
 
@@ -53,10 +53,10 @@ class CircleTable(PhaseTable):
 
 @dataclass(frozen=True)
 class Circle(Phase):
-    """A full circle of the tip about the axis `normal` (3,) through `centre` (3,) in m, counter-clockwise.
+    """Full circles of the tip about the axis `normal` (3,) through `centre` (3,) in m, counter-clockwise.
 
-    With an RCM, or the `trocar` named here, the shaft passes through it, without spin; without RCM the attitude is
-    constant.
+    With an RCM, or with the `trocar` named here, the shaft passes through it and does not spin about its own axis.
+    Without RCM, the orientation is constant.
     """
 
     centre: Array
@@ -67,7 +67,7 @@ class Circle(Phase):
     has_length: ClassVar[bool] = False
 
     def end_after(self, at: Begin) -> End:
-        """Return the end of the circle, which is its start."""
+        """Return the state at the end, which is the state at the start."""
         if np.linalg.norm(np.cross(at.tip - self.centre, self.normal)) < _NO_RADIUS:
             raise at.refuse("it begins on the axis of the circle: the radius is 0")
         if at.rcm is None:
@@ -90,7 +90,7 @@ class Circle(Phase):
         if course.rcm is None:
             still = np.zeros((len(s), 3))
             return course.moved(np.tile(R0, (len(s), 1, 1)), p, p1, p2, still, still)
-        # Direction n of the shaft from the RCM to the tip, and the smallest rotation from n0 to n.
+        # Shaft direction n from the RCM to the tip, and the smallest rotation from the first direction n0 to n.
         w = p - course.rcm
         l = np.linalg.norm(w, axis=1)[:, None]  # noqa: E741
         n = w / l
@@ -108,13 +108,13 @@ class Circle(Phase):
         return course.moved(R, p, p1, p2, w1, w2)
 
     def depth_at(self, course: Course, s: float) -> float:
-        """Return the depth in m at s (NaN without RCM)."""
+        """Return the depth in m at s; NaN without RCM."""
         if course.rcm is None:
             return course.depth0
         return float(np.linalg.norm(self.motion(course, np.array([s])).p[0] - course.rcm))
 
     def parameters(self) -> Iterator[Parameter]:
-        """Yield the centre."""
+        """Yield the coordinates of the centre."""
         for label, p in zip("xyz", self.centre, strict=True):
             note = "centre of the circle; see the file"
             yield Parameter(f"{self.name}_centre_{label}", float(p), "mm", float(p) / MM, "ASSUMED", note)

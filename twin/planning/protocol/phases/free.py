@@ -1,4 +1,4 @@
-"""free: by the driven joints to a waypoint around what is in the way, outside the patient."""
+"""free: move the driven joints to a waypoint on a path around obstacles, outside the patient."""
 
 from __future__ import annotations
 
@@ -31,20 +31,21 @@ class FreeTable(PhaseTable):
     rank: ClassVar[int] = 8
 
     def follow(self, walk: Walk) -> None:
-        """Go to a waypoint."""
+        """Check that no RCM is registered, and end at the waypoint."""
         walk.outside(self.type)
         walk.go(self.to, "a free motion", "position_mm", "joints")
 
     def phase(self, walk: Walk) -> Free:
-        """Return it in SI."""
+        """Return the phase in SI."""
         return Free(self.name, self.to, self.clearance_mm * MM, self.seed, self.scene or "")
 
 
 @dataclass(frozen=True)
 class Free(Phase):
-    """By the driven joints to the waypoint `to`, with `clearance` in m around the robot itself and the `scene`.
+    """Move the driven joints to the waypoint `to`, with a `clearance` in m to obstacles and between the robot's bodies.
 
-    `seed` is that of the search, `scene` a name, or a path, or "" for the robot alone.
+    `seed` is the seed of the random search. `scene` is the name or path of the scene with the obstacles, or "" for the
+    robot alone.
     """
 
     to: str
@@ -55,7 +56,7 @@ class Free(Phase):
     by_joints: ClassVar[bool] = True
 
     def end_after(self, at: Begin) -> End:
-        """Go to the waypoint."""
+        """Return the state at the end: the waypoint."""
         return End(*at.pose(self.to), at.rcm, self.to)
 
     def parameters(self) -> Iterator[Parameter]:

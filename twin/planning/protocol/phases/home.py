@@ -1,4 +1,4 @@
-"""home: move to the home waypoint: straight, or by the joints if the waypoint has joint values."""
+"""home: move to the home waypoint, straight or, if the waypoint has joint values, by the driven joints."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class HomeTable(PhaseTable):
         walk.go(walk.home, "home", key="type")
 
     def phase(self, walk: Walk) -> Home:
-        """Return the phase with its waypoint."""
+        """Return the phase in SI."""
         return Home(self.name, walk.home)
 
 
 @dataclass(frozen=True)
 class Home(Phase):
-    """Move to the home waypoint `to`: straight, or by the joints if the waypoint has joint values."""
+    """Move to the home waypoint `to`, straight or, if the waypoint has joint values, by the driven joints."""
 
     to: str
     type: ClassVar[str] = "home"
@@ -35,5 +35,5 @@ class Home(Phase):
     by_joints: ClassVar[bool] = True
 
     def end_after(self, at: Begin) -> End:
-        """Return the end: the waypoint."""
+        """Return the state at the end: the waypoint."""
         return End(*at.pose(self.to), at.rcm, self.to)

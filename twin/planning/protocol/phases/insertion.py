@@ -1,4 +1,4 @@
-"""insertion: move straight along the shaft by a depth; the RCM is registered at the start."""
+"""insertion: move straight along the shaft by a depth; registers the RCM at the start."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class InsertionTable(PhaseTable):
     in_patient: ClassVar[bool] = True
 
     def follow(self, walk: Walk) -> None:
-        """Check that the instrument is outside, and register the RCM."""
+        """Check that no RCM is registered, register one, and end at the waypoint, if there is one."""
         walk.outside(self.type)
         if self.trocar is None and len(walk.trocars) > 1:
             text = f"[trocars_mm] has {', '.join(walk.trocars)}: name the one of this insertion"
@@ -33,14 +33,14 @@ class InsertionTable(PhaseTable):
             walk.go(self.to, "an insertion", "position_mm")
 
     def phase(self, walk: Walk) -> Insertion:
-        """Return it in SI, through the only trocar if it names none."""
+        """Return the phase in SI; if it names no trocar and there is only one, this trocar is used."""
         only = walk.trocars[0] if len(walk.trocars) == 1 else ""
         return Insertion(self.name, self.depth_mm * MM, self.to, self.trocar or only)
 
 
 @dataclass(frozen=True)
 class Insertion(Phase):
-    """Move along the shaft by `depth` in m; registers the RCM at its start, where a `trocar` named here must be."""
+    """Move along the shaft by `depth` in m; the start, at the `trocar` if one is named, becomes the RCM."""
 
     depth: float
     to: str | None = None
@@ -49,5 +49,5 @@ class Insertion(Phase):
     registers: ClassVar[bool] = True
 
     def end_after(self, at: Begin) -> End:
-        """Return the end: the tip moved along the shaft, with the RCM at its start."""
+        """Return the state at the end: the tip moved along the shaft, with the RCM at the start."""
         return End(at.angles, at.tip + self.depth * at.shaft, at.tip, self.to, "enforced", self.depth, depth0=0.0)

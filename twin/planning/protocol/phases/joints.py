@@ -1,4 +1,4 @@
-"""joints: move the driven joints synchronously; the tool follows."""
+"""joints: move the driven joints synchronously to joint values; the tool path follows from the mechanism."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class JointsTable(PhaseTable):
     rank: ClassVar[int] = 1
 
     def follow(self, walk: Walk) -> None:
-        """End at a waypoint with joint values."""
+        """Check that no RCM is registered, and end at a waypoint with joint values."""
         walk.outside(self.type)
         walk.go(self.to, "a motion by the joints", "joints")
 
@@ -36,5 +36,5 @@ class Joints(Phase):
     by_joints: ClassVar[bool] = True
 
     def end_after(self, at: Begin) -> End:
-        """Return the end: the waypoint; the mechanism gives its pose."""
+        """Return the state at the end: the waypoint, whose pose follows from the mechanism."""
         return End(*at.pose(self.to), at.rcm, self.to)

@@ -1,7 +1,7 @@
 """pivot: move about the RCM.
 
-"enforced" goes to angles and a depth, and the tip follows from them; "monitored" goes exactly to a waypoint, and the
-RCM error is reported.
+With "enforced", the waypoint has angles and a depth, from which the tip position follows. With "monitored", the
+waypoint has a pose that is reached exactly, and the RCM error is reported.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class PivotTable(PhaseTable):
     in_patient: ClassVar[bool] = True
 
     def follow(self, walk: Walk) -> None:
-        """Require an RCM, and end at the waypoint."""
+        """Check that an RCM is registered, or register the trocar; end at the waypoint."""
         walk.through(self.trocar)
         walk.registered(self.type)
         need = "depth_mm" if self.rcm == "enforced" else "position_mm"
@@ -41,7 +41,7 @@ class PivotTable(PhaseTable):
 
 @dataclass(frozen=True)
 class Pivot(Phase):
-    """Move about the RCM, or the `trocar` named here, to the waypoint `to`."""
+    """Move about the RCM, or about the `trocar` if one is named, to the waypoint `to`."""
 
     to: str
     rcm: RcmMode
@@ -49,7 +49,7 @@ class Pivot(Phase):
     type: ClassVar[str] = "pivot"
 
     def end_after(self, at: Begin) -> End:
-        """Return the end: the waypoint, or its angles and depth about the RCM."""
+        """Return the state at the end: the pose of the waypoint, or its angles and depth about the RCM."""
         if at.rcm is None:
             raise at.refuse("no RCM is registered yet")
         if self.rcm == "monitored":
@@ -65,7 +65,7 @@ class Pivot(Phase):
         return End(angles, tip, at.rcm, self.to, self.rcm, depth)
 
     def motion(self, course: Course, s: Array) -> Motion:
-        """Return the motion at s (k,): about the RCM if this is enforced."""
+        """Return the motion at s (k,): about the RCM if it is enforced, otherwise a straight line."""
         if course.rcm_mode == "enforced" and course.rcm is not None:
             return course.about(course.rcm, s)
         return course.line(s)

@@ -1,4 +1,4 @@
-"""positioning: move straight to a waypoint, position and angles linear in s; outside the patient."""
+"""positioning: move straight to a waypoint outside the patient, with position and angles linear in s."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class PositioningTable(PhaseTable):
     rank: ClassVar[int] = 0
 
     def follow(self, walk: Walk) -> None:
-        """End at a waypoint with a position."""
+        """Check that no RCM is registered, and end at a waypoint with a position."""
         walk.outside(self.type)
         walk.go(self.to, "a positioning", "position_mm")
 
@@ -36,5 +36,5 @@ class Positioning(Phase):
     places: ClassVar[bool] = True
 
     def end_after(self, at: Begin) -> End:
-        """Return the end: the waypoint."""
+        """Return the state at the end: the waypoint."""
         return End(*at.pose(self.to), at.rcm, self.to)

@@ -10,7 +10,7 @@ from twin.core.units import MM
 from twin.planning.protocol.phase import Begin, Depth, End, Phase, PhaseTable, Trocar, Walk
 
 _DEEPER = 1e-9
-"""Tolerance in m by which a retraction may end deeper than it begins."""
+"""Tolerance in m for a final depth that exceeds the initial depth."""
 
 
 class RetractionTable(PhaseTable):
@@ -24,7 +24,7 @@ class RetractionTable(PhaseTable):
     in_patient: ClassVar[bool] = True
 
     def follow(self, walk: Walk) -> None:
-        """Require an RCM, and end at no waypoint."""
+        """Check that an RCM is registered, or register the trocar; the phase ends at no waypoint."""
         walk.through(self.trocar)
         walk.registered(self.type)
         walk.inside = self.depth_mm > 0
@@ -40,16 +40,16 @@ class RetractionTable(PhaseTable):
 
 @dataclass(frozen=True)
 class Retraction(Phase):
-    """Move back along the shaft until the tip is `depth` in m beyond the RCM, or beyond the `trocar` named here."""
+    """Move back along the shaft until the tip is `depth` in m beyond the RCM, or beyond the named `trocar`."""
 
     depth: float = 0.0
     trocar: str = ""
     type: ClassVar[str] = "retraction"
 
     def end_after(self, at: Begin) -> End:
-        """Return the end: the tip moved back.
+        """Return the state at the end: the tip moved back along the shaft.
 
-        After a pivot that missed the RCM, the RCM is still missed and monitored.
+        If the shaft misses the RCM at the start, the RCM mode is "monitored", otherwise "enforced".
         """
         if at.rcm is None:
             raise at.refuse("no RCM is registered yet")
