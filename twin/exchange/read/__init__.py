@@ -1,6 +1,6 @@
-"""Turn a robot description in another format into a robot folder, for `twin new`.
+"""Convert a robot description of another format to a robot folder, for `twin new`.
 
-    source      the result of every reader: a mechanism with findings
+    source      the common result of all readers: a mechanism with findings
     xml        XML with errors that name file and element
     shapes     boxes, cylinders, spheres and mesh files as meshes of a body
     urdf       URDF, with loops from a closure YAML beside it (closures)
