@@ -135,7 +135,7 @@ class Joint:
 
     @property
     def kind(self) -> str:
-        """Fixed, revolute, prismatic, cylindrical, spherical, free, or "chain" with a list of motions; "": not stated."""
+        """Fixed, revolute, prismatic, cylindrical, spherical, free or "chain of ..." (other motions); "": unknown."""
         if self.kind_said:
             return self.kind_said
         if self.tied:
