@@ -1,4 +1,4 @@
-"""Draw a sweep over designs: the trade-off of two objectives, and the effect of each factor."""
+"""Draw a sweep over designs: the trade-off between two objectives, and the effect of each factor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Draw a tolerance budget: error of each state, the requirement, and the largest contributions."""
+"""Draw a tolerance budget: error at each state, required value, and largest contributions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SHOWN = 14
-"""Maximum number of contributions with a bar; the others share one bar."""
+"""Maximum number of contributions with their own bar; the remaining contributions share one bar."""
 
 
 def figure(found: ToleranceBudget) -> Figure:
