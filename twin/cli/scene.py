@@ -23,7 +23,7 @@ def refuse(args: argparse.Namespace) -> None:
     from twin.model.scene import load_scene
 
     name = getattr(args, "robot", None)
-    if not isinstance(name, str) or args.command == "study":  # the studies of `davinci` are not those of a scene
+    if not isinstance(name, str) or args.command == "study":  # here `davinci` means the robot, not the scene
         return
     if name not in assets.scenes() and name.casefold() in assets.scenes() and not Path(name).exists():
         raise TwinError(unknown("robot or scene", name, [*assets.names(), *assets.scenes()]))

@@ -116,7 +116,7 @@ class Connection(ServerConnection):
         self._refused = True
         self.transport.abort()
 
-    # -- what is sent ---------------------------------------------------------------------------------
+    # -- sending --------------------------------------------------------------------------------------
 
     def send_data(self) -> None:
         """Write queued data at once; write nothing to a closed connection, because asyncio would log each write."""

@@ -139,7 +139,7 @@ class Live:
                 self.send({"type": "error", "code": "failed", "message": self._broken[:500]})
         self._fields = tuple(fields.values())
 
-    # -- what clients ask for -------------------------------------------------------------------------
+    # -- requests of clients --------------------------------------------------------------------------
 
     def holds(self, client: str) -> bool:
         """Return whether a client has grabbed at least one robot."""

@@ -153,7 +153,7 @@ class Operation:
         poses, q = self._sevens[name], self.world.signals[f"{name}.q"]
         return wire.pack(self._seq - 1, server_time, 0.0, 0, wire.pack_body(poses, q, None), len(poses), len(q))
 
-    # -- what clients ask for -------------------------------------------------------------------------
+    # -- requests of clients --------------------------------------------------------------------------
 
     def holds(self, client: str) -> bool:
         """Return whether the hands of this client control the robots."""
@@ -200,7 +200,7 @@ class Operation:
             pose = wire.pose_of(hand.pose)
             self.device.give(HandState(k, message.clutch, message.camera, message.number, pose, hand.grip))
 
-    # -- what is said ---------------------------------------------------------------------------------
+    # -- documents ------------------------------------------------------------------------------------
 
     def welcome(self) -> list[dict[str, Any]]:
         """Return no documents: a new client needs only the state."""

@@ -145,7 +145,7 @@ def floats(values: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
 
 
-# -- what a client says ---------------------------------------------------------------------------------
+# -- client messages ------------------------------------------------------------------------------------
 
 _Coordinate = Annotated[float, Field(ge=-100, le=100)]
 _Name = Annotated[str, Field(min_length=1, max_length=64)]

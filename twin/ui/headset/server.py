@@ -70,7 +70,7 @@ class StreamServer:
         self.source = source
         source.send = self._tell
 
-    # -- life -----------------------------------------------------------------------------------------
+    # -- start and stop -------------------------------------------------------------------------------
 
     async def start(self, host: str, port: int, context: ssl.SSLContext | None = None) -> None:
         """Start to listen."""

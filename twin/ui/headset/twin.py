@@ -170,7 +170,7 @@ class Twin:
             | wire.HELD * (self._hold is not None)
         )
 
-    # -- what clients ask for -------------------------------------------------------------------------
+    # -- requests of clients --------------------------------------------------------------------------
 
     @property
     def holder(self) -> str | None:
@@ -275,7 +275,7 @@ class Twin:
     def _failure(self, text: str) -> None:
         self.send({"type": "error", "code": "failed", "message": text[:500]})
 
-    # -- jobs and what they find ----------------------------------------------------------------------
+    # -- jobs and their results -----------------------------------------------------------------------
 
     def _move(self, move: Callable[[], Moved]) -> None:
         """Move the desk as the newest request states, at most once per tick, and display the result."""

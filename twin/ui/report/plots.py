@@ -156,7 +156,7 @@ def fulcrum(report: Report) -> Figure | None:
     """Draw the sideways displacement of the tip and of the outer shaft, which move in opposite directions."""
     found = curves.pair(report, "fulcrum")
     if found is None or found[1].ndim != 2 or np.nanmax(found[1][:, 0]) - np.nanmin(found[1][:, 0]) < MM:
-        return None  # the shaft moves only along its axis
+        return None  # the tip moves sideways by less than 1 mm
     t, y = found[0], found[1] / MM
     figure, axes = panels(headline("Fulcrum", report), [2.0], 1)
     ax = axes[0][0]

@@ -194,7 +194,7 @@ class Desk:
         """Names that `go` accepts."""
         return (*self.mechanism.postures, *(n for n in self._kept if n not in self.mechanism.postures))
 
-    # -- changing what is moved -----------------------------------------------------------------------
+    # -- changes of the robot -------------------------------------------------------------------------
 
     def bind(self, robot: Robot) -> None:
         """Replace the robot by the same robot with different trocar positions."""
@@ -240,7 +240,7 @@ class Desk:
             return self.robot.kinematics()
         return self.robot.kinematics(self.variants or None, self.parameters)
 
-    # -- inside ---------------------------------------------------------------------------------------
+    # -- internal functions ---------------------------------------------------------------------------
 
     def _joints_of(self, T: Array) -> Array | None:
         """Return q (n,) computed by the equations for a tool pose (4, 4); None if there are no equations."""
