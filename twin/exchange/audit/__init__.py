@@ -144,7 +144,7 @@ _STRANGE = (KeyError, IndexError, TypeError, ValueError, AttributeError, Overflo
 
 
 def _guarded(read: Callable[[Path, Ledger], Any], path: Path, ledger: Ledger) -> Content | None:
-    """Read a file; a reading error becomes a finding."""
+    """Read a file; on an error, add a finding and return None."""
     try:
         if not path.stat().st_size:
             ledger.add("file.empty", "error", "the file is empty.")

@@ -226,7 +226,7 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
                 view.ledger.row(f"{name} against the other files", min(off, 1e300), unit, q.tolerance, where=where)
 
 
-# --------------------------------------------------------------------------------------------- what each says
+# --------------------------------------------------------------------------------------------- values of each file
 
 
 def _ends_on(links: Collection[str] | None) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Read the animations of a glTF file: link poses at the animation's own keys."""
+"""Read the animations of a glTF file: link poses at the keys of each animation."""
 
 from __future__ import annotations
 
@@ -23,7 +23,16 @@ MOST_POSES = 20_000_000
 
 @dataclass(frozen=True)
 class Channel:
-    """One animated property of a node: key times (k,) in s, values (k, n), and for CUBICSPLINE tangents (k, n)."""
+    """An animated property of a node.
+
+    Attributes:
+        node: index of the node.
+        path: the property: "translation", "rotation" or "scale".
+        mode: interpolation: "LINEAR", "STEP" or "CUBICSPLINE".
+        times: key times (k,) in s.
+        values: values (k, n) at the keys.
+        incoming, outgoing: tangents (k, n) at the keys; None except for CUBICSPLINE.
+    """
 
     node: int
     path: str
@@ -65,7 +74,7 @@ class Clips:
         self.animated = {c.node for _, clip in self._clips for c in clip}
 
     def world(self, moved: dict[int, dict[str, Array]]) -> list[Array]:
-        """Return T_world_node (k, 4, 4) of every node in the file's own world; (1, 4, 4) if the node does not move."""
+        """Return T_world_node (k, 4, 4) of every node in the world of the file; (1, 4, 4) if the node does not move."""
         out: list[Array] = [np.eye(4)[None]] * len(self._nodes)
         for i in self._order:
             node = self._nodes[i]

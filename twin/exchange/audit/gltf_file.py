@@ -1,4 +1,4 @@
-"""Open .glb and .gltf files: find their buffers, and read accessors with every bound checked."""
+"""Open .glb and .gltf files: find their buffers, and read accessors with checks of all bounds."""
 
 from __future__ import annotations
 

@@ -179,7 +179,7 @@ class Mjcf:
         return None
 
     def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
-        """Compare the joint ranges with the joint limits in a track."""
+        """Compare the joint ranges of the file with the joint limits in a track."""
         m = self.model
         for j in range(m.njnt):
             joint = m.joint(j).name

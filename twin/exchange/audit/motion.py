@@ -111,7 +111,7 @@ class Content:
         return self.ledger.file
 
     def as_facts(self) -> dict[str, Any]:
-        """Return the entry of the file in the report."""
+        """Return format and conventions of the file as plain data for the report."""
         links: int | None = len(self.links) if self.links is not None else None
         clips = [{"name": c.name, "keys": len(c.times), "duration_s": c.duration} for c in self.clips]
         return {

@@ -207,7 +207,7 @@ class Ledger:
 
 
 def finished(path: str, files: list[dict[str, Any]], ledgers: list[Ledger]) -> AuditReport:
-    """Return the report of all ledgers."""
+    """Return the report with the checks and findings of all ledgers."""
     found = by_severity(f for ledger in ledgers for f in ledger.findings)
     return AuditReport(path, files, [c for ledger in ledgers for c in ledger.checks], found)
 

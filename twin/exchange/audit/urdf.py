@@ -131,7 +131,7 @@ class Urdf:
         return sorted(self.links, key=lambda n: len(self._way(n, self.root)))
 
     def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
-        """Compare the joint limits with the joint limits in a track."""
+        """Compare the joint limits of the file with those in a track."""
         for joint in self.above.values():
             if joint.name not in low or joint.limits is None:
                 continue

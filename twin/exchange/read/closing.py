@@ -91,7 +91,7 @@ def _authored_open(imported: Imported) -> Iterator[Finding]:
 
 
 def _home(model: ReferenceModel, keys: Mapping[str, Mapping[str, float]]) -> tuple[Assembly, list[Finding]]:
-    """Return (rest state, findings that state why it is not the rest pose of the file)."""
+    """Return (state for home, findings on its choice)."""
     drawn = assemble(model)
     name = model.mechanism.name
     there = regularity(model, [drawn.x])[0] if is_closed(drawn) else None

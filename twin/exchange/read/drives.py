@@ -16,7 +16,7 @@ FREQUENCY = 5.0
 """Natural frequency in Hz of an assumed drive, critically damped."""
 
 NOTE = f"no gains in the file: {FREQUENCY:g} Hz, critically damped, for the inertia moved by the joint at rest"
-"""Note with the reason of an assumed drive."""
+"""Note about an assumed drive in the description of the robot."""
 
 _NOTHING = {"revolute": 1e-3, "prismatic": 1.0}
 """Assumed moved inertia in kg m2 (revolute) or mass in kg (prismatic), if the file has no masses."""

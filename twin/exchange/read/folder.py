@@ -42,7 +42,7 @@ def fresh_folder(target: Path, force: bool = False) -> Iterator[Path]:
 
 
 def require_free(target: Path, force: bool = False) -> None:
-    """Raise if `fresh_folder` may not write to `target`.
+    """Raise `OutputError` if `fresh_folder` would refuse to write to `target`.
 
     Raises:
         OutputError: the folder is not empty.
@@ -198,7 +198,7 @@ def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset()) -> str:
 
 
 TOLERANCE = ("", "[tolerance]", "gross_mm = 1", "gross_deg = 1", "meeting_um = 1", "meeting_deg = 0.001")
-"""The table of tolerances in a new description."""
+"""Lines of the table of tolerances in a new description."""
 
 
 def _body(m: Mechanism, body: Body, source: str) -> list[str]:

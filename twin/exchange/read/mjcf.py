@@ -1,6 +1,6 @@
 """Read an MJCF from the model that MuJoCo compiles, in which defaults, includes, units and meshes are resolved.
 
-Bodies keep their frames; several joints of one body become a chain of massless bodies. Equality constraints
+Frames of bodies are unchanged; several joints of one body become a chain of massless bodies. Equality constraints
 close loops (connect, weld) or couple joints. Joint coordinates have the same zero position as in MuJoCo (`ref`).
 """
 

@@ -28,7 +28,7 @@ class Imported:
         findings: on renamed, guessed, missing and omitted data.
         efforts: maximum effort in N or N m of joints without gains in the file.
         assumed: joints with assumed drives.
-        posed: whether the file gives rest poses; a URDF does not.
+        posed: whether the file states rest poses; a URDF does not.
         keys: named states of the file: values in m or rad by joint of the tree, active or passive.
     """
 
@@ -151,7 +151,7 @@ def assemble(
     findings: list[Finding],
     efforts: dict[str, float] | None = None,
 ) -> Imported:
-    """Return the mechanism at zero joint values, with a tool.
+    """Return the mechanism that consists of the given parts, with a tool; its rest pose has zero joint values.
 
     The tool is the frame named `tool`, else a new frame at the end of the longest chain, reported in a finding.
 

@@ -36,7 +36,7 @@ _BUDGET = Kind(
 
 
 class Audit(Protocol):
-    """Required interface of an auditor's result."""
+    """Interface of the result of an audit function."""
 
     @property
     def checks(self) -> Sequence[Any]:

@@ -25,7 +25,7 @@ _DIGITS = 7
 def write_tracks(
     mechanism: Mechanism, clip: Clip, folder: Path, drawn: Mechanism | None = None, assumed: Sequence[str] = ()
 ) -> tuple[Path, Path]:
-    """Write <clip>.json and <clip>.csv into `folder` and return their paths; both hold the same numbers.
+    """Write <clip>.json and <clip>.csv, which contain the same numbers, into `folder`, and return their paths.
 
     Args:
         mechanism: the robot, with the trocar positions of the protocol.

@@ -90,7 +90,7 @@ def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder:
 
 
 def _write_scene(mechanism: Mechanism, path: Path) -> Path:
-    """Write a root layer with a physics scene outside the robot's prim, so that references to the robot exclude it."""
+    """Write a root layer with a physics scene outside the robot's prim: references to the robot exclude the scene."""
     layer = new_layer(path)
     describe(layer, mechanism.name)
     layer.comment = (

@@ -175,7 +175,7 @@ class Play(_Message):
 
 
 class Seek(_Message):
-    """Go to a time of the protocol, in s."""
+    """Set the playback time in s."""
 
     type: Literal["seek"]
     t: Annotated[float, Field(ge=0, le=1e6)]
@@ -203,7 +203,7 @@ class Protocol(_OfRobot):
 
 
 class Posture(_OfRobot):
-    """Go to a named posture."""
+    """Move the robot to a named posture."""
 
     type: Literal["posture"]
     name: _Name

@@ -73,7 +73,7 @@ class StreamServer:
     # -- start and stop -------------------------------------------------------------------------------
 
     async def start(self, host: str, port: int, context: ssl.SSLContext | None = None) -> None:
-        """Start to listen."""
+        """Start listening on an address and a port; `context` enables TLS."""
         self._server: Server = await listen(
             self._client, host, port, self._request, self._doorman, longest=wire.LONGEST, context=context
         )

@@ -18,7 +18,7 @@ _SHOWN = 14
 
 
 def figure(found: ToleranceBudget) -> Figure:
-    """Return the figure of a tolerance budget."""
+    """Return a figure with the error at each state, the required value, and the largest contributions."""
     robot, budgets, required = found.robot, found.content()["states"], found.required
     worst = max(budgets, key=lambda b: b["within_position"])
     with styled():

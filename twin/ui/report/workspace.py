@@ -20,7 +20,7 @@ _SECTIONS = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
 
 
 def figure(found: Workspace) -> Figure:
-    """Return the figure of a workspace."""
+    """Return a figure with three sections and the distribution of the conditioning."""
     robot, low, step, summary = found.robot, found.grid.low, found.grid.step, found.content()
     cube = found.cube
     shape = cube.shape
