@@ -416,7 +416,7 @@ class _Urdf:
         return Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), total)
 
     def _loops(self, links: dict[str, Element], ends: dict[str, tuple[str, str]], names: Names) -> list[Joint]:
-        """Return the joints that the closure YAML adds; it names links, or joints in place of their child links."""
+        """Return the joints that the closure YAML adds; a joint named there means the child link of that joint."""
         out = []
         for i, (a, b, kind) in enumerate(self.closures.loops if self.closures else ()):
             sides = []

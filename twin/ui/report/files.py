@@ -61,7 +61,7 @@ _PICTURES = ("console", "operate", "scene", "stroke", "sweep", "tolerance", "tra
 
 
 def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
-    """Write the files of a result: <name>.json, <name>.html, <name>.png (if it has a picture), and data files.
+    """Write the files of a result: <name>.json, <name>.html, a picture <name>.png for some kinds, and data files.
 
     Args:
         result: the result.
